@@ -6,9 +6,7 @@ import {
   changed, cornersOf, cropsOf, crossings, fieldAt, freeName, middleOf, withoutCorner, withRing, withShape,
   type Kind, type Position, type Shape, type Sketch,
 } from "./sketch.js";
-
-/** Tools of the editor. */
-export type Tool = "select" | "field" | "hole" | "pond" | "obstacle" | "no-fly" | "home" | "rally";
+import type { Studio } from "./studio.page.js";
 
 /** Distance from the first corner within which a click closes a ring (pixels). */
 const CLOSE_PX = 14;
@@ -22,18 +20,19 @@ const LONG_PRESS_MS = 650;
 const MOST_MARKS = 50;
 const CROSSES = "The border crosses itself at the mark";
 
-export interface EditorHost {
-  readonly sketch: Sketch;
-  /** Take over a finished edit. */
-  edit(sketch: Sketch, told: string): void;
-  selected: number | null;
-  select(number: number | null): void;
-  /** Show a hint. */
-  tell(text: string): void;
-  /** Called when the tool has finished. */
-  toolDone(): void;
-  crop: string;
-}
+const RING = "click its corners, then the first one again, a double click or Enter; Backspace takes one back, Escape ends";
+/** Tools of the editor: label and hint. */
+export const TOOLS = {
+  select: ["Select", ""],
+  field: ["Field", `Field: ${RING}`],
+  hole: ["Hole", `Hole in a field: ${RING}`],
+  pond: ["Pond", `Pond: ${RING}`],
+  obstacle: ["Obstacle", `Obstacle: ${RING}`],
+  "no-fly": ["No-fly zone", `No-fly zone: ${RING}`],
+  home: ["Home", "Home: click where the vehicle takes off and lands"],
+  rally: ["Rally point", "Rally point: click where a vehicle may land when it cannot come home"],
+} as const;
+export type Tool = keyof typeof TOOLS;
 
 const latLng = ([lon, lat]: Position): L.LatLng => L.latLng(lat, lon);
 const position = ({ lat, lng }: L.LatLng): Position => [Number(lng.toFixed(9)), Number(lat.toFixed(9))];
@@ -48,7 +47,7 @@ export class Editor {
   private readonly rubber = L.polyline([], { className: "rubber", interactive: false, dashArray: "6 5", weight: 2 });
   private polygons: L.Polygon[] = [];
 
-  constructor(private readonly map: L.Map, private readonly host: EditorHost) {
+  constructor(private readonly map: L.Map, private readonly studio: Studio) {
     this.shapes.addTo(map);
     this.rubber.addTo(map);
     this.handles.addTo(map);
@@ -68,13 +67,13 @@ export class Editor {
     this.tool = tool;
     this.drawn = [];
     this.map.getContainer().classList.toggle("draws", tool !== "select");
-    this.host.tell(HINTS[tool]);
+    this.studio.tell(TOOLS[tool][1]);
     this.show();
   }
 
   /** Draw the current sketch. */
   show(): void {
-    const { sketch, selected } = this.host;
+    const { sketch, selected } = this.studio;
     this.shapes.clearLayers();
     const names = cropsOf(sketch);
     this.polygons = sketch.shapes.map((shape, number) => {
@@ -90,7 +89,7 @@ export class Editor {
       polygon.on("click", (event) => {
         if (this.tool !== "select") return;
         L.DomEvent.stopPropagation(event);
-        this.host.select(number);
+        this.studio.select(number);
       });
       return polygon.addTo(this.shapes);
     });
@@ -105,7 +104,7 @@ export class Editor {
   }
 
   /** Mark the self-intersections of borders and of the line being drawn. */
-  private markAll(rings = this.host.sketch.shapes.flatMap((shape) => shape.rings)): void {
+  private markAll(rings = this.studio.sketch.shapes.flatMap((shape) => shape.rings)): void {
     this.standing = rings.flatMap((ring) => crossings(ring, true));
     this.mark(this.drawn);
   }
@@ -120,7 +119,7 @@ export class Editor {
   key(event: KeyboardEvent): void {
     if (event.key === "Escape" && (this.drawing || this.tool !== "select")) {
       if (this.drawing) this.take(this.tool);
-      else this.host.toolDone();
+      else this.studio.take("select");
     } else if (event.key === "Enter" && this.drawing) this.close();
     else if (event.key === "Backspace" && this.drawing) this.setDrawn(this.drawn.slice(0, -1));
     else if (event.key === " " && this.tool !== "select" && event.target === this.map.getContainer())
@@ -136,19 +135,19 @@ export class Editor {
   }
 
   private movePoint(from: Position, to: Position): void {
-    const { sketch } = this.host;
-    if (sketch.home === from) this.host.edit(changed(sketch, { home: to }), "Home moved");
-    else this.host.edit(changed(sketch, { rally: sketch.rally.map((one) => (one === from ? to : one)) }), "Rally point moved");
+    const { sketch } = this.studio;
+    if (sketch.home === from) this.studio.edit(changed(sketch, { home: to }), "Home moved");
+    else this.studio.edit(changed(sketch, { rally: sketch.rally.map((one) => (one === from ? to : one)) }), "Rally point moved");
   }
 
   private click(place: L.LatLng): void {
-    const { sketch } = this.host;
-    if (this.tool === "select") return this.host.select(null);
+    const { sketch } = this.studio;
+    if (this.tool === "select") return this.studio.select(null);
     if (this.tool === "home" || this.tool === "rally") {
       const isHome = this.tool === "home";
-      this.host.toolDone();
+      this.studio.take("select");
       const change = isHome ? { home: position(place) } : { rally: [...sketch.rally, position(place)] };
-      return this.host.edit(changed(sketch, change), isHome ? "Home placed" : "Rally point placed");
+      return this.studio.edit(changed(sketch, change), isHome ? "Home placed" : "Rally point placed");
     }
     const [first, last] = [this.drawn[0], this.drawn.at(-1)];
     const near = first && this.distance_px(first, place) <= CLOSE_PX;
@@ -164,7 +163,7 @@ export class Editor {
   private setDrawn(ring: Position[]): void {
     this.drawn = ring;
     const count = ring.length < 3 ? `${ring.length} of at least 3 corners` : `${ring.length} corners; Enter, a double click or the first corner closes`;
-    this.host.tell(crossings(ring, false).length ? `${CROSSES}: Backspace takes the corner back` : count);
+    this.studio.tell(crossings(ring, false).length ? `${CROSSES}: Backspace takes the corner back` : count);
     this.show();
   }
 
@@ -175,29 +174,29 @@ export class Editor {
   }
 
   private close(): void {
-    const [ring, { sketch }] = [this.drawn, this.host];
-    if (ring.length < 3) return this.host.tell("A shape has at least 3 corners");
+    const [ring, { sketch }] = [this.drawn, this.studio];
+    if (ring.length < 3) return this.studio.tell("A shape has at least 3 corners");
     this.drawn = [];
     if (this.tool === "hole") {
       const number = fieldAt(sketch, ring[0]!);
       if (number === null) {
         this.show();
-        return this.host.tell("A hole begins on a field: there is none at its first corner");
+        return this.studio.tell("A hole begins on a field: there is none at its first corner");
       }
-      this.host.toolDone();
-      this.host.edit(withShape(sketch, number, { rings: [...sketch.shapes[number]!.rings, ring] }), "Hole drawn");
-      this.host.select(number);
+      this.studio.take("select");
+      this.studio.edit(withShape(sketch, number, { rings: [...sketch.shapes[number]!.rings, ring] }), "Hole drawn");
+      this.studio.select(number);
     } else {
       const shape = this.shapeOf(ring);
       const told = crossings(ring, true).length ? `${CROSSES}: move a corner, or Undo` : `${shape.name} drawn`;
-      this.host.toolDone();
-      this.host.edit(changed(sketch, { shapes: [...sketch.shapes, shape] }), told);
-      this.host.select(sketch.shapes.length);
+      this.studio.take("select");
+      this.studio.edit(changed(sketch, { shapes: [...sketch.shapes, shape] }), told);
+      this.studio.select(sketch.shapes.length);
     }
   }
 
   private shapeOf(ring: Position[]): Shape {
-    const { sketch, crop } = this.host;
+    const { sketch, crop } = this.studio;
     const kind: Kind = this.tool === "obstacle" || this.tool === "no-fly" ? this.tool : "field";
     const grown = this.tool === "pond" ? "pond" : crop;
     const name = freeName(sketch, this.tool === "no-fly" ? "no-fly zone" : this.tool);
@@ -214,11 +213,11 @@ export class Editor {
 
   private showHandles(): void {
     this.handles.clearLayers();
-    const { sketch, selected } = this.host;
+    const { sketch, selected } = this.studio;
     const shape = selected === null ? undefined : sketch.shapes[selected];
     if (selected === null || !shape || this.tool !== "select") return;
     const count = cornersOf(shape);
-    if (count > MOST_CORNERS) return this.host.tell(`${count} corners are too many to move one by one: the table has them`);
+    if (count > MOST_CORNERS) return this.studio.tell(`${count} corners are too many to move one by one: the table has them`);
     for (const [r, ring] of shape.rings.entries())
       for (const k of ring.keys()) {
         this.corner(selected, r, k);
@@ -234,13 +233,13 @@ export class Editor {
   }
 
   private corner(number: number, r: number, k: number): void {
-    const { rings } = this.host.sketch.shapes[number]!;
+    const { rings } = this.studio.sketch.shapes[number]!;
     const ring = rings[r]!;
     const marker = this.handle(ring[k]!, "corner", `Corner ${k + 1}`);
     const moved = (place: L.LatLng): Position[] => ring.with(k, position(place));
-    const remove = (): void => this.host.edit(withoutCorner(this.host.sketch, number, r, k), "Corner deleted");
+    const remove = (): void => this.studio.edit(withoutCorner(this.studio.sketch, number, r, k), "Corner deleted");
     marker.on("drag", () => this.preview(number, r, moved(marker.getLatLng())));
-    marker.on("dragend", () => this.host.edit(withRing(this.host.sketch, number, r, moved(marker.getLatLng())), "Corner moved"));
+    marker.on("dragend", () => this.studio.edit(withRing(this.studio.sketch, number, r, moved(marker.getLatLng())), "Corner moved"));
     marker.on("contextmenu", remove);
     let timer = 0;
     const dom = marker.getElement()!;
@@ -252,7 +251,7 @@ export class Editor {
       const step = ARROWS[event.key];
       if (step) {
         const to = this.map.latLngToContainerPoint(marker.getLatLng()).add(L.point(step).multiplyBy(STEP_PX));
-        this.host.edit(withRing(this.host.sketch, number, r, moved(this.map.containerPointToLatLng(to))), "Corner moved");
+        this.studio.edit(withRing(this.studio.sketch, number, r, moved(this.map.containerPointToLatLng(to))), "Corner moved");
       } else if (event.key === "Delete" || event.key === "Backspace") remove();
       else return;
       event.preventDefault();
@@ -264,16 +263,16 @@ export class Editor {
   }
 
   private middle(number: number, r: number, k: number): void {
-    const ring = this.host.sketch.shapes[number]!.rings[r]!;
+    const ring = this.studio.sketch.shapes[number]!.rings[r]!;
     const marker = this.handle(middleOf(ring, k), "middle", `New corner after corner ${k + 1}`);
     const inserted = (): Position[] => ring.toSpliced(k + 1, 0, position(marker.getLatLng()));
     marker.on("drag", () => this.preview(number, r, inserted()));
-    marker.on("dragend click", () => this.host.edit(withRing(this.host.sketch, number, r, inserted()), "Corner added"));
+    marker.on("dragend click", () => this.studio.edit(withRing(this.studio.sketch, number, r, inserted()), "Corner added"));
   }
 
   /** Show a ring while it is being dragged. */
   private preview(number: number, r: number, ring: Position[]): void {
-    const rings = this.host.sketch.shapes[number]!.rings.with(r, ring);
+    const rings = this.studio.sketch.shapes[number]!.rings.with(r, ring);
     this.polygons[number]?.setLatLngs(rings.map((one) => one.map(latLng)));
     this.markAll(rings);
   }
@@ -281,16 +280,4 @@ export class Editor {
 
 const ARROWS: Record<string, L.PointTuple> = {
   ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1],
-};
-
-const RING = "click its corners, then the first one again, a double click or Enter; Backspace takes one back, Escape ends";
-const HINTS: Record<Tool, string> = {
-  select: "",
-  field: `Field: ${RING}`,
-  hole: `Hole in a field: ${RING}`,
-  pond: `Pond: ${RING}`,
-  obstacle: `Obstacle: ${RING}`,
-  "no-fly": `No-fly zone: ${RING}`,
-  home: "Home: click where the vehicle takes off and lands",
-  rally: "Rally point: click where a vehicle may land when it cannot come home",
 };

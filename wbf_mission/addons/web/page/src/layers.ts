@@ -1,5 +1,5 @@
 // Layer panel of the map: field, layer, overlays, and the colour key.
-import { RING, colourAt, cropColour, css, ramp } from "./colours.js";
+import { RING, cropColour, ramp } from "./colours.js";
 import { checkbox, element, segments } from "./dom.js";
 import { layerName, type Choice } from "./map.js";
 import type { Model } from "./model.js";
@@ -119,9 +119,8 @@ export class LayerPanel {
 /** Colour key of a layer. */
 function scaleOf(picture: Picture): HTMLElement[] {
   const { layer, field, scale, title } = picture;
-  const stops = Array.from({ length: 13 }, (_, k) => css(colourAt(ramp(layer, field), k / 12)));
   const bar = element("div", { class: "ramp", "aria-hidden": "true" });
-  bar.style.background = `linear-gradient(to right, ${stops.join(", ")})`;
+  bar.style.background = `linear-gradient(to right, ${ramp(layer, field).join(", ")})`;
   const sick = field?.kind === "disease" && !layer.startsWith("uncertainty/");
   const words = sick ? ["lost", "infected", "healthy"] : [0, 0.5, 1].map((part) => picture.figure(part * scale));
   const unit = field?.unit && !sick ? element("span", { class: "unit" }, ` in ${field.unit}`) : null;

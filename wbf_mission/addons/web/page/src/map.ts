@@ -267,7 +267,8 @@ export class MapView {
       if (this.pointer) this.read(this.pointer);
     };
     redraw();
-    return new Picture(name, raster, this.model.fieldOf(name), this.model.tiles, redraw);
+    const field = this.model.field(name.slice(name.indexOf("/") + 1));
+    return new Picture(name, raster, field, this.model.tiles, redraw);
   }
 
   private colour(system_id: number): string {

@@ -144,11 +144,6 @@ export class Model {
     return [name ?? "vehicle", several || !name ? system_id : "", this.letter].filter(Boolean).join(" ");
   }
 
-  /** Field of a layer; undefined for a layer without one. */
-  fieldOf(layer: string): FieldInfo | undefined {
-    return this.field(layer.slice(layer.indexOf("/") + 1));
-  }
-
   vehicleAt(system_id: number, time_s: number): Moment | null {
     const states = this.states[system_id];
     const last = states ? upTo(states.time_s, time_s) - 1 : -1;

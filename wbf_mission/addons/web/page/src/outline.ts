@@ -1,11 +1,11 @@
 // List of a farm's shapes, with properties and corners of the selected one; usable without a map.
 import { button, datalist, element, table } from "./dom.js";
-import type { EditorHost } from "./editor.js";
 import { capital } from "./text.js";
 import {
   changed, cornersOf, cropsOf, middleOf, withoutCorner, withoutShape, withRing, withShape,
   type Position, type Shape,
 } from "./sketch.js";
+import type { Studio } from "./studio.page.js";
 
 const MOST_ROWS = 500;
 
@@ -13,15 +13,15 @@ export class Outline {
   readonly element = element("div", { class: "outline" });
   private tableOpen = false;
 
-  constructor(private readonly host: EditorHost, private readonly crops: string[]) {}
+  constructor(private readonly studio: Studio, private readonly crops: string[]) {}
 
   show(): void {
-    const { sketch, selected } = this.host;
+    const { sketch, selected } = this.studio;
     const focus = (document.activeElement as HTMLElement | null)?.dataset["focus"];
     const list = element("ul", { class: "shapes" });
     for (const [k, shape] of sketch.shapes.entries()) {
       const what = shape.kind === "field" ? shape.crop : shape.kind;
-      const label = button("", () => this.host.select(k === selected ? null : k), { "aria-pressed": String(k === selected), "data-focus": `shape-${k}` });
+      const label = button("", () => this.studio.select(k === selected ? null : k), { "aria-pressed": String(k === selected), "data-focus": `shape-${k}` });
       label.append(element("span", { class: "name" }, shape.name || "(no name)"), element("span", { class: "what" }, what));
       list.append(element("li", {}, label));
     }
@@ -36,7 +36,7 @@ export class Outline {
   }
 
   private properties(number: number, shape: Shape): HTMLElement {
-    const change = (part: Partial<Shape>, told: string): void => this.host.edit(withShape(this.host.sketch, number, part), told);
+    const change = (part: Partial<Shape>, told: string): void => this.studio.edit(withShape(this.studio.sketch, number, part), told);
     const input = (label: string, attributes: Record<string, string>, take: (text: string) => void): HTMLElement => {
       const onchange = (made: HTMLInputElement): void => {
         if (made.checkValidity()) take(made.value.trim());
@@ -53,7 +53,7 @@ export class Outline {
       const ofCrop = { ...text(crop), list: "crops" };
       fields.push(
         input("Crop", ofCrop, (to) => change({ crop: to.toLowerCase() || crop }, "Crop changed")),
-        datalist("crops", [...new Set([...this.crops, ...cropsOf(this.host.sketch)])]),
+        datalist("crops", [...new Set([...this.crops, ...cropsOf(this.studio.sketch)])]),
         input("Owner", text(owner), (to) => change({ owner: to || owner }, "Owner changed")),
       );
     }
@@ -64,8 +64,8 @@ export class Outline {
       fields.push(input("Margin, m", metres(margin_m), take));
     }
     const remove = button("Delete", () => {
-      this.host.select(null);
-      this.host.edit(withoutShape(this.host.sketch, number), `${shape.name} deleted`);
+      this.studio.select(null);
+      this.studio.edit(withoutShape(this.studio.sketch, number), `${shape.name} deleted`);
     }, { class: "starts" });
     const legend = element("legend", {}, capital(shape.kind === "no-fly" ? "no-fly zone" : shape.kind));
     return element("fieldset", { class: "properties" }, legend, ...fields, remove);
@@ -89,12 +89,12 @@ export class Outline {
   private ring(number: number, ring: Position[], r: number): HTMLElement {
     const name = r === 0 ? "Outline" : `Hole ${r}`;
     const edit = (moved: Position[], told: string): void =>
-      this.host.edit(withRing(this.host.sketch, number, r, moved), told);
+      this.studio.edit(withRing(this.studio.sketch, number, r, moved), told);
     const small = (sign: string, label: string, act: () => void): HTMLElement =>
       button(sign, act, { class: "small", "aria-label": label, "data-focus": `${name}: ${label}` });
     const rows = ring.slice(0, MOST_ROWS).map((corner, k) => {
       const add = (): void => edit(ring.toSpliced(k + 1, 0, middleOf(ring, k)), "Corner added");
-      const remove = (): void => this.host.edit(withoutCorner(this.host.sketch, number, r, k), "Corner deleted");
+      const remove = (): void => this.studio.edit(withoutCorner(this.studio.sketch, number, r, k), "Corner deleted");
       return row(
         String(k + 1),
         corner,
@@ -112,10 +112,10 @@ export class Outline {
 
   /** Table of home and rally points. */
   private places(): HTMLElement[] {
-    const { home, rally } = this.host.sketch;
+    const { home, rally } = this.studio.sketch;
     if (!home && !rally.length) return [];
     const edit = (change: Parameters<typeof changed>[1], told: string): void =>
-      this.host.edit(changed(this.host.sketch, change), told);
+      this.studio.edit(changed(this.studio.sketch, change), told);
     const place = (name: string, at: Position, set: (place: Position) => void, remove: () => void): HTMLElement => {
       const without = button("−", remove, { class: "small", "aria-label": `Delete ${name}` });
       return row(name, at, (part) => `${name}, ${part}`, set, without);

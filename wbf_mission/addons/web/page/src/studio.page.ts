@@ -7,7 +7,7 @@ import { button, datalist, element, options, panel, setText } from "./dom.js";
 import { Heart } from "./heart.js";
 import { keepDraft, keptDraft } from "./kept.js";
 import { placeOf } from "./place.js";
-import { Editor, type EditorHost, type Tool } from "./editor.js";
+import { Editor, TOOLS, type Tool } from "./editor.js";
 import { CLOSEST, mapIn, showTiles } from "./map.js";
 import { Outline } from "./outline.js";
 import { documentOf, emptySketch, History, sketchOf, type Sketch } from "./sketch.js";
@@ -19,15 +19,11 @@ import { capital } from "./text.js";
 const WAIT_MS = 150;
 /** Duration of planning from which the user may cancel it (s). */
 const LONG_S = 3;
-const TOOLS: [Tool, string][] = [
-  ["select", "Select"], ["field", "Field"], ["hole", "Hole"], ["pond", "Pond"], ["obstacle", "Obstacle"],
-  ["no-fly", "No-fly zone"], ["home", "Home"], ["rally", "Rally point"],
-];
 const MAP =
   "Map of the farm; arrow keys move it, plus and minus zoom, with a tool the space bar sets a corner in its middle";
 const FILES = ".geojson,.json,.kml,.kmz,.shp,.zip,.gpkg,.gpx";
 
-class Studio implements EditorHost {
+export class Studio {
   selected: number | null = null;
   crop = "strawberry";
   private readonly history = new History(emptySketch("new farm"));
@@ -165,12 +161,13 @@ class Studio implements EditorHost {
     this.keeps = kept;
   }
 
-  // --- Interface of the editor and the list of shapes ---
+  // --- For the editor and the list of shapes ---
 
   get sketch(): Sketch {
     return this.history.now;
   }
 
+  /** Take over a finished edit. */
   edit(sketch: Sketch, told: string): void {
     this.unopened.replaceChildren();
     this.history.push(sketch);
@@ -184,12 +181,16 @@ class Studio implements EditorHost {
     this.show();
   }
 
+  /** Show a hint. */
   tell(text: string): void {
     setText(this.hint, text);
   }
 
-  toolDone(): void {
-    this.take("select");
+  take(tool: Tool): void {
+    for (const [name, one] of this.tools) one.setAttribute("aria-pressed", String(name === tool));
+    if (tool !== "select") this.selected = null;
+    this.editor.take(tool);
+    this.show();
   }
 
   // --- The farm ---
@@ -292,8 +293,8 @@ class Studio implements EditorHost {
   }
 
   private toolbar(): HTMLElement {
-    for (const [tool, label] of TOOLS)
-      this.tools.set(tool, button(label, () => this.take(tool), { "aria-pressed": "false" }));
+    for (const tool of Object.keys(TOOLS) as Tool[])
+      this.tools.set(tool, button(TOOLS[tool][0], () => this.take(tool), { "aria-pressed": "false" }));
     const crop = element("input", {
       type: "text",
       id: "new-crop",
@@ -309,13 +310,6 @@ class Studio implements EditorHost {
       element("label", { class: "crop", for: "new-crop" }, "Crop of new fields", crop),
       datalist("new-crops", this.given.crops),
     );
-  }
-
-  private take(tool: Tool): void {
-    for (const [name, one] of this.tools) one.setAttribute("aria-pressed", String(name === tool));
-    if (tool !== "select") this.selected = null;
-    this.editor.take(tool);
-    this.show();
   }
 
   private travel(go: -1 | 1): void {

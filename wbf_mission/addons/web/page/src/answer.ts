@@ -33,8 +33,11 @@ export class Answer {
   show(planned: Planned): void {
     this.frame = new Frame(planned.farm.georeference);
     this.draw(planned);
-    this.cards.replaceChildren(...figures(planned).map(([name, value, more]) =>
-      element("div", {}, element("dt", {}, name), element("dd", {}, value, more ? element("small", {}, more) : null))));
+    const cards = figures(planned).map(([name, value, more]) => {
+      const figure = element("dd", {}, value, more ? element("small", {}, more) : null);
+      return element("div", {}, element("dt", {}, name), figure);
+    });
+    this.cards.replaceChildren(...cards);
     const found = planned.missions.flatMap(({ name, findings, warnings }): Named[] => [
       ...warnings.map((told): Named => ({ name, severity: "warning", told })),
       ...findings.map((finding) => ({ name, ...finding })),
@@ -65,7 +68,8 @@ export class Answer {
   private point([x, y]: [number, number]): void {
     const place = this.frame!.latLng(x, y);
     this.spot.clearLayers();
-    L.circleMarker(place, { radius: 16, weight: 4, color: themed("danger"), fill: false, pane: "plans", interactive: false }).addTo(this.spot);
+    const ring = { radius: 16, weight: 4, color: themed("danger"), fill: false, pane: "plans", interactive: false };
+    L.circleMarker(place, ring).addTo(this.spot);
     this.map.panTo(place);
   }
 
@@ -75,8 +79,8 @@ export class Answer {
 
   /** Thin lines where rows are close together, so that the field stays visible between them. */
   private weigh(): void {
-    const [origin, up] = [this.frame?.latLng(0, 0), this.frame?.latLng(0, this.spacing_m ?? 0)];
-    const apart_px = origin && up && this.spacing_m ? this.map.latLngToLayerPoint(origin).distanceTo(this.map.latLngToLayerPoint(up)) : Infinity;
+    const place = (y_m: number): L.Point => this.map.latLngToLayerPoint(this.frame!.latLng(0, y_m));
+    const apart_px = this.frame && this.spacing_m ? place(0).distanceTo(place(this.spacing_m)) : Infinity;
     const weight = Math.min(2.5, Math.max(0.8, apart_px / 4));
     for (const { halo, line } of this.paths) {
       halo.setStyle({ weight: 2 * weight, stroke: apart_px >= 8 });
@@ -96,30 +100,35 @@ export class Answer {
       const halo = L.polyline(path, { ...shared, color: "#ffffff", opacity: 0.75 }).addTo(this.lines);
       const line = L.polyline(path, { ...shared, color: vehicleColour(k) }).addTo(this.lines);
       this.paths.push({ halo, line });
-      for (const end of [path[0], path.at(-1)])
-        if (end) L.polyline([home, end], { ...shared, color: vehicleColour(k), weight: 1.5, dashArray: "2 6" }).addTo(this.lines);
-      for (const fence of plan.fence)
-        for (const ring of fence.rings) L.polygon(this.latLngs(ring), { ...shared, color: themed("fence"), weight: 1.5, dashArray: "8 5", fill: false }).addTo(this.lines);
+      const way = { ...shared, color: vehicleColour(k), weight: 1.5, dashArray: "2 6" };
+      for (const end of [path[0], path.at(-1)]) if (end) L.polyline([home, end], way).addTo(this.lines);
+      const fence = { ...shared, color: themed("fence"), weight: 1.5, dashArray: "8 5", fill: false };
+      for (const ring of plan.fence.flatMap(({ rings }) => rings))
+        L.polygon(this.latLngs(ring), fence).addTo(this.lines);
     }
     this.weigh();
   }
 }
 
 /** Figures of a plan: name, value, and details. */
-function figures(planned: Planned): [string, string, string][] {
-  const sum = (part: (one: Planned["vehicles"][number]) => number): number => planned.vehicles.reduce((all, one) => all + part(one), 0);
-  const { vehicles, missions } = planned;
+function figures({ vehicles, missions, coverage }: Planned): [string, string, string][] {
+  const sum = (part: (one: Planned["vehicles"][number]) => number): number =>
+    vehicles.reduce((all, one) => all + part(one), 0);
   const longest_s = Math.max(...vehicles.map((one) => one.time_with_changes_s ?? one.predicted_time_s));
   const changes = vehicles.some((one) => one.time_with_changes_s !== undefined);
+  const air = duration(sum((one) => one.predicted_time_s));
   const used = Math.max(...vehicles.map((one) => one.battery_used ?? 0));
-  const batteries = vehicles.some((one) => one.batteries === null) ? null : sum((one) => one.batteries ?? 0);
-  const spacing = vehicles[0]?.spacing_m;
+  const needed = `${(100 * used).toFixed(0)} % of one ${used > 1 ? "needed" : "at most"}`;
+  const isEnough = vehicles.every((one) => one.batteries !== null);
+  const batteries = isEnough ? String(sum((one) => one.batteries ?? 0)) : "never enough";
+  const spacing_m = vehicles[0]?.spacing_m;
+  const flights = missions.map((one) => duration(one.plan.duration_s ?? 0)).slice(0, 8);
   const lines: [string, string, string][] = [
-    ["Time", duration(longest_s), changes ? `${duration(sum((one) => one.predicted_time_s))} in the air, the rest for batteries` : "from take-off to landing"],
+    ["Time", duration(longest_s), changes ? `${air} in the air, the rest for batteries` : "from take-off to landing"],
     ["Distance", metres(sum((one) => one.length_m)), `${sum((one) => one.waypoints)} waypoints`],
-    ["Batteries", batteries === null ? "never enough" : String(batteries), `${(100 * used).toFixed(0)} % of one ${used > 1 ? "needed" : "at most"}, ${sum((one) => one.predicted_energy_wh).toFixed(1)} Wh`],
-    ["Coverage", `${(100 * planned.coverage).toFixed(2)} %`, spacing ? `rows ${metres(spacing)} apart` : "of the land to be seen"],
+    ["Batteries", batteries, `${needed}, ${sum((one) => one.predicted_energy_wh).toFixed(1)} Wh`],
+    ["Coverage", `${(100 * coverage).toFixed(2)} %`, spacing_m ? `rows ${metres(spacing_m)} apart` : "of the land to be seen"],
   ];
-  if (missions.length > 1) lines.splice(2, 0, ["Flights", String(missions.length), missions.map((one) => duration(one.plan.duration_s ?? 0)).slice(0, 8).join(" + ")]);
+  if (missions.length > 1) lines.splice(2, 0, ["Flights", String(missions.length), flights.join(" + ")]);
   return lines;
 }

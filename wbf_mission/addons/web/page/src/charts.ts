@@ -55,8 +55,7 @@ const KINDS: Kind[] = [
 ];
 
 class Chart {
-  readonly element = element("figure", { class: "chart" });
-  private readonly caption = element("figcaption");
+  readonly element: HTMLElement;
   private readonly value = element("span", { class: "value" });
   private readonly room = element("div", { class: "room" });
   private plot: uPlot | null = null;
@@ -69,8 +68,8 @@ class Chart {
     private readonly kind: Kind,
     private readonly seek: (time_s: number) => void,
   ) {
-    this.caption.append(element("span", {}, kind.name), this.value);
-    this.element.append(this.caption, this.room);
+    const caption = element("figcaption", {}, element("span", {}, kind.name), this.value);
+    this.element = element("figure", { class: "chart" }, caption, this.room);
   }
 
   show(models: Model[], times: number[], time_s: number, fresh: boolean): void {

@@ -59,7 +59,7 @@ export function ramp(layer: LayerName, field: FieldInfo | undefined): string[] {
   return field?.kind === "disease" ? HEALTH : field?.kind === "measured" ? MEASURED : WATER;
 }
 
-export type Rgb = [number, number, number];
+type Rgb = [number, number, number];
 
 function rgb(colour: string): Rgb {
   const number = parseInt(colour.slice(1), 16);

@@ -10,7 +10,7 @@ export interface Finding {
   place_m?: [number, number] | null;
 }
 
-export interface PlannedMission {
+interface PlannedMission {
   /** Distinguishes several missions; empty for a single one. */
   name: string;
   plan: Plan;
@@ -19,7 +19,7 @@ export interface PlannedMission {
 }
 
 /** Totals of one vehicle over all its sorties. */
-export interface Summary {
+interface Summary {
   predicted_time_s: number;
   time_with_changes_s?: number;
   length_m: number;
@@ -45,13 +45,13 @@ export interface Planned {
 }
 
 /** State of the latest flight: "none", "preparing", "flying" or an outcome, also in words. */
-export interface FlightState {
+interface FlightState {
   outcome: string;
   words: string;
 }
 
 /** Possible remedy for a refused farm. */
-export type Remedy = "" | "repair" | "crop" | "crs";
+type Remedy = "" | "repair" | "crop" | "crs";
 
 export interface Options {
   options: OptionInfo[];

@@ -111,8 +111,9 @@ export class Editor {
 
   private mark(line: Position[]): void {
     this.crossed.clearLayers();
+    const mark = { radius: 9, weight: 3, color: themed("danger"), fill: false, interactive: false, className: "crossing" };
     for (const place of [...this.standing, ...crossings(line, false)].slice(0, MOST_MARKS))
-      L.circleMarker(latLng(place), { radius: 9, weight: 3, color: themed("danger"), fill: false, interactive: false, className: "crossing" }).addTo(this.crossed);
+      L.circleMarker(latLng(place), mark).addTo(this.crossed);
   }
 
   /** Space sets a corner at the map's centre, Enter closes, Backspace removes a corner, Escape cancels. */
@@ -162,7 +163,8 @@ export class Editor {
 
   private setDrawn(ring: Position[]): void {
     this.drawn = ring;
-    const count = ring.length < 3 ? `${ring.length} of at least 3 corners` : `${ring.length} corners; Enter, a double click or the first corner closes`;
+    const closes = "corners; Enter, a double click or the first corner closes";
+    const count = `${ring.length} ${ring.length < 3 ? "of at least 3 corners" : closes}`;
     this.studio.tell(crossings(ring, false).length ? `${CROSSES}: Backspace takes the corner back` : count);
     this.show();
   }
@@ -200,15 +202,16 @@ export class Editor {
     const kind: Kind = this.tool === "obstacle" || this.tool === "no-fly" ? this.tool : "field";
     const grown = this.tool === "pond" ? "pond" : crop;
     const name = freeName(sketch, this.tool === "no-fly" ? "no-fly zone" : this.tool);
-    const owner = kind === "field" ? sketch.owner : "";
-    return { name, kind, crop: kind === "field" ? grown : "", owner, height_m: kind === "obstacle" ? 5 : null, margin_m: null, rings: [ring] };
+    const land = kind === "field" ? { crop: grown, owner: sketch.owner } : { crop: "", owner: "" };
+    return { name, kind, ...land, height_m: kind === "obstacle" ? 5 : null, margin_m: null, rings: [ring] };
   }
 
   private showRubber(): void {
     this.rubber.setStyle({ color: themed("accent") });
     this.rubber.setLatLngs(this.drawn.map(latLng));
+    const shared = { color: themed("accent"), interactive: false };
     for (const [k, place] of this.drawn.entries())
-      L.circleMarker(latLng(place), { radius: k ? 4 : 7, color: themed("accent"), fillOpacity: k ? 1 : 0.3, interactive: false }).addTo(this.handles);
+      L.circleMarker(latLng(place), { ...shared, radius: k ? 4 : 7, fillOpacity: k ? 1 : 0.3 }).addTo(this.handles);
   }
 
   private showHandles(): void {

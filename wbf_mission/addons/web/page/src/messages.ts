@@ -15,6 +15,11 @@ function speaker(model: Model, said: Said): string {
   return said.system_id ? model.nameOf(said.system_id) : "";
 }
 
+/** Show items in reverse order, or why there is none. */
+function fill(list: HTMLElement, items: HTMLElement[], empty: string): void {
+  list.replaceChildren(...(items.length ? items.toReversed() : [element("li", { class: "empty" }, empty)]));
+}
+
 /** Messages, newest first; warnings are also read aloud. */
 export class Messages {
   readonly element = element("ol", { class: "messages", tabindex: "0", "aria-label": "Messages, the newest first" });
@@ -31,23 +36,14 @@ export class Messages {
     const key = `${said.length} ${said.at(-1)?.one.text ?? ""}`;
     if (key === this.shown) return;
     this.shown = key;
-    const lines = said
-      .slice(-SHOWN)
-      .reverse()
-      .map(({ model, one }) => {
-        const who = speaker(model, one);
-        const grade = one.severity < WARNS ? "error" : one.severity === WARNS ? "warning" : "plain";
-        const words = grade === "plain" ? "" : `${SEVERITIES[one.severity] ?? ""}: `;
-        return element(
-          "li",
-          { class: grade },
-          element("time", {}, clock(one.time_s)),
-          element("span", { class: "text" }, who ? element("b", {}, `${who} `) : null, words + one.text),
-        );
-      });
-    this.element.replaceChildren(
-      ...(lines.length ? lines : [element("li", { class: "empty" }, "Nothing was said yet.")]),
-    );
+    const lines = said.slice(-SHOWN).map(({ model, one }) => {
+      const who = speaker(model, one);
+      const grade = one.severity < WARNS ? "error" : one.severity === WARNS ? "warning" : "plain";
+      const words = grade === "plain" ? "" : `${SEVERITIES[one.severity] ?? ""}: `;
+      const text = element("span", { class: "text" }, who ? element("b", {}, `${who} `) : null, words + one.text);
+      return element("li", { class: grade }, element("time", {}, clock(one.time_s)), text);
+    });
+    fill(this.element, lines, "Nothing was said yet.");
     const last = said.at(-1);
     if (last && last.one.severity <= WARNS)
       setText(this.aloud, `${speaker(last.model, last.one)} ${SEVERITIES[last.one.severity] ?? ""}: ${last.one.text}`);
@@ -67,15 +63,11 @@ export class Decisions {
     private readonly open: (model: Model, decision: Decision | null) => void,
     private readonly time: Time | null,
   ) {
-    if (time)
-      this.element.append(
-        element(
-          "div",
-          { class: "steps", role: "group", "aria-label": "Go through the decisions" },
-          button("Previous", () => this.step(-1)),
-          button("Next", () => this.step(1)),
-        ),
-      );
+    if (time) {
+      const buttons = [button("Previous", () => this.step(-1)), button("Next", () => this.step(1))];
+      const group = { class: "steps", role: "group", "aria-label": "Go through the decisions" };
+      this.element.append(element("div", group, ...buttons));
+    }
     this.element.append(this.note, this.list);
   }
 
@@ -116,13 +108,8 @@ export class Decisions {
       .join();
     if (key === this.shown) return;
     this.shown = key;
-    const items = told
-      .slice(-SHOWN)
-      .reverse()
-      .map(({ model, decision }) => this.item(model, decision));
-    this.list.replaceChildren(
-      ...(items.length ? items : [element("li", { class: "empty" }, "Nothing was decided yet.")]),
-    );
+    const items = told.slice(-SHOWN).map(({ model, decision }) => this.item(model, decision));
+    fill(this.list, items, "Nothing was decided yet.");
   }
 
   private item(model: Model, decision: Decision): HTMLElement {

@@ -15,7 +15,7 @@ import type {
 import { Tiles } from "./tiles.js";
 
 /** Age from which a vehicle counts as silent (s). */
-export const SILENT_S = 3;
+const SILENT_S = 3;
 
 /** Number of ascending times that are not after a time. */
 export function upTo(times: number[], time_s: number): number {
@@ -83,22 +83,21 @@ export class Model {
   tiles = new Tiles();
   /** Time of the newest data. */
   end_s = 0;
-  /** Age of each vehicle's newest state at the program's last beat, and the age of that beat. */
+  /** Age of each vehicle's newest state at the program's last beat, and the age of that beat in a live run. */
   private beat_s: Record<string, number> = {};
-  private age_s: () => number = () => 0;
-  private isLive = false;
+  private age_s: (() => number) | null = null;
 
   /** `letter` distinguishes several runs. */
   constructor(readonly letter = "") {}
 
   /** Whether the run is live, so that its newest data is the present. */
   get runs(): boolean {
-    return this.isLive && this.status?.outcome === "running";
+    return this.age_s !== null && this.status?.outcome === "running";
   }
 
   /** Make the run live; `age_s` returns the age of the newest data. */
   follow(age_s: () => number): void {
-    [this.isLive, this.age_s] = [true, age_s];
+    this.age_s = age_s;
   }
 
   take(update: Update): void {
@@ -152,7 +151,7 @@ export class Model {
     const moment = row as unknown as Moment;
     const since_s = time_s - moment.time_s;
     const present = this.runs && time_s >= this.end_s;
-    const now_s = present ? (this.beat_s[system_id] ?? 0) + this.age_s() : 0;
+    const now_s = present ? (this.beat_s[system_id] ?? 0) + (this.age_s?.() ?? 0) : 0;
     const silent_s = Math.max(moment.silent_s + (this.status?.outcome === "running" ? since_s : 0), now_s);
     Object.assign(moment, { silent_s, silent: silent_s > SILENT_S, present });
     const flown = states.flight[last + 1] === moment.flight;

@@ -1,6 +1,6 @@
 // Parser of geographic positions in common notations.
 
-export interface Place {
+interface Place {
   lat: number;
   lon: number;
 }
@@ -110,7 +110,8 @@ function angleOf(tokens: string[]): Angle {
   for (let k = 0; k < parts.length; place++) {
     const text = parts[k++]!;
     if (place > 2 || !isNumber(text)) throw new Unread(`“${text}” is at a wrong place`);
-    if (parts[k] !== undefined && !isNumber(parts[k]) && parts[k++] !== MARKS[place]) throw new Unread(`degrees, minutes (') and seconds (") follow each other`);
+    if (parts[k] !== undefined && !isNumber(parts[k]) && parts[k++] !== MARKS[place])
+      throw new Unread(`degrees, minutes (') and seconds (") follow each other`);
     if (place && (/[+-]/.test(text) || Number(text) >= 60)) throw new Unread(`minutes and seconds are 0 to 60, not ${text}`);
     if (k < parts.length && text.includes(".")) throw new Unread(`${text} has decimals before further numbers`);
     value += Math.abs(Number(text)) / SIZES[place]!;

@@ -135,7 +135,7 @@ export function freeName(sketch: Sketch, what: string): string {
   for (let number = 1; ; number++) if (!taken.has(`${what} ${number}`)) return `${what} ${number}`;
 }
 
-export function isInside([x, y]: Position, ring: Position[]): boolean {
+function isInside([x, y]: Position, ring: Position[]): boolean {
   let inside = false;
   for (let k = 0, before = ring.length - 1; k < ring.length; before = k++) {
     const [[ax, ay], [bx, by]] = [ring[k]!, ring[before]!];

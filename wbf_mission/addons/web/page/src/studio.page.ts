@@ -41,8 +41,8 @@ export class Studio {
   private readonly lost = element("p", { class: "lost", role: "alert" });
   private readonly heart = new Heart();
   private wasLost = false;
-  private readonly mend = button("Mend it", () => void this.mendDrawn(), { class: "mend", hidden: "" });
-  private readonly again = button("Plan here", () => void this.plan(), { hidden: "" });
+  private readonly mend = button("Mend it", () => void this.mendDrawn(), { class: "mend", hidden: true });
+  private readonly again = button("Plan here", () => void this.plan(), { hidden: true });
   /** Error and remedies of a file or farm that could not be opened; the open farm stays. */
   private readonly unopened = element("div", { class: "unopened", role: "alert" });
   /** Latest sketch that is saved in a file or was not drawn. */
@@ -68,7 +68,7 @@ export class Studio {
   });
   private timer = 0;
   private asking: AbortController | null = null;
-  private readonly giveUp = button("Give up", () => void desk.cancel(), { hidden: "", title: "End the planning" });
+  private readonly giveUp = button("Give up", () => void desk.cancel(), { hidden: true, title: "End the planning" });
 
   constructor(private readonly root: HTMLElement, private readonly given: Options) {
     const room = element("div", { class: "map", tabindex: "0", role: "application", "aria-label": MAP });
@@ -121,7 +121,8 @@ export class Studio {
   /** Show whether the program responds. */
   private look(): void {
     const { isOld, isLost } = this.heart;
-    setText(this.lost, isOld ? `${this.heart.trouble}: it plans, saves and flies nothing. What is drawn stays in this browser. Trying again …` : "");
+    const rest = "it plans, saves and flies nothing. What is drawn stays in this browser. Trying again …";
+    setText(this.lost, isOld ? `${this.heart.trouble}: ${rest}` : "");
     this.root.classList.toggle("old", isOld);
     // Requests during the loss of the connection got no answer.
     if (this.wasLost && this.heart.isFresh) this.planSoon();
@@ -395,7 +396,8 @@ export class Studio {
     this.answer.show(planned);
     this.takeaway.show(planned);
     setText(this.state, `planned in ${(planned.plan_s + planned.check_s).toFixed(1)} s`);
-    this.state.dataset["state"] = planned.missions.some(({ findings }) => findings.some(({ severity }) => severity === "error")) ? "bad" : "good";
+    const findings = planned.missions.flatMap((mission) => mission.findings);
+    this.state.dataset["state"] = findings.some(({ severity }) => severity === "error") ? "bad" : "good";
   }
 
   private solved(): void {

@@ -7,6 +7,7 @@ const FOLLOW_MS = 500;
 const PACES: [string, string][] = [
   ["1", "real time"], ["10", "10 times as fast"], ["60", "60 times as fast"], ["", "as fast as it goes"],
 ];
+const CHECKED = "It is asked and checked before, and read back afterwards. Nothing starts.";
 const LINK = "udpin:127.0.0.1:14550";
 
 export class Takeaway {
@@ -16,9 +17,17 @@ export class Takeaway {
   private readonly pace = element("select", { id: "pace" }, ...options(PACES));
   private readonly told = element("p", { class: "told", role: "status" });
   private readonly buttons: HTMLButtonElement[];
-  private readonly watch = element("a", { class: "watch", href: "live", target: "wbf-mission-live", hidden: "" }, "Watch the flight");
-  private readonly stop = button("Stop", () => void this.act("", async () => ((await desk.stop()).stopped ? "The flight is being stopped …" : "Nothing flies")), { hidden: "" });
-  private readonly flyButton = button("Fly it in the simulator", () => void this.act("Preparing the flight …", () => this.fly()), { class: "main" });
+  private readonly watch = element(
+    "a",
+    { class: "watch", href: "live", target: "wbf-mission-live", hidden: true },
+    "Watch the flight",
+  );
+  private readonly stop = button("Stop", () => void this.act("", () => this.end()), { hidden: true });
+  private readonly flyButton = button(
+    "Fly it in the simulator",
+    () => void this.act("Preparing the flight …", () => this.fly()),
+    { class: "main", "aria-describedby": "how-flown" },
+  );
   private readonly how = element("p", { class: "how", id: "how-flown" });
   private planned: Planned | null = null;
   private following = 0;
@@ -31,7 +40,6 @@ export class Takeaway {
     const save = button("Save file", () => void this.act("", () => this.save()));
     const upload = button("Upload to a vehicle …", () => this.askUpload());
     this.buttons = [save, upload];
-    this.flyButton.setAttribute("aria-describedby", this.how.id);
     this.element.append(
       element("div", { class: "line" }, this.mission, this.format, save),
       element("div", { class: "line" }, upload),
@@ -89,6 +97,10 @@ export class Takeaway {
     return "Preparing the flight …";
   }
 
+  private async end(): Promise<string> {
+    return (await desk.stop()).stopped ? "The flight is being stopped …" : "Nothing flies";
+  }
+
   /** Show the state of the flight. */
   private async follow(): Promise<void> {
     let told: string;
@@ -119,9 +131,9 @@ export class Takeaway {
     const link = element("input", { type: "text", required: true, autocomplete: "off", value: LINK });
     const system = element("input", { type: "number", min: "1", max: "255", placeholder: "the first one heard" });
     const sure = element("input", { type: "checkbox", required: true });
-    const replacing = `${mission.plan.items.length} mission items${mission.plan.fence.length ? " and the fence" : ""}`;
+    const held = `${mission.plan.items.length} mission items${mission.plan.fence.length ? " and the fence" : ""}`;
     const parts = [
-      element("p", {}, `${replacing} replace what the vehicle holds. It is asked and checked before, and read back afterwards. Nothing starts.`),
+      element("p", {}, `${held} replace what the vehicle holds. ${CHECKED}`),
       element("label", {}, "Link (udpin:, udpout:, tcp:, tcpin: or serial:)", link),
       element("label", {}, "System id", system),
       element("label", { class: "check" }, sure, "Replace the vehicle's mission"),
@@ -134,7 +146,9 @@ export class Takeaway {
   private async upload(link: string, system_id: string): Promise<string> {
     const report = await desk.upload(this.draft(), this.number, link, system_id);
     const counts = Object.entries(report.items).map(([name, count]) => `${name} ${count}`).join(", ");
-    const rejected = report.accepted === false ? ` The vehicle holds it but would not fly it: ${report.texts.at(-1) ?? "it says no reason"}.` : "";
-    return `Uploaded to ${report.vehicle} (${counts} items) and read back: ${report.verified ? "equal" : "not equal"}.${rejected}`;
+    const reason = report.texts.at(-1) ?? "it says no reason";
+    const rejected = report.accepted === false ? ` The vehicle holds it but would not fly it: ${reason}.` : "";
+    const equal = report.verified ? "equal" : "not equal";
+    return `Uploaded to ${report.vehicle} (${counts} items) and read back: ${equal}.${rejected}`;
   }
 }

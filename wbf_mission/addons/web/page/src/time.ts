@@ -17,13 +17,7 @@ export class Time {
   private speed = 1;
   private proposed = false;
   private last_ms = 0;
-  private readonly slider = element("input", {
-    type: "range",
-    min: "0",
-    step: "0.1",
-    "aria-label": "Time of the run",
-    oninput: ({ value }) => this.seek(Number(value)),
-  });
+  private readonly slider = element("input", { type: "range", min: "0", step: "0.1", "aria-label": "Time of the run" });
   private readonly play = button("", () => this.toggle(), { class: "play", "aria-label": "Play" });
   private readonly now = button("Latest", () => this.follow(), { class: "now" });
   private readonly text = element("output", { class: "clock" });
@@ -38,9 +32,10 @@ export class Time {
     private readonly changed: () => void,
   ) {
     this.follows = live;
+    this.slider.addEventListener("input", () => this.seek(Number(this.slider.value)));
     this.slider.addEventListener("keydown", (event) => this.step(event));
-    this.element = element("div", { class: "time", role: "group", "aria-label": "Time" });
-    this.element.append(this.play, this.slider, this.text, this.speeds, ...(live ? [this.now] : []));
+    const parts = [this.play, this.slider, this.text, this.speeds, live ? this.now : null];
+    this.element = element("div", { class: "time", role: "group", "aria-label": "Time" }, ...parts);
     document.addEventListener("keydown", (event) => {
       const taken = (event.target as Element).closest(
         "input, select, button, textarea, summary, dialog, [role=button]",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
@@ -101,21 +101,13 @@ class CheckResult:
         }
 
 
-def _everybody(_profile: Profile) -> bool:
-    return True
-
-
-def _nobody(_profile: Profile) -> bool:
-    return False
-
-
 def _first_line(function: Function) -> str:
     """Return the first docstring line as a clause: "It is there." becomes "it is there"."""
     text = (function.__doc__ or "").partition("\n")[0].removesuffix(".")
     return text if text[1:2].isupper() or text[1:2] == "_" else text[:1].lower() + text[1:]
 
 
-class Checks:
+class Checks(list[Check]):
     """Checks of one module, in order of definition.
 
     Examples
@@ -127,9 +119,6 @@ class Checks:
     >>> [(one.id, one.required_of) for one in checks]
     [('identity.nothing', 'all')]
     """
-
-    def __init__(self) -> None:
-        self._checks: list[Check] = []
 
     def __call__(
         self,
@@ -145,15 +134,10 @@ class Checks:
         Parameters as of `Check`. `required` is a requirement, or a bool that holds for all autopilots. `text`
         defaults to the first line of the function's docstring.
         """
-        requirement = required if callable(required) else _everybody if required else _nobody
+        requirement = required if callable(required) else lambda _profile: required
 
         def add(function: Function) -> Function:
-            self._checks.append(
-                Check(name, text or _first_line(function), requirement, flies, suffers, function)
-            )
+            self.append(Check(name, text or _first_line(function), requirement, flies, suffers, function))
             return function
 
         return add
-
-    def __iter__(self) -> Iterator[Check]:
-        return iter(self._checks)

@@ -7,8 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from mission.errors import LinkError
-from sim_vehicle.host.server import Server
-from sim_vehicle.host.simulation import StopReason
+from wbf_mission.addons.base.links import LinkHost
 from wbf_mission.addons.operate.watching import FleetWatch, WatchedVehicle
 from wbf_mission.planning import PlanResult
 
@@ -76,11 +75,10 @@ class BatteryWait:
         began_s = time.monotonic()
         while True:
             try:
-                with Server([watch := FleetWatch()], [url]) as server:
+                with LinkHost([watch := FleetWatch()], [url]) as host:
                     why = None
                     while why is None:
-                        if server.run(limit_s=_LOOK_S) is StopReason.STOPPED:
-                            raise KeyboardInterrupt
+                        host.run(limit_s=_LOOK_S)
                         why = self._settled(watch.vehicles.get(system_id), time.monotonic() - began_s)
                 return why
             except LinkError as error:

@@ -50,16 +50,8 @@ _SOMEWHERE = GeoPoint(47.397742, 8.545594, 488.0)
 class Peer:
     """A ground station that sends requests to the vehicle under test and waits for answers.
 
-    Parameters
-    ----------
-    clock, wait : callable
-        `clock` returns monotonic seconds; ``wait(link, seconds)`` returns when data may have arrived. A
-        `sim_vehicle.host.simulation.VirtualLink` provides both for a simulation on its virtual clock.
-
-    Attributes
-    ----------
-    now : callable
-        The clock.
+    `clock` returns monotonic seconds; ``wait(link, seconds)`` returns when data may have arrived. A
+    `sim_vehicle.host.simulation.VirtualLink` provides both for a simulation on its virtual clock.
     """
 
     def __init__(
@@ -118,13 +110,13 @@ class Peer:
         self._receive()
         self._queue.clear()
 
-    def heard(self, seconds: float, *, everyone: bool = False) -> Iterator[tuple[float, Message]]:
-        """Yield (time, message) from the vehicle's autopilot (`everyone`: any sender) during `seconds`."""
+    def heard(self, seconds: float) -> Iterator[tuple[float, Message]]:
+        """Yield (time, message) from the vehicle's autopilot during `seconds`."""
         end_s = self.now() + seconds
         while True:
             while self._queue:
                 now_s, message = self._queue.popleft()
-                if everyone or (message.get_srcSystem(), message.get_srcComponent()) == self.address:
+                if (message.get_srcSystem(), message.get_srcComponent()) == self.address:
                     yield now_s, message
             left_s = end_s - self.now()
             if left_s <= 0.0:

@@ -28,31 +28,16 @@ class Verdict(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One check of the conformance kit.
+    """One check of the conformance kit."""
 
-    Parameters
-    ----------
-    id : str
-        ``group.name``.
-    text : str
-        The requirement in one line.
-    requirement : callable
-        ``requirement(profile)`` returns whether an autopilot with this profile must pass: ground software
-        relies on the behaviour, and real autopilots have it. A check that is not required is advice.
-    flies : bool
-        The check arms the vehicle.
-    suffers : str
-        Software that fails with a vehicle that does not pass; empty if all autopilots must pass.
-    function : callable
-        ``function(peer)`` returns a note or None, and raises `FailedError` or `SkippedError`.
-    """
-
-    id: str
-    text: str
+    id: str  # ``group.name``
+    text: str  # The requirement in one line
+    # Returns whether an autopilot with a profile must pass: ground software relies on the behaviour, and real
+    # autopilots have it. A check that is not required is advice.
     requirement: Requirement
-    flies: bool
-    suffers: str
-    function: Function
+    flies: bool  # Whether the check arms the vehicle
+    suffers: str  # Software that fails with a vehicle that does not pass; empty if all autopilots must pass
+    function: Function  # Returns a note or None, and raises `FailedError` or `SkippedError`
 
     @property
     def required_of(self) -> str:

@@ -44,28 +44,15 @@ def risen_fraction(before: float | None, lowest: float | None) -> float | None:
 
 @dataclass(slots=True)
 class BatteryWait:
-    """Waits for a vehicle's battery change before its next sortie.
+    """Waits for a vehicle's battery change before its next sortie."""
 
-    Parameters
-    ----------
-    needs : float or None
-        Required reading of the battery; None for an endless battery.
-    asks : callable or None
-        Called every half second; returns True once the operator has changed the battery, False to end the
-        mission, None before an answer. Without an operator the reading decides.
-    risen : float or None
-        Least reading that shows a change without an operator; None if unknown.
-    limit_s : float
-        Timeout without an operator (s).
-    note : callable
-        Receives lines for the operator.
-    """
-
-    needs: float | None
+    needs: float | None  # Required reading of the battery; None for an endless battery
+    # Called every half second: True once the operator has changed the battery, False to end the mission, None
+    # before an answer. Without an operator the reading decides.
     asks: Callable[[], bool | None] | None
-    risen: float | None
-    limit_s: float
-    note: Callable[[str], None]
+    risen: float | None  # Least reading that shows a change without an operator; None if unknown
+    limit_s: float  # Timeout without an operator
+    note: Callable[[str], None]  # Receives lines for the operator
     _said: bool = False  # Whether the operator has confirmed the change
     _noted: str = ""
     _heard_s: float = 0.0

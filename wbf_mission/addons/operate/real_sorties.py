@@ -27,23 +27,14 @@ class RealSorties:
     `change_battery` waits until the vehicle has a charged battery, and returns why it has none, empty on
     success. It gets the vehicle, the plan of the next sortie, the record of the previous one as ``last``, and
     the name of the next one as ``which``.
-
-    Attributes
-    ----------
-    cut : SortiePlan
-        The flown sorties, shortened to their flown part, and the planned sorties.
-    stopped : str
-        Why the mission was stopped; empty during the mission, and after its completion.
-    changed_s : float
-        Duration of the last battery change.
     """
 
     def __init__(
         self, cut: SortiePlan, vehicle: Vehicle, footprint: int, change_battery: Callable[..., str]
     ) -> None:
-        self.cut = cut
-        self.stopped = ""
-        self.changed_s = 0.0
+        self.cut = cut  # The flown sorties, shortened to their flown part, and the planned sorties
+        self.stopped = ""  # Why the mission was stopped; empty during the mission, and after its completion
+        self.changed_s = 0.0  # Duration of the last battery change
         self._vehicle, self._footprint, self._change_battery = vehicle, footprint, change_battery
         self._reached: Place | None = cut.course.start  # Reached place of the whole mission; None: its end
         self._progress: MissionProgress | None = None

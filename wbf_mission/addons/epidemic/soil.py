@@ -58,38 +58,25 @@ _MISFIT = 5e-5
 _MEAN_NOISE = 1e-4
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SoilPrior:
-    """The prior humidity of a day, from simulated weather.
-
-    Parameters
-    ----------
-    mean : float64[w, h]
-        Mean at each position, on a coarse grid with the farm's proportions.
-    level, shape : float
-        Variance of the farm's mean humidity, and mean variance within the farm.
-    """
-
-    mean: Floats
-    level: float
-    shape: float
-
-
 @lru_cache(maxsize=64)
-def _soil_priors(
+def _simulated_moments(
     parameters: SoilParameters, shape: tuple[int, int], block: int, seed: int
-) -> tuple[SoilPrior, ...]:
-    """Return the priors of a block of days, which share the simulated weather before the block."""
+) -> tuple[tuple[Floats, float, float], ...]:
+    """Return the moments of the humidity on each day of a block, from the same simulated weathers.
+
+    They are the mean at each position, float64[w, h] on a coarse grid with the farm's proportions; the
+    variance of the farm's mean humidity (level); and the mean variance within the farm (shape).
+    """
     names = (str(number) for number in range(_SIMULATED_FIELDS))
     rngs = [stream(seed, "epidemic-estimator", "soil", name) for name in names]
     days = range(_SIMULATED_DAYS * block, _SIMULATED_DAYS * (block + 1))
-    priors = []
+    moments = []
     for fields in parameters.simulate_coarse(shape, days, _SIMULATED_CELLS, rngs):
         mean = fields.mean(axis=0)
         around = fields - mean
         level = float(around.mean(axis=(1, 2)).var())
-        priors.append(SoilPrior(mean, level, float(around.var(axis=(1, 2)).mean())))
-    return tuple(priors)
+        moments.append((mean, level, float(around.var(axis=(1, 2)).mean())))
+    return tuple(moments)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,8 +122,7 @@ class SoilField:
         self._noises: dict[object, float] = {}
         self._priors: dict[int, _WeightsPrior] = {}
         self._cells_alike = max(1.0, float(np.sqrt(self._x.shortest * self._y.shortest)))
-        columns, rows = (part.ravel() for part in np.meshgrid(self._x.nodes, self._y.nodes, indexing="ij"))
-        self._at_nodes = self._functions(columns, rows)
+        self._at_nodes = _on_grid(*(axis.functions[axis.nodes] for axis in axes))
 
     def learn(
         self, x: NDArray[np.integer], y: NDArray[np.integer], days: NDArray[np.integer], values: Floats
@@ -223,24 +209,27 @@ class SoilField:
         if day in self._priors:
             return self._priors[day]
         block, number = divmod(day, _SIMULATED_DAYS)
-        prior = _soil_priors(self._parameters, self._shape, block, self._seed)[number]
+        mean_field, level, shape = _simulated_moments(self._parameters, self._shape, block, self._seed)[
+            number
+        ]
         places = (
             (np.arange(few) + 0.5) * cells / few - 0.5
-            for few, cells in zip(prior.mean.shape, self._shape, strict=True)
+            for few, cells in zip(mean_field.shape, self._shape, strict=True)
         )
-        along_x, along_y = (axis.at(where) for axis, where in zip((self._x, self._y), places, strict=True))
-        functions = _products(np.repeat(along_x, len(along_y), axis=0), np.tile(along_y, (len(along_x), 1)))
+        functions = _on_grid(
+            *(axis.at(where) for axis, where in zip((self._x, self._y), places, strict=True))
+        )
         # The functions contribute to the variance of the farm's mean, so the constant has only the rest.
         own = float(product(self._spectrum, functions[:, 1:].mean(axis=0) ** 2))
         everywhere = float(np.mean(product(functions[:, 1:] ** 2, self._spectrum)))
-        shape = prior.shape / (everywhere - own) + _SMALLEST_VARIANCE
-        level = max(prior.level - shape * own, _SMALLEST_VARIANCE)
+        shape = shape / (everywhere - own) + _SMALLEST_VARIANCE
+        level = max(level - shape * own, _SMALLEST_VARIANCE)
         variance = np.concatenate([[level], shape * self._spectrum])
         # Prior means of the weights: a regression of the mean field with little noise.
         mean = np.zeros(len(variance))
-        mean[0] = prior.mean.mean()
+        mean[0] = mean_field.mean()
         precision = np.diag(1.0 / variance) + product(functions.T, functions) / _MEAN_NOISE
-        response = product(prior.mean.ravel() - mean[0], functions) / _MEAN_NOISE
+        response = product(mean_field.ravel() - mean[0], functions) / _MEAN_NOISE
         mean += solve_positive(precision, response)
         self._priors[day] = _WeightsPrior(mean, variance)
         return self._priors[day]
@@ -313,8 +302,7 @@ class SoilField:
         if last is None:
             return np.diag(1.0 / variances), np.zeros(len(variances))
         key = day, self._counts_before(day)
-        known = self._known_before.pop(key, None)
-        if known is None:
+        if key not in self._known_before:
             noise = max(self._noise(last), self._least_noise(last))
             precision, response = self._precision(last, noise, self._sums[last].now)
             # `pass_day` needs weights in units of their prior standard deviations.
@@ -323,11 +311,10 @@ class SoilField:
             precision, response = pass_day(
                 precision * np.outer(unit, unit), response * unit, step.correlation
             )
-            known = precision / np.outer(later, later), response / later
-        self._known_before[key] = known
-        while len(self._known_before) > _KEPT_DAYS:
-            del self._known_before[next(iter(self._known_before))]
-        return known
+            if len(self._known_before) >= _KEPT_DAYS:
+                self._known_before.clear()
+            self._known_before[key] = precision / np.outer(later, later), response / later
+        return self._known_before[key]
 
     def _counts_before(self, day: int) -> tuple[tuple[int, int], ...]:
         """Return pairs of day and number of readings for the days before `day`."""
@@ -417,6 +404,11 @@ def _products(along_x: Floats, along_y: Floats) -> Floats:
     """Return the constant and the products of x and y functions, float64[n, 1 + functions^2]."""
     products = along_x[:, :, None] * along_y[:, None, :]
     return np.concatenate([np.ones((len(along_x), 1)), products.reshape(len(along_x), -1)], axis=1)
+
+
+def _on_grid(along_x: Floats, along_y: Floats) -> Floats:
+    """Return `_products` for all pairs of places along x and along y, those of the first x first."""
+    return _products(np.repeat(along_x, len(along_y), axis=0), np.tile(along_y, (len(along_x), 1)))
 
 
 class _Axis:

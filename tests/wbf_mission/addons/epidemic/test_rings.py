@@ -32,13 +32,9 @@ cells_of_a_farm = st.lists(
 def test_rings_hold_what_lies_around_a_cell(cells, seed):
     rng = np.random.default_rng(seed)
     shape = (5 + 2 * REACH, 7 + 2 * REACH)
-    codes = rng.integers(0, 4, shape).astype(np.uint8)
     planes = rng.random((2, *shape)).astype(np.float32)
     x, y = np.array(cells, np.intp).T
-    counts = RINGS.counts(codes, 2, x, y).reshape(2, len(RINGS.scales), -1)
     sums = RINGS.sums(planes, x, y).reshape(2, len(RINGS.scales), -1)
     for k, (i, j) in enumerate(cells):
-        for code in (1, 2):
-            np.testing.assert_allclose(counts[code - 1, :, k], _walk(codes == code, i, j), rtol=1e-5)
         for plane in range(2):
             np.testing.assert_allclose(sums[plane, :, k], _walk(planes[plane], i, j), rtol=1e-4)

@@ -100,9 +100,9 @@ class ArduRover(RoverProcedures):
         )
 
     def law(self, spec: VehicleSpec) -> NDArray[np.float64]:
-        """Return the parameters of the compiled motion, `wbf_mission.addons.rovers.ardurover.kernel.LAW`."""
+        """Return the parameters of the compiled motion, `wbf_mission.addons.rovers.motion.ardurover.LAW`."""
         from sim_vehicle.motion.columns import row_of
-        from wbf_mission.addons.rovers.ardurover.kernel import LAW
+        from wbf_mission.addons.rovers.motion.ardurover import LAW
 
         value, number, dt = self.values(spec), self.numbers(spec), spec.step_s
         skid = value["SERVO1_FUNCTION"] == _SKID
@@ -154,7 +154,7 @@ class ArduRover(RoverProcedures):
 
     def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
         """Return the motion of a vehicle at rest at home."""
-        from wbf_mission.addons.rovers.ardurover.model import ArduRover as Driven
+        from wbf_mission.addons.rovers.motion.model import ArduRover as Driven
 
         return Driven(spec, self.limits, self.law, wind, yaw_rad)
 

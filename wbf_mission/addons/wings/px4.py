@@ -73,6 +73,7 @@ class Px4FixedWing(WingProcedures):
             ramp_s=value["RWTO_RAMP_TIME"] if runway else 0.0,
             ramp_throttle=value["RWTO_MAX_THR"] if runway else 1.0,
             rotation_s=value["RWTO_ROT_TIME"] if runway else 0.0,
+            control={},
         )
 
     def steepest_approach(self, spec: VehicleSpec) -> tuple[str, float] | None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from enum import IntEnum
 
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
@@ -158,12 +159,15 @@ class FixedWingLimits:
     total_damping: float = 0.0
     total_s: float = 0.0
     total_for_load: float = 0.0
+    control: Mapping[str, float] = field(default_factory=dict)
+    """ArduPlane's energy control, landing and take-off, by columns of `Limits`; empty for PX4."""
 
     def tightest_m(self, airspeed_m_s: float) -> float:
         """Return the radius of a level turn at the bank limit (m)."""
         return airspeed_m_s * airspeed_m_s / (GRAVITY_M_S2 * math.tan(self.bank_limit))
 
 
+OF_WING = [each.name for each in fields(FixedWingLimits) if each.name != "control"]
 # Limits beyond those of `FixedWingLimits`.
 Limits = IntEnum(
     "Limits",
@@ -186,7 +190,7 @@ Limits = IntEnum(
     "LAND_S LAND_DAMPING LAND_SPEED_WEIGHT LAND_PITCH LAND_PITCH_MAX HOLD_OFF_HEIGHT FLARE_AIM "
     "PREFLARE_HEIGHT PREFLARE_S PREFLARE_AIRSPEED HEAD_WIND_SHARE LEVEL_OFF_S TAKEOFF_THROTTLE "
     "TAKEOFF_DELAY THROTTLE_EASE",
-    start=len(fields(FixedWingLimits)),
+    start=len(OF_WING),
 )
 STATE, LEG = record_type(State, Wing), record_type(Leg)
-LIMITS = record_type([field.name for field in fields(FixedWingLimits)], Limits)
+LIMITS = record_type(OF_WING, Limits)

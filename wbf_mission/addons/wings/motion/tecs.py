@@ -156,22 +156,21 @@ def control_energy(
     stage: float,
     target: float,
     airspeed: float,
-    climb: float,
     portion: float,
     least_pitch: float,
-    sinking: bool,
 ) -> None:
     """Set the demanded pitch and throttle for a height and an airspeed; call every `PERIOD_S`.
 
-    `stage` is CRUISE, CLIMB_OUT, LAND or FLARING. `climb` is the climb rate over ground. `portion` is the
-    fraction of the leg flown, which reduces the speed weight in a landing. `least_pitch` is the minimum pitch
-    of a take-off. `sinking`: the motor is dead, so pitch holds the airspeed alone.
+    `stage` is CRUISE, CLIMB_OUT, LAND or FLARING. `portion` is the fraction of the leg flown, which reduces
+    the speed weight in a landing. `least_pitch` is the minimum pitch of a take-off. With a dead motor, pitch
+    holds the airspeed alone.
     """
     if state.running == 0.0:
         _begin(state, limits)
     landing = stage in (LAND, FLARING)
     time_s = max(limits.land_s if landing else limits.time_s, 0.1)
-    height = state.position_z
+    height, climb = state.position_z, state.velocity_z
+    sinking = limits.throttle_limit == 0.0
     v = max(state.airspeed, _SLOWEST)
     acceleration = (v - state.last_speed) / PERIOD_S
     state.last_speed = v

@@ -144,7 +144,8 @@ class SoilField:
             else:
                 crowding = self._crowding.setdefault(day, Crowding(self._shape, self._lengths))
                 weights = crowding.weights(x, y)
-            sums = self._sums.setdefault(day, _Sums(1 + self._functions_an_axis**2))
+            count = 1 + self._functions_an_axis**2
+            sums = self._sums.setdefault(day, _Sums(np.zeros((count, count)), np.zeros(count)))
             start = 0
             while start < len(x):
                 part = slice(start, start + min(_BATCH, sums.until_due))
@@ -240,14 +241,13 @@ class SoilField:
 
     def _noise_from(self, day: int) -> int:
         """Return the number of a day's readings used for the noise estimate; 0 if there are too few."""
-        return self._sums[day].due.count if day in self._sums else 0
+        return self._sums[day].noise_from if day in self._sums else 0
 
     def _solve(self, day: int) -> _Posterior:
         """Return the posterior of the weights on a day, with the estimated noise."""
         shown = self._noise(day)
         noise = max(shown, self._least_noise(day))
-        sums = self._sums.get(day)
-        precision, response = self._precision(day, noise, None if sums is None else sums.now)
+        precision, response = self._precision(day, noise, self._sums.get(day))
         covariance = inverse_of_factor(cholesky(precision))
         return _Posterior(
             day,
@@ -267,13 +267,12 @@ class SoilField:
     def _noise(self, day: int) -> float:
         """Return the estimated noise variance of a day's readings, from the number of `_noise_from`."""
         noise = _FIRST_NOISE
-        count = self._noise_from(day)
-        if not count:
+        today = self._sums[day].due if day in self._sums else None
+        if today is None:
             return noise
-        key = day, count, self._counts_before(day)
+        key = day, today.count, self._counts_before(day)
         if key in self._noises:
             return self._noises[key]
-        today = self._sums[day].due
         for _ in range(_NOISE_ROUNDS - 1):
             precision, response = self._precision(day, noise, today)
             covariance = inverse_of_factor(cholesky(precision))
@@ -287,7 +286,7 @@ class SoilField:
         self._noises[key] = noise
         return noise
 
-    def _precision(self, day: int, noise: float, today: _Totals | None) -> tuple[Floats, Floats]:
+    def _precision(self, day: int, noise: float, today: _Sums | None) -> tuple[Floats, Floats]:
         """Return precision, and precision times mean, of a day's weights, from all readings up to the day."""
         precision, response = (part.copy() for part in self._before(day))
         if today is not None:
@@ -304,7 +303,7 @@ class SoilField:
         key = day, self._counts_before(day)
         if key not in self._known_before:
             noise = max(self._noise(last), self._least_noise(last))
-            precision, response = self._precision(last, noise, self._sums[last].now)
+            precision, response = self._precision(last, noise, self._sums[last])
             # `pass_day` needs weights in units of their prior standard deviations.
             unit, later = np.sqrt(self._prior(last).variance), np.sqrt(variances)
             step = continuous_transition(self._parameters, self._shape, last, day, self._seed)
@@ -318,7 +317,7 @@ class SoilField:
 
     def _counts_before(self, day: int) -> tuple[tuple[int, int], ...]:
         """Return pairs of day and number of readings for the days before `day`."""
-        return tuple((seen, sums.now.count) for seen, sums in sorted(self._sums.items()) if seen < day)
+        return tuple((seen, sums.count) for seen, sums in sorted(self._sums.items()) if seen < day)
 
 
 @dataclass(slots=True, eq=False)
@@ -356,48 +355,42 @@ class _Posterior:
         self.covariance -= product(moved, gain)
 
 
-@dataclass(frozen=True, slots=True)
-class _Totals:
-    """The weighted sums of a linear regression: X'X, X'y, y'y, total weight, and number of readings."""
+@dataclass(slots=True, eq=False)
+class _Sums:
+    """Weighted sums of a day's linear regression: X'X, X'y, y'y, total weight, and number of readings.
+
+    `due` are the sums at the last noise estimate. The noise is estimated after 30, 36, 43, 51, ... readings,
+    so that the result does not depend on the batches in which readings arrive.
+    """
 
     squares: Floats
     response: Floats
     power: float = 0.0
     weight: float = 0.0
     count: int = 0
+    due: _Sums | None = None
 
-
-class _Sums:
-    """The regression sums of a day's readings: current, and at the last noise estimate.
-
-    The noise is estimated after 30, 36, 43, 51, ... readings, so that the result does not depend on the
-    batches in which readings arrive.
-    """
-
-    def __init__(self, functions: int) -> None:
-        self.now = _Totals(np.zeros((functions, functions)), np.zeros(functions))
-        self.due = _Totals(np.zeros((0, 0)), np.zeros(0))
+    @property
+    def noise_from(self) -> int:
+        """Number of readings of the last noise estimate; 0 if there are too few."""
+        return 0 if self.due is None else self.due.count
 
     @property
     def until_due(self) -> int:
         """Number of readings until the next noise estimate."""
-        following = max(_LEAST_FOR_NOISE, int(_NOISE_GROWTH * self.due.count))
-        return following - self.now.count
+        return max(_LEAST_FOR_NOISE, int(_NOISE_GROWTH * self.noise_from)) - self.count
 
     def add(self, functions: Floats, values: Floats, weights: Floats) -> None:
         """Add weighted readings, at most `until_due` of them."""
-        due = len(values) == self.until_due
+        is_due = len(values) == self.until_due
         counted = weights[:, None] * functions
-        self.now.squares.__iadd__(product(counted.T, functions))
-        self.now.response.__iadd__(product(values, counted))
-        self.now = replace(
-            self.now,
-            power=self.now.power + float(product(weights, values**2)),
-            weight=self.now.weight + float(weights.sum()),
-            count=self.now.count + len(values),
-        )
-        if due:
-            self.due = replace(self.now, squares=self.now.squares.copy(), response=self.now.response.copy())
+        self.squares += product(counted.T, functions)
+        self.response += product(values, counted)
+        self.power += float(product(weights, values**2))
+        self.weight += float(weights.sum())
+        self.count += len(values)
+        if is_due:
+            self.due = replace(self, squares=self.squares.copy(), response=self.response.copy(), due=None)
 
 
 def _products(along_x: Floats, along_y: Floats) -> Floats:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from enum import IntEnum
 
-from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
+from sim_vehicle.autopilot.procedures import FixedWingBounds
 from sim_vehicle.motion.columns import State, record_type
 
 # State beyond the columns shared by all vehicles.
@@ -89,16 +88,13 @@ Leg = IntEnum(
 LINE, CIRCLE, TAKEOFF, LANDING, CIRCULAR_LANDING, FALL = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
 
 
-@dataclass(frozen=True, slots=True)
-class FixedWingLimits:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FixedWingLimits(FixedWingBounds):
     """Flight limits of a fixed wing set by an autopilot's parameters; SI units, radians."""
 
     law: float
     """Guidance law: `wbf_mission.addons.wings.motion.guidance.NPFG` or `L1`."""
-    airspeed_min: float
-    airspeed_trim: float
     airspeed_max: float
-    bank_limit: float
     # Time constant and maximum rate of the roll, and maximum rate of its setpoint.
     roll_s: float
     roll_rate_max: float
@@ -140,10 +136,6 @@ class FixedWingLimits:
     flare_height: float
     flare_s: float
     flare_sink: float
-    landing_slope: float
-    """Sink over path length on a circle down to the ground."""
-    loiter_radius: float
-    """Default radius of circles; positive for clockwise."""
     # Throttle ramp of a take-off roll: its duration and final throttle; time from lift-off to the full climb.
     ramp_s: float = 0.0
     ramp_throttle: float = 1.0
@@ -161,10 +153,6 @@ class FixedWingLimits:
     total_for_load: float = 0.0
     control: Mapping[str, float] = field(default_factory=dict)
     """ArduPlane's energy control, landing and take-off, by columns of `Limits`; empty for PX4."""
-
-    def tightest_m(self, airspeed_m_s: float) -> float:
-        """Return the radius of a level turn at the bank limit (m)."""
-        return airspeed_m_s * airspeed_m_s / (GRAVITY_M_S2 * math.tan(self.bank_limit))
 
 
 OF_WING = [each.name for each in fields(FixedWingLimits) if each.name != "control"]

@@ -26,7 +26,6 @@ from sim_vehicle.autopilot.behaviour import actions_by_value
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.parameters import Setting, motion_parameters, reference_parameters
 from sim_vehicle.autopilot.stick_rules import StickLoss, StickRules, bits
-from sim_vehicle.motion.legs import Leg, LegKind
 from wbf_mission.addons.rovers.procedures import RoverProcedures
 
 if TYPE_CHECKING:
@@ -34,7 +33,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.legs import Position
+    from sim_vehicle.motion.legs import Leg, Position
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.weather.wind import Wind
     from wbf_mission.addons.rovers.motion.layout import RoverLimits
@@ -150,7 +149,7 @@ class ArduRover(RoverProcedures):
     ) -> list[Leg]:
         """Return a leg home at the speed of RTL_SPEED, with a stop at the end."""
         speed = self.value(spec, "RTL_SPEED") or spec.cruise_speed_m_s
-        return [Leg((return_point[0], return_point[1], 0.0), speed, kind=LegKind.HOME)]
+        return super().return_legs(spec, last, speed, return_point)
 
     def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
         """Return the motion of a vehicle at rest at home."""

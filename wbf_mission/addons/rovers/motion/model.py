@@ -54,7 +54,6 @@ class Rover(CompiledMotion):
         yaw_rad: float = 0.0,
     ) -> None:
         self._limits_of = limits_of
-        self.law = limits_of(spec)
         super().__init__(spec, wind, yaw_rad)
         self.state[Wheels.PAUSE_END] = math.inf
 
@@ -151,11 +150,6 @@ class Rover(CompiledMotion):
         """Stop, as the motor has no power."""
         self._limit.speed_max = 1e-3
 
-    def update_spec(self, spec: VehicleSpec) -> None:
-        """Change defaults and limits, effective from the next route on."""
-        self.law = self._limits_of(spec)
-        super().update_spec(spec)
-
     def touch_down(self) -> None:
         """Set the vehicle to rest."""
         super().touch_down()
@@ -163,8 +157,8 @@ class Rover(CompiledMotion):
         self.state[Wheels.YAW_ASKED :] = 0.0
 
     def _numbers(self, spec: VehicleSpec) -> Mapping[str, float]:
-        """Return the kernel's limits by name, besides time step and energy."""
-        law = self.law
+        """Take the law of a vehicle, and return the kernel's limits besides time step and energy."""
+        law = self.law = self._limits_of(spec)
         return {**{name: getattr(law, name) for name in wheels.OF_ROVER}, **law.simulated}
 
 

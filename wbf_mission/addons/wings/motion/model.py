@@ -62,7 +62,6 @@ class FixedWing(CompiledMotion):
         yaw_rad: float = 0.0,
     ) -> None:
         self._limits_of = limits_of
-        self.law = limits_of(spec)
         super().__init__(spec, wind, yaw_rad)
         self.state[Wing.BEARING] = math.nan
 
@@ -206,7 +205,6 @@ class FixedWing(CompiledMotion):
     def update_spec(self, spec: VehicleSpec) -> None:
         """Change defaults and limits at once; those of legs take effect from the next route on."""
         throttle = self._limit.throttle_limit
-        self.law = self._limits_of(spec)
         super().update_spec(spec)
         self._limit.throttle_limit = throttle
 
@@ -225,8 +223,8 @@ class FixedWing(CompiledMotion):
         self.state[Wing.BEGIN_X] = math.nan
 
     def _numbers(self, spec: VehicleSpec) -> Mapping[str, float]:
-        """Return the kernel's limits by name, besides time step and energy."""
-        law = self.law
+        """Take the law of a vehicle, and return the kernel's limits besides time step and energy."""
+        law = self.law = self._limits_of(spec)
         power = spec.power if isinstance(spec.power, FixedWingPowerSpec) else _TYPICAL
         frame = FixedWingAirframe() if spec.airframe is None else spec.airframe
         coefficients = power_coefficients(power)

@@ -17,18 +17,6 @@ from sim_vehicle.motion.stepping import take_velocity
 from wbf_mission.addons.wings.motion.guidance import NPFG
 from wbf_mission.addons.wings.motion.layout import FLARE, FLYING, SHORT
 
-__all__ = [
-    "blow",
-    "brake_rate",
-    "drag",
-    "drop",
-    "energy_rate",
-    "fly",
-    "pitch_up",
-    "roll_on_ground",
-    "take_off",
-]
-
 CLIMB_LAG_S = 0.5
 ROLL_RATE_S = 0.1
 # Time constant of the side force of a slip, after the turn rate.

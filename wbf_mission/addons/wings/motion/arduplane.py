@@ -15,8 +15,6 @@ from wbf_mission.addons.wings.motion import layout as at
 from wbf_mission.addons.wings.motion import tecs
 from wbf_mission.addons.wings.motion.guidance import circles, ground_speed, leg_airspeed, steer
 
-__all__ = ["arduplane_control", "begin_slope"]
-
 # Above this height, climbs also follow the line to the next waypoint.
 _CLIMB_ALONG_M = 20.0
 _LEVEL_OFF_FROM_M = 10.0

@@ -14,16 +14,11 @@ from __future__ import annotations
 
 from math import asin, atan2, cos, isnan, pi, sin, sqrt, tan
 
-import numpy as np
-from numpy.typing import NDArray
-
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion.columns import Record
 from wbf_mission.addons.wings.motion import layout as at
 from wbf_mission.addons.wings.motion.tecs import PERIOD_S
-
-Floats = NDArray[np.float64]
 
 NPFG, L1 = 0.0, 1.0
 # Within this margin below the airspeed, NPFG gradually gives up bearings across the wind.

@@ -13,7 +13,7 @@ from math import atan2, cos, inf, isnan, pi, sqrt
 from geo.compiled import compiled
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import Record
-from sim_vehicle.motion.multirotor.kernel import Integers, Vector
+from sim_vehicle.motion.multirotor.kernel import Floats, Integers, Vector
 from sim_vehicle.motion.stepping import kernel_of
 from wbf_mission.addons.wings import kind as own_kind
 from wbf_mission.addons.wings.motion import arduplane
@@ -28,15 +28,8 @@ from wbf_mission.addons.wings.motion.air import (
     roll_on_ground,
     take_off,
 )
-from wbf_mission.addons.wings.motion.guidance import (
-    NPFG,
-    Floats,
-    circled,
-    passed,
-)
+from wbf_mission.addons.wings.motion.guidance import NPFG, circled, passed
 from wbf_mission.addons.wings.motion.px4 import px4_control
-
-__all__ = ["advance"]
 
 fixed_wing_power = compiled(allocates=False)(own_kind.fixed_wing_power)
 

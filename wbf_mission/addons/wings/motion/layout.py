@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from enum import IntEnum
@@ -112,14 +113,14 @@ class FixedWingLimits(FixedWingBounds):
     # Guidance parameters.
     period: float
     damping: float
-    integral: float
-    switch_share: float
+    integral: float = 0.0
+    switch_share: float = 0.0
     """NPFG's distance for joining a line before its start or reaching a circle, as a share of the track
     error bound."""
     # Distance and height tolerances of waypoints; an infinite height tolerance disables the check.
     acceptance: float
-    height_acceptance: float
-    landing_height_acceptance: float
+    height_acceptance: float = math.inf
+    landing_height_acceptance: float = math.inf
     """Height tolerance of the waypoint before a landing."""
     ground_min: float
     """Minimum ground speed; the airspeed is raised to reach it."""
@@ -129,7 +130,7 @@ class FixedWingLimits(FixedWingBounds):
     rotation: float
     launch: float
     # Height below which `level_bank` limits the bank.
-    level_height: float
+    level_height: float = 0.0
     level_bank: float
     landing_airspeed: float
     # Height or time above ground at which the flare starts, and its sink rate.

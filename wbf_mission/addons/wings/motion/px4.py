@@ -11,8 +11,6 @@ from wbf_mission.addons.wings.motion.air import energy_rate
 from wbf_mission.addons.wings.motion.guidance import circles, ground_speed, leg_airspeed, steer
 from wbf_mission.addons.wings.motion.layout import CIRCULAR_LANDING, FLARE, LANDING, LINE, SHORT, TAKEOFF
 
-__all__ = ["px4_control"]
-
 THROTTLE_S = 0.4
 
 

@@ -16,8 +16,6 @@ from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion.columns import Record
 
-__all__ = ["CLIMB_OUT", "CRUISE", "FLARING", "LAND", "PERIOD_S", "control_energy"]
-
 PERIOD_S = 0.1
 CRUISE, CLIMB_OUT, LAND, FLARING = 0.0, 1.0, 2.0, 3.0
 _SATURATION = 0.1

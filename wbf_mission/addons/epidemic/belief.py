@@ -94,15 +94,14 @@ class DiseaseBelief:
         self._told = day, cells, days, values
         if not self._has_hosts:
             return
-        new, self._seen = slice(self._seen, None), len(values)
-        sensed = np.isfinite(values[new]) & self._hosts[tuple(cells[new].T)]
-        if day == self._day and not sensed.any():
-            return
-        x, y, probabilities = self._changed(day, cells, days, values)
-        if self.whole:
-            # Earlier models keep the old maps.
-            self._add_maps()
-        self._take((x, y), probabilities)
+        sensed = np.isfinite(values[self._seen :]) & self._hosts[tuple(cells[self._seen :].T)]
+        if day != self._day or sensed.any():
+            x, y, probabilities = self._changed(day, cells, days, values)
+            if self.whole:
+                # Earlier models keep the old maps.
+                self._add_maps()
+            self._take((x, y), probabilities)
+        self._seen = len(values)
 
     def _take(self, index: _Index, probabilities: Floats) -> None:
         """Write class probabilities of some cells, and the resulting estimate, into the maps."""

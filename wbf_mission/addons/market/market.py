@@ -178,25 +178,20 @@ class Market:
     def _trade(self, observation: PolicyObservation) -> dict[int, Points]:
         """Auction all segments not begun; return the paths of the vehicles with other work than before."""
         vehicles = observation.steerable
-        kept: dict[int, list[Stretch]] = {}
+        kept: dict[int, list[Stretch]] = {vehicle.system_id: [] for vehicle in vehicles}
         for vehicle in vehicles:
-            kept[vehicle.system_id] = []
             contract = self._contracts.get(vehicle.system_id)
             if contract is None:
                 continue
-            begun = contract.begun
-            finishes = begun is not None and begun.fine
-            self._open += [
-                segment
-                for segment in contract.unflown(vehicle.position_m)
-                if not (finishes and begun is not None and segment.number == begun.number)
-            ]
-            if finishes:
+            unflown, begun = contract.unflown(vehicle.position_m), contract.begun
+            if begun is not None and begun.fine:  # The vehicle finishes this segment.
+                unflown = [segment for segment in unflown if segment.number != begun.number]
                 kept[vehicle.system_id] = [
-                    Stretch(one.segment, one.row, one.points_m[-left:])
-                    for one, left in contract.ahead
-                    if one.segment is begun
+                    Stretch(begun, stretch.row, stretch.points_m[-left:])
+                    for stretch, left in contract.ahead
+                    if stretch.segment is begun
                 ]
+            self._open += unflown
         segments = sorted(self._open, key=lambda segment: segment.number)
         bidders = [self._bidder(one, segments, kept[one.system_id]) for one in vehicles]
         fine = [k for k, segment in enumerate(segments) if segment.fine]

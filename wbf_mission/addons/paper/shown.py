@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.atomic import atomic_write
-from geo.processes import Processes
+from geo.processes import CallsAhead
 from mission.ground.tracks import Track
 from mission.outcome import Outcome
 from wbf_mission.addons.base.plots import shown_every
@@ -116,19 +116,15 @@ def shown_runs(
 
     folder.mkdir(parents=True, exist_ok=True)
     files = {run.key: folder / f"{run.key}.npz" for run in runs}
-    missing = [run for run in runs if not files[run.key].exists()]
+    missing = [(run, files[run.key]) for run in runs if not files[run.key].exists()]
     jobs = min(effective_n_jobs(jobs), len(missing))
-    progress("maps", len(runs) - len(missing), len(runs))
-    if jobs > 1:
-        with closing(Processes(jobs)) as processes:
-            for begin in range(0, len(missing), processes.most):
-                part = missing[begin : begin + processes.most]
-                futures = [processes.submit(_keep, run, files[run.key]) for run in part]
-                for number, future in enumerate(futures, begin + 1):
-                    future.result()
-                    progress("maps", len(runs) - len(missing) + number, len(runs))
-    else:
-        for number, run in enumerate(missing, 1):
-            _keep(run, files[run.key])
+    with ExitStack() as stack:
+        calls = stack.enter_context(closing(CallsAhead(_keep, missing, jobs))) if jobs > 1 else None
+        for number, (run, file) in enumerate(missing):
             progress("maps", len(runs) - len(missing) + number, len(runs))
+            if calls is None:
+                _keep(run, file)
+            else:
+                calls.result(number)
+    progress("maps", len(runs), len(runs))
     return {(run.planner, run.estimator): ShownRun.load(files[run.key]) for run in runs}

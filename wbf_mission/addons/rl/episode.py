@@ -196,19 +196,15 @@ def _again(task: SurveyTask, seed: int, actions: list[list[int]]) -> Episode:
     return episode
 
 
-def rewards_of(
-    number: NDArray[np.integer], points: int, before: NDArray[np.float64], after: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the reward of each scored time; `number` counts from 1 to `points`.
+def rewards_of(number: Any, points: int, before: Any, after: Any) -> Any:
+    """Return the reward at scored times, arrays or scalars; `number` counts from 1 to `points`.
 
-    `before` and `after`, float64[n], are the losses at the previous scored time and at this one.
+    `before` and `after` are the losses at the previous scored time and at this one.
 
     >>> rewards_of(np.array([1, 2]), 2, np.array([3.0, 2.0]), np.array([2.0, 0.0])).tolist()
     [1.0, 1.0]
     """
-    part = np.maximum(points - number + 1, 0) / points
-    rewards: NDArray[np.float64] = part * (before - after)
-    return rewards
+    return np.maximum(points - number + 1, 0) / points * (before - after)
 
 
 class Returns:
@@ -229,8 +225,7 @@ class Returns:
         reward = 0.0
         for loss in losses:
             self._count += 1
-            number, before, after = np.array([self._count]), np.array([self._last]), np.array([loss])
-            reward += float(rewards_of(number, self.points, before, after)[0])
+            reward += float(rewards_of(self._count, self.points, self._last, loss))
             self._last = loss
         self.total += reward
         return reward

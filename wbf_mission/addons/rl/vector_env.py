@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -225,20 +225,29 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         }
 
 
+def warm_up(begin: Callable[[str], None]) -> None:
+    """Compile the training environments ahead of use, by one step."""
+    begin("training environments")
+    # Two runs, because arrays of a single run are contiguous and would be compiled separately.
+    envs = SurveyVectorEnv(2, "WBF/Miniberry-10-v1")
+    envs.reset(seed=0)
+    envs.step(np.zeros(2, np.int64))
+    envs.close()
+
+
 def _require_batch(task: SurveyTask) -> None:
     scenario = task.scenario
     estimator = task.estimator(0)
-    plain = type(estimator) is AdaptiveDiskEstimator and not any(
-        (estimator.default_values is not None, estimator.radius is not None)
-    )
-    if not plain:
+    if (
+        type(estimator) is not AdaptiveDiskEstimator
+        or estimator.default_values is not None
+        or estimator.radius is not None
+    ):
         raise TrainingError(
             f"estimator {scenario.estimate.estimator} is not batched, only adaptive-disk is: give"
             ' vectorization_mode="sync" to gymnasium.make_vec'
         )
-    several = why_not_single(scenario)
-    if several:
+    if several := why_not_single(scenario):
         raise TrainingError(several)
-    unfit = why_not_batched(scenario)
-    if unfit:
+    if unfit := why_not_batched(scenario):
         raise TrainingError(f'{unfit}: give vectorization_mode="sync" to gymnasium.make_vec')

@@ -90,34 +90,23 @@ _SHOWN = 3
 
 @dataclass(frozen=True, slots=True)
 class Scored:
-    """Counted rows of one scenario, as arrays float64[pairs, seeds]; nan where a field has no loss.
-
-    Parameters
-    ----------
-    pairs : tuple of (str, str)
-        Planners (or policies) with estimators.
-    seeds : tuple of int
-        Seeds of the counted environments.
-    rows : tuple of tuples of BenchRow
-        Rows by pair and seed.
-    scores, final_scores : float64[pairs, seeds]
-        Scores over the run and at its end.
-    losses, final_losses : dict
-        Losses by field, over the run and at its end.
-    left_out : dict of int to tuple
-        Environments that do not count, each with the pairs without a row on it; the tuple is empty if all
-        have a row but none a score.
-    """
+    """Counted rows of one scenario, as arrays float64[pairs, seeds]; nan where a field has no loss."""
 
     scenario: str
     pairs: tuple[Pair, ...]
+    """Planners (or policies) with estimators."""
     seeds: tuple[int, ...]
+    """Seeds of the counted environments."""
     rows: tuple[tuple[BenchRow, ...], ...]
+    """Rows by pair and seed."""
     scores: NDArray[np.float64]
+    """Scores over the run; at its end: `final_scores`."""
     final_scores: NDArray[np.float64]
     losses: dict[str, NDArray[np.float64]]
+    """Losses by field over the run; at its end: `final_losses`."""
     final_losses: dict[str, NDArray[np.float64]]
     left_out: dict[int, tuple[Pair, ...]]
+    """Environments that do not count, with the pairs without a row there; no pair: nobody has a score."""
 
     def environments_in_words(self) -> str:
         """Return the counted environments, the others, and the pairs that lack them, in words."""

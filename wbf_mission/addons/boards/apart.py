@@ -93,14 +93,8 @@ _decoder = msgspec.msgpack.Decoder(Said, dec_hook=_received)
 class Apart(Closing):
     """A planner, policy or estimator from a folder of submitted code, run in a process of its own.
 
-    Parameters
-    ----------
-    kind : str
-        ``planner`` (also for a policy) or ``estimator``.
-    label, digest : str
-        Name with parameters, and digest, as in a benchmark row.
-
-    Raises ResultError if no file of the folder has the object.
+    `kind` is ``planner`` (also for a policy) or ``estimator``; `label` and `digest` are those of a benchmark
+    row. ResultError if no file of the folder has the object.
     """
 
     def __init__(self, folder: Path, kind: str, label: str, digest: str) -> None:

@@ -35,21 +35,15 @@ SHOWN_DIGEST = 8
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A pack that passed the audit.
-
-    Attributes
-    ----------
-    frozen : bool
-        Whether the pack is one of the frozen baselines.
-    digest : str
-        SHA-256 of the pack file.
-    """
+    """A pack that passed the audit."""
 
     path: Path
     frozen: bool
+    """Whether the pack is one of the frozen baselines."""
     submission: Submission
     rows: list[BenchRow]
     digest: str
+    """SHA-256 of the pack file."""
     verification: Verification
 
 
@@ -144,15 +138,10 @@ def board_of(
 ) -> Board:
     """Read and check the packs of `packs_of`, and compare their methods.
 
-    A pack that fails a check is listed in `Board.refused`; the others are compared.
-
-    Parameters
-    ----------
-    verify : int, optional
-        Number of rows of each method to fly again. The default is none for frozen baselines known by their
-        SHA-256, and `VERIFIED` for all others. Submitted code is never run.
-    secret : Secret, optional
-        Secret of a round that has ended; marks the tables on its environments as held out.
+    A pack that fails a check is listed in `Board.refused`; the others are compared. `verify` rows of each
+    method are flown again, by default none of frozen baselines known by their SHA-256, and `VERIFIED` of all
+    others; submitted code is never run. With the `secret` of a round that has ended, the tables on its
+    environments are marked as held out.
     """
     entries: list[Entry] = []
     refused: dict[str, str] = {}

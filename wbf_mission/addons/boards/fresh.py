@@ -142,7 +142,9 @@ def _welch(old: Sequence[float], new: Sequence[float], methods: int) -> Interval
     mean = float(np.mean(new) - np.mean(old))
     if min(len(old), len(new)) < 2:
         return Interval(mean, np.nan, np.nan)
-    if np.ptp(old) == np.ptp(new) == 0.0:  # For example if all runs failed
+    parts = [float(np.var(each, ddof=1)) / len(each) for each in (old, new)]
+    if (error := sum(parts)) == 0.0:  # For example if all runs failed
         return Interval(mean, mean, mean)
-    low, high = stats.ttest_ind(new, old, equal_var=False).confidence_interval(1.0 - _CHANCE / methods)
-    return Interval(mean, float(low), float(high))
+    freedom = error**2 / sum(part**2 / (len(each) - 1) for part, each in zip(parts, (old, new), strict=True))
+    reach = float(stats.t.ppf(1.0 - _CHANCE / methods / 2.0, freedom)) * error**0.5
+    return Interval(mean, mean - reach, mean + reach)

@@ -19,23 +19,16 @@ WHOLE = "whole"
 
 @dataclass(frozen=True, slots=True)
 class Ratio:
-    """Losses of a planner or policy divided by the losses of the best fixed planner with the same estimator.
-
-    Parameters
-    ----------
-    fixed : bool
-        Whether `planner` is fixed: it decides only once, before the flight.
-    ratios : dict of str to Interval
-        Ratio for `WHOLE` and each field; below 1 is better. The intervals of an estimator are simultaneous.
-    best : dict of str to str
-        Name of the best fixed planner for `WHOLE` and for each field, whose loss is the divisor.
-    """
+    """Losses of a planner or policy divided by those of the best fixed planner with the same estimator."""
 
     planner: str
     estimator: str
     fixed: bool
+    """Whether `planner` is fixed: it decides only once, before the flight."""
     ratios: dict[str, Interval]
+    """Ratio for `WHOLE` and each field; below 1 is better. The intervals of an estimator are simultaneous."""
     best: dict[str, str]
+    """Best fixed planner for `WHOLE` and for each field, whose loss is the divisor."""
 
     @property
     def named(self) -> str:

@@ -41,22 +41,15 @@ _MAX_NAME, _MAX_ABOUT, _MAX_LABEL = 80, 2000, 400
 
 
 class Flown(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Methods and seeds flown in one scenario.
-
-    Attributes
-    ----------
-    scenario, meaning : str
-        Id of the scenario, and the digest of its settings.
-    methods : list of (str, str)
-        Planners (or policies) with their estimators.
-    seeds : str
-        Seeds of every method, in the syntax of `bench run`.
-    """
+    """Methods and seeds flown in one scenario."""
 
     scenario: str
     meaning: str
+    """Digest of the scenario's settings."""
     methods: list[tuple[str, str]]
+    """Planners (or policies) with their estimators."""
     seeds: str
+    """Seeds of every method, in the syntax of `bench run`."""
 
 
 class Own(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -69,41 +62,26 @@ class Own(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
 
 
 class Submission(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Contents of ``submission.json``.
-
-    Attributes
-    ----------
-    name, by, about : str
-        Title of the submission, its author, and a short description.
-    made : str
-        Time of the last row, UTC.
-    seal : str
-        Seal of the round whose environments were flown; empty without a round.
-    flown : list of Flown
-    version, code : str
-        Version of wbf-mission, and its behaviour numbers (`wbf_mission.version.behaviour`).
-    versions : dict
-        Versions of Python and the libraries in the rows; usually one each.
-    hardware : list of dict
-        Machines that flew the rows.
-    own : list of Own
-    files : dict
-        SHA-256 of the other files in the zip, by name.
-    """
+    """Contents of ``submission.json``."""
 
     format: int = FORMAT
     name: str
     by: str
     about: str = ""
     made: str
+    """Time of the last row, UTC."""
     seal: str = ""
+    """Seal of the round whose environments were flown; empty without a round."""
     flown: list[Flown]
     version: str
     code: str
+    """Behaviour numbers of wbf-mission (`wbf_mission.version.behaviour`)."""
     versions: dict[str, list[str]]
+    """Versions of Python and the libraries in the rows; usually one each."""
     hardware: list[dict[str, str]]
     own: list[Own]
     files: dict[str, str]
+    """SHA-256 of the other files in the zip, by name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,14 +106,9 @@ def write_pack(
     seal: str = "",
     code: Mapping[str, bytes] | None = None,
 ) -> Submission:
-    """Write a submission without checking its rows; see `wbf_mission.addons.boards.audit`.
+    """Write a submission without checking its rows; `code` are submitted files of `code_files`.
 
-    Parameters
-    ----------
-    code : mapping of str to bytes, optional
-        Submitted files by their names below ``code/`` (`code_files`).
-
-    Raises ResultError if a text is too long or no plain line, or the pack would be too large.
+    ResultError if a text is too long or no plain line, or the pack would be too large.
     """
     members = {TABLE: table_bytes(rows_table(rows)), **(code or {})}
     files = {member: hashlib.sha256(content).hexdigest() for member, content in members.items()}

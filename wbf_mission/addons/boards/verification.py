@@ -91,14 +91,8 @@ def fly_again(
 
     The rows are drawn at random by the checker, so that their author cannot predict them. Only built-in
     methods fly, and those of `own`, by digest. Without `own`, rows fly in another process with a timeout of
-    ten minutes each, because a row may name parameters that never end.
-
-    Parameters
-    ----------
-    count : int
-        Number of rows of each method.
-    salt : bytes, optional
-        Seed of the draw; by default from the system's randomness.
+    ten minutes each, because a row may name parameters that never end. `count` rows of each method are drawn,
+    with the seed `salt`, by default from the system's randomness.
     """
     if count < 1:
         return Verification()

@@ -143,12 +143,8 @@ def generate_ensemble(
 
     Parameters
     ----------
-    grid : FarmGrid
-        The farm.
     folder : path-like
         The ensemble's folder: new, empty, or one of the same ensemble with fewer or more members.
-    members : int
-        Number of members.
     seed : SeedSequence or int
         The ensemble's seed.
     days, fields, keep_days, farm_name
@@ -157,10 +153,6 @@ def generate_ensemble(
         Number of processes.
     progress : callable, optional
         Called as ``progress(done, total)``, in members with fractions.
-
-    Returns
-    -------
-    Ensemble
 
     Raises
     ------

@@ -58,22 +58,10 @@ class Scene(NamedTuple):
 
 
 class Drawing:
-    """Draws the frames of a task, all of the same shape.
+    """Draws the frames of a task, all of the same `shape`: height, width and 3.
 
-    Parameters
-    ----------
-    field : str, optional
-        Field to draw; by default the one with the largest weight in the score.
-
-    Attributes
-    ----------
-    shape : tuple of int
-        Height, width and 3.
-
-    Raises
-    ------
-    TrainingError
-        If the task has no such field.
+    `field` is drawn, by default the one with the largest weight in the score; TrainingError if the task has
+    no such field.
     """
 
     def __init__(self, task: SurveyTask, field: str | None = None) -> None:
@@ -117,12 +105,13 @@ class Drawing:
             out[top : top + high, left : left + wide] = panel
         (day, flight), whole = scene.flight, self.shape[1] - 2 * _GAP
         moves = self._task.steps - 1
-        texts = [f"day {day}", f"flight {flight}"] if len(self._task.flights) > 1 else [f"day {day}"]
-        texts += [f"step {round((1.0 - scene.left[0]) * moves)} of {moves}"]
-        texts += [
-            f"budget left {scene.left[1]:.0%}",
-            *([f"score {scene.score:.4f}"] if scene.score <= 0.0 else []),
-        ]
+        texts = [f"day {day}"]
+        if len(self._task.flights) > 1:
+            texts.append(f"flight {flight}")
+        texts.append(f"step {round((1.0 - scene.left[0]) * moves)} of {moves}")
+        texts.append(f"budget left {scene.left[1]:.0%}")
+        if scene.score <= 0.0:
+            texts.append(f"score {scene.score:.4f}")
         self._write(out, _GAP, 8 + _LINE, ", ".join(texts))
         out[_BAR, _GAP : _GAP + round(scene.left[1] * whole)] = _packed(_EDGE)
         # Pillow drops the fourth byte many times faster than NumPy.

@@ -24,7 +24,7 @@ class Shown:
     """Spaces and observations of a task.
 
     `block` is the side of a map block in cells, by default the smallest that `MOST_BLOCKS` allows.
-    `map_shape` has the blocks along x and y. TrainingError if `block` is no whole number of cells within the farm.
+    `map_shape` has the blocks along x and y. TrainingError if `block` is no number of cells within the farm.
     """
 
     def __init__(self, task: SurveyTask, block: int | None = None) -> None:

@@ -15,7 +15,7 @@ from geo.errors import WbfMissionError
 from geo.texts import one_line
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
-from wbf_mission.addons.boards.limits import Limits, impossible
+from wbf_mission.addons.boards.limits import Limits, impossible, limits_of
 from wbf_mission.bench.digests import meaning_of
 from wbf_mission.bench.requests import read_asked
 from wbf_mission.bench.rows import BenchRow, by_pair, by_scenario
@@ -67,7 +67,7 @@ def require_whole(rows: Sequence[BenchRow], *, sealed: bool = False) -> None:
         _require_complete(scenario, here)
         if not sealed:
             _require_all_seeds(scenario, {row.seed for row in here})
-        limits = Limits.of(scenario)
+        limits = limits_of(scenario)
         for row in here:
             strange = "" if row.key in run_keys(row) else "its key is not that of its run"
             if why := strange or _inconsistency(row, limits) or impossible(row, limits):

@@ -214,7 +214,7 @@ class Market:
         flyable = shapely.buffer(self._terrain(vehicle).flyable, TOLERANCE_M)
         rows = [shapely.multilinestrings([row.ends_m for row in segment.rows]) for segment in segments]
         first = np.concatenate([np.asarray(vehicle.position_m)[None], *(one.points_m for one in kept)])
-        return Bidder.of(
+        return Bidder(
             vehicle.system_id,
             vehicle.travel_cost,
             segments,

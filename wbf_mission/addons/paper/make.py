@@ -173,7 +173,7 @@ def _dynamics(sheets: _Sheets, spec: BenchSpec, of_farms: Sequence[str], progres
     drawn = {f"dynamics-{farm}": scenario_with(scenario, {"farm": farm}) for farm in of_farms}
     pictures, farms = [], []
     for file, one in (drawn or {"dynamics": scenario}).items():
-        dynamics = Dynamics.of(one, seeds, progress)
+        dynamics = Dynamics(one, seeds, progress)
         plot_dynamics(dynamics, sheets.paths(file))
         pictures.append(sheets.picture(file, f"{len(DAYS)} days of {dynamics.farm.name}"))
         farms.append(dynamics.farm.name)

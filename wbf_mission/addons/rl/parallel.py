@@ -42,7 +42,7 @@ class SurveyParallelEnv(OneEpisode, ParallelEnv):  # type: ignore[misc]  # Petti
         render_mode: str | None = None,
         render_field: str | None = None,
     ) -> None:
-        self.task = SurveyTask.of(scenario, estimator)
+        self.task = SurveyTask(scenario, estimator)
         self.render_mode = render_mode
         self._rendering = Rendering(self.task, render_mode, render_field)
         self.shown = Shown(self.task, block)

@@ -71,7 +71,7 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
     ) -> None:
         if num_envs < 1:
             raise TrainingError(f"num_envs {num_envs}: give one or more")
-        self.task = SurveyTask.of(scenario, estimator)
+        self.task = SurveyTask(scenario, estimator)
         _require_batch(self.task)
         self.num_envs = num_envs
         self.shown = Shown(self.task, block)

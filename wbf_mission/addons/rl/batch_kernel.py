@@ -62,7 +62,7 @@ class Runs(NamedTuple):
 
 @compiled(nogil=True, allocates=False)
 def resume_errors(rules: Rules, runs: Runs, run: int, time: int) -> None:
-    """Write a run's sums of squared errors to ``sums[run, time]``; each tile resumes at its changed column."""
+    """Write a run's sums of squared errors to ``sums[run, time]``; tiles resume at their changed column."""
     masks, truth, estimate = rules.masks, runs.truth[run], runs.value[run]
     dirty, partial, sums = runs.dirty[run], runs.partial[run], runs.sums[run, time]
     width, height = masks.shape[1], masks.shape[2]

@@ -38,7 +38,8 @@ def board_page(board: Board, pictures: Mapping[int, Picture] | None = None) -> P
     sections = [
         Section(
             title_of(table),
-            text=_flown_by(table),
+            text=f"Flown by wbf-mission {', '.join(table.versions)}, behaviour {table.code}."
+            f" {doubt_in_words(len(table.seeds))}",
             pictures=(pictures[number],) if pictures and number in pictures else (),
             tables=tuple(one for one in (board_table(table), difference_table(table)) if one.rows),
         )
@@ -85,11 +86,6 @@ def _label(line: Line) -> str:
 def title_of(table: BoardTable) -> str:
     """Return the scenario and environments of a table, as its title."""
     return f"{table.scenario}, {table.environments}"
-
-
-def _flown_by(table: BoardTable) -> str:
-    flown_by = f"Flown by wbf-mission {', '.join(table.versions)}, behaviour {table.code}."
-    return f"{flown_by} {doubt_in_words(len(table.seeds))}"
 
 
 def board_table(table: BoardTable) -> Table:

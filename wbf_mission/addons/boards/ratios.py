@@ -49,7 +49,8 @@ def by_fixed(group: Scored, *, over_run: bool) -> list[Ratio]:
         fixed = [k for k in places if _is_fixed(group.rows[k])]
         if not fixed:
             continue
-        best = {name: fixed[_least([table[k].mean() for k in fixed])] for name, table in tables.items()}
+        means = {name: [table[k].mean() for k in fixed] for name, table in tables.items()}
+        best = {name: fixed[np.argmin(np.nan_to_num(mean, nan=np.inf))] for name, mean in means.items()}
         pairs = [(table[k], table[best[name]]) for k in places for name, table in tables.items()]
         ratios = iter(ratio_intervals(pairs, together=True))
         found += [
@@ -63,10 +64,6 @@ def by_fixed(group: Scored, *, over_run: bool) -> list[Ratio]:
             for k in places
         ]
     return sorted(found, key=lambda ratio: (ratio.estimator, ratio.ratios[WHOLE].mean))
-
-
-def _least(values: Sequence[float]) -> int:
-    return int(np.argmin(np.nan_to_num(values, nan=np.inf)))
 
 
 def _is_fixed(rows: Sequence[BenchRow]) -> bool:

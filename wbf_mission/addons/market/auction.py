@@ -50,7 +50,9 @@ class Bidder:
         self.legs = travel_cost.legs(nodes, nodes)
         # Cost of each segment's rows; infinite for a segment it cannot fly.
         self.own = [
-            _rows_cost(travel_cost, segment) if take else math.inf
+            path_cost(travel_cost, np.concatenate([ends for _, ends in segment.ordered(0)]))
+            if take
+            else math.inf
             for segment, take in zip(segments, takes, strict=True)
         ]
         self.until_free = until_free  # Cost of its unfinished work
@@ -135,10 +137,6 @@ def leg_costs(travel_cost: TravelCost, points_m: Points) -> NDArray[np.float64]:
         for k in range(0, len(begins), _AT_ONCE)
     ]
     return np.concatenate(parts)
-
-
-def _rows_cost(travel_cost: TravelCost, segment: Segment) -> float:
-    return path_cost(travel_cost, np.concatenate([ends for _, ends in segment.ordered(0)]))
 
 
 def _entry(segment: int, variant: int) -> int:

@@ -154,7 +154,7 @@ def end_info(episode: Episode) -> dict[str, Any]:
     return {
         "score": episode.score,
         "final_score": episode.final_score,
-        "loss_before": episode.returns.loss_before,
+        "loss_before": episode.loss_before,
     }
 
 

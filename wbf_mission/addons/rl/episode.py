@@ -55,8 +55,9 @@ class Episode:
         self.truth = self._environment.values(of.day)
         score = RunningScore(self.truth, masks, weights, task.fields)
         self._estimate = RunEstimate(self._learner, score, task.every, of.day)
-        self.returns = Returns(task.points, score.evaluate(self.model()).loss)
-        self._scored = 0
+        # Loss of the estimate before any observation, and at the last scored time.
+        self.loss_before = self._last_loss = score.evaluate(self.model()).loss
+        self._scored, self._rewards = 0, 0.0  # Number of scored times, and the sum of their rewards
         self.seen = np.zeros(task.grid.shape, np.float32)
         self._flight = 0
         self._actions: list[list[int]] = []
@@ -133,10 +134,15 @@ class Episode:
             self._end_flight()
         # Waiting for the estimate also waits for its scores.
         self.model()
-        entries = self._estimate.history.entries
-        reward = self.returns.add([entry.loss for entry in entries[self._scored :]])
-        self._scored = len(entries)
-        return reward + self.returns.rest(self.score) if self.ended else reward
+        reward = 0.0
+        for entry in self._estimate.history.entries[self._scored :]:
+            self._scored += 1
+            reward += float(rewards_of(self._scored, task.points, self._last_loss, entry.loss))
+            self._last_loss = entry.loss
+        self._rewards += reward
+        if self.ended and self._scored != task.points:  # Some images lay outside the farm.
+            reward += self.loss_before + self.score - self._rewards
+        return reward
 
     def scene(self) -> Scene:
         """Return the contents of the run's frame."""
@@ -205,35 +211,3 @@ def rewards_of(number: Any, points: int, before: Any, after: Any) -> Any:
     [1.0, 1.0]
     """
     return np.maximum(points - number + 1, 0) / points * (before - after)
-
-
-class Returns:
-    """Rewards of one run, starting from the loss of the estimate before any observation.
-
-    `points` is the number of scored times of a run with all its images on the farm.
-    """
-
-    def __init__(self, points: int, loss: float) -> None:
-        self.points = points
-        self.loss_before = loss
-        self.total = 0.0
-        self._last = loss
-        self._count = 0
-
-    def add(self, losses: list[float]) -> float:
-        """Return the reward of the next scored times."""
-        reward = 0.0
-        for loss in losses:
-            self._count += 1
-            reward += float(rewards_of(self._count, self.points, self._last, loss))
-            self._last = loss
-        self.total += reward
-        return reward
-
-    def rest(self, score: float) -> float:
-        """Return the missing reward at the end, which is 0 unless images lay outside the farm."""
-        if self._count == self.points:
-            return 0.0
-        rest = self.loss_before + score - self.total
-        self.total += rest
-        return rest

@@ -66,11 +66,11 @@ class SurveyTask:
         self.cameras = cameras_of(given, self.fields)  # Camera of each robot
         of = given.farm
         # Day of each flight of the run, and its number on that day.
-        self.flights = [
+        self.flights = tuple(
             (day, flight)
             for day in range(of.day, of.day + of.days)
             for flight in range(1, of.flights_per_day + 1)
-        ]
+        )
         readings = self.robots * self.steps * given.camera.footprint**2
         learner = estimator_of(given.estimate.estimator, 0, self.fields)
         points, count = given.score.points, len(self.flights)

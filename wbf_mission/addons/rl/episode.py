@@ -118,12 +118,10 @@ class Episode:
         a flight the robots are back at home for the next flight.
         """
         self._actions.append(list(actions))
-        task, (width, height) = self.task, self.task.grid.shape
-        before = self.cells.copy()
-        for robot, action in enumerate(actions):
-            x, y = (self.cells[robot] + MOVES[action]).tolist()
-            if 0 <= x < width and 0 <= y < height and task.allowed[x, y]:
-                self.cells[robot] = x, y
+        task, before = self.task, self.cells
+        moves = self._actions[-1]
+        possible = task.possible(before)[np.arange(task.robots), moves]
+        self.cells = before + MOVES[moves] * possible[:, None]
         for robot in range(task.robots):
             if self.moved == 0:
                 self._look(robot, before[robot])

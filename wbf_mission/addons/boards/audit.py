@@ -82,12 +82,11 @@ def _require_one_behaviour(rows: Sequence[BenchRow]) -> None:
         several = ", ".join(sorted(behaviours)[:3])
         msg = f"rows of {len(behaviours)} behaviours ({several}); fly all of them into a new folder"
         raise ResultError(msg)
-    names: dict[tuple[str, str, str], set[str]] = {}
+    names: dict[tuple[str, str], set[str]] = {}
     for row in rows:
-        for kind in ("scenario", "planner", "estimator"):
-            key = (row.scenario if kind == "scenario" else "", kind, getattr(row, kind))
-            names.setdefault(key, set()).add(row.codes.get(kind, ""))
-    for (_, kind, name), digests in names.items():
+        for kind in ("scenario", *_KINDS):
+            names.setdefault((kind, getattr(row, kind)), set()).add(row.codes.get(kind, ""))
+    for (kind, name), digests in names.items():
         if len(digests) > 1:
             msg = f"{kind} {name} stands for {len(digests)} things; fly all of one into a new folder"
             raise ResultError(msg)

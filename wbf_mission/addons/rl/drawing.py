@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from wbf_mission.addons.base.plots import WORST_COLOURS
 from wbf_mission.addons.rl.errors import TrainingError
 from wbf_mission.addons.rl.observing import block_means
 from wbf_mission.addons.rl.task import SurveyTask
@@ -25,7 +26,6 @@ _NARROWEST = 130  # Minimum width of a panel with its captions
 _GAP, _HEAD, _FOOT, _LINE, _TEXT = 12, 58, 48, 17, 12
 _BAR = slice(_HEAD - 12, _HEAD - 4)
 _PAPER, _INK, _EDGE, _KEPT_OUT, _SPENT = "#ffffff", "#222222", "#8a8378", "#6f6a63", "#dddddd"
-_SICK = ("#3d0a3a", "#f29e38", "#dfeaf2")  # Lost, infected, healthy: distinct without red and green
 _UNCERTAIN = ("#ffffff", "#b7d3e8", "#5b9bcb")
 _LAND = {
     "none": "#f4f1ea",
@@ -81,7 +81,7 @@ class Drawing:
         # Video codecs require even sizes.
         self.shape = height + height % 2, width + width % 2, 3
         sick = self._field.kind == "disease"
-        self._tones = _ramp(_SICK if sick else self._field.colours), _ramp(_UNCERTAIN)
+        self._tones = _ramp(WORST_COLOURS if sick else self._field.colours), _ramp(_UNCERTAIN)
         self._ends = ("lost", "healthy") if sick else ("0", "1"), ("certain", "uncertain")
         self._land, self._scored = self._farm()
         self._over, self._over_colours = self._lines()

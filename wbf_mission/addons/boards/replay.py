@@ -103,7 +103,7 @@ def run_of(row: BenchRow, *, planner: Choice | None = None, estimator: Choice | 
 
 def _given(row: BenchRow, what: str, own: Choice | None, known: Sequence[str]) -> Choice | str:
     """Return the planner or estimator of a row: a name with parameters, or the user's object `own`."""
-    name = getattr(row, what)
+    name: str = getattr(row, what)
     if own is not None:
         if str(own) != name:
             raise ScenarioError(f"--{what} {own} is not that of the row, {name}")

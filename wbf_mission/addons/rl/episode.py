@@ -36,11 +36,15 @@ class Episode:
 
     As in a flight, an image arrives after the robot has moved on: the image at home arrives with the one
     after the first move. Images of each robot follow those of the previous robot. Equal seeds give the same
-    environment and the same camera errors.
-
-    `cells`, int64[robots, 2], are the robots' cells. `moved` is the number of moves of each robot in this
-    flight, and `path` the cells of these moves, home first. `seen`, float32[W, H], is 1 in observed cells.
+    environment and the same camera errors. `seen`, float32[W, H], is 1 in observed cells.
     """
+
+    cells: NDArray[np.int64]
+    """Cells of the robots, int64[robots, 2]."""
+    moved: int
+    """Number of moves of each robot in this flight."""
+    path: list[NDArray[np.int64]]
+    """Cells of these moves, home first."""
 
     def __init__(self, task: SurveyTask, seed: int) -> None:
         self.task, self.seed = task, seed

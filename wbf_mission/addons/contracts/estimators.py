@@ -119,11 +119,9 @@ class _Subject:
     def require_same(
         self, a: InformationModel, b: InformationModel, text: str, tolerance: float = 0.0
     ) -> None:
-        pairs = ((a.value, b.value), (a.uncertainty, b.uncertainty))
-        same = all(
-            np.allclose(first, second, rtol=0, atol=tolerance, equal_nan=True) for first, second in pairs
-        )
-        self.require(same, text)
+        for first, second in ((a.value, b.value), (a.uncertainty, b.uncertainty)):
+            same = np.allclose(first, second, rtol=0, atol=tolerance, equal_nan=True)
+            self.require(same, text)
 
 
 def _farm(shape: tuple[int, int]) -> FarmGrid:

@@ -66,9 +66,8 @@ def plot_dynamics(dynamics: Dynamics, paths: Sequence[Path]) -> None:
     )
     for k, field in enumerate(fields):
         mask = field.mask(dynamics.farm.grid())
-        style = _style(field)
         for axes, day in zip(panels[k], _SHOWN, strict=False):
-            image = _show(axes, dynamics.maps[day][k][part], mask[part], style)
+            image = _show(axes, dynamics.maps[day][k][part], mask[part], field)
             if k == 0:
                 axes.set_title(f"day {day}", fontsize=9)
         panels[k, 0].set_ylabel(field.title.replace(" (", "\n("), fontsize=9)
@@ -90,23 +89,23 @@ def _bounds(dynamics: Dynamics) -> tuple[int, int, int, int]:
     return int(x[0]), int(x[-1]) + 1, int(y[0]), int(y[-1]) + 1
 
 
-def _style(field: Field) -> dict[str, Any]:
+def _show(axes: Axes, values: NDArray[np.float32], mask: NDArray[np.bool_], field: Field) -> Any:
+    """Draw a field on one day: the severity of a disease, or the value of another field."""
     from matplotlib.colors import LinearSegmentedColormap
 
-    if field.kind == "disease":
-        return {"cmap": "YlOrBr", "vmin": 0.0, "vmax": 1.0}
-    colours = LinearSegmentedColormap.from_list(field.name, field.colours)
-    return {"cmap": colours, "vmin": 0.0, "vmax": 1.0}
-
-
-def _show(axes: Axes, values: NDArray[np.float32], mask: NDArray[np.bool_], style: dict[str, Any]) -> Any:
-    """Draw a field on one day: the severity of a disease, or the value of another field."""
-    sick = style["cmap"] == "YlOrBr"
+    sick = field.kind == "disease"
     pixels = _pixels(np.where(mask, 1.0 - values if sick else values, np.float32(np.nan)), highest=sick)
     axes.set_facecolor(LAND)
     axes.set_xticks([])
     axes.set_yticks([])
-    return axes.imshow(np.ma.masked_invalid(pixels).T, origin="lower", interpolation="nearest", **style)
+    return axes.imshow(
+        np.ma.masked_invalid(pixels).T,
+        origin="lower",
+        interpolation="nearest",
+        cmap="YlOrBr" if sick else LinearSegmentedColormap.from_list(field.name, field.colours),
+        vmin=0.0,
+        vmax=1.0,
+    )
 
 
 def _pixels(values: NDArray[np.float32], *, highest: bool) -> NDArray[np.float32]:

@@ -30,7 +30,7 @@ LINE_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"
 """Colours of curves: the palette of Okabe and Ito, readable with colour blindness, and brown."""
 LAND = "#e9e6df"
 FLOWN = "#c8102e"  # Colour of flown paths
-WORST_COLOURS = ("#3d0a3a", "#f29e38", "#dfeaf2")  # Colours of lost, infected and healthy plants
+WORST_COLOURS = ("#3d0a3a", "#f29e38", "#dfeaf2")  # Lost, infected, healthy: distinct without red and green
 MAX_PIXELS = 600  # Maximum number of cells along a side of a crop map
 _HOME: dict[str, Any] = {"marker": "^", "color": "#d55e00", "markeredgecolor": "white", "markersize": 9}
 _RALLY: dict[str, Any] = {"marker": "P", "color": "#0072b2", "markeredgecolor": "white", "markersize": 9}

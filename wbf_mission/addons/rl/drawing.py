@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from wbf_mission.addons.base.plots import ramp, rgb
+from wbf_mission.addons.base.plots import WORST_COLOURS, ramp, rgb
 from wbf_mission.addons.rl.errors import TrainingError
 from wbf_mission.addons.rl.observing import block_means
 from wbf_mission.addons.rl.task import SurveyTask
@@ -26,7 +26,6 @@ _NARROWEST = 130  # Minimum width of a panel with its captions
 _GAP, _HEAD, _FOOT, _LINE, _TEXT = 12, 58, 48, 17, 12
 _BAR = slice(_HEAD - 12, _HEAD - 4)
 _PAPER, _INK, _EDGE, _KEPT_OUT, _SPENT = "#ffffff", "#222222", "#8a8378", "#6f6a63", "#dddddd"
-_SICK = ("#3d0a3a", "#f29e38", "#dfeaf2")  # Lost, infected, healthy: distinct without red and green
 _UNCERTAIN = ("#ffffff", "#b7d3e8", "#5b9bcb")
 _LAND = {
     "none": "#f4f1ea",
@@ -59,22 +58,10 @@ class Scene(NamedTuple):
 
 
 class Drawing:
-    """Draws the frames of a task, all of the same shape.
+    """Draws the frames of a task, all of the same `shape`: height, width and 3.
 
-    Parameters
-    ----------
-    field : str, optional
-        Field to draw; by default the one with the largest weight in the score.
-
-    Attributes
-    ----------
-    shape : tuple of int
-        Height, width and 3.
-
-    Raises
-    ------
-    TrainingError
-        If the task has no such field.
+    `field` is drawn, by default the one with the largest weight in the score; TrainingError if the task has
+    no such field.
     """
 
     def __init__(self, task: SurveyTask, field: str | None = None) -> None:
@@ -94,7 +81,7 @@ class Drawing:
         # Video codecs require even sizes.
         self.shape = height + height % 2, width + width % 2, 3
         sick = self._field.kind == "disease"
-        known = _SICK if sick else self._field.colours
+        known = WORST_COLOURS if sick else self._field.colours
         self._tones = _pack(ramp(known, _TONES)), _pack(ramp(_UNCERTAIN, _TONES))
         self._ends = ("lost", "healthy") if sick else ("0", "1"), ("certain", "uncertain")
         self._land, self._scored = self._farm()
@@ -119,12 +106,13 @@ class Drawing:
             out[top : top + high, left : left + wide] = panel
         (day, flight), whole = scene.flight, self.shape[1] - 2 * _GAP
         moves = self._task.steps - 1
-        texts = [f"day {day}", f"flight {flight}"] if len(self._task.flights) > 1 else [f"day {day}"]
-        texts += [f"step {round((1.0 - scene.left[0]) * moves)} of {moves}"]
-        texts += [
-            f"budget left {scene.left[1]:.0%}",
-            *([f"score {scene.score:.4f}"] if scene.score <= 0.0 else []),
-        ]
+        texts = [f"day {day}"]
+        if len(self._task.flights) > 1:
+            texts.append(f"flight {flight}")
+        texts.append(f"step {round((1.0 - scene.left[0]) * moves)} of {moves}")
+        texts.append(f"budget left {scene.left[1]:.0%}")
+        if scene.score <= 0.0:
+            texts.append(f"score {scene.score:.4f}")
         self._write(out, _GAP, 8 + _LINE, ", ".join(texts))
         out[_BAR, _GAP : _GAP + round(scene.left[1] * whole)] = _packed(_EDGE)
         # Pillow drops the fourth byte many times faster than NumPy.

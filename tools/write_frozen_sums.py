@@ -13,14 +13,17 @@ from pathlib import Path
 import msgspec
 
 from geo.atomic import atomic_write
-from wbf_mission.addons.boards.frozen import TABLE, sums_of
+from wbf_mission.addons.boards.board import FROZEN
+from wbf_mission.addons.boards.submission import read_pack
 
 RESULTS = Path(__file__).parents[1] / "results"
 
 
 def table() -> bytes:
     """Return the table of the packs in ``results``."""
-    return msgspec.json.format(msgspec.json.encode(sums_of(RESULTS.glob("*/*.zip")))) + b"\n"
+    packs = sorted(RESULTS.glob("*/*.zip"))
+    sums = {path.relative_to(RESULTS).as_posix(): read_pack(path).digest for path in packs}
+    return msgspec.json.format(msgspec.json.encode(sums)) + b"\n"
 
 
 def main() -> None:
@@ -28,8 +31,8 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--check", action="store_true")
     if options.parse_args().check:
-        sys.exit(0 if TABLE.read_bytes() == table() else f"{TABLE} is not that of {RESULTS}; write it anew")
-    with atomic_write(TABLE, "wb") as file:
+        sys.exit(0 if FROZEN.read_bytes() == table() else f"{FROZEN} is not that of {RESULTS}; write it anew")
+    with atomic_write(FROZEN, "wb") as file:
         file.write(table())
 
 

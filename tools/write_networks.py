@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from geo.farms import get_farm
 from wbf_mission.addons.epidemic.estimator import EpidemicEstimator
-from wbf_mission.addons.epidemic.training import INCLUDED
+from wbf_mission.addons.epidemic.store import INCLUDED
 
 FARMS = ("miniberry-10", "miniberry-30", "miniberry-100")
 DAYS = (0, 8, 16)

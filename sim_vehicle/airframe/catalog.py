@@ -125,31 +125,29 @@ def load_vehicle(path: Path) -> VehicleSpec:
 
 
 def _build(where: str, name: str, data: dict[str, Any], base: VehicleSpec) -> VehicleSpec:
+    """Return a vehicle with the values of a file; the others are those of `base`."""
     changes: dict[str, Any] = {"name": name}
     own = dict(base.autopilot_parameters)
     known = {f.name for f in fields(VehicleSpec) if f.name not in _NOT_IN_FILES}
-    for key, value in data.items():
-        if key in autopilot_names():
-            own[key] = _parameters(where, key, value, base.parameters_for(key))
-        elif key not in known:
-            msg = f"{where}: unknown key {key!r}"
-            raise VehicleError(msg)
-        elif key in ("battery", "power", "airframe", "published"):
-            changes[key] = _part(where, key, value, base)
-        elif isinstance(getattr(base, key), str) != isinstance(value, str):
-            msg = f"{where}: {key} {value!r} has the wrong type"
-            raise VehicleError(msg)
-        else:
-            changes[key] = value
-    changes["autopilot_parameters"] = tuple(own.items())
     try:
-        return replace(base, **changes)
+        for key, value in data.items():
+            if key in autopilot_names():
+                own[key] = _parameters(key, value, base.parameters_for(key))
+            elif key not in known:
+                raise VehicleError(f"unknown key {key!r}")
+            elif key in ("battery", "power", "airframe", "published"):
+                changes[key] = _part(key, value, base)
+            elif isinstance(getattr(base, key), str) != isinstance(value, str):
+                raise VehicleError(f"{key} {value!r} has the wrong type")
+            else:
+                changes[key] = value
+        return replace(base, **changes, autopilot_parameters=tuple(own.items()))
     except VehicleError as error:
-        msg = f"{where}: {error}"
-        raise VehicleError(msg) from None
+        raise VehicleError(f"{where}: {error}") from None
 
 
-def _part(where: str, key: str, value: object, base: VehicleSpec) -> object:
+def _part(key: str, value: object, base: VehicleSpec) -> object:
+    """Return a part of a vehicle from its table."""
     types = {
         "battery": BatterySpec,
         "published": PublishedEndurance,
@@ -158,41 +156,32 @@ def _part(where: str, key: str, value: object, base: VehicleSpec) -> object:
     }
     kind = types[key]
     if kind is None:
-        msg = f"{where}: a vehicle of kind {base.kind} has no [{key}]"
-        raise VehicleError(msg)
+        raise VehicleError(f"a vehicle of kind {base.kind} has no [{key}]")
     if not isinstance(value, dict):
-        msg = f"{where}: {key} must be a table"
-        raise VehicleError(msg)
+        raise VehicleError(f"{key} must be a table")
     known = {f.name: f.type for f in fields(kind)}
     for name, entry in value.items():
         if name not in known:
-            msg = f"{where}: unknown key {name!r} in [{key}]"
-            raise VehicleError(msg)
+            raise VehicleError(f"unknown key {name!r} in [{key}]")
         if isinstance(entry, bool) or isinstance(entry, str) != (known[name] in ("str", str)):
-            msg = f"{where}: [{key}] {name} {entry!r} has the wrong type"
-            raise VehicleError(msg)
+            raise VehicleError(f"[{key}] {name} {entry!r} has the wrong type")
     before = getattr(base, key)
     try:
         return kind(**value) if before is None else replace(before, **value)
     except TypeError as error:
-        msg = f"{where}: [{key}]: {error}"
-        raise VehicleError(msg) from None
-    except VehicleError as error:
-        msg = f"{where}: {error}"
-        raise VehicleError(msg) from None
+        raise VehicleError(f"[{key}]: {error}") from None
 
 
 def _parameters(
-    where: str, key: str, value: object, base: tuple[tuple[str, float], ...]
+    key: str, value: object, base: tuple[tuple[str, float], ...]
 ) -> tuple[tuple[str, float], ...]:
+    """Return the parameters of an autopilot from its table, and those of `base`."""
     if not isinstance(value, dict):
-        msg = f"{where}: {key} must be a table of parameters"
-        raise VehicleError(msg)
+        raise VehicleError(f"{key} must be a table of parameters")
     for name, number in value.items():
         if not _PARAMETER.fullmatch(name):
-            msg = f"{where}: [{key}] {name!r} is no parameter's name: capitals, digits and _, at most 16"
+            msg = f"[{key}] {name!r} is no parameter's name: capitals, digits and _, at most 16"
             raise VehicleError(msg)
         if isinstance(number, bool) or not isinstance(number, int | float) or not abs(number) < 1e9:
-            msg = f"{where}: [{key}] {name} {number!r} is not a number"
-            raise VehicleError(msg)
+            raise VehicleError(f"[{key}] {name} {number!r} is not a number")
     return tuple({**dict(base), **{name: float(number) for name, number in value.items()}}.items())

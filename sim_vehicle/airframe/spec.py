@@ -136,31 +136,26 @@ class VehicleSpec:
     """Short description, for lists."""
 
     def __post_init__(self) -> None:
+        where = f"vehicle {self.name}"
         for name, known in (("kind", kind_names()), ("autopilot", (*autopilot_names(), NO_AUTOPILOT))):
             value = getattr(self, name)
             if value not in known:
-                msg = f"vehicle {self.name}: {name} {value!r} is not one of {', '.join(known)}"
-                raise VehicleError(msg)
-        positive(f"vehicle {self.name}", self, *(f.name for f in fields(self) if f.name not in _NO_LIMITS))
-        within(
-            f"vehicle {self.name}", self, ("linear_drag_1_s", 0.0, 10.0), ("attitude_response_s", 0.02, 10.0)
-        )
+                raise VehicleError(f"{where}: {name} {value!r} is not one of {', '.join(known)}")
+        positive(where, self, *(f.name for f in fields(self) if f.name not in _NO_LIMITS))
+        within(where, self, ("linear_drag_1_s", 0.0, 10.0), ("attitude_response_s", 0.02, 10.0))
         if not 0.0 <= self.disarm_delay_s < 3600.0:
-            msg = f"vehicle {self.name}: disarm_delay_s {self.disarm_delay_s} is outside 0..3600"
-            raise VehicleError(msg)
+            raise VehicleError(f"{where}: disarm_delay_s {self.disarm_delay_s} is outside 0..3600")
         if not self.return_margin_m >= 0.0:
-            msg = f"vehicle {self.name}: return_margin_m {self.return_margin_m} must not be negative"
-            raise VehicleError(msg)
+            raise VehicleError(f"{where}: return_margin_m {self.return_margin_m} must not be negative")
         if self.battery is not None and self.power is None:
-            msg = f"vehicle {self.name}: a battery needs a power model ([power])"
-            raise VehicleError(msg)
+            raise VehicleError(f"{where}: a battery needs a power model ([power])")
         kind = self.vehicle_kind
-        if self.power is not None and not isinstance(self.power, kind.power or ()):
-            msg = f"vehicle {self.name}: {type(self.power).__name__} is no power model of kind {self.kind}"
-            raise VehicleError(msg)
-        if self.airframe is not None and not isinstance(self.airframe, kind.airframe or ()):
-            msg = f"vehicle {self.name}: {type(self.airframe).__name__} is no airframe of kind {self.kind}"
-            raise VehicleError(msg)
+        for part, wanted, what in (
+            (self.power, kind.power, "power model"),
+            (self.airframe, kind.airframe, "airframe"),
+        ):
+            if part is not None and not isinstance(part, wanted or ()):
+                raise VehicleError(f"{where}: {type(part).__name__} is no {what} of kind {self.kind}")
 
     @property
     def vehicle_kind(self) -> VehicleKind:

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import fields
-from typing import TYPE_CHECKING, Protocol
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
 
+from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.autopilot.parameters import parameter_value
 from sim_vehicle.motion.legs import ALONG, KEEP, Leg, LegKind
 
@@ -169,27 +170,22 @@ class GenericProcedures(FlightProcedures):
 GENERIC = GenericProcedures()
 
 
-class FixedWingBounds(Protocol):
-    """Limits of a fixed wing that the core uses, in SI units."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FixedWingBounds:
+    """Limits of a fixed wing that planning uses; SI units, radians."""
 
-    @property
-    def airspeed_min(self) -> float:
-        """Minimum airspeed."""
+    airspeed_min: float
+    airspeed_trim: float
+    """Cruise airspeed."""
+    bank_limit: float
+    landing_slope: float
+    """Descent over path length of an approach."""
+    loiter_radius: float
+    """Default radius of circles; positive for clockwise."""
 
-    @property
-    def airspeed_trim(self) -> float:
-        """Cruise airspeed."""
-
-    @property
-    def landing_slope(self) -> float:
-        """Descent over path length of an approach."""
-
-    @property
-    def loiter_radius(self) -> float:
-        """Default loiter radius; positive is clockwise."""
-
-    def tightest_m(self, airspeed: float) -> float:
-        """Return the radius of the tightest turn at an airspeed."""
+    def tightest_m(self, airspeed_m_s: float) -> float:
+        """Return the radius of a level turn at the bank limit (m)."""
+        return airspeed_m_s * airspeed_m_s / (GRAVITY_M_S2 * math.tan(self.bank_limit))
 
 
 class FixedWingProcedures(FlightProcedures):

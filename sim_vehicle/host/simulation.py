@@ -229,7 +229,7 @@ class Simulation:
         for port, component in enumerate(components):
             address = (component.system_id, component.component_id)
             if any((c.system_id, c.component_id) == address for c in components[:port]):
-                msg = f"simulation: two components have the address {address}; give each another address"
+                msg = f"simulation: two components have the address {address}; give each a different address"
                 raise VehicleError(msg)
             self._table.learn(port, address)
         self._routes: dict[tuple[int, int, int], tuple[int, ...]] = {}

@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from sim_vehicle.airframe.power_spec import CONSTANT_POWER
+from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.energy.power import power_coefficients
 from sim_vehicle.motion import columns as col
-from sim_vehicle.motion.columns import State
+from sim_vehicle.motion.columns import State, record_of, row_of
 from sim_vehicle.motion.model import MotionEvent, MotionModel, MotionState
 from sim_vehicle.weather.wind import Wind
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from numpy.typing import NDArray
 
@@ -45,8 +46,8 @@ class Dynamics:
     """
 
     kernel: Callable[..., int]
-    state: np.dtype[Any] | None = None
-    limits: np.dtype[Any] | None = None
+    state: np.dtype[Any]
+    limits: np.dtype[Any]
     own: tuple[tuple[str, np.dtype[Any] | None], ...] = ()
     route: str = "_route"
 
@@ -74,18 +75,16 @@ class CompiledMotion(MotionModel):
 
     dynamics: ClassVar[Dynamics]
     """Dynamics under the vehicle's autopilot."""
-    _state_size: ClassVar[int]
-    _energy_limit: ClassVar[int]
 
     def __init__(self, spec: VehicleSpec, wind: Wind | None = None, yaw_rad: float = 0.0) -> None:
         self.spec = spec
         self.step_s = spec.step_s
         self._wind = (wind or Wind()).series()
-        self._limits = self._numbers(spec)
+        self._take_limits(spec)
         self._power = power_coefficients(spec.power, spec.battery)
         self._idle_w = spec.power.idle_w if spec.power is not None else 0.0
         self._known: dict[str, tuple[NDArray[np.float64], Record]] = {}
-        self.state: NDArray[np.float64] = np.zeros(self._state_size)
+        self.state: NDArray[np.float64] = np.zeros(self.dynamics.state.itemsize // 8)
         self.state[State.HEADING] = yaw_rad % (2.0 * math.pi)
         self.state[State.GIVE_UP_STEP] = math.inf
         self.state[State.POWER] = self._power[CONSTANT_POWER]
@@ -97,8 +96,18 @@ class CompiledMotion(MotionModel):
         self.track_every = 0
 
     @abstractmethod
-    def _numbers(self, spec: VehicleSpec) -> NDArray[np.float64]:
-        """Return the limits in the order of the kernel."""
+    def _numbers(self, spec: VehicleSpec) -> Mapping[str, float]:
+        """Return the kernel's limits by name, besides time step and energy."""
+
+    def _take_limits(self, spec: VehicleSpec) -> None:
+        capacity_j = math.inf if spec.battery is None else spec.battery.capacity_wh * WH_J
+        common = {"step_s": spec.step_s, "energy_limit": capacity_j}
+        self._limits = row_of(self.dynamics.limits, {**common, **self._numbers(spec)})
+
+    @property
+    def _limit(self) -> Record:
+        """The kernel's limits, by name."""
+        return record_of(self._limits, self.dynamics.limits)
 
     @property
     def track_points(self) -> int:
@@ -157,9 +166,10 @@ class CompiledMotion(MotionModel):
         self.state[col.LEVEL_WIND] = self._wind.at(self._wind.first, position_m[2])[:2]
         self._route = None
 
-    def _begin(self) -> None:
-        assert self._route is not None
-        self.arrivals = np.full(len(self._route), -1, dtype=np.int64)
+    def _begin(self, route: Record) -> None:
+        """Start a route of the kernel's legs."""
+        self._route = route
+        self.arrivals = np.full(len(route), -1, dtype=np.int64)
         self.state[State.GIVE_UP_STEP] = math.inf
         self.counters[col.LEG_INDEX] = 0
         self.counters[col.MOVED_STEP] = self.counters[col.STEP]
@@ -229,15 +239,15 @@ class CompiledMotion(MotionModel):
 
     def ignore_energy(self) -> None:
         """Keep flying with an empty battery."""
-        self._limits[self._energy_limit] = math.inf
+        self._limit.energy_limit = math.inf
 
     def update_spec(self, spec: VehicleSpec) -> None:
         """Replace defaults and limits; the new values apply from the next route."""
-        energy = self._limits[self._energy_limit]
+        energy_j = self._limit.energy_limit
         self.spec = spec
-        self._limits = self._numbers(spec)
-        if energy == math.inf:
-            self._limits[self._energy_limit] = energy
+        self._take_limits(spec)
+        if energy_j == math.inf:
+            self._limit.energy_limit = energy_j
 
     def use_energy(self, joules: float) -> None:
         """Take energy from the battery."""

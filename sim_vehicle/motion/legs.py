@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import Enum, IntEnum
+from enum import IntEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -42,62 +42,42 @@ class LegKind(IntEnum):
     ORBIT = 11
 
 
-class HeadingMode(Enum):
-    """Direction of the nose on a leg."""
-
-    KEEP = "the heading at the start of the leg"
-    ALONG = "along the leg"
-    FIXED = "a compass heading"
-    TURN = "turning at a rate"
-    INWARD = "towards the centre of an orbit"
-
-
 @dataclass(frozen=True, slots=True)
 class Heading:
     """Direction of the nose on a leg: `KEEP`, `ALONG`, `INWARD`, `Heading.fixed` or `Heading.turning`.
 
     Examples
     --------
-    >>> Heading.fixed(1.5).mode
-    <HeadingMode.FIXED: 'a compass heading'>
+    >>> Heading.fixed(1.5).numbers, KEEP.numbers
+    ((1.5, nan), (inf, nan))
     """
 
-    mode: HeadingMode
-    angle_rad: float = 0.0
-    """Compass heading of a FIXED heading."""
-    rate_rad_s: float = 0.0
-    """Heading rate, clockwise."""
+    angle_rad: float | None = None
+    """Compass heading; infinity for the heading at the start of the leg, minus infinity for the direction of
+    an orbit's centre, None for the direction of the leg."""
+    rate_rad_s: float | None = None
+    """Heading rate, clockwise; None for no turn."""
 
     @classmethod
     def fixed(cls, angle_rad: float) -> Heading:
         """Return a fixed compass heading."""
-        return cls(HeadingMode.FIXED, angle_rad=angle_rad)
+        return cls(angle_rad)
 
     @classmethod
     def turning(cls, rate_rad_s: float) -> Heading:
         """Return a heading that turns at a rate, clockwise."""
-        return cls(HeadingMode.TURN, rate_rad_s=rate_rad_s)
+        return cls(rate_rad_s=rate_rad_s)
 
     @property
     def numbers(self) -> tuple[float, float]:
-        """Compass heading and heading rate for a route; a rate of NaN means that there is no rate.
-
-        The heading is NaN for ALONG and TURN, infinity for KEEP, and minus infinity for INWARD.
-        """
-        if self.mode is HeadingMode.ALONG:
-            return math.nan, math.nan
-        if self.mode is HeadingMode.KEEP:
-            return math.inf, math.nan
-        if self.mode is HeadingMode.INWARD:
-            return -math.inf, math.nan
-        if self.mode is HeadingMode.FIXED:
-            return self.angle_rad, math.nan
-        return math.nan, self.rate_rad_s
+        """Compass heading and heading rate for a route, with NaN for None."""
+        return (
+            math.nan if self.angle_rad is None else self.angle_rad,
+            math.nan if self.rate_rad_s is None else self.rate_rad_s,
+        )
 
 
-KEEP = Heading(HeadingMode.KEEP)
-ALONG = Heading(HeadingMode.ALONG)
-INWARD = Heading(HeadingMode.INWARD)
+KEEP, ALONG, INWARD = Heading(math.inf), Heading(), Heading(-math.inf)
 
 
 @dataclass(frozen=True, slots=True)

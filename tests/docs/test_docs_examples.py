@@ -16,8 +16,8 @@ from sim_vehicle.airframe.power_spec import (
     PowerSpec,
 )
 from sim_vehicle.airframe.spec import PublishedEndurance
-from wbf_mission.addons.rovers.power import RoverPowerSpec
-from wbf_mission.addons.wings.power import FixedWingAirframe, FixedWingPowerSpec
+from wbf_mission.addons.rovers.kind import RoverPowerSpec
+from wbf_mission.addons.wings.kind import FixedWingAirframe, FixedWingPowerSpec
 from wbf_mission.cli.app import main
 
 Printed = Callable[..., str]

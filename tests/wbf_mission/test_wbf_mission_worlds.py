@@ -35,7 +35,7 @@ def test_only_the_environment_of_a_run_is_of_the_world():
 
 def test_training_environments_and_the_simulator_are_of_the_world():
     truth = make_environment(WRONG, WRONG.farm.load()).values(6)
-    task = SurveyTask.of(WRONG)
+    task = SurveyTask(WRONG)
     assert task.fields == PAPER_FIELDS
     np.testing.assert_array_equal(task.environment(5).values(6), truth)
     simulated = make_components(scenario_with(WRONG, {"vehicle": "quad"}))

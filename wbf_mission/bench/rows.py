@@ -287,6 +287,11 @@ def by_scenario(rows: Iterable[BenchRow]) -> dict[str, list[BenchRow]]:
     return _grouped(rows, attrgetter("scenario"))
 
 
+def by_method(rows: Iterable[BenchRow]) -> dict[tuple[str, str, str], list[BenchRow]]:
+    """Group rows by scenario, planner and estimator, sorted by these names."""
+    return _grouped(rows, attrgetter("scenario", "planner", "estimator"))
+
+
 def _grouped(rows: Iterable[BenchRow], key: Callable[[BenchRow], Any]) -> dict[Any, list[BenchRow]]:
     return {name: list(group) for name, group in itertools.groupby(sorted(rows, key=key), key)}
 

@@ -203,7 +203,7 @@ def true_map(farm: Farm, field: Field, truth: NDArray[np.float32], k: int) -> Fi
 
 
 def _summing(grid: MapGrid) -> ModuleType:
-    """Return the module with the sums; loading the compiled one takes longer than sums over a small farm."""
+    """Return the module that computes the sums; numpy is faster on small farms than loading compiled code."""
     if grid.pixel == 1:
         return blocks
     from wbf_mission.maps import block_sums

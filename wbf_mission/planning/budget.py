@@ -111,7 +111,7 @@ class FlightBudget:
         return "" if prediction.feasible else str(prediction.reason)
 
     def onward(self, path_xy_m: NDArray[np.float64]) -> Callable[[float], float]:
-        """Return a function from the mean-wind cost of the rest of a whole flight's path to its charge."""
+        """Return a function that converts the cost of the rest of a path in the mean wind to its charge."""
         if self.reserve is None:
             return lambda rest: rest
         if self.reserve.factor is None:

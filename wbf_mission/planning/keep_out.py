@@ -143,8 +143,8 @@ def flyable_area(farm: Farm, keep_out: KeepOut | None) -> Area:
     ]
     if not wide:
         msg = (
-            f"farm {farm.name}: no land is {keep_out.distance_m:.1f} m away from every obstacle, as the"
-            " margin and what the vehicle strays in that wind need; give a smaller --margin, or fly slower"
+            f"farm {farm.name}: no land is {keep_out.distance_m:.1f} m away from every obstacle; the margin"
+            " and the vehicle's drift in that wind need this distance: give a smaller --margin, or fly slower"
         )
         raise ScenarioError(msg)
     return wide[0] if len(wide) == 1 else shapely.MultiPolygon(wide)
@@ -170,7 +170,7 @@ def border_fence(
     count = min(_OF_OBSTACLES // _LEAST_VERTICES, len(barred))
     if count < len(barred):
         text = f"the fence keeps out of the {count} obstacles nearest to the path, of {len(barred)}"
-        warnings.warn(f"{text}: autopilots hold no more; the path leads round all", stacklevel=2)
+        warnings.warn(f"{text}: autopilots store no more; the path leads round all", stacklevel=2)
     way = shapely.LineString(path_m)
     nearest = sorted(barred, key=lambda one: float(one.polygon.distance(way)))[:count]
     each = _OF_OBSTACLES // max(count, 1)

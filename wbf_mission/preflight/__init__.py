@@ -1,1 +1,1 @@
-"""What would go wrong with a plan, found before it goes up: findings in a file, and in the vehicle."""
+"""Preflight check: faults of a plan and of the vehicle, found before the upload."""

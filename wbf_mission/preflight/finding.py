@@ -22,7 +22,7 @@ class PreflightError(WbfMissionError, ValueError):
 
 
 class Concern(Enum):
-    """What a finding is about: the plan, or the vehicle's settings or state."""
+    """Subject of a finding: the plan, or the vehicle's settings or state."""
 
     PLAN = "plan"
     """The plan alone."""

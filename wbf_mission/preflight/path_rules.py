@@ -102,7 +102,7 @@ def _radius_m(subject: Subject, item: int) -> float:
     Rule(
         "outside-fence",
         ERROR,
-        "the path to it leaves the fence, or enters what it shuts out",
+        "the path to it leaves the fence, or enters an area that the fence excludes",
         "move the waypoint or the fence",
         rules.INSIDE,
     ),
@@ -224,7 +224,7 @@ _LOWEST_M = 2.0
         "with-permission",
         NOTE,
         "higher above home than is allowed without a permission",
-        "carry the permission; mind where the ground falls",
+        "carry the permission; take care where the ground falls",
         rules.at_most("height above home", "m"),
     ),
     Rule(
@@ -341,7 +341,7 @@ _SMALLEST_RADIUS_M = 1.0
         WARNING,
         "the acceptance radius counts in space, and the height estimate is wrong by half a metre: "
         "{autopilot} may wait at the waypoint",
-        "give 2 m, or 0 for the autopilot's own",
+        "give a radius of 2 m, or 0 for the autopilot's own radius",
         rules.at_least("acceptance radius", "m"),
     )
 )

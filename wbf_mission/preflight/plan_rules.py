@@ -131,7 +131,7 @@ def check_unknown(subject: Subject) -> Iterator[Finding]:
     Rule(
         "unreachable",
         WARNING,
-        "is never flown: what is before it ends the mission, and nothing jumps there",
+        "is never flown: an item before it ends the mission, and no item jumps to it",
         "remove it, or put the end of the mission behind it",
     )
 )
@@ -145,7 +145,7 @@ def check_flown(subject: Subject) -> Iterator[Finding]:
     Rule(
         "endless",
         WARNING,
-        "the mission goes round until the battery is low",
+        "the mission repeats until the battery is low",
         "give DO_JUMP a number of times",
     )
 )
@@ -167,7 +167,7 @@ _FRAMES = {
     Rule(
         "mixed-frames",
         WARNING,
-        "its height counts {frame}, that of others {usual}",
+        "its height is measured {frame}, the height of other items {usual}",
         "give all heights in one frame",
     )
 )
@@ -199,7 +199,7 @@ _LOWEST_TAKEOFF_M = 1.5
     Rule(
         "low-takeoff",
         WARNING,
-        "takes off to a height at which it is still in its own wash",
+        "takes off to a height at which the vehicle is still in its own wash",
         "take off higher",
         at_least("height", "m"),
     ),

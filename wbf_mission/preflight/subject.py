@@ -239,7 +239,7 @@ def subject_of(mission: Mission, given: Circumstances) -> Subject:
     A mission without home gets the farm's home, or the position of the vehicle.
     """
     if len(given.vehicle.fleet) > 1:
-        msg = f"vehicle {given.vehicle.name}: a plan is one vehicle's; name one"
+        msg = f"vehicle {given.vehicle.name}: a plan is for one vehicle; name one vehicle"
         raise PreflightError(msg)
     options = given.vehicle if given.snapshot is None else given.snapshot.as_set(given.vehicle)
     placed, planned = _with_home(mission, given), flown_vehicle(given.vehicle)

@@ -107,7 +107,7 @@ def read_flights(
 ) -> tuple[FlightRecord, ...]:
     """Read the flights of a folder."""
     if not entries or not all(1 <= entry.system_id <= len(vehicles) for entry in entries):
-        msg = "the record has no flights, or of vehicles that are not there"
+        msg = "the record has no flights, or flights of vehicles that it does not name"
         raise ValueError(msg)
     tracks = _read_tracks(folder / TRACK)
     true_path = folder / TRUE_TRACK
@@ -176,7 +176,7 @@ def _read_tracks(path: Path) -> dict[tuple[int, int, int], Track]:
 
 
 def _entry(kind: type[Any], record: object, **other: Any) -> Any:
-    """Return the entry of a record; `other` are the fields that differ from the record's."""
+    """Return the entry of a record; `other` has the fields whose values differ from those of the record."""
     names = [name for name in kind.__struct_fields__ if name not in other]
     return kind(**{name: getattr(record, name) for name in names}, **other)
 

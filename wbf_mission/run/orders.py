@@ -1,4 +1,4 @@
-"""Orders of a watcher to vehicles in flight: queued in the watcher's thread, carried out in the flight's."""
+"""Orders of a watcher to vehicles in flight: queued by one thread, carried out by another."""
 
 from __future__ import annotations
 

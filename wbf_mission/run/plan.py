@@ -37,7 +37,7 @@ def plan(scenario: Scenario, *, progress: Progress = silent) -> PlanResult:
     require_scenario(scenario)
     count = len(scenario.vehicle.fleet)
     if count > 1:
-        msg = f"{count} vehicles: a mission is one vehicle's; plan for the fleet, or give one"
+        msg = f"{count} vehicles: a mission is one vehicle's; plan for the fleet, or give one vehicle"
         raise ScenarioError(msg)
     return plan_fleet(scenario, progress=progress)[0]
 

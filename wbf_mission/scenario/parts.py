@@ -552,7 +552,7 @@ class CameraOptions(Part):
             msg = "camera fields are empty: give at least one, such as tylcv, or leave the option out"
             raise ScenarioError(msg)
         if self.model is not None and self.spacing_m is not None:
-            msg = f"camera {self.model}: its front overlap spaces the images; leave the camera spacing out"
+            msg = f"camera {self.model}: its front overlap spaces the images; leave out the camera spacing"
             raise ScenarioError(msg)
 
     @property
@@ -588,7 +588,7 @@ class EstimateOptions(Part):
         RUN,
         kind="estimator",
         metavar="NAME",
-        default="the best that the farm can afford: epidemic on small farms, gp on others",
+        default="epidemic on small farms with the benchmark's fields, else gp",
     )
 
     def check(self) -> None:

@@ -79,8 +79,8 @@ class AlongCurves(CompiledMotion):
         rows = np.column_stack((points_m, legs["radius"], speed, *rest))
         under_way, self._under_way = self._continues_leg, False
         self.guide[Guide.BEGINS] = self._join(rows[0], law) if under_way else self._follows(rows[0])
-        self._rows = self._route = np.ascontiguousarray(rows).view(at.LEG)[:, 0]
-        self._begin()
+        self._rows = np.ascontiguousarray(rows).view(at.LEG)[:, 0]
+        self._begin(self._rows)
 
     def _join(self, row: Floats, law: Floats) -> int:
         """Place the vehicle on a leg that began behind it, and return the transition to that leg."""

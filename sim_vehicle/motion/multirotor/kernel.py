@@ -54,7 +54,6 @@ Limits = IntEnum(
     start=0,
 )
 LEG, LIMITS = record_type(Leg), record_type(Limits)
-ENERGY_LIMIT = int(Limits.ENERGY_LIMIT)
 
 STOP_RADIUS = 0.05
 STOP_SPEED = 0.1

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geo.compiled import compiled
-from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import Record, State
 from sim_vehicle.motion.compiled_motion import CompiledMotion, Dynamics
@@ -18,7 +17,7 @@ from sim_vehicle.motion.multirotor import kernel
 from sim_vehicle.weather.wind import Wind
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from collections.abc import Mapping
 
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position, Route
@@ -48,20 +47,29 @@ class Multirotor(CompiledMotion):
     """
 
     dynamics = GENERIC
-    _state_size = len(col.State)
-    _energy_limit = kernel.Limits.ENERGY_LIMIT
 
     def __init__(self, spec: VehicleSpec, wind: Wind | None = None, yaw_rad: float = 0.0) -> None:
         super().__init__(spec, wind, yaw_rad)
         self.state[col.LOOK] = math.nan
 
-    def _numbers(self, spec: VehicleSpec) -> NDArray[np.float64]:
-        return _limits(spec)
+    def _numbers(self, spec: VehicleSpec) -> Mapping[str, float]:
+        return {
+            "speed_max": spec.speed_limit_m_s,
+            "airspeed_max": spec.airspeed_limit_m_s,
+            "climb_max": spec.climb_speed_m_s,
+            "descent_max": spec.descent_speed_m_s,
+            "acceleration_max": spec.acceleration_m_s2,
+            "jerk_max": spec.jerk_m_s3,
+            "vertical_acceleration": spec.vertical_acceleration_m_s2,
+            "vertical_jerk": spec.vertical_jerk_m_s3,
+            "turn_rate": spec.yaw_rate_rad_s,
+            "turn_acceleration": spec.yaw_acceleration_rad_s2,
+            "touch_down_speed": spec.landing_speed_m_s,
+        }
 
     def fly(self, route: Route) -> None:
         """Begin a route from the present position and motion."""
-        self._route = self._prepared(route.legs)
-        self._begin()
+        self._begin(self._prepared(route.legs))
 
     def _prepared(self, legs: Record) -> Record:
         route = np.zeros(len(legs), kernel.LEG)
@@ -70,9 +78,8 @@ class Multirotor(CompiledMotion):
 
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
         """Keep a velocity, or its horizontal part at an altitude; a descent ends on the ground."""
-        limits = self._records("_limits", kernel.LIMITS)[0]
-        self._route = prepare_velocity(self.position_m, velocity_m_s, height_m, *heading.numbers, limits)
-        self._begin()
+        position = self.position_m
+        self._begin(prepare_velocity(position, velocity_m_s, height_m, *heading.numbers, self._limit))
 
     def look_at(self, position_m: tuple[float, float] | None) -> None:
         """Point the nose at a position (east, north) on all legs; None ends the pointing."""
@@ -102,30 +109,8 @@ class Multirotor(CompiledMotion):
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
         """Limit climb and descent speed from the next route; None selects the vehicle's limit."""
         spec = self.spec
-        self._limits[kernel.Limits.CLIMB_MAX] = min(climb_m_s or math.inf, spec.climb_speed_m_s)
-        self._limits[kernel.Limits.DESCENT_MAX] = min(descent_m_s or math.inf, spec.descent_speed_m_s)
-
-
-def _limits(spec: VehicleSpec) -> NDArray[np.float64]:
-    """Return the limits in the order of the kernel."""
-    capacity = spec.battery.capacity_wh * WH_J if spec.battery is not None else math.inf
-    return np.array(
-        [
-            spec.step_s,
-            spec.speed_limit_m_s,
-            spec.airspeed_limit_m_s,
-            spec.climb_speed_m_s,
-            spec.descent_speed_m_s,
-            spec.acceleration_m_s2,
-            spec.jerk_m_s3,
-            spec.vertical_acceleration_m_s2,
-            spec.vertical_jerk_m_s3,
-            spec.yaw_rate_rad_s,
-            spec.yaw_acceleration_rad_s2,
-            capacity,
-            spec.landing_speed_m_s,
-        ]
-    )
+        self._limit.climb_max = min(climb_m_s or math.inf, spec.climb_speed_m_s)
+        self._limit.descent_max = min(descent_m_s or math.inf, spec.descent_speed_m_s)
 
 
 # Fractions of the horizontal limits: along the leg, across the leg (0.8^2 + 0.6^2 = 1), and normal to both.

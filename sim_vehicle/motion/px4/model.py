@@ -149,10 +149,10 @@ class Px4Multirotor(Multirotor):
         table[:, Leg.CIRCLE] = legs["circle"]
         self._prepare_first_leg(table)
         before = self._place_before(table[0, Leg.X : Leg.BEFORE_X])
-        self._route = table.view(kernel.LEG)[:, 0]
-        self._begin()
+        rows = table.view(kernel.LEG)[:, 0]
+        self._begin(rows)
         state, guide = self._records("state", col.STATE), self._records("guide", kernel.GUIDE)
-        kernel.begin_leg(guide[0], self._route[0], state[0])
+        kernel.begin_leg(guide[0], rows[0], state[0])
         if table[0, Leg.KIND] < LegKind.CLIMB:
             table[0, Leg.BEFORE_X : Leg.AFTER_X] = before
         self._guided = True

@@ -8,8 +8,8 @@ from sim_vehicle.airframe.catalog import get_vehicle, vehicle_names
 from sim_vehicle.airframe.power_spec import BatterySpec, PowerSpec
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.errors import VehicleError
-from wbf_mission.addons.rovers.power import RoverPowerSpec
-from wbf_mission.addons.wings.power import FixedWingPowerSpec
+from wbf_mission.addons.rovers.kind import RoverPowerSpec
+from wbf_mission.addons.wings.kind import FixedWingPowerSpec
 
 ROTOR = {"mass_kg": 1.0, "disc_area_m2": 0.1, "tip_speed_m_s": 70.0}
 

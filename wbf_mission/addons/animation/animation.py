@@ -16,8 +16,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.animation import PillowWriter
-from matplotlib.colors import Colormap, to_rgb
+from matplotlib import colormaps
+from matplotlib.animation import FFMpegWriter, PillowWriter
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import Colormap, LinearSegmentedColormap, to_rgb
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 from threadpoolctl import threadpool_limits
@@ -36,12 +39,10 @@ from wbf_mission.run.resolve import make_environment
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.colors import Colormap
     from matplotlib.image import AxesImage
     from matplotlib.lines import Line2D
 
     from sensors.environment.environment import Environment
-    from sensors.scoring.information import InformationModel
     from wbf_mission.run.record import RunRecord
     from wbf_mission.scenario import Scenario
 
@@ -53,6 +54,7 @@ _COLUMNS = ("truth", "estimate", "uncertainty")
 # Length of the path shown on truth and estimate (s), at least one frame: a whole path would hide the maps.
 _TAIL_S = 30.0
 _MARGIN = 0.02
+_UNCERTAIN = "viridis"
 # Columns of cells per strip of the truth: strips save memory on a large farm.
 _STRIP_CELLS = 500
 _VEHICLES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#000000")
@@ -116,49 +118,28 @@ def animate(
 ) -> Path:
     """Write the animation of a run as .gif or .mp4; parameters and errors are those of `Result.animate`."""
     if not 2 <= frames <= MOST_FRAMES:
-        msg = f"animation: {frames} frames; give 2 to {MOST_FRAMES}"
-        raise AnimationError(msg)
-    _check_kind(path)
+        raise AnimationError(f"animation: {frames} frames; give 2 to {MOST_FRAMES}")
+    if path.suffix not in (".gif", ".mp4"):
+        raise AnimationError(f"{path}: a moving picture is a .gif or an .mp4 file")
+    if path.suffix == ".mp4" and not FFMpegWriter.isAvailable():
+        raise AnimationError(f"{path}: ffmpeg is not installed; give a .gif file")
     shown = moments(record, frames)
     if not any(len(flight.track.time_s) for flight in record.flights):
-        msg = "animation: nothing was flown"
-        raise AnimationError(msg)
+        raise AnimationError("animation: nothing was flown")
     progress = progress or silent
     with threadpool_limits(1, user_api="blas"):
         learner = fresh_estimator(record, progress, estimator)
-        sheet = _Sheet(record, _tail_s(shown))
-        writer = _writer(path, sheet)
+        steps_s = [b.time_s - a.time_s for a, b in pairwise(shown) if a.flights is b.flights]
+        sheet = _Sheet(record, max([_TAIL_S, *steps_s]))
+        writer: Any = FFMpegWriter(fps=_FRAMES_A_SECOND, extra_args=["-f", "mp4"])
+        if path.suffix == ".gif":
+            writer = GifWriter(_FRAMES_A_SECOND, sheet.colour_maps, _VEHICLES)
         with atomic_path(path) as temporary, writer.saving(sheet.figure, str(temporary), sheet.figure.dpi):
             for number, (moment, maps) in enumerate(_estimates(record, learner, shown)):
                 progress("animation", number, len(shown))
                 sheet.show(moment, *maps)
                 writer.grab_frame()
     return path
-
-
-def _check_kind(path: Path) -> None:
-    from matplotlib.animation import FFMpegWriter
-
-    if path.suffix not in (".gif", ".mp4"):
-        msg = f"{path}: a moving picture is a .gif or an .mp4 file"
-        raise AnimationError(msg)
-    if path.suffix == ".mp4" and not FFMpegWriter.isAvailable():
-        msg = f"{path}: ffmpeg is not installed; give a .gif file"
-        raise AnimationError(msg)
-
-
-def _writer(path: Path, sheet: _Sheet) -> Any:
-    if path.suffix == ".gif":
-        return GifWriter(_FRAMES_A_SECOND, sheet.colour_maps, _VEHICLES)
-    from matplotlib.animation import FFMpegWriter
-
-    return FFMpegWriter(fps=_FRAMES_A_SECOND, extra_args=["-f", "mp4"])
-
-
-def _tail_s(shown: list[Moment]) -> float:
-    """Return the duration of the path shown (s): at least the longest step between two frames."""
-    steps = [b.time_s - a.time_s for a, b in pairwise(shown) if a.flights is b.flights]
-    return max([_TAIL_S, *steps])
 
 
 _Maps = tuple[list[_Floats], list[_Floats], list[_Floats]]
@@ -169,8 +150,7 @@ def _estimates(
 ) -> Iterator[tuple[Moment, _Maps]]:
     """Yield each moment with the pixel means of truth, estimate and uncertainty of each field."""
     farm, fields = record.farm, record.fields
-    grid, cells = MapGrid.of(farm), farm.grid()
-    masks = [field.mask(cells) for field in fields]
+    grid, masks = MapGrid.of(farm), fields.masks(farm.grid())
     environment = cache(partial(make_environment, record.scenario, farm))
     day, truth = None, list[_Floats]()
     known: tuple[list[_Floats], list[_Floats]] | None = None
@@ -181,28 +161,21 @@ def _estimates(
             truth = _truth(record, environment, grid, masks, day)
         model = next(again)
         if model is not None:
-            known = _estimated(model, grid, masks)
+            value, uncertainty = (
+                [pixel_means(grid, mask, whole[k]) for k, mask in enumerate(masks)]
+                for whole in (model.value, model.uncertainty)
+            )
+            known = value, uncertainty
             del model  # Models of large farms take much memory
         assert known is not None
         yield moment, (truth, *known)
-
-
-def _estimated(
-    model: InformationModel, grid: MapGrid, masks: list[NDArray[np.bool_]]
-) -> tuple[list[_Floats], list[_Floats]]:
-    """Return the pixel means of value and uncertainty of each field."""
-    value, uncertainty = (
-        [pixel_means(grid, mask, whole[k]) for k, mask in enumerate(masks)]
-        for whole in (model.value, model.uncertainty)
-    )
-    return value, uncertainty
 
 
 def _truth(
     record: RunRecord,
     environment: Callable[[], Environment],
     grid: MapGrid,
-    masks: list[NDArray[np.bool_]],
+    masks: NDArray[np.bool_],
     day: int,
 ) -> list[_Floats]:
     """Return the pixel means of a day's truth, from the record or else from the environment in strips."""
@@ -225,9 +198,6 @@ class _Sheet:
     """Figure with one row per field: panels of truth, estimate and uncertainty, with paths and vehicles."""
 
     def __init__(self, record: RunRecord, tail_s: float) -> None:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
         farm, self._fields = record.farm, tuple(record.fields)
         self._grid = MapGrid.of(farm)
         self._tail_s = tail_s
@@ -255,7 +225,8 @@ class _Sheet:
     @property
     def colour_maps(self) -> list[Colormap]:
         """Colour maps of all fields and of the uncertainty."""
-        return [*{colours.name: colours for colours in map(_colours, self._fields)}.values(), _uncertain()]
+        own = {colours.name: colours for colours in map(_colours, self._fields)}
+        return [*own.values(), colormaps[_UNCERTAIN]]
 
     def _image(self, axes: Axes) -> AxesImage:
         cell, pixel = self._grid.cell_size_m, self._grid.pixel
@@ -305,7 +276,7 @@ class _Sheet:
         for image in images[:2]:
             image.set_cmap(_colours(field))
             image.set_clim(0.0, top)
-        images[2].set_cmap(_uncertain())
+        images[2].set_cmap(_UNCERTAIN)
         images[2].set_clim(0.0, max(float(np.nanmax(uncertainty, initial=0.0)), 1e-3))
 
 
@@ -338,18 +309,9 @@ def _flown(track: Track | None, since_s: float, until_s: float) -> tuple[_Floats
 
 
 def _colours(field: Field) -> Colormap:
-    from matplotlib import colormaps
-    from matplotlib.colors import LinearSegmentedColormap
-
     if field.kind == "disease":
         return colormaps["YlOrBr"]
     return LinearSegmentedColormap.from_list(field.name, field.colours)
-
-
-def _uncertain() -> Colormap:
-    from matplotlib import colormaps
-
-    return colormaps["viridis"]
 
 
 def _vehicle(axes: Axes, system_id: int) -> tuple[Line2D, Line2D]:

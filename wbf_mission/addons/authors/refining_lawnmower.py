@@ -25,6 +25,7 @@ from mission.policies.planning_grid import LegCosts
 from mission.policies.policy import LEAST_S, Triggers
 from mission.policies.route_search import COST, VALUE, leg_offsets, neighbour_shares, search_route
 from mission.policies.steering import affordable
+from wbf_mission.maps.blocks import SICK_BELOW
 
 _RENEW_CELLS = 6.0
 _NOTHING: Points = np.empty((0, 2))
@@ -258,8 +259,6 @@ def _nearly_flown(vehicle: VehicleReport, cell_m: float) -> bool:
     return path_length(path) <= _RENEW_CELLS * cell_m
 
 
-SICK_BELOW = 0.75
-"""Upper limit of a sick plant's value."""
 _WINDOW = 24
 _MAP_BLOCKS = 1024
 """Maximum number of blocks along the longer side of the reported map, as many as displays show."""
@@ -306,7 +305,7 @@ def detour(
 ) -> Points:
     """Return a route past plants beside sick ones, most of them early; empty if none is worth it."""
     if not window.values.any():
-        return np.empty((0, 2))
+        return _NOTHING
     cell_m = observation.farm.cell_size_m
     x, y = np.asarray(vehicle.position_m) / cell_m - window.low
     costs = LegCosts.of(vehicle, cell_m)
@@ -316,14 +315,11 @@ def detour(
         window.values, _ALONE, window.free, x, y, _OFFSETS,
         horizon, costs.turn, costs.slopes, _HORIZON * per_cell, max(1, int(_HORIZON / _INTERVAL)), _BEAM,
     )  # fmt: skip
-    if not len(route):
-        return np.empty((0, 2))
     rates = per_cell * route[:, VALUE] / np.maximum(route[:, COST], per_cell)
     good = np.flatnonzero(rates >= least_rate)
     if not len(good):
-        return np.empty((0, 2))
-    route = route[: good[-1] + 1]
-    points: Points = (route[:, :2] + window.low) * cell_m
+        return _NOTHING
+    points: Points = (route[: good[-1] + 1, :2] + window.low) * cell_m
     return points
 
 

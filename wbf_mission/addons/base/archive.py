@@ -23,24 +23,9 @@ class ArchiveError(ValueError):
 class Archive(Closing):
     """A user's ZIP archive. Members are read into memory only; their names are never used as paths.
 
-    Parameters
-    ----------
-    source : Path or bytes
-        The archive's file or content.
-    room : int
-        Limit on the unpacked bytes of all members together.
-
-    Attributes
-    ----------
-    names : list of str
-        Names of the members in their order, without those that macOS adds (``__MACOSX/``, ``._x``).
-    room : int
-        Bytes that may still be unpacked.
-
-    Raises
-    ------
-    ArchiveError
-        If `source` is no archive, or holds more than `MAX_MEMBERS` files.
+    `room` is the number of bytes that all members together may still unpack to. `names` are the members in
+    their order, without those that macOS adds (``__MACOSX/``, ``._x``). ArchiveError if `source`, a file or
+    its content, is no archive, or holds more than `MAX_MEMBERS` files.
     """
 
     def __init__(self, source: Path | bytes, room: int) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 from dataclasses import dataclass
+from functools import partial
 from html import escape
 
 import numpy as np
@@ -59,24 +60,21 @@ class FarmDrawing:
     ) -> str:
         """Return the map as an SVG element.
 
-        Parameters
-        ----------
-        name : str
-            Name of the map, unique in the page: part of an element's id.
-        shows : str
-            Description for screen readers.
-        pixels : uint8[columns, rows]
-            Indices into `palette`, beginning at the frame's origin; 0 is transparent.
-        pixel_m : float
-            Side of a pixel (m).
-        palette : uint8[n, 3]
-            RGB colours.
-        over : str
-            SVG elements drawn over the picture.
+        `name` is unique in the page, `shows` a description for screen readers. `pixels`, uint8[columns, rows]
+        with sides of `pixel_m`, are indices into the RGB colours of `palette`, uint8[n, 3], beginning at the
+        frame's origin; 0 is transparent. `over` are SVG elements drawn over the picture.
         """
         unit, clip = self.unit, f"land-{name}"
         across, up = (n * pixel_m for n in pixels.shape)
-        border = "".join(_path(polygon, self) for polygon in shapely.get_parts(self.farm.owner_area))
+        rings = [
+            ring
+            for polygon in shapely.get_parts(self.farm.owner_area)
+            for ring in (polygon.exterior, *polygon.interiors)
+        ]
+        border = "".join(
+            "M" + "L".join(f"{x:.2f} {self.down(y):.2f}" for x, y in shapely.get_coordinates(ring)) + "Z"
+            for ring in rings
+        )
         wide, high = self.right - self.left + 6.0 * unit, self.foot - self.top + 13.0 * unit
         return (
             f'<svg viewBox="{self.left - 5.0 * unit:.3f} {self.top - 4.0 * unit:.3f} {wide:.3f} {high:.3f}"'
@@ -85,7 +83,47 @@ class FarmDrawing:
             f' height="{up:.3f}" preserveAspectRatio="none" clip-path="url(#{clip})"'
             f' image-rendering="pixelated" href="{_picture(pixels, palette)}"/>'
             f'<path d="{border}" fill="none" stroke="#1d1d1b" stroke-width="{0.5 * unit:.3f}"/>'
-            f"{_edges(self)}{over}{_scale(self)}{_north(self)}</svg>"
+            f"{self._edges()}{over}{self._scale()}{self._north()}</svg>"
+        )
+
+    def _edges(self) -> str:
+        """Return the block names along the edges, as the report's sentences use them."""
+        grid, unit = MapGrid.of(self.farm), self.unit
+        side = grid.block * grid.cell_size_m
+        label = partial(self.text, size=2.3, text_anchor="middle", fill="#55534f")
+        middles = [(k + 0.5) * side for k in range(max(grid.blocks))]
+        texts = [
+            label(x, self.top - 1.2 * unit, grid.name(k, 0)[:-1])
+            for k, x in enumerate(middles)
+            if self.left < x < self.right
+        ]
+        texts += [
+            label(self.left - 2.6 * unit, self.down(y) + 0.8 * unit, str(k + 1))
+            for k, y in enumerate(middles)
+            if self.top < self.down(y) < self.foot
+        ]
+        return "".join(texts)
+
+    def _scale(self) -> str:
+        """Return a scale bar of at most 0.3 of the map's width: 1, 2 or 5 times a power of ten."""
+        longest, unit = 0.3 * (self.right - self.left), self.unit
+        power = 10.0 ** math.floor(math.log10(longest))
+        length = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= longest)
+        x, y = self.left, self.foot + 4.0 * unit
+        return (
+            f'<path d="M{x:.3f} {y - unit:.3f}V{y:.3f}H{x + length:.3f}V{y - unit:.3f}" fill="none"'
+            f' stroke="#1d1d1b" stroke-width="{0.5 * unit:.3f}"/>'
+            + self.text(x + length + unit, y, f"{length:g} m" if length < 1e3 else f"{length / 1e3:g} km")
+        )
+
+    def _north(self) -> str:
+        """Return a north arrow, turned by the rotation of the farm's frame."""
+        x, y = self.farm.frame.from_east_north(0.0, 1.0)
+        turn, unit = math.degrees(math.atan2(x, y)), self.unit
+        at = f"translate({self.right - 4.0 * unit:.3f} {self.foot + 4.8 * unit:.3f}) scale({unit:.4f})"
+        return (
+            f'<g transform="{at}"><path transform="rotate({turn:.2f})" d="M0 -3L1.6 3L0 1.8L-1.6 3Z"'
+            ' fill="#1d1d1b"/><text x="2.4" y="1" font-size="3">N</text></g>'
         )
 
 
@@ -97,53 +135,3 @@ def _picture(pixels: NDArray[np.uint8], palette: Colours) -> str:
     file = io.BytesIO()
     picture.save(file, "PNG", transparency=0, optimize=True)
     return data_uri(file.getvalue())
-
-
-def _path(polygon: shapely.Polygon, view: FarmDrawing) -> str:
-    return "".join(
-        "M" + "L".join(f"{x:.2f} {view.down(y):.2f}" for x, y in shapely.get_coordinates(ring)) + "Z"
-        for ring in (polygon.exterior, *polygon.interiors)
-    )
-
-
-def _edges(view: FarmDrawing) -> str:
-    """Return the block names along the edges, as the report's sentences use them."""
-    grid, unit = MapGrid.of(view.farm), view.unit
-    side = grid.block * grid.cell_size_m
-    how = {"size": 2.3, "text_anchor": "middle", "fill": "#55534f"}
-    middles = [(k + 0.5) * side for k in range(max(grid.blocks))]
-    texts = [
-        view.text(x, view.top - 1.2 * unit, grid.name(k, 0)[:-1], **how)  # type: ignore[arg-type]
-        for k, x in enumerate(middles)
-        if view.left < x < view.right
-    ]
-    texts += [
-        view.text(view.left - 2.6 * unit, view.down(y) + 0.8 * unit, str(k + 1), **how)  # type: ignore[arg-type]
-        for k, y in enumerate(middles)
-        if view.top < view.down(y) < view.foot
-    ]
-    return "".join(texts)
-
-
-def _scale(view: FarmDrawing) -> str:
-    """Return a scale bar of at most 0.3 of the map's width: 1, 2 or 5 times a power of ten."""
-    longest, unit = 0.3 * (view.right - view.left), view.unit
-    power = 10.0 ** math.floor(math.log10(longest))
-    length = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= longest)
-    x, y = view.left, view.foot + 4.0 * unit
-    return (
-        f'<path d="M{x:.3f} {y - unit:.3f}V{y:.3f}H{x + length:.3f}V{y - unit:.3f}" fill="none"'
-        f' stroke="#1d1d1b" stroke-width="{0.5 * unit:.3f}"/>'
-        + view.text(x + length + unit, y, f"{length:g} m" if length < 1e3 else f"{length / 1e3:g} km")
-    )
-
-
-def _north(view: FarmDrawing) -> str:
-    """Return a north arrow, turned by the rotation of the farm's frame."""
-    x, y = view.farm.frame.from_east_north(0.0, 1.0)
-    turn, unit = math.degrees(math.atan2(x, y)), view.unit
-    at = f"translate({view.right - 4.0 * unit:.3f} {view.foot + 4.8 * unit:.3f}) scale({unit:.4f})"
-    return (
-        f'<g transform="{at}"><path transform="rotate({turn:.2f})" d="M0 -3L1.6 3L0 1.8L-1.6 3Z"'
-        ' fill="#1d1d1b"/><text x="2.4" y="1" font-size="3">N</text></g>'
-    )

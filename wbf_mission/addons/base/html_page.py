@@ -19,16 +19,8 @@ import msgspec
 def html_document(title: str, body: str, *, style: str, script: str = "", data: str = "") -> str:
     """Return an HTML document with its Content Security Policy.
 
-    Parameters
-    ----------
-    title : str
-        Title, plain text.
-    body : str
-        HTML of the body, without style attributes and event handlers, which the policy forbids.
-    style, script : str
-        CSS and JavaScript; the script runs after the body has been parsed.
-    data : str
-        HTML with the script's data, see `data_element`.
+    `title` is plain text. `body` is HTML without style attributes and event handlers, which the policy
+    forbids. `script` runs after the body has been parsed; `data` is HTML with its data (`data_element`).
     """
     style, script = style.replace("</style", "<\\/style"), script.replace("</script", "<\\/script")
     own_script = _digest(script) if script else "'none'"

@@ -10,17 +10,15 @@ from types import MappingProxyType
 from typing import Any
 
 from mission.autopilots import profile_for
-from mission.autopilots.profile import Meaning, Motion, Profile, Questions
+from mission.autopilots.profile import Meaning, Questions
 from mission.errors import MissionError
 from mission.ground.arming_gate import ArmingGate
-from mission.ground.contact import Heartbeat
-from mission.ground.texts import TextLog
-from mission.ground.vehicle_state import VehicleMonitor
+from mission.ground.contact import Contact, Heartbeat
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import DEGREES_E7, GeoPoint
 from mission.transfer.vehicles import VehicleSearch
-from mission.transfer.wire import GROUND_STATION
+from mission.transfer.wire import GROUND_STATION, command_long
 from sim_vehicle.autopilot import firmware_of
 from sim_vehicle.autopilot.parameters import parameter_value
 from sim_vehicle.host.server import Server
@@ -100,8 +98,12 @@ class VehicleSnapshot:
 
     def told(self, meaning: Meaning) -> tuple[str, float] | None:
         """Return name and value (SI units) of a parameter; None if the vehicle did not send it."""
-        names, known = self.questions.get(meaning, {}), self.parameters
-        return next(((name, known[name] * unit) for name, unit in names.items() if name in known), None)
+        return self._first(self.questions.get(meaning, {}))
+
+    def _first(self, units: Mapping[str, float]) -> tuple[str, float] | None:
+        """Return name and value (SI units) of the first parameter that the vehicle sent, else None."""
+        known = self.parameters
+        return next(((name, known[name] * unit) for name, unit in units.items() if name in known), None)
 
     def as_set(self, options: VehicleOptions) -> VehicleOptions:
         """Return the options with the vehicle's parameters in place of assumed ones.
@@ -113,15 +115,13 @@ class VehicleSnapshot:
         table = {} if firmware is None else firmware.procedures.parameters
         found = {}
         for name, names in profile_for(self.autopilot).settings.motion_of(self.vehicle_type).items():
-            told = next(
-                (factor * self.parameters[one] for one, factor in names.items() if one in self.parameters),
-                None,
-            )
-            if told is None or (known := table.get(name)) is None or not known.low <= told <= known.high:
+            told, known = self._first(names), table.get(name)
+            if told is None or known is None or not known.low <= told[1] <= known.high:
                 continue
+            value = told[1]
             # MAVLink carries parameters as float32.
-            if not math.isclose(told, parameter_value(spec, name, table), rel_tol=1e-6, abs_tol=1e-9):
-                found[name] = round(told) if known.integer else float(f"{told:.7g}")
+            if not math.isclose(value, parameter_value(spec, name, table), rel_tol=1e-6, abs_tol=1e-9):
+                found[name] = round(value) if known.integer else float(f"{value:.7g}")
         return replace(options, parameters={**options.parameters, **found}) if found else options
 
 
@@ -207,13 +207,10 @@ class Inquiry:
         self.waits_for_place = False  # Whether only the vehicle's position is missing
         self._placed = placed
         self.search = VehicleSearch(system_id)
-        self._monitor = VehicleMonitor()
+        self._contact = Contact()
         self._ids: set[int] = set()
         self._told: dict[str, Any] = {}
-        self._texts = TextLog()
-        self._reasons: ArmingGate | None = None
-        self._questions: Questions = {}
-        self._motion: Motion = {}
+        self._alternatives: list[Mapping[str, float]] = []  # Names of each parameter; a vehicle has one
         self._parameters: dict[str, float] = {}
         self._tries: dict[str | int, int] = {}
         self._begun_s = math.inf
@@ -236,7 +233,7 @@ class Inquiry:
         first = self.search.take(message) is not None
         if source != self.vehicle:
             return []
-        self._monitor.receive(message, now_s)
+        self._contact.receive(message, now_s)
         if isinstance(message, m.MAVLink_heartbeat_message):
             return self._begin(now_s) if first else []
         self._take(message, now_s)
@@ -263,7 +260,9 @@ class Inquiry:
     def snapshot(self) -> VehicleSnapshot:
         """Return the answers received by now; requires that the vehicle was heard."""
         assert self.vehicle is not None
-        monitor = self._monitor
+        monitor, gate = self._contact.monitor, ArmingGate(self.vehicle)
+        for _, _, text in self._contact.texts.texts:
+            gate.on_text(text)
         return VehicleSnapshot(
             system_id=self.vehicle[0],
             autopilot=monitor.autopilot,
@@ -271,35 +270,36 @@ class Inquiry:
             armed=monitor.state.armed,
             parameters=MappingProxyType(dict(self._parameters)),
             battery=monitor.battery.remaining,
-            reasons=() if self._reasons is None else tuple(self._reasons.reasons),
+            reasons=tuple(gate.reasons),
             **self._told,
         )
 
     def _begin(self, now_s: float) -> list[Message]:
         assert self.vehicle is not None
         self._begun_s = now_s
-        self._reasons = ArmingGate(self.vehicle)
-        self._questions = self._profile.settings.asked_of(self._monitor.vehicle_type)
-        self._motion = self._profile.settings.motion_of(self._monitor.vehicle_type)
-        checks = self._command(int(m.MAV_CMD_RUN_PREARM_CHECKS), 0.0)
-        return [*self._ask(now_s), *([] if self._monitor.state.armed else [checks])]
+        settings, vehicle_type = self._contact.profile.settings, self._contact.monitor.vehicle_type
+        self._alternatives = [
+            *settings.asked_of(vehicle_type).values(),
+            *settings.motion_of(vehicle_type).values(),
+        ]
+        asked = self._ask(now_s)
+        if not self._contact.monitor.state.armed:
+            asked.append(command_long(self.vehicle, m.MAV_CMD_RUN_PREARM_CHECKS))
+        return asked
 
     @property
     def _open(self) -> list[str | int]:
         """Names of parameters and ids of messages that are unanswered and still retried."""
-        groups = [*self._questions.values(), *self._motion.values()]
-        names = dict.fromkeys(
-            name for names in groups if self._parameters.keys().isdisjoint(names) for name in names
-        )
-        messages = [one for one in (*STATE_MESSAGES, self._profile.estimator_message) if one not in self._ids]
+        unread = [names for names in self._alternatives if self._parameters.keys().isdisjoint(names)]
+        names = dict.fromkeys(name for names in unread for name in names)
+        asked = (*STATE_MESSAGES, self._contact.profile.estimator_message)
+        messages = [message_id for message_id in asked if message_id not in self._ids]
         every: list[str | int] = [*names, *messages]
         return [key for key in every if self._answer_s is None or self._tries.get(key, 0) <= _TRIES]
 
     def _ask(self, now_s: float) -> list[Message]:
         assert self.vehicle is not None
-        # The link's delay is unknown before the first answer.
-        pace_s = _FIRST_RETRY_S if self._answer_s is None else max(_FIRST_RETRY_S, 1.5 * self._answer_s)
-        self._due_s = now_s + (2.0 * pace_s if self._answer_s is None else pace_s)
+        self._due_s = now_s + self._pace_s
         out: list[Message] = []
         for key in self._open:
             tries = self._tries[key] = self._tries.get(key, 0) + (self._answer_s is not None)
@@ -308,38 +308,34 @@ class Inquiry:
             if isinstance(key, str):
                 out.append(m.MAVLink_param_request_read_message(*self.vehicle, key.encode(), -1))
             else:
-                out.append(self._command(int(m.MAV_CMD_REQUEST_MESSAGE), float(key)))
+                out.append(command_long(self.vehicle, m.MAV_CMD_REQUEST_MESSAGE, float(key)))
         if self.waits_for_place:
-            self._due_s = now_s + max(_PLACE_AGAIN_S, pace_s)
+            self._due_s = now_s + max(_PLACE_AGAIN_S, self._pace_s)
             # Earlier answers are outdated: request again.
-            asked = (*_PLACE_MESSAGES, self._profile.estimator_message)
-            out += [self._command(int(m.MAV_CMD_REQUEST_MESSAGE), float(message_id)) for message_id in asked]
+            old = (*_PLACE_MESSAGES, self._contact.profile.estimator_message)
+            out += [command_long(self.vehicle, m.MAV_CMD_REQUEST_MESSAGE, float(kind)) for kind in old]
         return out
 
-    def _command(self, command: int, first: float) -> Message:
-        assert self.vehicle is not None
-        return m.MAVLink_command_long_message(*self.vehicle, command, 0, first, 0, 0, 0, 0, 0, 0)
+    @property
+    def _pace_s(self) -> float:
+        """Time between two requests (s); the delay of the link is unknown before the first answer."""
+        return 2.0 * _FIRST_RETRY_S if self._answer_s is None else max(_FIRST_RETRY_S, 1.5 * self._answer_s)
 
     def _take(self, message: Message, now_s: float) -> None:
         if isinstance(message, m.MAVLink_param_value_message):
             self._on_parameter(message, now_s)
-        elif isinstance(message, m.MAVLink_statustext_message):
-            self._texts.on_text(message, now_s)
-            for _, _, text in self._texts.texts:
-                if self._reasons is not None:
-                    self._reasons.on_text(text)
-        else:
+        elif not isinstance(message, m.MAVLink_statustext_message):
             self._ids.add(type(message).id)
             self._told |= _changes(message)
-            if not self._questions:
+            if not self._alternatives:
                 # Streamed messages are no answers; parameters are, so prefer them as a measure of the delay.
                 self._measure_pace(now_s)
 
     def _on_parameter(self, message: m.MAVLink_param_value_message, now_s: float) -> None:
         name = str(message.param_id)
-        if not any(name in names for names in (*self._questions.values(), *self._motion.values())):
+        if not any(name in names for names in self._alternatives):
             return
-        value = decoded(message.param_value, message.param_type, bytewise=self._profile.bytewise)
+        value = decoded(message.param_value, message.param_type, bytewise=self._contact.profile.bytewise)
         if value is not None:
             self._parameters[name] = value
             self._measure_pace(now_s)
@@ -348,11 +344,7 @@ class Inquiry:
         """Set the retry interval from the delay of the first answer."""
         if self._answer_s is None:
             self._answer_s = now_s - self._begun_s
-            self._due_s = min(self._due_s, now_s + max(_FIRST_RETRY_S, 1.5 * self._answer_s))
-
-    @property
-    def _profile(self) -> Profile:
-        return profile_for(self._monitor.autopilot)
+            self._due_s = min(self._due_s, now_s + self._pace_s)
 
     def _settle(self, now_s: float) -> None:
         """End once nothing is open, and the vehicle had time to send its reasons not to arm."""
@@ -360,12 +352,12 @@ class Inquiry:
             return
         longest_s = _LONGEST_SILENCE_S if self._answer_s is None else _LONGEST_S
         if self._settled_s is None and (not self._open or now_s >= self._begun_s + longest_s):
-            knows = self._monitor.knows_position or now_s >= self._begun_s + _PLACE_S
+            knows = self._contact.monitor.knows_position or now_s >= self._begun_s + _PLACE_S
             self.waits_for_place = self._placed and not knows
             if self.waits_for_place:
                 return
             ready = self._told.get("sensors_health", _PREARM) & _PREARM
-            self._settled_s = now_s + (0.0 if ready or self._monitor.state.armed else _REASONS_S)
+            self._settled_s = now_s + (0.0 if ready or self._contact.monitor.state.armed else _REASONS_S)
         if self._settled_s is not None and now_s >= self._settled_s:
             self.done = True
 

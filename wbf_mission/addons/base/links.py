@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from typing import Any
 
 from geo.errors import WbfMissionError
 from geo.imports import entry_named, load_entry
-from geo.system import Closing
 from mission.errors import LinkError
 from mission.ground.link import DriverMaker, TransferReport, own_driver, upload
 from mission.ground.station import GroundStation
@@ -140,54 +140,42 @@ def links_of(heard: Iterable[Heard]) -> tuple[ServerUrl, ...]:
     return tuple(ServerUrl(url, frozenset(ids)) for url, ids in systems.items())
 
 
-def _as_it_is(messages: Iterable[Message], _now_s: float) -> Iterable[Message]:
-    """Return the messages unchanged."""
-    return messages
-
-
-class LinkHost(Closing):
+class LinkHost(Server):
     """Host of real links; Ctrl-C raises KeyboardInterrupt in the caller.
 
-    ``through`` maps the messages of a component, and the time, to the messages that are sent directly.
+    ``through`` maps messages that a component sends directly, and the time, to the messages that go out.
     """
 
     def __init__(
         self,
-        server: Server,
-        through: Callable[[Iterable[Message], float], Iterable[Message]] = _as_it_is,
+        components: Sequence[Component],
+        urls: Sequence[str | ServerUrl],
+        *,
+        through: Callable[[Iterable[Message], float], Iterable[Message]] = lambda messages, _now_s: messages,
         note: Note = lambda _text: None,
+        **options: Any,
     ) -> None:
-        self._server = server
+        super().__init__(components, urls, **options)
         self._through = through
         self._note = note
 
-    @property
-    def now_s(self) -> float:
-        """Seconds since the link was opened."""
-        return self._server.now_s
-
-    @property
-    def frames(self) -> int:
-        """Number of MAVLink frames sent."""
-        return self._server.frames
-
     def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
         """Serve until a condition holds or time is up; a KeyboardInterrupt leaves the link open."""
-        reason = self._server.run(until=until, limit_s=limit_s)
+        reason = super().run(until=until, limit_s=limit_s)
         if reason is StopReason.STOPPED:
             raise KeyboardInterrupt
         return reason
 
     def send(self, component: Component, messages: Iterable[Message]) -> None:
         """Send messages of a component at the current time."""
-        self._server.send(component, self._through(messages, self._server.now_s))
+        super().send(component, self._through(messages, self.now_s))
 
     def close(self) -> None:
-        """Close the server."""
-        if dropped := self._server.dropped.most_common(_NAMED):
+        """Close the links."""
+        if dropped := self.dropped.most_common(_NAMED):
             named = ", ".join(f"{sender} ({count})" for sender, count in dropped)
             self._note(f"datagrams of {named} were dropped: this program was too busy to take them")
-        self._server.close()
+        super().close()
 
 
 class Via:
@@ -209,7 +197,7 @@ class Via:
         """Open the links of ground stations and their cameras; LinkError if a link cannot be opened."""
         pairs = zip(cameras, grounds, strict=True)
         components: list[Component] = [part for pair in pairs for part in pair]
-        return LinkHost(Server(components, links_of(heard), tap=tap, at_once=True), note=note)
+        return LinkHost(components, links_of(heard), tap=tap, at_once=True, note=note)
 
     def driver(self, url: str, on_event: OnEvent, on_text: OnText | None = None) -> TransferDriver:
         """Open a link, and return its transfer driver; LinkError if the link cannot be opened."""

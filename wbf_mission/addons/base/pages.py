@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from sim_vehicle.component import Component
     from wbf_mission.addons.base.page import Page
     from wbf_mission.addons.base.simulator import Simulated
-    from wbf_mission.bench.requests import AskedFor
-    from wbf_mission.bench.rows import BenchRow
     from wbf_mission.events import EventStream
     from wbf_mission.progress import Progress
     from wbf_mission.run.orders import Orders
@@ -53,22 +51,6 @@ class RunPage(Protocol):
         """Write the page; return its notes: `notes`, and notes on data left out of the page."""
 
 
-class BenchPage(Protocol):
-    """``bench``: writes a report as one HTML file."""
-
-    def __call__(self, path: Path, page: Page, folder: Path, rows: Sequence[BenchRow] = ()) -> None:
-        """Write the file `path`; `folder` has the pictures, `rows` add a table of all standings."""
-
-
-class BenchReport(Protocol):
-    """``bench.report``: makes the report of a benchmark."""
-
-    def __call__(
-        self, rows: Sequence[BenchRow], folder: Path, *, title: str, asked: AskedFor | None = None
-    ) -> Page:
-        """Write the pictures of the report into `folder`; with `asked`, the report has the requests."""
-
-
 def followed_simulation() -> type[FollowedSimulation]:
     """Return the part of the live page that follows a simulation; TargetError if no add-on provides it."""
     followed: type[FollowedSimulation] = provided("live.simulation")
@@ -81,13 +63,20 @@ def run_page() -> type[RunPage]:
     return page
 
 
-def bench_page() -> BenchPage:
-    """Return the page of a benchmark; TargetError if no add-on provides one."""
-    page: BenchPage = provided("bench")
+def bench_page() -> Callable[..., None]:
+    """Return the writer of a report as one HTML file; TargetError if no add-on provides it.
+
+    Its arguments are the file, the `Page`, the folder of the page's pictures and, for a table of all
+    standings, rows of a benchmark.
+    """
+    page: Callable[..., None] = provided("bench")
     return page
 
 
-def bench_report() -> BenchReport:
-    """Return the report of a benchmark; TargetError if no add-on provides one."""
-    report: BenchReport = provided("bench.report")
+def bench_report() -> Callable[..., Page]:
+    """Return the maker of a benchmark's report; TargetError if no add-on provides it.
+
+    Its arguments are the rows, the folder for pictures, ``title`` and, for a list of the requests, ``asked``.
+    """
+    report: Callable[..., Page] = provided("bench.report")
     return report

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from geo import Crop, Farm, FarmGrid
 from geo.atomic import atomic_write
@@ -29,7 +30,7 @@ LINE_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"
 """Colours of curves: the palette of Okabe and Ito, readable with colour blindness, and brown."""
 LAND = "#e9e6df"
 FLOWN = "#c8102e"  # Colour of flown paths
-WORST_COLOURS = ("#3d0a3a", "#f29e38", "#dfeaf2")  # Colours of lost, infected and healthy plants
+WORST_COLOURS = ("#3d0a3a", "#f29e38", "#dfeaf2")  # Lost, infected, healthy: distinct without red and green
 MAX_PIXELS = 600  # Maximum number of cells along a side of a crop map
 _HOME: dict[str, Any] = {"marker": "^", "color": "#d55e00", "markeredgecolor": "white", "markersize": 9}
 _RALLY: dict[str, Any] = {"marker": "P", "color": "#0072b2", "markeredgecolor": "white", "markersize": 9}
@@ -41,6 +42,24 @@ _OBSTACLE: dict[str, Any] = {
     "zorder": 2,
 }
 _LOW_OBSTACLE: dict[str, Any] = {**_OBSTACLE, "hatch": "///"}
+
+
+def rgb(colour: str) -> tuple[int, int, int]:
+    """Return the red, green and blue of ``#rrggbb``, 0 to 255.
+
+    >>> rgb("#0072b2")
+    (0, 114, 178)
+    """
+    red, green, blue = bytes.fromhex(colour[1:])
+    return red, green, blue
+
+
+def ramp(colours: Sequence[str], steps: int) -> NDArray[np.uint8]:
+    """Return a gradient through the colours, uint8[steps, 3]."""
+    stops = np.array([rgb(colour) for colour in colours], np.float64)
+    at, places = np.linspace(0.0, len(stops) - 1.0, steps), np.arange(len(stops))
+    parts = [np.interp(at, places, stops[:, part]) for part in range(3)]
+    return np.rint(np.column_stack(parts)).astype(np.uint8)
 
 
 def new_figure(width: float, height: float, *, dpi: int = 110) -> Figure:

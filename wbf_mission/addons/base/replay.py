@@ -306,18 +306,12 @@ def _estimated(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StateLog:
-    """States of a vehicle over time, from its telemetry.
-
-    Parameters
-    ----------
-    time_s : float64[n]
-        Seconds after the start of the log.
-    states : list of (VehicleState, str)
-        State and name of the flight mode at each time.
-    """
+    """States of a vehicle over time, from its telemetry."""
 
     time_s: NDArray[np.float64]
+    """Seconds after the start of the log."""
     states: list[tuple[VehicleState, str]]
+    """State and name of the flight mode at each time."""
 
     def at(self, time_s: NDArray[np.float64]) -> list[tuple[VehicleState, str] | None]:
         """Return state and mode at times; None without recent telemetry."""
@@ -330,14 +324,9 @@ class StateLog:
 
 
 def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], StateLog]:
-    """Read the states of the vehicles in a .tlog, by system id and part.
+    """Read the states of the vehicles in a .tlog, by system id and part; ResultError if it cannot be read.
 
     Part k begins `begins_s[k]` seconds after the start of the log, and does not use earlier telemetry.
-
-    Raises
-    ------
-    ResultError
-        If the log cannot be read.
     """
     begun_s: float | None = None
     monitors: dict[tuple[int, int], VehicleMonitor] = {}

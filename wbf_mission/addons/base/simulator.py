@@ -45,19 +45,9 @@ class Simulated:
         return self.vehicles[0]
 
     @property
-    def autopilot(self) -> str:
-        """Name of the simulated autopilot."""
-        return self.fleet.autopilot.name
-
-    @property
     def components(self) -> list[Component]:
         """All components that a host has to run."""
         return [*self.vehicles, *self.cameras]
-
-    @property
-    def images(self) -> int:
-        """Number of images taken."""
-        return sum(camera.image_count for camera in self.cameras)
 
 
 def parse_home(text: str) -> tuple[GeoPoint, float]:

@@ -20,18 +20,17 @@ from wbf_mission.addons.base.intervals import Interval, mean_intervals
 from wbf_mission.bench.rows import BenchRow, build_of, by_scenario, shown_digest
 from wbf_mission.bench.spec import seed_ranges
 
-_CODE, _SCENARIO, _PLANNER, _ESTIMATOR = "code", "scenario", "planner", "estimator"
-_NAMED = (("scenario", _CODE), ("scenario", _SCENARIO), ("planner", _PLANNER), ("estimator", _ESTIMATOR))
+_NAMED = (("scenario", "code"), ("scenario", "scenario"), ("planner", "planner"), ("estimator", "estimator"))
 
 
 def _of_old(row: BenchRow, key: str) -> str:
     """Return the digest of a row's code, scenario, planner or estimator; the version if it has none."""
-    unknown = f"unknown {build_of(row)}" if key == _CODE else "unknown"
+    unknown = f"unknown {build_of(row)}" if key == "code" else "unknown"
     return row.codes.get(key, "") or ("built in" if row.codes else unknown)
 
 
 def _words(row: BenchRow, key: str) -> str:
-    return build_of(row) if key == _CODE else row.objects.get(key, "")
+    return build_of(row) if key == "code" else row.objects.get(key, "")
 
 
 def apart(rows: Sequence[BenchRow]) -> Sequence[BenchRow]:
@@ -71,7 +70,7 @@ def _labels(name: str, words: dict[str, str]) -> dict[str, str]:
 
 def builds_in_words(rows: Iterable[BenchRow]) -> str:
     """Return the builds that flew rows, and whether their behaviour numbers agree; empty if only one."""
-    count = Counter((build_of(row), _of_old(row, _CODE)) for row in rows)
+    count = Counter((build_of(row), _of_old(row, "code")) for row in rows)
     if len(count) <= 1:
         return ""
     codes = {code for _, code in count}
@@ -91,34 +90,23 @@ _SHOWN = 3
 
 @dataclass(frozen=True, slots=True)
 class Scored:
-    """Counted rows of one scenario, as arrays float64[pairs, seeds]; nan where a field has no loss.
-
-    Parameters
-    ----------
-    pairs : tuple of (str, str)
-        Planners (or policies) with estimators.
-    seeds : tuple of int
-        Seeds of the counted environments.
-    rows : tuple of tuples of BenchRow
-        Rows by pair and seed.
-    scores, final_scores : float64[pairs, seeds]
-        Scores over the run and at its end.
-    losses, final_losses : dict
-        Losses by field, over the run and at its end.
-    left_out : dict of int to tuple
-        Environments that do not count, each with the pairs without a row on it; the tuple is empty if all
-        have a row but none a score.
-    """
+    """Counted rows of one scenario, as arrays float64[pairs, seeds]; nan where a field has no loss."""
 
     scenario: str
     pairs: tuple[Pair, ...]
+    """Planners (or policies) with estimators."""
     seeds: tuple[int, ...]
+    """Seeds of the counted environments."""
     rows: tuple[tuple[BenchRow, ...], ...]
+    """Rows by pair and seed."""
     scores: NDArray[np.float64]
+    """Scores over the run; at its end: `final_scores`."""
     final_scores: NDArray[np.float64]
     losses: dict[str, NDArray[np.float64]]
+    """Losses by field over the run; at its end: `final_losses`."""
     final_losses: dict[str, NDArray[np.float64]]
     left_out: dict[int, tuple[Pair, ...]]
+    """Environments that do not count, with the pairs without a row there; no pair: nobody has a score."""
 
     def environments_in_words(self) -> str:
         """Return the counted environments, the others, and the pairs that lack them, in words."""

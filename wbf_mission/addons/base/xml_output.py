@@ -6,6 +6,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+GPX = {"version": "1.1", "creator": "wbf-mission", "xmlns": "http://www.topografix.com/GPX/1/1"}
+"""Attributes of the root of a GPX file."""
+
 
 def decimal(value: float) -> str:
     """Return a number as an XML decimal: without exponent, and exact when read back.

@@ -7,18 +7,18 @@ sandbox: submitted code can read every file its user can read.
 
 from __future__ import annotations
 
-import contextlib
+import functools
+import multiprocessing
 import os
 import pickle
-import selectors
-import struct
 import subprocess
 import sys
 import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import IO, Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 import msgspec
 import numpy as np
@@ -39,29 +39,37 @@ from sensors.scoring.information import InformationModel
 from wbf_mission.results.storage import ResultError
 from wbf_mission.scenario import Choice, ScenarioError
 
-_SIZE = struct.Struct("<Q")
 _MOST_BYTES = 2**30
 _MOST_S = 600.0
 
+if TYPE_CHECKING:
+    Array: TypeAlias = NDArray[Any]
+else:
+    Array = np.ndarray
 
-class Array(msgspec.Struct, array_like=True):
-    """An array of numbers as plain values."""
 
-    kind: str
-    shape: tuple[int, ...]
-    content: bytes
+def _sent(array: Array) -> tuple[str, tuple[int, ...], bytes]:
+    """Return an array as plain values: number type, shape and content."""
+    return array.dtype.str, array.shape, array.tobytes()
 
-    @classmethod
-    def of(cls, values: Any, kind: str = "<f8") -> Self:
-        """Return `values` as plain values of the number type `kind`."""
-        array = np.ascontiguousarray(values, kind)
-        return cls(kind, array.shape, array.tobytes())
 
-    def array(self) -> NDArray[Any]:
-        """Return the numpy array; ValueError if `content` does not match `shape`."""
-        if self.kind not in ("<f8", "<f4"):
-            raise ValueError(f"an array of {self.kind[:8]!r}")
-        return np.frombuffer(self.content, self.kind).reshape(self.shape)
+def _received(_kind: type, plain: Any) -> Array:
+    """Return the array of `_sent`; ValueError or TypeError if `plain` is anything else."""
+    number, shape, content = plain
+    if number not in ("<f8", "<f4"):
+        raise ValueError(f"an array of {number[:8]!r}")
+    return np.frombuffer(content, number).reshape(shape)
+
+
+class Estimate(msgspec.Struct, kw_only=True):
+    """Plain values of an `InformationModel`."""
+
+    value: Array
+    uncertainty: Array
+    fields: tuple[str, ...]
+    probabilities: dict[str, Array] | None
+    loss_map: Array | None
+    correlation_length: tuple[float, ...] | None
 
 
 class Said(msgspec.Struct, kw_only=True):
@@ -70,30 +78,23 @@ class Said(msgspec.Struct, kw_only=True):
     error: str = ""
     planning: bool = False
     """Whether the error is a PlanningError: a planner or policy found no path."""
-    triggers: tuple[float | None, int | None, bool, float] | None = None
+    triggers: Triggers | None = None
     paths: dict[int, Array] = {}
     spacing_m: dict[int, float] = {}
     reason: str = ""
-    fields: tuple[str, ...] = ()
     flags: dict[str, bool] = {}
-    value: Array | None = None
-    uncertainty: Array | None = None
-    probabilities: dict[str, Array] | None = None
-    loss: Array | None = None
-    correlation_length: tuple[float, ...] | None = None
+    estimate: Estimate | None = None
+
+
+_encoder = msgspec.msgpack.Encoder(enc_hook=_sent)
+_decoder = msgspec.msgpack.Decoder(Said, dec_hook=_received)
 
 
 class Apart(Closing):
     """A planner, policy or estimator from a folder of submitted code, run in a process of its own.
 
-    Parameters
-    ----------
-    kind : str
-        ``planner`` (also for a policy) or ``estimator``.
-    label, digest : str
-        Name with parameters, and digest, as in a benchmark row.
-
-    Raises ResultError if no file of the folder has the object.
+    `kind` is ``planner`` (also for a policy) or ``estimator``; `label` and `digest` are those of a benchmark
+    row. ResultError if no file of the folder has the object.
     """
 
     def __init__(self, folder: Path, kind: str, label: str, digest: str) -> None:
@@ -103,14 +104,16 @@ class Apart(Closing):
         home = dict.fromkeys(("HOME", "TMPDIR", "XDG_CACHE_HOME", "XDG_CONFIG_HOME"), self._private.name)
         kept = {key: os.environ[key] for key in ("PATH", "LANG", "LD_LIBRARY_PATH") if key in os.environ}
         found = os.pathsep.join(str(Path(one).resolve()) for one in sys.path if one)
-        self._process = subprocess.Popen(  # noqa: S603 (this Python, this module)
-            [sys.executable, "-c", f"from {__name__} import answer_all; answer_all()"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            cwd=folder,
-            env={**kept, **home, "PYTHONPATH": found, "NUMBA_CACHE_DIR": str(compiled_folder())},
-        )
+        self._pipe, theirs = multiprocessing.Pipe()
+        with theirs:
+            self._process = subprocess.Popen(  # noqa: S603 (this Python, this module)
+                [sys.executable, "-c", f"from {__name__} import answer_all; answer_all()"],
+                stdin=theirs.fileno(),
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                cwd=folder,
+                env={**kept, **home, "PYTHONPATH": found, "NUMBA_CACHE_DIR": str(compiled_folder())},
+            )
         try:
             self.said = self.call("make", str(folder), kind, label, digest)
         except (WbfMissionError, _OwnCodeError) as error:
@@ -128,11 +131,11 @@ class Apart(Closing):
         """Call a method in the other process; its error is raised as PlanningError or `_OwnCodeError`."""
         import cloudpickle
 
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
         try:
-            _write(self._process.stdin, cloudpickle.dumps((method, given)))
-            said = msgspec.msgpack.decode(_read(self._process.stdout, _MOST_S), type=Said)
+            self._pipe.send_bytes(cloudpickle.dumps((method, given)))
+            if not self._pipe.poll(_MOST_S):
+                raise TimeoutError(f"no answer in {_MOST_S:g} s")
+            said = _decoder.decode(self._pipe.recv_bytes(_MOST_BYTES))
         except (OSError, EOFError, TimeoutError, msgspec.MsgspecError) as error:
             self._process.kill()  # A late answer would be taken for the answer to the next call.
             raise _LostError(
@@ -146,10 +149,7 @@ class Apart(Closing):
         """Terminate the other process."""
         self._process.kill()
         self._process.wait()
-        for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None:
-                with contextlib.suppress(OSError):  # The process may have ended during a write.
-                    pipe.close()
+        self._pipe.close()
         self._private.cleanup()
 
 
@@ -171,7 +171,7 @@ class PlannerApart(Apart):
     def __call__(self, request: PlanningRequest) -> PlannedPath:
         """Return the path planned in the other process."""
         said = self.call("plan", _alone(request))
-        return PlannedPath(said.paths[0].array(), said.spacing_m.get(0), self.name)
+        return PlannedPath(said.paths[0], said.spacing_m.get(0), self.name)
 
 
 class PolicyApart(Apart):
@@ -181,7 +181,7 @@ class PolicyApart(Apart):
     def triggers(self) -> Triggers:
         """Triggers that the policy returned at its last call."""
         assert self.said.triggers is not None
-        return Triggers(*self.said.triggers)
+        return self.said.triggers
 
     def start(self) -> None:
         """Reset the policy."""
@@ -194,8 +194,9 @@ class PolicyApart(Apart):
             for vehicle in observation.vehicles
         )
         self.said = self.call("decide", replace(observation, vehicles=vehicles))
-        paths = {number: path.array() for number, path in self.said.paths.items()}
-        return Decision(paths, reason=one_line(self.said.reason, 200), spacing_m=self.said.spacing_m)
+        return Decision(
+            self.said.paths, reason=one_line(self.said.reason, 200), spacing_m=self.said.spacing_m
+        )
 
 
 class EstimatorApart(Apart):
@@ -232,20 +233,10 @@ class EstimatorApart(Apart):
 
     def predict(self) -> InformationModel:
         """Return the estimate made in the other process."""
-        said = self.call("predict")
-        if said.value is None or said.uncertainty is None:
+        estimate = self.call("predict").estimate
+        if estimate is None:
             raise _OwnCodeError("predict returned no InformationModel")
-        chances = said.probabilities
-        return InformationModel(
-            said.value.array(),
-            said.uncertainty.array(),
-            fields=said.fields,
-            probabilities=None
-            if chances is None
-            else {key: chance.array() for key, chance in chances.items()},
-            loss_map=None if said.loss is None else said.loss.array(),
-            correlation_length=said.correlation_length,
-        )
+        return InformationModel(**msgspec.structs.asdict(estimate))
 
 
 def _alone(request: PlanningRequest) -> PlanningRequest:
@@ -263,55 +254,25 @@ def _sent_cost(vehicle: VehicleReport) -> Any:
     return replace(cost, request=_alone(cost.request)) if hasattr(cost, "request") else cost
 
 
-def _write(pipe: IO[bytes], content: bytes) -> None:
-    pipe.write(_SIZE.pack(len(content)) + content)
-    pipe.flush()
-
-
-def _read(pipe: IO[bytes], most_s: float | None = None) -> bytes:
-    """Read a message; EOFError at the end of the pipe, TimeoutError if a part takes longer than `most_s`."""
-    (size,) = _SIZE.unpack(_exactly(pipe, _SIZE.size, most_s))
-    if size > _MOST_BYTES:
-        raise EOFError("a message too large")
-    return _exactly(pipe, size, most_s)
-
-
-def _exactly(pipe: IO[bytes], size: int, most_s: float | None) -> bytes:
-    parts, descriptor = bytearray(), pipe.fileno()
-    with selectors.DefaultSelector() as selector:
-        selector.register(descriptor, selectors.EVENT_READ)
-        while len(parts) < size:
-            if not selector.select(most_s):
-                raise TimeoutError(f"no answer in {most_s:g} s")
-            part = os.read(descriptor, min(2**20, size - len(parts)))
-            if not part:
-                raise EOFError("its end")
-            parts += part
-    return bytes(parts)
-
-
 def answer_all() -> None:
     """Answer the calls of the parent process until its pipe closes."""
-    # Output printed by submitted code must not mix with the answers.
-    answers = os.fdopen(os.dup(1), "wb")
-    calls = os.fdopen(os.dup(0), "rb", buffering=0)
-    silent = os.open(os.devnull, os.O_RDWR)
-    for number in (0, 1):
-        os.dup2(silent, number)
+    pipe = Connection(os.dup(0))
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)  # Submitted code must not read the calls.
     made: Any = None
     while True:
         try:
-            method, given = pickle.loads(_read(calls))  # noqa: S301 (of the process that started this one)
+            method, given = pickle.loads(pipe.recv_bytes())  # noqa: S301 (of the process that started this one)
         except EOFError:
             return
         try:
             if method == "make":
                 made = _made(*given)
-            _write(answers, msgspec.msgpack.encode(_said(made, method, given)))
+            answer = _encoder.encode(_said(made, method, given))
         except (Exception, SystemExit) as error:
             planning = isinstance(error, PlanningError)
             told = str(error) if isinstance(error, WbfMissionError) else told_error(error)
-            _write(answers, msgspec.msgpack.encode(Said(error=told or "failed", planning=planning)))
+            answer = _encoder.encode(Said(error=told or "failed", planning=planning))
+        pipe.send_bytes(answer)
 
 
 def held_by(files: Iterable[Path], kind: str, label: str, digest: str) -> Choice:
@@ -340,18 +301,7 @@ def held_by(files: Iterable[Path], kind: str, label: str, digest: str) -> Choice
 
 def _made(folder: str, kind: str, label: str, digest: str) -> Any:
     choice = held_by(sorted(Path(folder).rglob("*.py")), kind, label, digest)
-    return choice.made if not choice.params else _Planner(choice.made, choice.params)
-
-
-class _Planner:
-    """A planner with fixed parameters."""
-
-    def __init__(self, made: Any, parameters: dict[str, Any]) -> None:
-        self._made, self._parameters = made, parameters
-
-    def __call__(self, request: PlanningRequest) -> PlannedPath:
-        path: PlannedPath = self._made(request, **self._parameters)
-        return path
+    return choice.made if not choice.params else functools.partial(choice.made, **choice.params)
 
 
 def _said(made: Any, method: str, given: tuple[Any, ...]) -> Said:
@@ -361,51 +311,49 @@ def _said(made: Any, method: str, given: tuple[Any, ...]) -> Said:
         if not isinstance(path, PlannedPath):
             raise PlanningError(f"returned a {type(path).__name__}, not a PlannedPath")
         spacing = {} if path.spacing_m is None else {0: float(path.spacing_m)}
-        return Said(paths={0: Array.of(path.points_m)}, spacing_m=spacing)
+        return Said(paths={0: _plain(path.points_m, "<f8")}, spacing_m=spacing)
+    if method == "predict":
+        return Said(estimate=_estimate(made.predict()))
     if method in ("make", "start", "decide"):
         answer = None if method == "make" else getattr(made, method)(*given)
-        return _answer(made, answer) if method == "decide" else _about(made)
-    if method == "predict":
-        return _believed(made.predict())
+        said = _about(made)
+        if method == "decide":
+            if not isinstance(answer, Decision):
+                raise TypeError(f"answered with a {type(answer).__name__}, not a Decision")
+            said.paths = {number: _plain(path, "<f8") for number, path in answer.paths.items()}
+            said.spacing_m = {number: float(spacing_m) for number, spacing_m in answer.spacing_m.items()}
+            said.reason = str(answer.reason)
+        return said
     if method in ("fit", "partial_fit") or hasattr(made, method):
         getattr(made, method)(*given)
     return Said()
 
 
 def _about(made: Any) -> Said:
-    """Return the properties that the run reads from an object: triggers, fields and class flags."""
+    """Return the properties that the run reads from an object: triggers and class flags."""
     triggers = getattr(made, "triggers", None)
-    said = Said(fields=tuple(getattr(getattr(made, "fields", None), "names", ())))
-    if isinstance(triggers, Triggers):
-        said.triggers = (triggers.period_s, triggers.observations, triggers.waypoints, triggers.least_s)
-    for name in ("incremental", "states_deviation", "knows_only_seen", "unbounded"):
-        if hasattr(made, name):
-            said.flags[name] = bool(getattr(made, name))
-    return said
+    flags = ("incremental", "states_deviation", "knows_only_seen", "unbounded")
+    return Said(
+        triggers=triggers if isinstance(triggers, Triggers) else None,
+        flags={name: bool(getattr(made, name)) for name in flags if hasattr(made, name)},
+    )
 
 
-def _answer(made: Any, answer: Any) -> Said:
-    if not isinstance(answer, Decision):
-        raise TypeError(f"answered with a {type(answer).__name__}, not a Decision")
-    said = _about(made)
-    said.paths = {number: Array.of(path) for number, path in answer.paths.items()}
-    said.spacing_m = {number: float(one) for number, one in answer.spacing_m.items()}
-    said.reason = str(answer.reason)
-    return said
-
-
-def _believed(model: Any) -> Said:
+def _estimate(model: Any) -> Estimate:
     if not isinstance(model, InformationModel):
         raise TypeError(f"predict returned a {type(model).__name__}, not an InformationModel")
-    loss = model.loss_map() if callable(model.loss_map) else model.loss_map
-    chances = None if model.probabilities is None else dict(model.probabilities.items())
-    return Said(
+    loss, chances = model.expected_loss, model.probabilities
+    return Estimate(
+        value=_plain(model.value, "<f4"),
+        uncertainty=_plain(model.uncertainty, "<f4"),
         fields=tuple(model.fields),
-        value=Array.of(model.value, "<f4"),
-        uncertainty=Array.of(model.uncertainty, "<f4"),
         probabilities=None
         if chances is None
-        else {key: Array.of(chance, "<f4") for key, chance in chances.items()},
-        loss=None if loss is None else Array.of(loss, "<f4"),
+        else {disease: _plain(chance, "<f4") for disease, chance in chances.items()},
+        loss_map=None if loss is None else _plain(loss, "<f4"),
         correlation_length=model.correlation_length,
     )
+
+
+def _plain(values: Any, number: str) -> Array:
+    return np.ascontiguousarray(values, number)

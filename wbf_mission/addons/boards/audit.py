@@ -15,7 +15,7 @@ from geo.errors import WbfMissionError
 from geo.texts import one_line
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
-from wbf_mission.addons.boards.limits import Limits, impossible
+from wbf_mission.addons.boards.limits import Limits, impossible, limits_of
 from wbf_mission.bench.digests import meaning_of
 from wbf_mission.bench.requests import read_asked
 from wbf_mission.bench.rows import BenchRow, by_pair, by_scenario
@@ -67,7 +67,7 @@ def require_whole(rows: Sequence[BenchRow], *, sealed: bool = False) -> None:
         _require_complete(scenario, here)
         if not sealed:
             _require_all_seeds(scenario, {row.seed for row in here})
-        limits = Limits.of(scenario)
+        limits = limits_of(scenario)
         for row in here:
             strange = "" if row.key in run_keys(row) else "its key is not that of its run"
             if why := strange or _inconsistency(row, limits) or impossible(row, limits):
@@ -82,12 +82,11 @@ def _require_one_behaviour(rows: Sequence[BenchRow]) -> None:
         several = ", ".join(sorted(behaviours)[:3])
         msg = f"rows of {len(behaviours)} behaviours ({several}); fly all of them into a new folder"
         raise ResultError(msg)
-    names: dict[tuple[str, str, str], set[str]] = {}
+    names: dict[tuple[str, str], set[str]] = {}
     for row in rows:
-        for kind in ("scenario", "planner", "estimator"):
-            key = (row.scenario if kind == "scenario" else "", kind, getattr(row, kind))
-            names.setdefault(key, set()).add(row.codes.get(kind, ""))
-    for (_, kind, name), digests in names.items():
+        for kind in ("scenario", *_KINDS):
+            names.setdefault((kind, getattr(row, kind)), set()).add(row.codes.get(kind, ""))
+    for (kind, name), digests in names.items():
         if len(digests) > 1:
             msg = f"{kind} {name} stands for {len(digests)} things; fly all of one into a new folder"
             raise ResultError(msg)

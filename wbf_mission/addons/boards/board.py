@@ -7,10 +7,12 @@ flown on all of its environments, so a submission with few environments does not
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Sequence
+import functools
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
 from msgspec import structs
 
 from geo.errors import WbfMissionError
@@ -18,7 +20,6 @@ from geo.texts import one_line
 from wbf_mission.addons.base.standings import Standing, standings
 from wbf_mission.addons.boards.audit import require_whole
 from wbf_mission.addons.boards.comparison import Comparison, compare
-from wbf_mission.addons.boards.frozen import is_frozen
 from wbf_mission.addons.boards.sealed import Secret
 from wbf_mission.addons.boards.submission import SUFFIX, Submission, read_pack
 from wbf_mission.addons.boards.verification import VERIFIED, Verification, fly_again
@@ -27,27 +28,22 @@ from wbf_mission.bench.spec import seed_ranges
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.storage import ResultError
 
+FROZEN = Path(__file__).with_name("frozen.json")
 _MOST_PACKS = 1000
 SHOWN_DIGEST = 8
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A pack that passed the audit.
-
-    Attributes
-    ----------
-    frozen : bool
-        Whether the pack is one of the frozen baselines.
-    digest : str
-        SHA-256 of the pack file.
-    """
+    """A pack that passed the audit."""
 
     path: Path
     frozen: bool
+    """Whether the pack is one of the frozen baselines."""
     submission: Submission
     rows: list[BenchRow]
     digest: str
+    """SHA-256 of the pack file."""
     verification: Verification
 
 
@@ -96,6 +92,23 @@ class Board:
     refused: dict[str, str]
 
 
+@functools.cache
+def frozen_sums() -> Mapping[str, str]:
+    """Return the SHA-256 of each frozen baseline by folder and name, such as ``0.1.0/own.zip``."""
+    return msgspec.json.decode(FROZEN.read_bytes(), type=dict[str, str])
+
+
+def is_frozen(path: Path, digest: str) -> bool:
+    """Return whether a file is a frozen baseline of this version, by its SHA-256.
+
+    Raises ResultError for a file with the name of a frozen baseline but another SHA-256.
+    """
+    name = "/".join(path.resolve().parts[-2:])
+    if frozen_sums().get(name, digest) != digest:
+        raise ResultError(f"{path}: is not the frozen {name}, whose SHA-256 is another; get the file again")
+    return digest in frozen_sums().values()
+
+
 def packs_of(sources: Iterable[Path]) -> list[tuple[Path, bool]]:
     """Return the packs named directly, and the packs in folders at any depth, which are frozen baselines.
 
@@ -125,15 +138,10 @@ def board_of(
 ) -> Board:
     """Read and check the packs of `packs_of`, and compare their methods.
 
-    A pack that fails a check is listed in `Board.refused`; the others are compared.
-
-    Parameters
-    ----------
-    verify : int, optional
-        Number of rows of each method to fly again. The default is none for frozen baselines known by their
-        SHA-256, and `VERIFIED` for all others. Submitted code is never run.
-    secret : Secret, optional
-        Secret of a round that has ended; marks the tables on its environments as held out.
+    A pack that fails a check is listed in `Board.refused`; the others are compared. `verify` rows of each
+    method are flown again, by default none of frozen baselines known by their SHA-256, and `VERIFIED` of all
+    others; submitted code is never run. With the `secret` of a round that has ended, the tables on its
+    environments are marked as held out.
     """
     entries: list[Entry] = []
     refused: dict[str, str] = {}

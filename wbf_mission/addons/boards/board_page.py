@@ -14,7 +14,6 @@ from geo.texts import one_line
 from wbf_mission.addons.base.intervals import Interval
 from wbf_mission.addons.base.page import Page, Picture, Section, Table
 from wbf_mission.addons.base.plots import new_figure, save_figure
-from wbf_mission.addons.base.standings import Standing
 from wbf_mission.addons.boards.board import SHOWN_DIGEST, Board, BoardTable, Entry, Line
 from wbf_mission.addons.boards.comparison import doubt_in_words, verdict
 from wbf_mission.bench.spec import seeds_text
@@ -39,7 +38,8 @@ def board_page(board: Board, pictures: Mapping[int, Picture] | None = None) -> P
     sections = [
         Section(
             title_of(table),
-            text=_flown_by(table),
+            text=f"Flown by wbf-mission {', '.join(table.versions)}, behaviour {table.code}."
+            f" {doubt_in_words(len(table.seeds))}",
             pictures=(pictures[number],) if pictures and number in pictures else (),
             tables=tuple(one for one in (board_table(table), difference_table(table)) if one.rows),
         )
@@ -88,49 +88,61 @@ def title_of(table: BoardTable) -> str:
     return f"{table.scenario}, {table.environments}"
 
 
-def _flown_by(table: BoardTable) -> str:
-    flown_by = f"Flown by wbf-mission {', '.join(table.versions)}, behaviour {table.code}."
-    return f"{flown_by} {doubt_in_words(len(table.seeds))}"
-
-
 def board_table(table: BoardTable) -> Table:
     """Return the methods of a board table as texts, best first."""
-    header = (*_NAMED, "run", "95 %", "end", "95 %", "failed", "bad", "flown again")
-    rows = tuple(
-        (
-            *_named(line),
-            *_interval(line.standing.score),
-            *_interval(line.standing.final_score),
-            str(line.standing.failed),
-            _bad(line.standing),
-            _again(line),
-        )
-        for line in table.lines
-    )
-    return Table("Scores", header, rows, texts=len(_NAMED))
+    columns = ("run", "run 95 %", "end", "end 95 %", "failed", "bad", "flown again")
+    return _table("Scores", table.lines, columns)
 
 
 def difference_table(table: BoardTable) -> Table:
     """Return the differences of a table's methods from its best frozen baseline; no rows without one."""
-    rows = tuple(
-        (
-            *_named(line),
-            *_interval(one.score, "+"),
-            verdict(one.score),
-            "-" if math.isnan(one.better) else f"{one.better:.0%}",
-        )
-        for line in table.lines
-        if (one := line.against) is not None
-    )
-    best = next((", ".join(_named(one)[:1]) for one in table.lines if one.against is None), "")
-    header = (*_NAMED, "difference", "95 %", "verdict", "better on")
-    return Table(f"Against the best baseline, {best}", header, rows, texts=len(_NAMED))
+    best = next((_cells(line)[_NAMED[0]] for line in table.lines if line.against is None), "")
+    others = [line for line in table.lines if line.against is not None]
+    columns = ("difference", "difference 95 %", "verdict", "better on")
+    return _table(f"Against the best baseline, {best}", others, columns)
 
 
-def _named(line: Line) -> tuple[str, str, str]:
-    own = f" [{line.own}]" if line.own else ""
-    name = f"{line.standing.planner}, {line.standing.estimator}{own}"
-    return name, line.entry.submission.name, _kind(line.entry)
+def short_table(table: BoardTable) -> Table:
+    """Return the columns of a board table that fit a terminal."""
+    columns = ("run", "run 95 %", "end", "difference", "verdict", "failed", "flown again")
+    return _table(title_of(table), table.lines, columns)
+
+
+def _table(title: str, lines: Sequence[Line], columns: Sequence[str]) -> Table:
+    columns = (*_NAMED, *columns)
+    header = tuple("95 %" if column.endswith(" 95 %") else column for column in columns)
+    rows = tuple(tuple(cells[column] for column in columns) for cells in map(_cells, lines))
+    return Table(title, header, rows, texts=len(_NAMED))
+
+
+def _cells(line: Line) -> dict[str, str]:
+    """Return the cells of a method by the names of their columns."""
+    standing, against = line.standing, line.against
+    run, run_limits = _interval(standing.score)
+    end, end_limits = _interval(standing.final_score)
+    cells = {
+        "planner, estimator": standing.named + (f" [{line.own}]" if line.own else ""),
+        "submission": line.entry.submission.name,
+        "kind": _kind(line.entry),
+        "run": run,
+        "run 95 %": run_limits,
+        "end": end,
+        "end 95 %": end_limits,
+        "failed": str(standing.failed),
+        "bad": "-" if math.isnan(standing.bad_share) else f"{standing.bad_share:.1%}",
+        "flown again": _again(line),
+        "difference": "-",
+        "verdict": "-",
+    }
+    if against is not None:
+        difference, difference_limits = _interval(against.score, "+")
+        cells |= {
+            "difference": difference,
+            "difference 95 %": difference_limits,
+            "verdict": verdict(against.score),
+            "better on": "-" if math.isnan(against.better) else f"{against.better:.0%}",
+        }
+    return cells
 
 
 def _kind(entry: Entry) -> str:
@@ -138,35 +150,13 @@ def _kind(entry: Entry) -> str:
 
 
 def _again(line: Line) -> str:
-    one = line.standing
-    return str(line.entry.verification.of(one.scenario, one.planner, one.estimator))
+    standing = line.standing
+    return str(line.entry.verification.of(standing.scenario, standing.planner, standing.estimator))
 
 
-def short_table(table: BoardTable) -> Table:
-    """Return the columns of a board table that fit a terminal."""
-    rows = tuple(
-        (
-            *_named(line),
-            *_interval(line.standing.score),
-            _interval(line.standing.final_score)[0],
-            "-" if line.against is None else _interval(line.against.score, "+")[0],
-            "-" if line.against is None else verdict(line.against.score),
-            str(line.standing.failed),
-            _again(line),
-        )
-        for line in table.lines
-    )
-    header = (*_NAMED, "run", "95 %", "end", "difference", "verdict", "failed", "flown again")
-    return Table(title_of(table), header, rows, texts=len(_NAMED))
-
-
-def _interval(one: Interval, sign: str = "-") -> tuple[str, str]:
-    spread = "-" if math.isnan(one.low) else f"{one.low:{sign}#.3g} to {one.high:{sign}#.3g}"
-    return "-" if math.isnan(one.mean) else f"{one.mean:{sign}#.3g}", spread
-
-
-def _bad(one: Standing) -> str:
-    return "-" if math.isnan(one.bad_share) else f"{one.bad_share:.1%}"
+def _interval(interval: Interval, sign: str = "-") -> tuple[str, str]:
+    limits = "-" if math.isnan(interval.low) else f"{interval.low:{sign}#.3g} to {interval.high:{sign}#.3g}"
+    return "-" if math.isnan(interval.mean) else f"{interval.mean:{sign}#.3g}", limits
 
 
 def _submissions(entries: Sequence[Entry]) -> Table:

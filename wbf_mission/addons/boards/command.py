@@ -13,6 +13,7 @@ import typer
 
 from geo.texts import file_stem
 from wbf_mission.addons.base.pages import bench_page
+from wbf_mission.addons.boards.standings_command import print_table, rows_in
 from wbf_mission.cli import options
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import option
@@ -105,12 +106,9 @@ def submit_command(
         write_pack,
     )
     from wbf_mission.addons.boards.verification import fly_again
-    from wbf_mission.bench.rows import read_rows
     from wbf_mission.results.storage import ResultError
 
-    rows = read_rows(folder)
-    if not rows:
-        raise ResultError(f"{folder}: holds no results of a benchmark; give the folder of 'bench run --out'")
+    rows = rows_in(folder)
     path = out or Path(file_stem(name.lower(), "submission", "a-z0-9") + SUFFIX)
     if path.suffix.lower() != SUFFIX:
         raise ResultError(f"--out {path}: a pack is a {SUFFIX} file; give a name that ends so")
@@ -254,9 +252,8 @@ def board_command(
     if output.as_json:
         output.raw_json(board_values(board))
     else:
-        for one in board.tables:
-            table = short_table(one)
-            output.table(None, list(table.header), [list(row) for row in table.rows], title=table.title)
+        for table in board.tables:
+            print_table(output, short_table(table))
     differing = [one for one in board.entries if one.verification.differing]
     for entry in board.entries:
         for again in entry.verification.differing[:_SHOWN]:

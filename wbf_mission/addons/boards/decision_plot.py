@@ -34,18 +34,8 @@ def plot_decisions(
     """Draw at most `MOST_DECISIONS` decisions, one column each: candidates and choice above, outcome below.
 
     The lower panel shows the readings until the decision of the next column. The text below also gives the
-    readings until the next decision of the run.
-
-    Parameters
-    ----------
-    record : RunRecord
-        Record of the run.
-    acquisitions : sequence of AcquisitionMap or None
-        Acquisition map of each decision.
-    paths : sequence of Path
-        Files to write; each suffix selects the format.
-    title : str
-        Title of the picture.
+    readings until the next decision of the run. `acquisitions` has the map of each decision. The suffix of
+    each of the `paths` selects its format.
     """
     from matplotlib.colors import PowerNorm
 

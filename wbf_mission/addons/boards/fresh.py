@@ -18,7 +18,7 @@ from wbf_mission.addons.base.intervals import Interval
 from wbf_mission.addons.boards.apart import Apart, EstimatorApart, PlannerApart, PolicyApart
 from wbf_mission.addons.boards.verification import OTHER_CODE, Method
 from wbf_mission.bench.engine import failed_row, flown
-from wbf_mission.bench.rows import BenchRow
+from wbf_mission.bench.rows import BenchRow, by_method
 from wbf_mission.bench.spec import BenchRun, BenchSpec
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.storage import ResultError
@@ -67,18 +67,15 @@ def fly_fresh(
 
     The seeds of a scenario come from the system's randomness, and are the same for all its methods.
     """
-    methods: dict[Method, list[BenchRow]] = {}
-    for row in rows:
-        if row.codes.keys() & {"planner", "estimator"}:
-            methods.setdefault((row.scenario, row.planner, row.estimator), []).append(row)
+    methods = by_method(row for row in rows if row.codes.keys() & {"planner", "estimator"})
     if not methods:
         raise ResultError("all its methods are built in; check them with 'bench board --verify'")
     seeds = {
         scenario: tuple(secrets.randbits(_SEED_BITS) for _ in range(environments))
-        for scenario in sorted({method[0] for method in methods})
+        for scenario in dict.fromkeys(method[0] for method in methods)
     }
     gaps, left_out, done = [], [], 0
-    for method, own in sorted(methods.items()):
+    for method, own in methods.items():
         try:
             if own[0].codes.get("code") != behaviour():
                 raise ResultError(OTHER_CODE)

@@ -5,14 +5,11 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from geo import Farm
 from mission.outcome import Outcome
 from mission.planners.budget import parse_budget
 from sensors.estimators import Estimator
@@ -23,7 +20,7 @@ from wbf_mission.planning.fleet import vehicles_of
 from wbf_mission.run.estimation import readings_a_score
 from wbf_mission.run.record import MOST_BAD
 from wbf_mission.run.resolve import farm_of
-from wbf_mission.scenario import Scenario, load_scenario
+from wbf_mission.scenario import load_scenario
 from wbf_mission.scenario.parts import UNLIMITED
 
 # Real flights exceed the prediction because of wind, gusts, arming and landing.
@@ -46,73 +43,45 @@ _NUMBERS = (
 _NEEDED = ("observations", "cells_observed", "path_length_m", "flight_time_s", "decisions", "budget")
 
 
-@dataclass(frozen=True, slots=True)
 class Limits:
-    """Upper limits of one run of a scenario, summed over its flights unless noted."""
+    """Upper limits of one run of a scenario of the catalogue, summed over its flights unless noted."""
 
-    scenario: Scenario
-    farm: Farm
-    flights: int
-    budgets: frozenset[str]
-    """Budget texts of one flight, as in rows: for a planner and for a policy."""
-    flight_s: float
-    """Flight time that the budget allows, per flight."""
-    flight_m: float
-    """Path length that the budget allows, per flight and vehicle."""
-    speed_m_s: float
-    """Sum of the top speeds of all vehicles, and wind."""
-    readings_s: float
-    """Cells per second seen by the paper's robots; 0 for other vehicles."""
-    readings_m: float
-    """Cells that a camera sees per metre of path."""
-    cells: int
-    scored: dict[str, int]
-    """Number of scored cells of each field."""
-    losses: dict[str, float]
-    """Largest possible loss of each field."""
-    parts: NDArray[np.float64]
-    """Share of each field in the total loss: weight times number of cells, normalised."""
-
-    @classmethod
-    @functools.cache
-    def of(cls, name: str) -> Limits:
-        """Return the limits of a scenario of the catalogue."""
-        scenario = load_scenario(name)
-        farm, fields = farm_of(scenario.farm)
-        vehicles = vehicles_of(scenario, farm, seed=0, first_day=scenario.farm.day)
+    def __init__(self, name: str) -> None:
+        self.scenario = scenario = load_scenario(name)
+        self.farm, fields = farm_of(scenario.farm)
+        vehicles = vehicles_of(scenario, self.farm, seed=0, first_day=scenario.farm.day)
         builders = [vehicle.task.builder for vehicle in vehicles]
         first, camera, text = builders[0], scenario.camera, scenario.mission.budget
         ideal = all(builder.vehicle.is_ideal for builder in builders)
+        self.flights = scenario.farm.days * scenario.farm.flights_per_day
+        # Budget texts of one flight, as in rows: for a planner and for a policy.
+        self.budgets = {make_budget(text, first, steered=steered)[1] for steered in (False, True)}
         value, unit = math.inf, ""
         if text is None and ideal:
-            value, unit = float(round(PAPER_STEPS_PER_CELL * farm.owner_cells)), "steps"
+            value, unit = float(round(PAPER_STEPS_PER_CELL * self.farm.owner_cells)), "steps"
         elif text is not None and text.strip().lower() != UNLIMITED:
             value, unit = parse_budget(text)
+        # Flight time that the budget allows, per flight; path length, per flight and vehicle.
+        self.flight_s = value if unit in ("s", "steps") else math.inf
+        self.flight_m = {"m": value, "steps": value * self.farm.cell_size_m}.get(unit, math.inf)
+        # Sum of the top speeds of all vehicles, and wind.
+        self.speed_m_s = sum(builder.vehicle.top_speed_m_s for builder in builders)
+        self.speed_m_s += len(builders) * scenario.weather.wind_speed_m_s
+        # Cells per second seen by the paper's robots, 0 for other vehicles; cells seen per metre of path.
         seen = camera.footprint**2
+        self.readings_s = len(builders) * seen / first.vehicle.step_s if ideal else 0.0
+        self.readings_m = seen / (camera.spacing_m or self.farm.cell_size_m * camera.footprint)
+        self.cells = self.farm.width_cells * self.farm.height_cells
         weights = ScoreWeights.of(fields)
-        costs = zip(weights.too_healthy, weights.too_sick, strict=True)
-        masks = fields.masks(farm.grid()).sum(axis=(1, 2))
+        masks = fields.masks(self.farm.grid()).sum(axis=(1, 2))
+        # Largest number of scored cells of a field.
+        self.scored = int(max(masks))
+        # Largest possible loss of each field.
+        costs = zip(fields.names, weights.too_healthy, weights.too_sick, strict=True)
+        self.losses = {field: max(cost) * _WIDEST_ERROR**2 for field, *cost in costs}
+        # Share of each field in the total loss: weight times number of cells, normalised.
         counts = np.array(weights.field) * masks
-        return cls(
-            scenario=scenario,
-            farm=farm,
-            flights=scenario.farm.days * scenario.farm.flights_per_day,
-            budgets=frozenset(make_budget(text, first, steered=steered)[1] for steered in (False, True)),
-            flight_s=value if unit in ("s", "steps") else math.inf,
-            flight_m=value * (farm.cell_size_m if unit == "steps" else 1.0)
-            if unit in ("m", "steps")
-            else math.inf,
-            speed_m_s=sum(builder.vehicle.top_speed_m_s for builder in builders)
-            + len(builders) * scenario.weather.wind_speed_m_s,
-            readings_s=len(builders) * seen / first.vehicle.step_s if ideal else 0.0,
-            readings_m=seen / (camera.spacing_m or farm.cell_size_m * camera.footprint),
-            cells=farm.width_cells * farm.height_cells,
-            scored=dict(zip(fields.names, map(int, masks), strict=True)),
-            losses={
-                name: max(cost) * _WIDEST_ERROR**2 for name, cost in zip(fields.names, costs, strict=True)
-            },
-            parts=counts / counts.sum(),
-        )
+        self.parts = counts / counts.sum()
 
     def fewest_scored(self, row: BenchRow) -> int:
         """Return the minimum number of scored times for the readings of a row."""
@@ -130,6 +99,12 @@ class Limits:
         any_one = cast("Estimator", None)
         every = readings_a_score(points, self.farm, any_one, self.flights, expected, ideal=ideal)
         return max(1, math.floor(0.9 * readings / every))
+
+
+@functools.cache
+def limits_of(scenario: str) -> Limits:
+    """Return the limits of a scenario of the catalogue, computed once."""
+    return Limits(scenario)
 
 
 def impossible(row: BenchRow, limits: Limits) -> str:
@@ -201,5 +176,5 @@ def _odd_history(row: BenchRow, limits: Limits) -> Iterator[str]:
     most = (row.observations or 0) + limits.flights * (2 + (limits.scenario.score.points or len(row.scores)))
     if len(row.scores) > most:
         yield f"it has {len(row.scores)} scored times, its readings give {most} at most"
-    if any(score >= 0.0 for score in row.scores) and (row.cells_observed or 0) < max(limits.scored.values()):
+    if any(score >= 0.0 for score in row.scores) and (row.cells_observed or 0) < limits.scored:
         yield f"an estimate is perfect, with {row.cells_observed} cells observed"

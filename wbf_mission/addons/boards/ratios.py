@@ -19,23 +19,16 @@ WHOLE = "whole"
 
 @dataclass(frozen=True, slots=True)
 class Ratio:
-    """Losses of a planner or policy divided by the losses of the best fixed planner with the same estimator.
-
-    Parameters
-    ----------
-    fixed : bool
-        Whether `planner` is fixed: it decides only once, before the flight.
-    ratios : dict of str to Interval
-        Ratio for `WHOLE` and each field; below 1 is better. The intervals of an estimator are simultaneous.
-    best : dict of str to str
-        Name of the best fixed planner for `WHOLE` and for each field, whose loss is the divisor.
-    """
+    """Losses of a planner or policy divided by those of the best fixed planner with the same estimator."""
 
     planner: str
     estimator: str
     fixed: bool
+    """Whether `planner` is fixed: it decides only once, before the flight."""
     ratios: dict[str, Interval]
+    """Ratio for `WHOLE` and each field; below 1 is better. The intervals of an estimator are simultaneous."""
     best: dict[str, str]
+    """Best fixed planner for `WHOLE` and for each field, whose loss is the divisor."""
 
     @property
     def named(self) -> str:
@@ -56,7 +49,8 @@ def by_fixed(group: Scored, *, over_run: bool) -> list[Ratio]:
         fixed = [k for k in places if _is_fixed(group.rows[k])]
         if not fixed:
             continue
-        best = {name: fixed[_least([table[k].mean() for k in fixed])] for name, table in tables.items()}
+        means = {name: [table[k].mean() for k in fixed] for name, table in tables.items()}
+        best = {name: fixed[np.argmin(np.nan_to_num(mean, nan=np.inf))] for name, mean in means.items()}
         pairs = [(table[k], table[best[name]]) for k in places for name, table in tables.items()]
         ratios = iter(ratio_intervals(pairs, together=True))
         found += [
@@ -70,10 +64,6 @@ def by_fixed(group: Scored, *, over_run: bool) -> list[Ratio]:
             for k in places
         ]
     return sorted(found, key=lambda ratio: (ratio.estimator, ratio.ratios[WHOLE].mean))
-
-
-def _least(values: Sequence[float]) -> int:
-    return int(np.argmin(np.nan_to_num(values, nan=np.inf)))
 
 
 def _is_fixed(rows: Sequence[BenchRow]) -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -49,12 +48,10 @@ _CODES = {
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """A repeated run, compared with its stored row."""
+    """A repeated run, whose row `again` is compared with the stored row."""
 
     row: BenchRow
-    """Stored row."""
     again: BenchRow
-    """Row of the repeated run."""
     result: Result
     acquisitions: tuple[AcquisitionMap | None, ...]
     """Acquisition map of each decision, if any; pooled to larger blocks on large farms."""
@@ -80,10 +77,7 @@ class Replay:
 
 
 def row_named(rows: Sequence[BenchRow], key: str, folder: Path) -> BenchRow:
-    """Return the only row with a key that begins with `key`.
-
-    ResultError if no row or several rows match.
-    """
+    """Return the only row with a key that begins with `key`; ResultError if no row or several rows match."""
     found = [row for row in rows if row.key.startswith(key.lower())]
     if len(found) == 1:
         return found[0]
@@ -99,28 +93,17 @@ def row_named(rows: Sequence[BenchRow], key: str, folder: Path) -> BenchRow:
 def run_of(row: BenchRow, *, planner: Choice | None = None, estimator: Choice | None = None) -> BenchRun:
     """Return the benchmark run that a row describes.
 
-    Parameters
-    ----------
-    planner, estimator : Choice, optional
-        Planner and estimator of the user, if the row's are objects; the row stores only their names.
-
-    Raises
-    ------
-    ScenarioError
-        If the row's scenario is unknown, or an object is missing or has another name.
+    `planner` and `estimator` are the user's, if the row's are objects: a row stores only their names.
+    ScenarioError if the row's scenario is unknown, or an object is missing or has another name.
     """
-    movers = (*names_of("planner"), *names_of("policy"))
-    given = {
-        "planner": _given(row, "planner", planner, movers),
-        "estimator": _given(row, "estimator", estimator, names_of("estimator")),
-    }
-    spec = BenchSpec.of([row.scenario], [given["planner"]], [given["estimator"]], [row.seed])
-    return next(spec.runs())
+    mover = _given(row, "planner", planner, (*names_of("planner"), *names_of("policy")))
+    learner = _given(row, "estimator", estimator, names_of("estimator"))
+    return next(BenchSpec.of([row.scenario], [mover], [learner], [row.seed]).runs())
 
 
-def _given(row: BenchRow, what: str, own: Choice | None, known: Sequence[str]) -> Any:
+def _given(row: BenchRow, what: str, own: Choice | None, known: Sequence[str]) -> Choice | str:
     """Return the planner or estimator of a row: a name with parameters, or the user's object `own`."""
-    name = getattr(row, what)
+    name: str = getattr(row, what)
     if own is not None:
         if str(own) != name:
             raise ScenarioError(f"--{what} {own} is not that of the row, {name}")
@@ -132,21 +115,9 @@ def _given(row: BenchRow, what: str, own: Choice | None, known: Sequence[str]) -
 
 
 def replay(row: BenchRow, run: BenchRun, *, events: EventStream, tlog: Path | None = None) -> Replay:
-    """Fly a run again and compare it with its row.
+    """Fly a run again and compare it with its row; WbfMissionError if the run fails.
 
-    Parameters
-    ----------
-    events : EventStream
-        Stream for the events of the run.
-    tlog : Path, optional
-        File for all MAVLink frames of the run.
-
-    Raises
-    ------
-    WbfMissionError
-        If the run fails.
-    KeyboardInterrupt
-        At Ctrl-C.
+    All events of the run go to `events`, and all its MAVLink frames to the file `tlog`.
     """
     maps: dict[int, AcquisitionMap | None] = {}
 

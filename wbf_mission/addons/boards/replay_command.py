@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from wbf_mission.addons.base.pages import run_page
+from wbf_mission.addons.boards.standings_command import rows_in
 from wbf_mission.cli import options
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import TargetError, option
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from wbf_mission.bench.rows import BenchRow
+    from wbf_mission.bench.spec import BenchRun
     from wbf_mission.scenario import Choice
 
 EXAMPLES = """
@@ -60,24 +62,20 @@ def replay_command(
     The page is that of 'report', with the acquisition map of each decision, which results do not store. The
     picture shows up to six decisions side by side: the candidates, the choice and the outcome.
     """
-    from wbf_mission.bench.rows import read_rows
-    from wbf_mission.results.storage import ResultError
+    from wbf_mission.addons.boards.replay import row_named, run_of
 
     wanted = list(dict.fromkeys(word.strip().lower() for word in formats.split(",") if word.strip()))
     wrong = next((name for name in wanted if name not in _FORMATS), None)
     if wrong is not None or not wanted:
         named = f"{wrong!r} is unknown" if wrong is not None else "nothing is named"
         raise TargetError(f"--format: {named}; known are {', '.join(_FORMATS)}")
-    rows = read_rows(folder)
-    if not rows:
-        msg = f"{folder}: holds no results of a benchmark; give the folder of 'bench run --out'"
-        raise ResultError(msg)
+    rows = rows_in(folder)
     if row is None:
         _list(output, rows, folder)
         return ExitCode.GOOD
-    return _replay(
-        output, rows, row, folder, out, wanted, _own(planner, "planner"), _own(estimator, "estimator")
-    )
+    own = {"planner": _own(planner, "planner"), "estimator": _own(estimator, "estimator")}
+    found = row_named(rows, row, folder)
+    return _replay(output, found, run_of(found, **own), out, wanted)
 
 
 def _own(text: str | None, what: str) -> Choice | None:
@@ -111,21 +109,10 @@ def _list(output: Output, rows: Sequence[BenchRow], folder: Path) -> None:
     output.table(values, ["key", *columns[1:-1]], table, title=f"{folder}: {shown}")
 
 
-def _replay(
-    output: Output,
-    rows: Sequence[BenchRow],
-    key: str,
-    folder: Path,
-    out: Path,
-    formats: Sequence[str],
-    planner: Choice | None,
-    estimator: Choice | None,
-) -> int:
-    from wbf_mission.addons.boards.replay import replay, row_named, run_of
+def _replay(output: Output, row: BenchRow, run: BenchRun, out: Path, formats: Sequence[str]) -> int:
+    from wbf_mission.addons.boards.replay import replay
     from wbf_mission.bench.rows import KEY_DIGITS
 
-    row = row_named(rows, key, folder)
-    run = run_of(row, planner=planner, estimator=estimator)
     name = row.key[:KEY_DIGITS]
     page_of = run_page() if "html" in formats else None
     out.mkdir(parents=True, exist_ok=True)

@@ -34,25 +34,16 @@ _FORMAT = 1
 
 
 class Seal(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Seal of a round, published when the round begins.
-
-    Attributes
-    ----------
-    seal : str
-        SHA-256 of the secret with the other values, hexadecimal.
-    environments : int
-        Number of environments.
-    scenarios : list of str
-        Ids of the round's scenarios; empty: any.
-    made : str
-        Time of creation, UTC.
-    """
+    """Seal of a round, published when the round begins."""
 
     format: int = _FORMAT
     seal: str
+    """SHA-256 of the secret with the other values, hexadecimal."""
     environments: int
     scenarios: list[str] = []
+    """Ids of the round's scenarios; empty: any."""
     made: str
+    """Time of creation, UTC."""
 
 
 class Secret(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -79,8 +70,6 @@ class Secret(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     def seeds(self) -> tuple[int, ...]:
         """Return the seeds of the round, of 63 bits; seed k is derived from the secret and k.
 
-        Examples
-        --------
         >>> Secret(secret="00" * 32, environments=2, made="").seeds()
         (5396267416502128160, 5740642076869374249)
         """

@@ -41,22 +41,15 @@ _MAX_NAME, _MAX_ABOUT, _MAX_LABEL = 80, 2000, 400
 
 
 class Flown(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Methods and seeds flown in one scenario.
-
-    Attributes
-    ----------
-    scenario, meaning : str
-        Id of the scenario, and the digest of its settings.
-    methods : list of (str, str)
-        Planners (or policies) with their estimators.
-    seeds : str
-        Seeds of every method, in the syntax of `bench run`.
-    """
+    """Methods and seeds flown in one scenario."""
 
     scenario: str
     meaning: str
+    """Digest of the scenario's settings."""
     methods: list[tuple[str, str]]
+    """Planners (or policies) with their estimators."""
     seeds: str
+    """Seeds of every method, in the syntax of `bench run`."""
 
 
 class Own(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -69,41 +62,26 @@ class Own(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
 
 
 class Submission(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Contents of ``submission.json``.
-
-    Attributes
-    ----------
-    name, by, about : str
-        Title of the submission, its author, and a short description.
-    made : str
-        Time of the last row, UTC.
-    seal : str
-        Seal of the round whose environments were flown; empty without a round.
-    flown : list of Flown
-    version, code : str
-        Version of wbf-mission, and its behaviour numbers (`wbf_mission.version.behaviour`).
-    versions : dict
-        Versions of Python and the libraries in the rows; usually one each.
-    hardware : list of dict
-        Machines that flew the rows.
-    own : list of Own
-    files : dict
-        SHA-256 of the other files in the zip, by name.
-    """
+    """Contents of ``submission.json``."""
 
     format: int = FORMAT
     name: str
     by: str
     about: str = ""
     made: str
+    """Time of the last row, UTC."""
     seal: str = ""
+    """Seal of the round whose environments were flown; empty without a round."""
     flown: list[Flown]
     version: str
     code: str
+    """Behaviour numbers of wbf-mission (`wbf_mission.version.behaviour`)."""
     versions: dict[str, list[str]]
+    """Versions of Python and the libraries in the rows; usually one each."""
     hardware: list[dict[str, str]]
     own: list[Own]
     files: dict[str, str]
+    """SHA-256 of the other files in the zip, by name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,28 +96,16 @@ class Pack:
 
 
 def write_pack(
-    path: Path,
-    rows: Sequence[BenchRow],
-    *,
-    name: str,
-    by: str,
-    about: str,
-    made: str,
-    seal: str = "",
-    code: Mapping[str, bytes] | None = None,
+    path: Path, rows: Sequence[BenchRow], *, code: Mapping[str, bytes] | None = None, **texts: str
 ) -> Submission:
-    """Write a submission without checking its rows; see `wbf_mission.addons.boards.audit`.
+    """Write a submission without checking its rows; `code` are submitted files of `code_files`.
 
-    Parameters
-    ----------
-    code : mapping of str to bytes, optional
-        Submitted files by their names below ``code/`` (`code_files`).
-
-    Raises ResultError if a text is too long or no plain line, or the pack would be too large.
+    `texts` are `name`, `by`, `about`, `made` and `seal` of the `Submission`. ResultError if a text is too
+    long or no plain line, or the pack would be too large.
     """
     members = {TABLE: table_bytes(rows_table(rows)), **(code or {})}
     files = {member: hashlib.sha256(content).hexdigest() for member, content in members.items()}
-    told = _submission(rows, name=name, by=by, about=about, made=made, seal=seal, files=files)
+    told = _submission(rows, **texts, files=files)
     require_texts(msgspec.structs.asdict(told))
     packed = archive_of({ABOUT: msgspec.json.format(msgspec.json.encode(told)) + b"\n", **members})
     if len(packed) > MAX_PACK_BYTES:
@@ -167,22 +133,21 @@ def _submission(rows: Sequence[BenchRow], **given: Any) -> Submission:
         if kind in row.codes
     }
     return Submission(
-        flown=[_flown(name, here) for name, here in by_scenario(rows).items()],
+        flown=[
+            Flown(
+                scenario=scenario,
+                meaning=here[0].codes.get("scenario", ""),
+                methods=list(by_pair(here)),
+                seeds=seeds_text(sorted({row.seed for row in here})),
+            )
+            for scenario, here in by_scenario(rows).items()
+        ],
         version=", ".join(sorted({row.versions.get("wbf-mission", "") for row in rows})),
         code=rows[0].codes.get("code", ""),
         versions={key: sorted({row.versions.get(key, "") for row in rows}) for key in sorted(keys)},
         hardware=[dict(machine) for machine in sorted(machines)],
         own=[Own(kind=k, name=n, words=w, digest=d) for k, n, w, d in sorted(own)],
         **given,
-    )
-
-
-def _flown(scenario: str, rows: Sequence[BenchRow]) -> Flown:
-    return Flown(
-        scenario=scenario,
-        meaning=rows[0].codes.get("scenario", ""),
-        methods=list(by_pair(rows)),
-        seeds=seeds_text(sorted({row.seed for row in rows})),
     )
 
 
@@ -247,9 +212,8 @@ def read_pack(path: Path) -> Pack:
     if not rows:
         raise ResultError(f"{path}: holds no rows")
     _require_labels(path, rows)
-    again = _submission(
-        rows, name=told.name, by=told.by, about=told.about, made=told.made, seal=told.seal, files=told.files
-    )
+    given = {name: getattr(told, name) for name in ("name", "by", "about", "made", "seal", "files")}
+    again = _submission(rows, **given)
     for field in Submission.__struct_fields__:
         if getattr(told, field) != getattr(again, field):
             raise ResultError(f"{path}: {ABOUT} has other {field} than the rows; pack it again")

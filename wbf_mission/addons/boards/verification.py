@@ -17,9 +17,10 @@ from geo.texts import one_line
 from wbf_mission.addons.boards.audit import FILES, names_files
 from wbf_mission.addons.boards.replay import causes, differences, run_of
 from wbf_mission.bench.engine import fly_run
-from wbf_mission.bench.rows import BenchRow
+from wbf_mission.bench.rows import BenchRow, by_method
 from wbf_mission.bench.spec import BenchRun
 from wbf_mission.progress import Progress, silent
+from wbf_mission.results.storage import ResultError
 from wbf_mission.scenario import Choice
 from wbf_mission.scenario.choice import choose
 from wbf_mission.version import behaviour
@@ -90,34 +91,23 @@ def fly_again(
 
     The rows are drawn at random by the checker, so that their author cannot predict them. Only built-in
     methods fly, and those of `own`, by digest. Without `own`, rows fly in another process with a timeout of
-    ten minutes each, because a row may name parameters that never end.
-
-    Parameters
-    ----------
-    count : int
-        Number of rows of each method.
-    salt : bytes, optional
-        Seed of the draw; by default from the system's randomness.
+    ten minutes each, because a row may name parameters that never end. `count` rows of each method are drawn,
+    with the seed `salt`, by default from the system's randomness.
     """
     if count < 1:
         return Verification()
     draw = np.random.default_rng(list(secrets.token_bytes(16) if salt is None else salt))
-    methods: dict[Method, list[BenchRow]] = {}
-    for row in rows:
-        good = methods.setdefault((row.scenario, row.planner, row.estimator), [])
-        if row.error is None:
-            good.append(row)
     chosen: list[tuple[BenchRow, BenchRun]] = []
     left_out: list[tuple[Method, str]] = []
-    for method, good in sorted(methods.items()):
-        drawn = [good[k] for k in draw.permutation(len(good))[:count]]
-        found = [_run_of(row, own or {}) for row in drawn]
-        runs = [one for one in found if isinstance(one, BenchRun)]
-        if len(runs) < len(drawn) or not drawn:
-            why = next((one for one in found if isinstance(one, str)), "all of its runs failed")
-            left_out.append((method, why))
-        else:
-            chosen += zip(drawn, runs, strict=True)
+    for method, flown in by_method(rows).items():
+        good = [row for row in flown if row.error is None]
+        try:
+            if not good:
+                raise ResultError("all of its runs failed")
+            drawn = [good[k] for k in draw.permutation(len(good))[:count]]
+            chosen += [(row, _run_of(row, own or {})) for row in drawn]
+        except WbfMissionError as error:
+            left_out.append((method, one_line(str(error), 200)))
     again = (fly_run(run) for _, run in chosen) if own else _flown_apart(run for _, run in chosen)
     compared = []
     for number, (row, _) in enumerate(chosen):
@@ -157,20 +147,18 @@ def _compared(row: BenchRow, again: BenchRow | None) -> FlownAgain:
     return FlownAgain((row.scenario, row.planner, row.estimator), row.seed, same, why)
 
 
-def _run_of(row: BenchRow, own: Mapping[str, Choice]) -> BenchRun | str:
-    """Return the run of a row, or the reason why it cannot be flown here."""
+def _run_of(row: BenchRow, own: Mapping[str, Choice]) -> BenchRun:
+    """Return the run of a row; WbfMissionError if it cannot be flown here."""
     if row.codes.get("code") != behaviour():
-        return OTHER_CODE
-    given: dict[str, Choice | None] = {}
-    try:
-        for kind in ("planner", "estimator"):
-            code = row.codes.get(kind)
-            if code is not None and code not in own:
-                return "own code is not run"
-            given[kind] = None if code is None else own[code]
-            if code is None and names_files(choose(getattr(row, kind), kind)):
-                return FILES
-        run = run_of(row, **given)
-    except WbfMissionError as error:
-        return one_line(str(error), 200)
-    return run if run.codes == row.codes else "it is other code here"
+        raise ResultError(OTHER_CODE)
+    for kind in ("planner", "estimator"):
+        code = row.codes.get(kind)
+        if code is not None and code not in own:
+            raise ResultError("own code is not run")
+        if code is None and names_files(choose(getattr(row, kind), kind)):
+            raise ResultError(FILES)
+    planner, estimator = (own.get(row.codes.get(kind, "")) for kind in ("planner", "estimator"))
+    run = run_of(row, planner=planner, estimator=estimator)
+    if run.codes != row.codes:
+        raise ResultError("it is other code here")
+    return run

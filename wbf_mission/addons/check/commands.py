@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer.wire import command_long
-from wbf_mission.addons.check.peer import FailedError, Peer, needed, result_name
+from wbf_mission.addons.check.peer import Ack, FailedError, Peer, needed, result_name
 from wbf_mission.addons.check.registry import Checks
 
 check = Checks()
@@ -16,19 +16,18 @@ _REFUSED = frozenset({m.MAV_RESULT_UNSUPPORTED, m.MAV_RESULT_DENIED, m.MAV_RESUL
 @check("command.unknown-long")
 def unknown_long(peer: Peer) -> None:
     """An unknown COMMAND_LONG is answered UNSUPPORTED."""
-    answer = needed(peer.command(_UNKNOWN), "no COMMAND_ACK")
-    if answer.result != m.MAV_RESULT_UNSUPPORTED:
-        raise FailedError(f"it is answered {result_name(answer.result)}")
+    _require_unsupported(peer.command(_UNKNOWN))
 
 
 @check("command.unknown-int")
 def unknown_int(peer: Peer) -> None:
     """An unknown COMMAND_INT is answered UNSUPPORTED."""
     question = m.MAVLink_command_int_message(*peer.address, 0, _UNKNOWN, 0, 0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0.0)
-    answer = needed(
-        peer.ask(question, m.MAVLink_command_ack_message, where=lambda a: a.command == _UNKNOWN),
-        "no COMMAND_ACK",
-    )
+    _require_unsupported(peer.acknowledged(question))
+
+
+def _require_unsupported(ack: Ack | None) -> None:
+    answer = needed(ack, "no COMMAND_ACK")
     if answer.result != m.MAV_RESULT_UNSUPPORTED:
         raise FailedError(f"it is answered {result_name(answer.result)}")
 
@@ -65,14 +64,8 @@ def repeated(peer: Peer) -> None:
     values = (float(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION), *[0.0] * 6)
     command = m.MAV_CMD_REQUEST_MESSAGE
     for confirmation in (0, 1):
-        needed(
-            peer.ask(
-                m.MAVLink_command_long_message(*peer.address, command, confirmation, *values),
-                m.MAVLink_command_ack_message,
-                where=lambda a: a.command == command,
-            ),
-            f"no COMMAND_ACK with confirmation {confirmation}",
-        )
+        question = m.MAVLink_command_long_message(*peer.address, command, confirmation, *values)
+        needed(peer.acknowledged(question), f"no COMMAND_ACK with confirmation {confirmation}")
 
 
 @check("command.foreign-system")
@@ -81,7 +74,7 @@ def foreign_system(peer: Peer) -> None:
     other = 237 if peer.vehicle.system_id != 237 else 236
     peer.forget()
     peer.send(command_long((other, peer.address[1]), _UNKNOWN))
-    if peer.expect(m.MAVLink_command_ack_message, 1.0, lambda a: a.command == _UNKNOWN) is not None:
+    if peer.expect(Ack, 1.0, lambda a: a.command == _UNKNOWN) is not None:
         raise FailedError(f"it answers a command for system {other}")
 
 
@@ -90,9 +83,7 @@ def foreign_system(peer: Peer) -> None:
 )
 def broadcast(peer: Peer) -> None:
     """A command for system 0, component 0 is answered."""
-    question = command_long((0, 0), _UNKNOWN)
-    if peer.ask(question, m.MAVLink_command_ack_message, where=lambda a: a.command == _UNKNOWN) is None:
-        raise FailedError("no COMMAND_ACK")
+    needed(peer.acknowledged(m.MAVLink_command_long_message(0, 0, _UNKNOWN, 0, *[0.0] * 7)), "no COMMAND_ACK")
 
 
 @check("command.bad-arming")

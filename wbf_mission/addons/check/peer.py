@@ -15,7 +15,7 @@ from mission.errors import TransferError
 from mission.link.address import Link, MavlinkEndpoint
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.typed import is_a
+from mission.link.codec.typed import CommandMessage, is_a
 from mission.model import Command, GeoPoint, Mission, MissionItem, MissionType
 from mission.transfer import RoundTrip, VerifiedUpload, compare_plans, wire
 from mission.transfer.driver import TransferDriver, wait_readable
@@ -50,16 +50,8 @@ _SOMEWHERE = GeoPoint(47.397742, 8.545594, 488.0)
 class Peer:
     """A ground station that sends requests to the vehicle under test and waits for answers.
 
-    Parameters
-    ----------
-    clock, wait : callable
-        `clock` returns monotonic seconds; ``wait(link, seconds)`` returns when data may have arrived. A
-        `sim_vehicle.host.simulation.VirtualLink` provides both for a simulation on its virtual clock.
-
-    Attributes
-    ----------
-    vehicle : Vehicle
-        The vehicle under test; set by `find`.
+    `clock` returns monotonic seconds; ``wait(link, seconds)`` returns when data may have arrived. A
+    `sim_vehicle.host.simulation.VirtualLink` provides both for a simulation on its virtual clock.
     """
 
     def __init__(
@@ -75,7 +67,7 @@ class Peer:
         self.texts: deque[str] = deque(maxlen=200)
         self.armed = False
         self.home = _SOMEWHERE
-        self._clock = clock
+        self.now = clock
         self._wait = wait
         self._queue: deque[tuple[float, Message]] = deque()
         self._beat_s = -math.inf
@@ -83,13 +75,9 @@ class Peer:
         self._others: set[int] = set()
         self._unsettled = False
 
-    def now(self) -> float:
-        """Return the time of the clock (s)."""
-        return self._clock()
-
     @property
     def vehicle(self) -> Vehicle:
-        """The vehicle under test."""
+        """The vehicle under test, once the driver has found it."""
         assert self.driver.vehicle is not None
         return self.driver.vehicle
 
@@ -102,10 +90,6 @@ class Peer:
     def address(self) -> tuple[int, int]:
         """System and component id of the vehicle."""
         return self.vehicle.system_id, self.vehicle.component_id
-
-    def find(self, timeout_s: float, system_id: int | None) -> Vehicle:
-        """Wait for the vehicle's heartbeat; RemoteTransferError after `timeout_s`."""
-        return self.driver.wait_for_vehicle(timeout_s, system_id=system_id)
 
     def send(self, *messages: Message) -> None:
         """Send messages."""
@@ -126,13 +110,13 @@ class Peer:
         self._receive()
         self._queue.clear()
 
-    def heard(self, seconds: float, *, everyone: bool = False) -> Iterator[tuple[float, Message]]:
-        """Yield (time, message) from the vehicle's autopilot (`everyone`: any sender) during `seconds`."""
+    def heard(self, seconds: float) -> Iterator[tuple[float, Message]]:
+        """Yield (time, message) from the vehicle's autopilot during `seconds`."""
         end_s = self.now() + seconds
         while True:
             while self._queue:
                 now_s, message = self._queue.popleft()
-                if everyone or (message.get_srcSystem(), message.get_srcComponent()) == self.address:
+                if (message.get_srcSystem(), message.get_srcComponent()) == self.address:
                     yield now_s, message
             left_s = end_s - self.now()
             if left_s <= 0.0:
@@ -230,24 +214,21 @@ class Peer:
             self.sleep(0.5)
         return found
 
-    def command(
-        self, command: int, *params: float, tries: int = _TRIES, seconds: float = _ANSWER_S
-    ) -> Ack | None:
+    def command(self, command: int, *params: float, tries: int = _TRIES) -> Ack | None:
         """Send COMMAND_LONG and return its COMMAND_ACK, the last one after IN_PROGRESS; None without one."""
         values = [*params, *[0.0] * (7 - len(params))]
         for number in range(tries):
-            self.forget()
-            self.send(m.MAVLink_command_long_message(*self.address, command, number, *values))
-            answer = self._acknowledgement(command, seconds)
+            question = m.MAVLink_command_long_message(*self.address, command, number, *values)
+            answer = self.acknowledged(question, tries=1)
+            while answer is not None and answer.result == m.MAV_RESULT_IN_PROGRESS:
+                answer = self.expect(Ack, 10.0, lambda a: a.command == command)
             if answer is not None:
                 return answer
         return None
 
-    def _acknowledgement(self, command: int, seconds: float) -> Ack | None:
-        answer = self.expect(Ack, seconds, lambda a: a.command == command)
-        while answer is not None and answer.result == m.MAV_RESULT_IN_PROGRESS:
-            answer = self.expect(Ack, 10.0, lambda a: a.command == command)
-        return answer
+    def acknowledged(self, question: CommandMessage, tries: int = _TRIES) -> Ack | None:
+        """Send a command until its COMMAND_ACK arrives, at most `tries` times; None without one."""
+        return self.ask(question, Ack, where=lambda answer: answer.command == question.command, tries=tries)
 
     def must(self, command: int, *params: float) -> Ack:
         """Send a command; FailedError unless it is accepted."""
@@ -332,10 +313,6 @@ class Peer:
             self.upload(self.items(1))
         self._unsettled = False
 
-    def plans(self) -> Mission:
-        """Download all plans; RemoteTransferError on failure."""
-        return self.driver.download()[0]
-
     def put_back(self, plans: Mission) -> None:
         """Upload these plans and clear all other plan types; TransferError on failure."""
         self.sleep(0.2)
@@ -345,10 +322,6 @@ class Peer:
                 self.upload(plan, kind)
             elif self.download(kind):
                 self.driver.clear([kind])
-
-    def close(self) -> None:
-        """Close the link."""
-        self.endpoint.close()
 
 
 def needed(answer: T | None, otherwise: str) -> T:

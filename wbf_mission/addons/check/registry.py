@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
@@ -28,31 +28,16 @@ class Verdict(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One check of the conformance kit.
+    """One check of the conformance kit."""
 
-    Parameters
-    ----------
-    id : str
-        ``group.name``.
-    text : str
-        The requirement in one line.
-    requirement : callable
-        ``requirement(profile)`` returns whether an autopilot with this profile must pass: ground software
-        relies on the behaviour, and real autopilots have it. A check that is not required is advice.
-    flies : bool
-        The check arms the vehicle.
-    suffers : str
-        Software that fails with a vehicle that does not pass; empty if all autopilots must pass.
-    function : callable
-        ``function(peer)`` returns a note or None, and raises `FailedError` or `SkippedError`.
-    """
-
-    id: str
-    text: str
+    id: str  # ``group.name``
+    text: str  # The requirement in one line
+    # Returns whether an autopilot with a profile must pass: ground software relies on the behaviour, and real
+    # autopilots have it. A check that is not required is advice.
     requirement: Requirement
-    flies: bool
-    suffers: str
-    function: Function
+    flies: bool  # Whether the check arms the vehicle
+    suffers: str  # Software that fails with a vehicle that does not pass; empty if all autopilots must pass
+    function: Function  # Returns a note or None, and raises `FailedError` or `SkippedError`
 
     @property
     def required_of(self) -> str:
@@ -101,21 +86,13 @@ class CheckResult:
         }
 
 
-def _everybody(_profile: Profile) -> bool:
-    return True
-
-
-def _nobody(_profile: Profile) -> bool:
-    return False
-
-
 def _first_line(function: Function) -> str:
     """Return the first docstring line as a clause: "It is there." becomes "it is there"."""
     text = (function.__doc__ or "").partition("\n")[0].removesuffix(".")
     return text if text[1:2].isupper() or text[1:2] == "_" else text[:1].lower() + text[1:]
 
 
-class Checks:
+class Checks(list[Check]):
     """Checks of one module, in order of definition.
 
     Examples
@@ -127,9 +104,6 @@ class Checks:
     >>> [(one.id, one.required_of) for one in checks]
     [('identity.nothing', 'all')]
     """
-
-    def __init__(self) -> None:
-        self._checks: list[Check] = []
 
     def __call__(
         self,
@@ -145,15 +119,10 @@ class Checks:
         Parameters as of `Check`. `required` is a requirement, or a bool that holds for all autopilots. `text`
         defaults to the first line of the function's docstring.
         """
-        requirement = required if callable(required) else _everybody if required else _nobody
+        requirement = required if callable(required) else lambda _profile: required
 
         def add(function: Function) -> Function:
-            self._checks.append(
-                Check(name, text or _first_line(function), requirement, flies, suffers, function)
-            )
+            self.append(Check(name, text or _first_line(function), requirement, flies, suffers, function))
             return function
 
         return add
-
-    def __iter__(self) -> Iterator[Check]:
-        return iter(self._checks)

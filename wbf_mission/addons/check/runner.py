@@ -36,8 +36,8 @@ def all_checks() -> tuple[Check, ...]:
     >>> all_checks()[0].id
     'identity.heartbeat'
     """
-    checks = (one for module in _MODULES for one in module.check)
-    return tuple(sorted(checks, key=lambda one: _GROUPS.index(one.group)))
+    checks = (check for module in _MODULES for check in module.check)
+    return tuple(sorted(checks, key=lambda check: _GROUPS.index(check.group)))
 
 
 def chosen_checks(only: tuple[str, ...], *, fly: bool) -> tuple[Check, ...]:
@@ -50,7 +50,9 @@ def chosen_checks(only: tuple[str, ...], *, fly: bool) -> tuple[Check, ...]:
             msg = f"unknown check {name!r}: give an id of 'wbf-mission check --list' or a group ({groups})"
             raise CheckError(msg)
     return tuple(
-        one for one in checks if (fly or not one.flies) and (not only or one.id in only or one.group in only)
+        check
+        for check in checks
+        if (fly or not check.flies) and (not only or check.id in only or check.group in only)
     )
 
 
@@ -158,7 +160,7 @@ def check_vehicle(
             link = open_link(link)
             stack.callback(link.close)
         peer = Peer(link, clock=clock, wait=wait)
-        vehicle = peer.find(wait_s, system_id)
+        vehicle = peer.driver.wait_for_vehicle(wait_s, system_id=system_id)
         peer.sleep(1.5)
         if peer.armed:
             msg = f"{link.name}: the vehicle is armed; land and disarm it before it is checked"
@@ -181,7 +183,7 @@ def check_vehicle(
 def _keep_plans(peer: Peer, stack: ExitStack, warnings: list[str]) -> None:
     """Download the vehicle's plans and restore them when `stack` closes; failures are added to `warnings`."""
     try:
-        plans = peer.plans()
+        plans = peer.driver.download()[0]
     except RemoteTransferError as error:
         warnings.append(f"the vehicle's own plans could not be read, so they are not put back: {error}")
         return
@@ -221,12 +223,12 @@ def _find_home(peer: Peer) -> None:
             return
 
 
-def _run(one: Check, peer: Peer) -> CheckResult:
+def _run(check: Check, peer: Peer) -> CheckResult:
     began_s = peer.now()
     verdict = Verdict.PASSED
     try:
         peer.forget()
-        detail = one.function(peer) or ""
+        detail = check.function(peer) or ""
     except FailedError as error:
         verdict, detail = Verdict.FAILED, str(error)
     except SkippedError as error:
@@ -235,4 +237,4 @@ def _run(one: Check, peer: Peer) -> CheckResult:
         raise
     except WbfMissionError as error:
         verdict, detail = Verdict.FAILED, str(error)
-    return CheckResult(one, one.requirement(peer.profile), verdict, detail, peer.now() - began_s)
+    return CheckResult(check, check.requirement(peer.profile), verdict, detail, peer.now() - began_s)

@@ -9,7 +9,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from mission.model import MissionItem
 from mission.transfer import result_text, wire
-from wbf_mission.addons.check.peer import ACK, ANSWERS, MISSION, RE_REQUEST_S, FailedError, Peer
+from wbf_mission.addons.check.peer import ACK, ANSWERS, MISSION, RE_REQUEST_S, REQUESTS, FailedError, Peer
 
 _SETTLE_S = 1.0  # A slow radio may still deliver messages of the previous check.
 
@@ -18,11 +18,8 @@ class Sender:
     """Mission upload under manual control: each message can be sent, omitted or altered."""
 
     def __init__(self, peer: Peer, items: Sequence[MissionItem]) -> None:
-        home = [
-            MissionItem(16, 0, x=peer.home.latitude_deg, y=peer.home.longitude_deg, z=peer.home.altitude_m)
-        ]
         self.peer = peer
-        self.items = [*home, *items] if peer.profile.home_at_zero else list(items)
+        self.items = [*(wire.home_items(peer.home) if peer.profile.home_at_zero else ()), *items]
 
     @classmethod
     def begun(cls, peer: Peer, items: Sequence[MissionItem]) -> Sender:
@@ -47,6 +44,16 @@ class Sender:
     def send(self, number: int) -> None:
         """Send one item."""
         self.peer.send(self.message(number))
+
+    def send_first(self, count: int) -> None:
+        """Send the first items, each once the vehicle has requested it."""
+        for number in range(count):
+            self.send(number)
+            self.peer.expect(REQUESTS, RE_REQUEST_S, lambda a, number=number: a.seq == number + 1)  # type: ignore[misc]
+
+    def complete(self, first: int = 0) -> None:
+        """Finish the upload; FailedError unless the vehicle accepts it."""
+        require_accepted(self.finish(first))
 
     def finish(self, first: int = 0) -> wire.AckMessage:
         """Answer item requests until the final MISSION_ACK, and return it."""

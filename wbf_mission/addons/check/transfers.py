@@ -80,7 +80,7 @@ def asks_again(peer: Peer) -> str:
     if seen < 2:
         sender.cancel()
         raise FailedError(f"it is not asked for again in {RE_REQUEST_S} s")
-    require_accepted(sender.finish(1))
+    sender.complete(1)
     return f"after {after_s:.2f} s"
 
 
@@ -89,7 +89,7 @@ def duplicate_count(peer: Peer) -> None:
     """A duplicate COUNT does not break the upload."""
     sender = Sender.begun(peer, peer.items(4))
     peer.send(_COUNT(*peer.address, len(sender.items), MISSION))
-    require_accepted(sender.finish())
+    sender.complete()
     peer.require_equal(peer.items(4))
 
 
@@ -98,7 +98,7 @@ def duplicate_item(peer: Peer) -> None:
     """A duplicate item does not break the upload."""
     sender = Sender.begun(peer, peer.items(4))
     sender.send(0)
-    require_accepted(sender.finish())
+    sender.complete()
     peer.sleep(0.5)
     peer.require_equal(peer.items(4))
 
@@ -108,16 +108,10 @@ def out_of_order(peer: Peer) -> None:
     """An item out of order is not taken for the one requested."""
     sender = Sender.begun(peer, peer.items(5))
     sender.send(2)
-    answer = peer.expect(ANSWERS, RE_REQUEST_S)
-    if answer is not None and wire.is_request(answer) and answer.seq > 0:
-        sender.cancel()
-        raise FailedError(f"it is taken: the vehicle asks for item {answer.seq}")
-    if answer is not None and is_a(answer, ACK):
-        if answer.type == wire.ACCEPTED:
-            raise FailedError("it is accepted")
-        if peer.profile.order_result is None:
-            return
-    require_accepted(sender.finish())
+    answer = _answer_to_wrong_item(sender)
+    if answer is not None and is_a(answer, ACK) and peer.profile.order_result is None:
+        return
+    sender.complete()
     peer.require_equal(peer.items(5))
 
 
@@ -126,13 +120,19 @@ def wrong_type(peer: Peer) -> None:
     """An item of another plan is not taken into the mission."""
     sender = Sender.begun(peer, peer.items(4))
     peer.send(sender.message(0, int(MissionType.FENCE)))
-    answer = peer.expect(ANSWERS, RE_REQUEST_S)
+    _answer_to_wrong_item(sender)
+    sender.cancel()
+
+
+def _answer_to_wrong_item(sender: Sender) -> wire.RequestMessage | wire.AckMessage | None:
+    """Return the answer to an item that was not requested; FailedError if the vehicle takes the item."""
+    answer = sender.peer.expect(ANSWERS, RE_REQUEST_S)
     if answer is not None and wire.is_request(answer) and answer.seq > 0:
         sender.cancel()
         raise FailedError(f"it is taken: the vehicle asks for item {answer.seq}")
     if answer is not None and is_a(answer, ACK) and answer.type == wire.ACCEPTED:
         raise FailedError("it is accepted")
-    sender.cancel()
+    return answer
 
 
 @check("transfer.cancel")
@@ -163,10 +163,7 @@ def old_plan_kept(peer: Peer) -> None:
     old = peer.items(6)
     peer.upload(old)
     sender = Sender.begun(peer, [replace(item, z=item.z + 5.0) for item in peer.items(4)])
-    last = len(sender.items) - 2
-    for number in range(last):
-        sender.send(number)
-        peer.expect(REQUESTS, RE_REQUEST_S, lambda a, number=number: a.seq == number + 1)  # type: ignore[misc]
+    sender.send_first(len(sender.items) - 2)
     sender.cancel()
     if not peer.profile.atomic:
         # ArduPilot ignores OPERATION_CANCELLED: the upload ends by timeout, and a download before it fails.
@@ -201,7 +198,7 @@ def late_item(peer: Peer) -> None:
 def last_ack_again(peer: Peer) -> None:
     """The last item sent again is acknowledged again."""
     sender = Sender.begun(peer, peer.items(4))
-    require_accepted(sender.finish())
+    sender.complete()
     peer.forget()
     sender.send(len(sender.items) - 1)
     if peer.expect(ACK) is None:
@@ -242,9 +239,7 @@ def nan(peer: Peer) -> str:
     """A yaw of NaN is stored or refused, and the vehicle keeps answering."""
     sender = Sender.begun(peer, peer.items(4))
     index = 2 if peer.profile.home_at_zero else 1
-    for number in range(index):
-        sender.send(number)
-        peer.expect(REQUESTS, RE_REQUEST_S, lambda a, number=number: a.seq == number + 1)  # type: ignore[misc]
+    sender.send_first(index)
     item = sender.message(index)
     item.param4 = float("nan")
     peer.send(item)
@@ -263,13 +258,19 @@ def nan(peer: Peer) -> str:
 def too_many(peer: Peer) -> str:
     """A COUNT of 65535 is refused or can be cancelled."""
     question = _COUNT(*peer.address, 65535, MISSION)
+    answer = _opened_and_cancelled(peer, question)
+    if is_a(answer, ACK) and answer.type == wire.ACCEPTED:
+        raise FailedError("it is accepted")
+    return told(answer)
+
+
+def _opened_and_cancelled(peer: Peer, question: Message) -> wire.RequestMessage | wire.AckMessage:
+    """Return the answer to the start of an upload, which is then cancelled."""
     answer = peer.opened(question, ANSWERS)
     Sender(peer, ()).cancel()
     if answer is None:
         raise FailedError("no answer")
-    if is_a(answer, ACK) and answer.type == wire.ACCEPTED:
-        raise FailedError("it is accepted")
-    return told(answer)
+    return answer
 
 
 @check("transfer.count-zero")
@@ -286,10 +287,7 @@ def count_zero(peer: Peer) -> None:
 @check("transfer.unknown-type", required=False, suffers="clients with plans of a later protocol")
 def unknown_type(peer: Peer) -> str:
     """A COUNT with a plan type that does not exist is refused."""
-    answer = peer.opened(_COUNT(*peer.address, 3, 77), ANSWERS)
-    Sender(peer, ()).cancel()
-    if answer is None:
-        raise FailedError("no answer")
+    answer = _opened_and_cancelled(peer, _COUNT(*peer.address, 3, 77))
     if wire.is_request(answer) or answer.type == wire.ACCEPTED:
         raise FailedError(told(answer))
     return told(answer)
@@ -336,7 +334,7 @@ def second_station(peer: Peer) -> str:
         # Some autopilots ignore OPERATION_CANCELLED: the second upload ends by timeout.
         peer.sleep(peer.profile.abort_s + 1.0)
         raise FailedError(f"{told(answer)} of the second station")
-    require_accepted(sender.finish(1))
+    sender.complete(1)
     peer.require_equal(items)
     return "not answered" if answer is None else told(answer)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -278,21 +277,15 @@ def _answer(policy: Policy, observation: PolicyObservation, what: str, times: li
 
 def _lies_inside(vehicle: VehicleReport, points: Points) -> bool:
     """Return whether a path stays in the area, except for legs from outside and between separate parts."""
-    area = vehicle.request.room
-    wide = shapely.buffer(area, _AREA_M)
-    if not shapely.covers(wide, shapely.points(points)).all():
-        return False
-    parts = list(area.geoms) if isinstance(area, shapely.MultiPolygon) else [area]
     path = np.vstack((np.asarray(vehicle.position_m)[None], points))
-    for begin, end in itertools.pairwise(path):
-        homes = [
-            part for part in parts if shapely.covers(shapely.buffer(part, _AREA_M), shapely.Point(begin))
-        ]
-        leg = shapely.LineString([begin, end])
-        between = not homes or not shapely.covers(shapely.buffer(homes[0], _AREA_M), shapely.Point(end))
-        if not between and not shapely.covers(wide, leg):
-            return False
-    return True
+    area = shapely.buffer(vehicle.request.room, _AREA_M)
+    parts = shapely.buffer(shapely.get_parts(vehicle.request.room), _AREA_M)
+    in_part = shapely.covers(parts[:, None], shapely.points(path))  # bool[parts, n + 1]
+    first_part = in_part[:, :-1].argmax(axis=0)
+    within_part = in_part[:, :-1].any(axis=0) & in_part[first_part, np.arange(1, len(path))]
+    legs = shapely.linestrings(np.stack((path[:-1], path[1:]), axis=1))
+    points_inside = shapely.covers(area, shapely.points(points))
+    return bool(points_inside.all() and (shapely.covers(area, legs) | ~within_part).all())
 
 
 def _check_all_known(policy: Policy, truth: NDArray[np.float32], times: list[float]) -> None:

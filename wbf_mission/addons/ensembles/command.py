@@ -48,6 +48,7 @@ def generate_command(
     from joblib import cpu_count
 
     from wbf_mission.addons.ensembles.ensemble import generate_ensemble
+    from wbf_mission.bench.spec import seed_ranges
 
     options.require_processes(jobs)
     scenario = given.scenario()
@@ -94,7 +95,7 @@ def generate_command(
     rows = {
         "folder": str(folder),
         "environments": f"{count}: {made} generated now, {found} were there",
-        "days": _ranges(days_kept),
+        "days": seed_ranges(days_kept).replace("..", "-").replace(",", ", "),
         "size": f"{size / 1e6:.1f} MB",
         "wall time": duration(seconds),
     }
@@ -118,20 +119,6 @@ def _days(text: str) -> list[int]:
             raise ScenarioError(msg)
         days.update(range(int(numbers[0]), int(numbers[1]) + 1))
     return sorted(days)
-
-
-def _ranges(days: tuple[int, ...]) -> str:
-    """Return days as a list of ranges, such as ``0, 4-6``.
-
-    >>> _ranges((0, 4, 5, 6))
-    '0, 4-6'
-    """
-    parts: list[list[int]] = []
-    for day in days:
-        if not parts or day != parts[-1][-1] + 1:
-            parts.append([])
-        parts[-1].append(day)
-    return ", ".join(str(part[0]) if len(part) == 1 else f"{part[0]}-{part[-1]}" for part in parts)
 
 
 GENERATE = Command(generate_command, EXAMPLES)

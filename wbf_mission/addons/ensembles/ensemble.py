@@ -88,17 +88,6 @@ def member_folder(folder: Path, member: int) -> Path:
     return folder / f"member-{member:05d}"
 
 
-def member_seed(seed: SeedSequence | int, member: int) -> SeedSequence:
-    """Return the seed of a member.
-
-    Examples
-    --------
-    >>> member_seed(7, 3).spawn_key == child_seed(7, "ensemble", "3").spawn_key
-    True
-    """
-    return child_seed(seed, "ensemble", str(member))
-
-
 @dataclass(frozen=True, slots=True)
 class _Plan:
     """Parameters that are common to all members, sent to each worker process."""
@@ -113,8 +102,6 @@ class _Plan:
 
     def make(self, member: int, progress: Callable[[int, int], None]) -> bool:
         """Generate a member unless it exists; return whether it was generated."""
-        path = member_folder(self.folder, member)
-        seed = member_seed(self.seed, member)
         made = False
 
         def note(done: int, total: int) -> None:
@@ -125,11 +112,11 @@ class _Plan:
         generate_environment(
             self.grid,
             days=self.days[-1],
-            seed=seed,
+            seed=child_seed(self.seed, "ensemble", str(member)),
             fields=self.fields,
             keep_days=self.days,
             farm_name=self.farm_name,
-            directory=path,
+            directory=member_folder(self.folder, member),
             threads=self.threads,
             progress=note,
         )
@@ -156,12 +143,8 @@ def generate_ensemble(
 
     Parameters
     ----------
-    grid : FarmGrid
-        The farm.
     folder : path-like
         The ensemble's folder: new, empty, or one of the same ensemble with fewer or more members.
-    members : int
-        Number of members.
     seed : SeedSequence or int
         The ensemble's seed.
     days, fields, keep_days, farm_name
@@ -170,10 +153,6 @@ def generate_ensemble(
         Number of processes.
     progress : callable, optional
         Called as ``progress(done, total)``, in members with fractions.
-
-    Returns
-    -------
-    Ensemble
 
     Raises
     ------

@@ -18,6 +18,7 @@ from wbf_mission.addons.epidemic.expected import (
 )
 from wbf_mission.addons.epidemic.features import (
     N_FEATURES,
+    N_LOCAL,
     REACH,
     SEEN_SUSCEPTIBLE,
     UNKNOWN,
@@ -26,69 +27,11 @@ from wbf_mission.addons.epidemic.features import (
     local_features,
     padded_codes,
 )
-from wbf_mission.addons.epidemic.network import FieldClassifier, Network
-from wbf_mission.addons.epidemic.training import (
-    WHOLE_FARM_CELLS,
-    TrainingTask,
-    classes_of,
-    first_day,
-    network_for,
-)
+from wbf_mission.addons.epidemic.network import FieldClassifier
+from wbf_mission.addons.epidemic.store import network_for
+from wbf_mission.addons.epidemic.training import TrainingTask, classes_of
 
-EXACT = 1e-3
-"""A reading closer than this to the value of a class shows the class with certainty."""
-
-_UNREAD = -1
-
-
-class LastReadings:
-    """Class and day of the last reading of each cell.
-
-    Readings of cells without the disease's crop are ignored. `exact` is whether each reading had the value of
-    a class.
-
-    Examples
-    --------
-    >>> last = LastReadings(np.ones((2, 3), np.bool_))
-    >>> last.follow(np.array([[1, 0], [0, 2], [1, 0]]), np.array([6, 6, 7]), np.array([1.0, 0.5, 0.0]))
-    >>> [part.tolist() for part in last.known()], last.exact
-    ([[2, 3], [1, 2], [6, 7]], True)
-    """
-
-    def __init__(self, hosts: NDArray[np.bool_]) -> None:
-        self.exact = True
-        self._hosts = hosts
-        self._classes = np.full(hosts.size, _UNREAD, np.int8)
-        self._days = np.zeros(hosts.size, np.int32)
-        self._followed = 0
-
-    def follow(
-        self, cells: NDArray[np.integer], days: NDArray[np.integer], values: NDArray[np.float64]
-    ) -> None:
-        """Add the new readings if all readings were exact.
-
-        The arguments are all readings of the run in order, with NaN where the disease was not sensed.
-        """
-        new = slice(self._followed, None)
-        self._followed = len(values)
-        if not self.exact:
-            return
-        x, y = cells[new].T
-        classes = classes_of(values[new])
-        sensed = (classes >= 0) & self._hosts[x, y]
-        x, y, classes = x[sensed], y[sensed], classes[sensed]
-        self.exact = not (np.abs(values[new][sensed] - CLASS_VALUES[classes]) > EXACT).any()
-        flat = x.astype(np.int64) * self._hosts.shape[1] + y
-        # The last reading of a cell overwrites earlier ones.
-        self._classes[flat] = classes
-        self._days[flat] = days[new][sensed]
-
-    def known(self) -> tuple[NDArray[np.int64], NDArray[np.int8], NDArray[np.int32]]:
-        """Return flat indices of cells with readings, ascending, and class and day of the last reading."""
-        flat = np.flatnonzero(self._classes != _UNREAD)
-        return flat, self._classes[flat], self._days[flat]
-
-
+_EXACT = 1e-3  # A reading closer than this to the value of a class shows the class with certainty
 _SOFT = 1e-3
 _TINY = 1e-12
 _CHUNK_CELLS = 1 << 16
@@ -102,12 +45,12 @@ class DiseaseBelief:
     """Class probabilities of all cells on one day.
 
     `value` is the estimate of least expected loss, and `uncertainty` the standard deviation of the true
-    value. `whole`: every update computes all cells, on farms of at most `WHOLE_FARM_CELLS`.
+    value. `whole`: every update computes all cells, on farms of at most `WHOLE_FARM_CELLS`. `task` is the
+    training for any day.
     """
 
     def __init__(
         self,
-        hosts: NDArray[np.bool_],
         task: TrainingTask,
         *,
         too_healthy: float,
@@ -115,28 +58,32 @@ class DiseaseBelief:
         misreading_rate: float,
         cache: str | os.PathLike[str] | None,
     ) -> None:
-        self._hosts = hosts
         self._task = task
+        self._hosts = task.hosts
+        self._has_hosts = bool(task.hosts.any())
         self._costs = too_healthy, too_sick
         self._misreading_rate = misreading_rate
         self._cache = cache
-        self._host_count = int(np.count_nonzero(hosts))
-        self._seeds = task.parameters.seed_count(hosts.shape)
-        self.whole = hosts.size <= WHOLE_FARM_CELLS
+        self.whole = task.whole
         self._day: int | None = None
         self._seen = 0
-        self._last = LastReadings(hosts)
-        self.value = np.ones(hosts.shape, np.float32)
-        self.uncertainty = np.zeros(hosts.shape, np.float32)
+        self.value = np.ones(self._hosts.shape, np.float32)
+        self.uncertainty = np.zeros(self._hosts.shape, np.float32)
         # Large farms compute probabilities and loss on demand.
-        self._probabilities = self._certain() if self.whole else None
-        self._loss = np.zeros(hosts.shape, np.float32) if self.whole else None
+        self._probabilities: NDArray[np.float32] | None = None
+        self._loss: NDArray[np.float32] | None = None
+        if self.whole:
+            self._add_maps()
 
-    def wanted(self, days: Sequence[int]) -> list[tuple[TrainingTask, NDArray[np.bool_]]]:
-        """Return the training tasks for some days, each with the crop map."""
-        if not self._host_count:
-            return []
-        return [(replace(self._task, day=day), self._hosts) for day in days]
+    def _add_maps(self) -> None:
+        """Add maps of class probabilities, float32[3, W, H], and expected loss, with every plant healthy."""
+        self._probabilities = np.zeros((len(CLASS_VALUES), *self._hosts.shape), np.float32)
+        self._probabilities[0] = 1.0
+        self._loss = np.zeros(self._hosts.shape, np.float32)
+
+    def wanted(self, days: Sequence[int]) -> list[TrainingTask]:
+        """Return the training tasks for some days."""
+        return [replace(self._task, day=day) for day in days] if self._has_hosts else []
 
     def update(self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats) -> None:
         """Update `value` and `uncertainty` to `day` and the readings.
@@ -144,17 +91,16 @@ class DiseaseBelief:
         The arguments are all readings of the run, with NaN where the disease was not sensed. `day` is not
         earlier than any reading.
         """
-        if not self._host_count:
+        self._told = day, cells, days, values
+        if not self._has_hosts:
             return
         sensed = np.isfinite(values[self._seen :]) & self._hosts[tuple(cells[self._seen :].T)]
-        if day == self._day and not sensed.any():
-            self._seen = len(values)
-            return
-        x, y, probabilities = self._changed(day, cells, days, values)
-        if self.whole:
-            # Allocate new arrays, because earlier models keep the old ones.
-            self._probabilities, self._loss = self._certain(), np.zeros(self._hosts.shape, np.float32)
-        self._take((x, y), probabilities)
+        if day != self._day or sensed.any():
+            x, y, probabilities = self._changed(day, cells, days, values)
+            if self.whole:
+                # Earlier models keep the old maps.
+                self._add_maps()
+            self._take((x, y), probabilities)
         self._seen = len(values)
 
     def _take(self, index: _Index, probabilities: Floats) -> None:
@@ -168,56 +114,45 @@ class DiseaseBelief:
         if self._loss is not None:
             self._loss[index] = expected_loss(probabilities, best, too_healthy, too_sick)
 
-    def probabilities(
-        self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats
-    ) -> NDArray[np.float32]:
-        """Return the class probabilities of all cells, float32[3, W, H]; land without the crop is healthy.
+    @property
+    def probabilities(self) -> NDArray[np.float32]:
+        """Class probabilities of all cells, float32[3, W, H]; land without the crop is healthy.
 
-        The arguments must be those of the last `update`. On large farms the call takes as long as an update
-        with all readings.
+        On large farms they are computed on every access, which takes as long as an update with all readings.
         """
-        if self._probabilities is not None:
-            return self._probabilities
-        again = self._again()
-        again._probabilities = self._certain()
-        again.update(day, cells, days, values)
-        return again._probabilities
+        found = self._again()._probabilities if self._probabilities is None else self._probabilities
+        assert found is not None
+        return found
 
-    def expected_loss(
-        self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats
-    ) -> NDArray[np.float32]:
-        """Return the expected loss of `value`, float32[W, H]; 0 on land without the crop.
+    @property
+    def loss(self) -> NDArray[np.float32]:
+        """Expected loss of `value`, float32[W, H]; 0 on land without the crop.
 
-        The arguments must be those of the last `update`. On large farms the first call allocates the array,
-        and later updates change it in place.
+        On large farms the first access computes the array, and later updates change it in place.
         """
         if self._loss is None:
-            again = self._again()
-            again._loss = np.zeros(self._hosts.shape, np.float32)
-            again.update(day, cells, days, values)
-            self._loss = again._loss
+            self._loss = self._again()._loss
+        assert self._loss is not None
         return self._loss
 
-    def _certain(self) -> NDArray[np.float32]:
-        """Return class probabilities, float32[3, W, H], with every plant healthy."""
-        out = np.zeros((len(CLASS_VALUES), *self._hosts.shape), np.float32)
-        out[0] = 1.0
-        return out
-
     def _again(self) -> DiseaseBelief:
+        """Return a belief with the same readings, and with maps of probabilities and loss."""
         too_healthy, too_sick = self._costs
-        return DiseaseBelief(
-            self._hosts,
+        again = DiseaseBelief(
             self._task,
             too_healthy=too_healthy,
             too_sick=too_sick,
             misreading_rate=self._misreading_rate,
             cache=self._cache,
         )
+        again._add_maps()
+        again.update(*self._told)
+        return again
 
     def _begin(self, day: int) -> None:
         """Discard everything and load the network for a new day."""
-        self._network: Network = network_for(replace(self._task, day=day), self._hosts, self._cache)
+        task = replace(self._task, day=day)
+        self._network = network_for(task, self._cache)
         self._codes = padded_codes(self._hosts)
         self._day = day
         if self.whole:
@@ -226,7 +161,7 @@ class DiseaseBelief:
             self._row = np.full(self._hosts.shape, -1, np.intp)
             self._row[x, y] = np.arange(len(x))
             self._classifier = FieldClassifier(
-                self._network, self._codes, x, y, self._seeds, day - first_day(day, self._hosts)
+                self._network, self._codes, x, y, task.seeds, day - task.first_day
             )
             self._prior = self._classifier.probabilities().mean(axis=0)
             return
@@ -272,7 +207,7 @@ class DiseaseBelief:
         for start in range(0, len(x), _CHUNK_CELLS):
             part = slice(start, start + _CHUNK_CELLS)
             features = np.zeros((len(x[part]), N_FEATURES), np.float32)
-            local_features(self._codes, x[part], y[part], features)
+            features[:, :N_LOCAL] = local_features(self._codes, x[part], y[part])
             out[part] = self._network.probabilities(features)
         return out
 
@@ -311,17 +246,17 @@ class DiseaseBelief:
         The results are: flat indices of the observed cells, ascending; likelihoods, float64[n, 3], up to a
         factor per cell; days since each cell's latest reading; and whether readings are taken as the truth.
         """
-        if self._misreading_rate == 0.0:
-            self._last.follow(cells, days, values)
-            if self._last.exact:
-                distinct, classes, days = self._last.known()
-                exactly = CLASS_VALUES[classes]
-                return distinct, self._single(day, days, exactly, classes, 0.0), day - days, True
         classes = classes_of(values)
         sensed = (classes >= 0) & self._hosts[cells[:, 0], cells[:, 1]]
         cells, days, values, classes = cells[sensed], days[sensed], values[sensed], classes[sensed]
         flat = cells[:, 0].astype(np.int64) * self._hosts.shape[1] + cells[:, 1]
         off = np.abs(values - CLASS_VALUES[classes])
+        if self._misreading_rate == 0.0 and not (off > _EXACT).any():
+            # Only the last reading of a cell counts.
+            distinct, from_end = np.unique(flat[::-1], return_index=True)
+            last = len(flat) - 1 - from_end
+            likelihood = self._single(day, days[last], values[last], classes[last], 0.0)
+            return distinct, likelihood, day - days[last], True
         noise = float(np.sqrt(np.mean(off**2))) if len(off) else 0.0
         single = self._single(day, days, values, classes, noise)
         distinct, inverse = np.unique(flat, return_inverse=True)
@@ -335,7 +270,7 @@ class DiseaseBelief:
         self, day: int, days: NDArray[np.int32], values: Floats, classes: NDArray[np.int8], noise: float
     ) -> Floats:
         """Return the likelihood of each class today, given each reading alone, float64[n, 3]."""
-        if noise > EXACT:
+        if noise > _EXACT:
             shown = exp(-0.5 * ((values[:, None] - CLASS_VALUES) / noise) ** 2)
         else:
             shown = np.eye(len(CLASS_VALUES))[classes]
@@ -349,7 +284,7 @@ class DiseaseBelief:
             sick = np.stack([np.zeros(len(ill)), ill, 1.0 - ill], axis=1)
             healthy = self._since_healthy(day)[day - days[old]]
             likelihood[old] = np.where((classes[old] == 0)[:, None], healthy, sick)
-            if noise > EXACT or rate:
+            if noise > _EXACT or rate:
                 likelihood[old] += _SOFT
         return likelihood
 

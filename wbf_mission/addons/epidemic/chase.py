@@ -46,9 +46,10 @@ def chasing_path(begun: Cells, sick: NDArray[np.bool_], longest: int, rng: Gener
 @compiled(nogil=True)
 def _see(
     x: int, y: int, sick: NDArray[np.bool_], seen: NDArray[np.bool_], worth: NDArray[np.float64], pull: float
-) -> None:
+) -> bool:
+    """Observe a cell; return whether it is newly found to be sick."""
     if seen[x, y]:
-        return
+        return False
     seen[x, y] = True
     worth[x, y] = 0.0
     for i in range(max(0, x - _SPREAD), min(sick.shape[0], x + _SPREAD + 1)):
@@ -59,6 +60,7 @@ def _see(
                     worth[i, j] += pull * near
                 else:
                     worth[i, j] *= 1.0 - _KNOWN * near
+    return bool(sick[x, y])
 
 
 @compiled(nogil=True)
@@ -76,9 +78,7 @@ def _chase(
     found = np.zeros((len(out), 2), np.int64)
     n_found = 0
     for k in range(count):
-        new = not seen[out[k, 0], out[k, 1]]
-        _see(out[k, 0], out[k, 1], sick, seen, worth, pull)
-        if new and sick[out[k, 0], out[k, 1]]:
+        if _see(out[k, 0], out[k, 1], sick, seen, worth, pull):
             found[n_found] = out[k]
             n_found += 1
     decision = 0
@@ -108,10 +108,8 @@ def _chase(
                 break
             out[count, 0] = x + round((best_x - x) * s / best_steps)
             out[count, 1] = y + round((best_y - y) * s / best_steps)
-            i, j = out[count, 0], out[count, 1]
-            if sick[i, j] and not seen[i, j]:
+            if _see(out[count, 0], out[count, 1], sick, seen, worth, pull):
                 found[n_found] = out[count]
                 n_found += 1
-            _see(i, j, sick, seen, worth, pull)
             count += 1
         decision = (decision + 1) % len(draws)

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
-import multiprocessing
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Self, TypeAlias
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from geo.atomic import made_by_one
-from geo.processes import CallsAhead
 from sensors.dynamics.soil import SoilParameters
 from sensors.errors import EstimatorError
 from sensors.estimators.base import LEARNING, BaseEstimator, Progress, require_paper_fields
@@ -24,100 +19,21 @@ from sensors.scoring.expected import loss_of_deviation
 from sensors.scoring.information import InformationModel, LazyProbabilities
 from sensors.scoring.score import PAPER_WEIGHTS, ScoreWeights
 from wbf_mission.addons.epidemic.belief import DiseaseBelief
-from wbf_mission.addons.epidemic.network import Network
 from wbf_mission.addons.epidemic.soil import SoilField
-from wbf_mission.addons.epidemic.training import (
-    TrainingTask,
-    keep_network,
-    known_network,
-    learn,
-    network_file,
-    shared_task,
-)
+from wbf_mission.addons.epidemic.store import learn_all
+from wbf_mission.addons.epidemic.training import TrainingTask
 
 if TYPE_CHECKING:
     from geo.grid import FarmGrid
-    from sensors.estimators.base import Step
     from sensors.observations import Observations
 
 _Values = NDArray[np.float32]
-Wanted: TypeAlias = tuple[TrainingTask, NDArray[np.bool_]]
-"""A training task and its crop map."""
-
-_WORTH_A_PROCESS = 1000  # Smaller trainings (outbreaks x epochs) do not pay for a process
-
-
-def learn_all(wanted: Sequence[Wanted], folder: str | os.PathLike[str] | None, step: Step) -> None:
-    """Load or train the networks of some tasks, so that they are in memory and in their files.
-
-    `step` is called with the finished fraction, 0..1, unless all networks exist already.
-    """
-    shared = [(shared_task(task, hosts), hosts) for task, hosts in wanted]
-    if all(known_network(task, hosts, folder) is not None for task, hosts in shared):
-        return
-    step(0.0)
-    with contextlib.ExitStack() as stack:
-        # A fixed order of the locks avoids deadlocks between processes.
-        for path in sorted({network_file(task, hosts, folder) for task, hosts in shared}):
-            stack.enter_context(made_by_one(path))
-        missing = {
-            task.key(hosts): (task, hosts)
-            for task, hosts in shared
-            if known_network(task, hosts, folder) is None
-        }
-        _learn_missing(list(missing.values()), folder, step)
-    if not missing:
-        step(1.0)  # Another process has trained the networks in the meantime
-
-
-def _learn_missing(open_tasks: Sequence[Wanted], folder: str | os.PathLike[str] | None, step: Step) -> None:
-    """Train the missing networks: large ones in parallel processes, others one by one."""
-    done = 0
-    long = all(task.outbreaks * task.epochs >= _WORTH_A_PROCESS for task, _ in open_tasks)
-    may_have_children = (os.cpu_count() or 1) > 1 and not multiprocessing.current_process().daemon
-    if len(open_tasks) > 1 and long and may_have_children:
-        for number, network in _in_processes(open_tasks):
-            task, hosts = open_tasks[number]
-            keep_network(network, task, hosts, folder)
-            done += 1
-            step(done / len(open_tasks))
-    for task, hosts in open_tasks:
-        if known_network(task, hosts, folder) is not None:
-            continue
-
-        def part(share: float, before: int = done) -> None:
-            step((before + share) / len(open_tasks))
-
-        keep_network(learn(task, hosts, part), task, hosts, folder)
-        done += 1
-
-
-def _in_processes(tasks: Sequence[Wanted]) -> Iterator[tuple[int, Network]]:
-    """Yield each task's index and network in order; stop early if a process dies."""
-    from concurrent.futures.process import BrokenProcessPool
-
-    calls = CallsAhead(learn, tasks)
-    try:
-        # If a process is killed for its memory, the caller trains the remaining networks one by one.
-        with contextlib.suppress(BrokenProcessPool):
-            for number in range(len(tasks)):
-                yield number, calls.result(number)
-    finally:
-        calls.close()
-
+_Basis = tuple[object, int, int]
+"""The estimator's state behind a model: fit, estimated day, and number of learned observations."""
 
 _SOIL = PAPER_FIELDS.index("soil")
 # Readings that deviate less from the smooth field are not noisy: the prior's rough part is this large.
 _EXACT_SOIL = 0.015
-
-
-@dataclass(frozen=True, slots=True)
-class _Basis:
-    """The estimator's state behind a model: fit, estimated day, and number of learned observations."""
-
-    fit: object
-    day: int
-    observations: int
 
 
 class EpidemicEstimator(BaseEstimator):
@@ -226,10 +142,10 @@ class EpidemicEstimator(BaseEstimator):
             msg = f"epidemic: the soil changes by {weather.kind!r}, which it does not know; use 'gp'"
             raise EstimatorError(msg)
         self._soil = SoilField(grid.shape, weather, self.training_seed)
+        size = self.outbreaks, self.epochs, self.training_seed
         self._beliefs = [
             DiseaseBelief(
-                field.hosts(grid),
-                TrainingTask(field.epidemic, self.day, self.outbreaks, self.epochs, self.training_seed),
+                TrainingTask(field.epidemic, field.hosts(grid), self.day, *size),
                 too_healthy=self.weights.too_healthy[k],
                 too_sick=self.weights.too_sick[k],
                 misreading_rate=self.misreading_rate,
@@ -251,7 +167,7 @@ class EpidemicEstimator(BaseEstimator):
         uncertainty = np.empty_like(value)
         day = self.day_
         for k, belief in enumerate(self._beliefs):
-            belief.update(*self._told(k))
+            belief.update(day, self._cells.array, self._days.array, self._values.array[:, k])
             value[k], uncertainty[k] = belief.value, belief.uncertainty
         noise = self._soil.fill(day, value[_SOIL], uncertainty[_SOIL])
         if noise < _EXACT_SOIL:
@@ -284,33 +200,27 @@ class EpidemicEstimator(BaseEstimator):
     def _class_probabilities(self, disease: str, basis: _Basis) -> NDArray[np.float32]:
         """Return the class probabilities of the model with this basis; EstimatorError if it is outdated."""
         self._check_present("probabilities", basis)
-        k = self.fields.index(disease)
-        return self._beliefs[k].probabilities(*self._told(k))
+        return self._beliefs[self.fields.index(disease)].probabilities
 
     def _expected_loss(self, uncertainty: NDArray[np.float32], basis: _Basis) -> NDArray[np.float32]:
         """Return the expected loss of the model with this basis; EstimatorError if it is outdated."""
         self._check_present("expected_loss", basis)
         loss = np.empty_like(uncertainty)
         for k, belief in enumerate(self._beliefs):
-            loss[k] = belief.expected_loss(*self._told(k))
+            loss[k] = belief.loss
         loss_of_deviation(uncertainty[_SOIL:], self.weights, loss[_SOIL:], first=_SOIL)
         return loss
 
-    def _told(self, k: int) -> tuple[int, NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
-        """Return the estimated day, and cells, days and values of all readings of field k."""
-        return self.day_, self._cells.array, self._days.array, self._values.array[:, k]
-
     @property
     def _basis(self) -> _Basis:
-        return _Basis(self._fit, self.day_, self.n_observations_)
+        return self._fit, self.day_, self.n_observations_
 
     def _check_present(self, what: str, basis: _Basis) -> None:
-        now = self._basis
-        if basis != now:
+        if basis != self._basis:
             raise EstimatorError(
-                f"epidemic: the {what} of a model of day {basis.day} and {basis.observations} observations"
-                f" are gone, as the estimator went on to day {now.day} and {now.observations}, or was fitted"
-                " anew; take model.copy() before"
+                f"epidemic: the {what} of a model of day {basis[1]} and {basis[2]} observations are gone, as"
+                f" the estimator went on to day {self.day_} and {self.n_observations_}, or was fitted anew;"
+                " take model.copy() before"
             )
 
     def _check_parameters(self) -> None:

@@ -64,16 +64,6 @@ class Rings:
         sizes = np.bincount(number[squares > 0], (images[:, None] * images)[squares > 0], len(ends))
         return cls(number.astype(np.intp), (1.0 / np.sqrt(sizes)).astype(np.float32))
 
-    def counts(self, codes: NDArray[np.uint8], most: int, x: Cells, y: Cells) -> Floats32:
-        """Return the scaled count of each code 1..most in each ring, float32[most * rings, n].
-
-        `codes` has a margin of `REACH` cells. The rings of code 1 are first.
-        """
-        out = np.zeros((most, len(self.scales), len(x)), np.float32)
-        _count(codes, x, y, self.number, out)
-        out *= self.scales[:, None]
-        return out.reshape(len(out) * len(self.scales), len(x))
-
     def sums(self, planes: Floats32, x: Cells, y: Cells) -> Floats32:
         """Return the scaled sum of each map over each ring, float32[maps * rings, n].
 
@@ -116,24 +106,6 @@ def _add(both: Floats32, number: Cells, out: Floats32) -> None:
 
 
 @compiled(nogil=True)
-def _count(codes: NDArray[np.uint8], x: Cells, y: Cells, number: Cells, out: Floats32) -> None:
-    both = np.empty(codes.shape[1], np.float32)
-    start = 0
-    while start < len(x):
-        end = _run_end(x, y, start)
-        length = end - start + 2 * REACH
-        for away in range(REACH + 1):
-            left = codes[x[start] + REACH - away, y[start] :]
-            right = codes[x[start] + REACH + away, y[start] :]
-            for code in range(len(out)):
-                for j in range(length):
-                    seen = np.float32(left[j] == code + 1)
-                    both[j] = seen if away == 0 else seen + np.float32(right[j] == code + 1)
-                _add(both, number[away], out[code, :, start:end])
-        start = end
-
-
-@compiled(nogil=True)
 def _sum(planes: Floats32, x: Cells, y: Cells, number: Cells, out: Floats32) -> None:
     both = np.empty(planes.shape[2], np.float32)
     start = 0
@@ -159,8 +131,6 @@ _DAY_KNOTS = (0.0, 2.0, 4.0, 6.0, 7.0)
 N_OVERALL = _SEEN_NUMBERS + len(_DAY_KNOTS)
 _CHUNK_CELLS = 1 << 14
 _CLUSTER_LINK = 5
-# Cells in reach are marked in a box if its area is at most this multiple of the total reach of all cells.
-_LOOSEST_BOX = 4
 
 N_LOCAL = len(RINGS.scales) * NO_HOST_CODE
 N_FEATURES = N_LOCAL + N_OVERALL
@@ -181,11 +151,15 @@ def inner(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return codes[REACH:-REACH, REACH:-REACH]
 
 
-def local_features(
-    codes: NDArray[np.uint8], x: NDArray[np.intp], y: NDArray[np.intp], out: NDArray[np.float32]
-) -> None:
-    """Write the ring features of some cells into the first columns of `out`."""
-    out[:, :N_LOCAL] = RINGS.counts(codes, NO_HOST_CODE, x, y).T
+def local_features(codes: NDArray[np.uint8], x: Cells, y: Cells) -> Floats32:
+    """Return the scaled counts of each code 1..4 in each ring of some cells, float32[n, N_LOCAL]."""
+    if not len(x):
+        return np.empty((0, N_LOCAL), np.float32)
+    # Only the cells in reach are looked at.
+    left, low = int(x.min()), int(y.min())
+    near = codes[left : int(x.max()) + 2 * REACH + 1, low : int(y.max()) + 2 * REACH + 1]
+    planes = np.stack([near == code for code in range(1, NO_HOST_CODE + 1)]).astype(np.float32)
+    return RINGS.sums(planes, x - left, y - low).T
 
 
 def overall_features(codes: NDArray[np.uint8], hosts: int, seeds: int, day: int) -> NDArray[np.float32]:
@@ -223,28 +197,19 @@ def cells_in_reach(
     >>> len(x), int(x.max()), int(y.min())
     (153, 8, 12)
     """
+    if not len(x):
+        return np.empty(0, np.intp), np.empty(0, np.intp)
+    # Cells are marked in the bounding box, which needs no sorting.
+    left, low = int(x.min()) - REACH, int(y.min()) - REACH
+    touched = np.zeros((int(x.max()) + REACH + 1 - left, int(y.max()) + REACH + 1 - low), np.bool_)
     axis = np.arange(-REACH, REACH + 1)
-    if len(x):
-        # Cells close together, such as a path's, are marked in their bounding box, which needs no sorting.
-        left, below = int(x.min()) - REACH, int(y.min()) - REACH
-        box = int(x.max()) + REACH + 1 - left, int(y.max()) + REACH + 1 - below
-        if box[0] * box[1] <= _LOOSEST_BOX * len(x) * len(axis) ** 2:
-            touched = np.zeros(box, np.bool_)
-            for start in range(0, len(x), _CHUNK_CELLS):
-                i, j = x[start : start + _CHUNK_CELLS] - left, y[start : start + _CHUNK_CELLS] - below
-                touched[i[:, None, None] + axis[:, None], j[:, None, None] + axis] = True
-            on_farm = touched[max(-left, 0) : shape[0] - left, max(-below, 0) : shape[1] - below]
-            columns, rows = np.nonzero(on_farm)
-            return columns + max(left, 0), rows + max(below, 0)
-    found = []
     for start in range(0, len(x), _CHUNK_CELLS):
-        i = (x[start : start + _CHUNK_CELLS, None, None] + axis[:, None]) + 0 * axis
-        j = (y[start : start + _CHUNK_CELLS, None, None] + axis) + 0 * axis[:, None]
-        inside = (i >= 0) & (i < shape[0]) & (j >= 0) & (j < shape[1])
-        found.append(np.unique(i[inside] * shape[1] + j[inside]))
-    flat = np.unique(np.concatenate(found)) if found else np.empty(0, np.intp)
-    columns, rows = np.divmod(flat, shape[1])
-    return columns.astype(np.intp), rows.astype(np.intp)
+        part = slice(start, start + _CHUNK_CELLS)
+        i, j = x[part] - left, y[part] - low
+        touched[i[:, None, None] + axis[:, None], j[:, None, None] + axis] = True
+    on_farm = touched[max(-left, 0) : shape[0] - left, max(-low, 0) : shape[1] - low]
+    columns, rows = np.nonzero(on_farm)
+    return columns + max(left, 0), rows + max(low, 0)
 
 
 _RINGS = Rings.that_end_at((1, 2, 4, 5, 8, 10, 18, 32, 64, 2 * REACH**2))

@@ -117,7 +117,7 @@ def train(
     epochs: int,
     learning_rate: float = 2e-3,
     rng: Generator,
-) -> Network:
+) -> None:
     """Minimise the weighted cross entropy with Adam (Kingma & Ba 2015) and a cosine schedule, in place."""
     parameters = [*network.weights, *network.biases]
     means = [np.zeros_like(parameter) for parameter in parameters]
@@ -141,7 +141,6 @@ def train(
                 square += fade_square * (gradient * gradient - square)
                 parameter -= np.float32(corrected) * mean / (np.float32(root) * np.sqrt(square) + 1e-8)
                 parameter -= np.float32(rate * _DECAY) * parameter
-    return network
 
 
 Cells = NDArray[np.intp]
@@ -167,10 +166,9 @@ class FieldClassifier:
 
     def touch(self, rows: Cells) -> None:
         """Recompute the ring features of some cells after a change of the codes."""
-        seen = np.zeros((len(rows), N_FEATURES), np.float32)
-        local_features(self._codes, self._x[rows], self._y[rows], seen)
+        local = local_features(self._codes, self._x[rows], self._y[rows])
         for kept, stage in zip(self._local, self._stages, strict=True):
-            kept[rows] = product(seen[:, :N_LOCAL], stage.weights[0][:N_LOCAL])
+            kept[rows] = product(local, stage.weights[0][:N_LOCAL])
 
     def probabilities(self, overall: Floats32 | None = None, found: Floats32 | None = None) -> Floats32:
         """Return the class probabilities of the cells without their own readings, float32[n, 3].

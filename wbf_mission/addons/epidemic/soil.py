@@ -58,38 +58,25 @@ _MISFIT = 5e-5
 _MEAN_NOISE = 1e-4
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SoilPrior:
-    """The prior humidity of a day, from simulated weather.
-
-    Parameters
-    ----------
-    mean : float64[w, h]
-        Mean at each position, on a coarse grid with the farm's proportions.
-    level, shape : float
-        Variance of the farm's mean humidity, and mean variance within the farm.
-    """
-
-    mean: Floats
-    level: float
-    shape: float
-
-
 @lru_cache(maxsize=64)
-def _soil_priors(
+def _simulated_moments(
     parameters: SoilParameters, shape: tuple[int, int], block: int, seed: int
-) -> tuple[SoilPrior, ...]:
-    """Return the priors of a block of days, which share the simulated weather before the block."""
+) -> tuple[tuple[Floats, float, float], ...]:
+    """Return the moments of the humidity on each day of a block, from the same simulated weathers.
+
+    They are the mean at each position, float64[w, h] on a coarse grid with the farm's proportions; the
+    variance of the farm's mean humidity (level); and the mean variance within the farm (shape).
+    """
     names = (str(number) for number in range(_SIMULATED_FIELDS))
     rngs = [stream(seed, "epidemic-estimator", "soil", name) for name in names]
     days = range(_SIMULATED_DAYS * block, _SIMULATED_DAYS * (block + 1))
-    priors = []
+    moments = []
     for fields in parameters.simulate_coarse(shape, days, _SIMULATED_CELLS, rngs):
         mean = fields.mean(axis=0)
         around = fields - mean
         level = float(around.mean(axis=(1, 2)).var())
-        priors.append(SoilPrior(mean, level, float(around.var(axis=(1, 2)).mean())))
-    return tuple(priors)
+        moments.append((mean, level, float(around.var(axis=(1, 2)).mean())))
+    return tuple(moments)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,8 +122,7 @@ class SoilField:
         self._noises: dict[object, float] = {}
         self._priors: dict[int, _WeightsPrior] = {}
         self._cells_alike = max(1.0, float(np.sqrt(self._x.shortest * self._y.shortest)))
-        columns, rows = (part.ravel() for part in np.meshgrid(self._x.nodes, self._y.nodes, indexing="ij"))
-        self._at_nodes = self._functions(columns, rows)
+        self._at_nodes = _on_grid(*(axis.functions[axis.nodes] for axis in axes))
 
     def learn(
         self, x: NDArray[np.integer], y: NDArray[np.integer], days: NDArray[np.integer], values: Floats
@@ -158,7 +144,8 @@ class SoilField:
             else:
                 crowding = self._crowding.setdefault(day, Crowding(self._shape, self._lengths))
                 weights = crowding.weights(x, y)
-            sums = self._sums.setdefault(day, _Sums(1 + self._functions_an_axis**2))
+            count = 1 + self._functions_an_axis**2
+            sums = self._sums.setdefault(day, _Sums(np.zeros((count, count)), np.zeros(count)))
             start = 0
             while start < len(x):
                 part = slice(start, start + min(_BATCH, sums.until_due))
@@ -223,24 +210,27 @@ class SoilField:
         if day in self._priors:
             return self._priors[day]
         block, number = divmod(day, _SIMULATED_DAYS)
-        prior = _soil_priors(self._parameters, self._shape, block, self._seed)[number]
+        mean_field, level, shape = _simulated_moments(self._parameters, self._shape, block, self._seed)[
+            number
+        ]
         places = (
             (np.arange(few) + 0.5) * cells / few - 0.5
-            for few, cells in zip(prior.mean.shape, self._shape, strict=True)
+            for few, cells in zip(mean_field.shape, self._shape, strict=True)
         )
-        along_x, along_y = (axis.at(where) for axis, where in zip((self._x, self._y), places, strict=True))
-        functions = _products(np.repeat(along_x, len(along_y), axis=0), np.tile(along_y, (len(along_x), 1)))
+        functions = _on_grid(
+            *(axis.at(where) for axis, where in zip((self._x, self._y), places, strict=True))
+        )
         # The functions contribute to the variance of the farm's mean, so the constant has only the rest.
         own = float(product(self._spectrum, functions[:, 1:].mean(axis=0) ** 2))
         everywhere = float(np.mean(product(functions[:, 1:] ** 2, self._spectrum)))
-        shape = prior.shape / (everywhere - own) + _SMALLEST_VARIANCE
-        level = max(prior.level - shape * own, _SMALLEST_VARIANCE)
+        shape = shape / (everywhere - own) + _SMALLEST_VARIANCE
+        level = max(level - shape * own, _SMALLEST_VARIANCE)
         variance = np.concatenate([[level], shape * self._spectrum])
         # Prior means of the weights: a regression of the mean field with little noise.
         mean = np.zeros(len(variance))
-        mean[0] = prior.mean.mean()
+        mean[0] = mean_field.mean()
         precision = np.diag(1.0 / variance) + product(functions.T, functions) / _MEAN_NOISE
-        response = product(prior.mean.ravel() - mean[0], functions) / _MEAN_NOISE
+        response = product(mean_field.ravel() - mean[0], functions) / _MEAN_NOISE
         mean += solve_positive(precision, response)
         self._priors[day] = _WeightsPrior(mean, variance)
         return self._priors[day]
@@ -251,14 +241,13 @@ class SoilField:
 
     def _noise_from(self, day: int) -> int:
         """Return the number of a day's readings used for the noise estimate; 0 if there are too few."""
-        return self._sums[day].due.count if day in self._sums else 0
+        return self._sums[day].noise_from if day in self._sums else 0
 
     def _solve(self, day: int) -> _Posterior:
         """Return the posterior of the weights on a day, with the estimated noise."""
         shown = self._noise(day)
         noise = max(shown, self._least_noise(day))
-        sums = self._sums.get(day)
-        precision, response = self._precision(day, noise, None if sums is None else sums.now)
+        precision, response = self._precision(day, noise, self._sums.get(day))
         covariance = inverse_of_factor(cholesky(precision))
         return _Posterior(
             day,
@@ -278,13 +267,12 @@ class SoilField:
     def _noise(self, day: int) -> float:
         """Return the estimated noise variance of a day's readings, from the number of `_noise_from`."""
         noise = _FIRST_NOISE
-        count = self._noise_from(day)
-        if not count:
+        today = self._sums[day].due if day in self._sums else None
+        if today is None:
             return noise
-        key = day, count, self._counts_before(day)
+        key = day, today.count, self._counts_before(day)
         if key in self._noises:
             return self._noises[key]
-        today = self._sums[day].due
         for _ in range(_NOISE_ROUNDS - 1):
             precision, response = self._precision(day, noise, today)
             covariance = inverse_of_factor(cholesky(precision))
@@ -298,7 +286,7 @@ class SoilField:
         self._noises[key] = noise
         return noise
 
-    def _precision(self, day: int, noise: float, today: _Totals | None) -> tuple[Floats, Floats]:
+    def _precision(self, day: int, noise: float, today: _Sums | None) -> tuple[Floats, Floats]:
         """Return precision, and precision times mean, of a day's weights, from all readings up to the day."""
         precision, response = (part.copy() for part in self._before(day))
         if today is not None:
@@ -313,25 +301,23 @@ class SoilField:
         if last is None:
             return np.diag(1.0 / variances), np.zeros(len(variances))
         key = day, self._counts_before(day)
-        known = self._known_before.pop(key, None)
-        if known is None:
+        if key not in self._known_before:
             noise = max(self._noise(last), self._least_noise(last))
-            precision, response = self._precision(last, noise, self._sums[last].now)
+            precision, response = self._precision(last, noise, self._sums[last])
             # `pass_day` needs weights in units of their prior standard deviations.
             unit, later = np.sqrt(self._prior(last).variance), np.sqrt(variances)
             step = continuous_transition(self._parameters, self._shape, last, day, self._seed)
             precision, response = pass_day(
                 precision * np.outer(unit, unit), response * unit, step.correlation
             )
-            known = precision / np.outer(later, later), response / later
-        self._known_before[key] = known
-        while len(self._known_before) > _KEPT_DAYS:
-            del self._known_before[next(iter(self._known_before))]
-        return known
+            if len(self._known_before) >= _KEPT_DAYS:
+                self._known_before.clear()
+            self._known_before[key] = precision / np.outer(later, later), response / later
+        return self._known_before[key]
 
     def _counts_before(self, day: int) -> tuple[tuple[int, int], ...]:
         """Return pairs of day and number of readings for the days before `day`."""
-        return tuple((seen, sums.now.count) for seen, sums in sorted(self._sums.items()) if seen < day)
+        return tuple((seen, sums.count) for seen, sums in sorted(self._sums.items()) if seen < day)
 
 
 @dataclass(slots=True, eq=False)
@@ -369,54 +355,53 @@ class _Posterior:
         self.covariance -= product(moved, gain)
 
 
-@dataclass(frozen=True, slots=True)
-class _Totals:
-    """The weighted sums of a linear regression: X'X, X'y, y'y, total weight, and number of readings."""
+@dataclass(slots=True, eq=False)
+class _Sums:
+    """Weighted sums of a day's linear regression: X'X, X'y, y'y, total weight, and number of readings.
+
+    `due` are the sums at the last noise estimate. The noise is estimated after 30, 36, 43, 51, ... readings,
+    so that the result does not depend on the batches in which readings arrive.
+    """
 
     squares: Floats
     response: Floats
     power: float = 0.0
     weight: float = 0.0
     count: int = 0
+    due: _Sums | None = None
 
-
-class _Sums:
-    """The regression sums of a day's readings: current, and at the last noise estimate.
-
-    The noise is estimated after 30, 36, 43, 51, ... readings, so that the result does not depend on the
-    batches in which readings arrive.
-    """
-
-    def __init__(self, functions: int) -> None:
-        self.now = _Totals(np.zeros((functions, functions)), np.zeros(functions))
-        self.due = _Totals(np.zeros((0, 0)), np.zeros(0))
+    @property
+    def noise_from(self) -> int:
+        """Number of readings of the last noise estimate; 0 if there are too few."""
+        return 0 if self.due is None else self.due.count
 
     @property
     def until_due(self) -> int:
         """Number of readings until the next noise estimate."""
-        following = max(_LEAST_FOR_NOISE, int(_NOISE_GROWTH * self.due.count))
-        return following - self.now.count
+        return max(_LEAST_FOR_NOISE, int(_NOISE_GROWTH * self.noise_from)) - self.count
 
     def add(self, functions: Floats, values: Floats, weights: Floats) -> None:
         """Add weighted readings, at most `until_due` of them."""
-        due = len(values) == self.until_due
+        is_due = len(values) == self.until_due
         counted = weights[:, None] * functions
-        self.now.squares.__iadd__(product(counted.T, functions))
-        self.now.response.__iadd__(product(values, counted))
-        self.now = replace(
-            self.now,
-            power=self.now.power + float(product(weights, values**2)),
-            weight=self.now.weight + float(weights.sum()),
-            count=self.now.count + len(values),
-        )
-        if due:
-            self.due = replace(self.now, squares=self.now.squares.copy(), response=self.now.response.copy())
+        self.squares += product(counted.T, functions)
+        self.response += product(values, counted)
+        self.power += float(product(weights, values**2))
+        self.weight += float(weights.sum())
+        self.count += len(values)
+        if is_due:
+            self.due = replace(self, squares=self.squares.copy(), response=self.response.copy(), due=None)
 
 
 def _products(along_x: Floats, along_y: Floats) -> Floats:
     """Return the constant and the products of x and y functions, float64[n, 1 + functions^2]."""
     products = along_x[:, :, None] * along_y[:, None, :]
     return np.concatenate([np.ones((len(along_x), 1)), products.reshape(len(along_x), -1)], axis=1)
+
+
+def _on_grid(along_x: Floats, along_y: Floats) -> Floats:
+    """Return `_products` for all pairs of places along x and along y, those of the first x first."""
+    return _products(np.repeat(along_x, len(along_y), axis=0), np.tile(along_y, (len(along_x), 1)))
 
 
 class _Axis:

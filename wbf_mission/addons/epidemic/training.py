@@ -1,4 +1,4 @@
-"""Training of the networks on simulated outbreaks, and files of trained networks.
+"""Training of the networks on simulated outbreaks.
 
 The training simulates outbreaks of the disease and observes them along random paths that end at random times.
 A small network learns the class of unobserved cells from the observations around them. The simulations use
@@ -11,19 +11,14 @@ import hashlib
 import itertools
 import json
 import math
-import os
-import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from geo.atomic import atomic_write, made_by_one
 from geo.seeds import stream
-from geo.system import user_cache_folder, warn_of_cache
 from sensors.dynamics.epidemic import MAX_DAYS, NEVER, EpidemicParameters, simulate_outbreak, value_table
 from sensors.errors import EstimatorError
 from sensors.estimators.base import Step, no_step
@@ -32,6 +27,7 @@ from wbf_mission.addons.epidemic.chase import chasing_path
 from wbf_mission.addons.epidemic.features import (
     N_CONTEXT,
     N_FEATURES,
+    N_LOCAL,
     N_OVERALL,
     REACH,
     UNKNOWN,
@@ -45,8 +41,6 @@ from wbf_mission.addons.epidemic.network import FieldClassifier, Network, train
 
 VERSION = 5
 """Version in file names; raise it with every change of the training."""
-SUMS = 2
-"""Version in file names; raise it with changes of the arithmetic that do not change the random draws."""
 WHOLE_FARM_CELLS = 128 * 128
 """Largest farm simulated as a whole. Training for larger farms uses windows, without whole-field features."""
 LAYERS = (N_FEATURES, 64, 32, 3)
@@ -60,29 +54,27 @@ _NEAR_PREFERENCE = 4.0
 _NEAR_SIZE = 9
 _WITH_SEEDS_SHARE = 0.8
 _SMALLEST_TRAINING = 10
-_FURTHER = 2
+FURTHER = 2
 _JUDGED_CELLS = 6_000_000
 _DAYS_TOGETHER = 8
 _CHASING_SHARE = 0.35
 _BEGUN_SHARE = 0.5
 
-INCLUDED = Path(__file__).parent / "networks"
-"""Networks of the Miniberry farms, which users need not train (`tools/write_networks.py`)."""
 
-_in_memory: dict[str, Network] = {}
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class TrainingTask:
-    """Parameters of a network's training; equal tasks give equal networks.
+    """Parameters of a network's training; tasks with equal keys give equal networks.
+
+    On farms of at most `WHOLE_FARM_CELLS`, eight days share a network.
 
     Parameters
     ----------
     parameters : EpidemicParameters
         The disease.
+    hosts : bool[W, H]
+        Crop map.
     day : int
-        Day of the observations. On farms of at most `WHOLE_FARM_CELLS`, a network serves eight days from
-        `first_day` on.
+        Day of the observations.
     outbreaks : int
         Number of simulated fields.
     epochs : int
@@ -92,148 +84,74 @@ class TrainingTask:
     """
 
     parameters: EpidemicParameters
+    hosts: NDArray[np.bool_]
     day: int
     outbreaks: int = 1250
     epochs: int = 6
     seed: int = 0
 
-    def key(self, hosts: NDArray[np.bool_]) -> str:
-        """Return the file name, without suffix, for the network of this task on a crop map."""
-        identity = {**asdict(self), "version": VERSION, "layers": LAYERS, "shape": hosts.shape}
+    @property
+    def whole(self) -> bool:
+        """Whether farms are simulated as a whole."""
+        return self.hosts.size <= WHOLE_FARM_CELLS
+
+    @property
+    def first_day(self) -> int:
+        """First of the days that share the network.
+
+        >>> [TrainingTask(None, np.ones((side, side), bool), 6).first_day for side in (30, 300)]
+        [0, 6]
+        """
+        return self.day - self.day % _DAYS_TOGETHER if self.whole else self.day
+
+    @property
+    def seeds(self) -> int:
+        """Number of the disease's seeds on the farm."""
+        return self.parameters.seed_count(self.hosts.shape)
+
+    @property
+    def key(self) -> str:
+        """File name, without suffix, of the network; EstimatorError if no environment has the day."""
+        if not 0 <= self.day <= MAX_DAYS:
+            raise EstimatorError(
+                f"epidemic: day {self.day} is not in 0..{MAX_DAYS}, the days of an environment"
+            )
+        parameters = asdict(self.parameters)
         if self.parameters.seed_spread_cells is None:
             # This parameter was added later: by default it must change neither the name nor the seed.
-            del identity["parameters"]["seed_spread_cells"]
+            del parameters["seed_spread_cells"]
+        identity = {
+            "parameters": parameters,
+            "day": self.first_day,
+            "outbreaks": self.outbreaks,
+            "epochs": self.epochs,
+            "seed": self.seed,
+            "version": VERSION,
+            "layers": LAYERS,
+            "shape": self.hosts.shape,
+        }
         digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode())
-        digest.update(np.packbits(hosts).data)
+        digest.update(np.packbits(self.hosts).data)
         return digest.hexdigest()[:32]
 
 
-def first_day(day: int, hosts: NDArray[np.bool_]) -> int:
-    """Return the first of the eight days that share a network with `day`; on large farms `day` itself.
-
-    >>> first_day(6, np.ones((30, 30), bool)), first_day(6, np.ones((300, 300), bool))
-    (0, 6)
-    """
-    return day - day % _DAYS_TOGETHER if hosts.size <= WHOLE_FARM_CELLS else day
-
-
-def network_for(
-    task: TrainingTask,
-    hosts: NDArray[np.bool_],
-    folder: str | os.PathLike[str] | None,
-) -> Network:
-    """Return the network of a task, from memory, from its file, or newly trained and stored in both.
-
-    An unusable file is replaced. If the folder is not writeable, every process trains again; this is not an
-    error.
-    """
-    task = shared_task(task, hosts)
-    network = known_network(task, hosts, folder)
-    if network is None:
-        with made_by_one(network_file(task, hosts, folder)):
-            network = known_network(task, hosts, folder)
-            if network is None:
-                network = learn(task, hosts)
-                keep_network(network, task, hosts, folder)
-    return network
-
-
-def shared_task(task: TrainingTask, hosts: NDArray[np.bool_]) -> TrainingTask:
-    """Return the task with `first_day` as its day, which identifies the network."""
-    if not 0 <= task.day <= MAX_DAYS:
-        raise EstimatorError(f"epidemic: day {task.day} is not in 0..{MAX_DAYS}, the days of an environment")
-    return replace(task, day=first_day(task.day, hosts))
-
-
-def network_file(task: TrainingTask, hosts: NDArray[np.bool_], folder: str | os.PathLike[str] | None) -> Path:
-    """Return the path of a shared task's network file, in `folder` or the user's cache."""
-    parent = Path(folder) if folder is not None else user_cache_folder("epidemic")
-    return parent / f"{task.key(hosts)}-{SUMS}.npz"
-
-
-def known_network(
-    task: TrainingTask, hosts: NDArray[np.bool_], folder: str | os.PathLike[str] | None
-) -> Network | None:
-    """Return the network of a shared task from memory or a file; None if it must be trained."""
-    key = task.key(hosts)
-    if key not in _in_memory:
-        path = network_file(task, hosts, folder)
-        network = load_network(INCLUDED / path.name) or load_network(path)
-        if network is None:
-            return None
-        _in_memory[key] = network
-    return _in_memory[key]
-
-
-def keep_network(
-    network: Network, task: TrainingTask, hosts: NDArray[np.bool_], folder: str | os.PathLike[str] | None
-) -> None:
-    """Store the network of a shared task in memory and in its file."""
-    save_network(network, network_file(task, hosts, folder))
-    _in_memory[task.key(hosts)] = network
-
-
-def save_network(network: Network, path: Path) -> None:
-    """Write a network to a file; warn if the folder is not writeable."""
-    layers: dict[str, NDArray[np.float32]] = {}
-    for number, stage in enumerate((network, *network.further)):
-        layers |= {f"{_part(number)}weight{i}": weight for i, weight in enumerate(stage.weights)}
-        layers |= {f"{_part(number)}bias{i}": bias for i, bias in enumerate(stage.biases)}
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_write(path, "wb") as stream_:
-            np.savez(stream_, allow_pickle=False, **layers)
-    except OSError as error:
-        warn_of_cache(path.parent, error)
-
-
-def load_network(path: Path) -> Network | None:
-    """Return the network in a file; None if the file is missing or unusable."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            first = _read(file, 0, LAYERS)
-            stages = range(1, 1 + _FURTHER if f"{_part(1)}weight0" in file.files else 1)
-            further = [_read(file, number, FURTHER_LAYERS) for number in stages]
-    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
-        return None
-    return replace(first, further=tuple(further))
-
-
-def _part(number: int) -> str:
-    return f"further{number}_" if number else ""
-
-
-def _read(file: Mapping[str, NDArray[np.float32]], number: int, layers: Sequence[int]) -> Network:
-    """Return network `number` of a file; raise ValueError or KeyError if it is unusable."""
-    weights, biases = [], []
-    for i, shape in enumerate(itertools.pairwise(layers)):
-        weight, bias = file[f"{_part(number)}weight{i}"], file[f"{_part(number)}bias{i}"]
-        good = weight.shape == shape and bias.shape == shape[1:]
-        good = good and weight.dtype == bias.dtype == np.float32
-        if not (good and np.isfinite(weight).all() and np.isfinite(bias).all()):
-            raise ValueError(f"layer {i} is not one of {shape}")
-        weights.append(weight)
-        biases.append(bias)
-    return Network(tuple(weights), tuple(biases))
-
-
-def learn(task: TrainingTask, hosts: NDArray[np.bool_], step: Step = no_step) -> Network:
+def learn(task: TrainingTask, step: Step = no_step) -> Network:
     """Return a newly trained network; `step` is called with the finished fraction, 0..1."""
-    rng = stream(task.seed, "epidemic-estimator", task.key(hosts))
-    whole = hosts.size <= WHOLE_FARM_CELLS
-    steps = 2 + 2 * whole * _FURTHER
-    done = itertools.count(1)
-    looks = draw_looks(task, hosts, rng)
-    samples = samples_of(looks)
+    rng = stream(task.seed, "epidemic-estimator", task.key)
+    further = FURTHER if task.whole else 0
+    steps, done = 2 + 2 * further, itertools.count(1)
+    looks = draw_looks(task, rng)
+    inputs, classes, weights = samples_of(looks)
     step(next(done) / steps)
-    network = train(Network.draw(LAYERS, rng), *samples, epochs=task.epochs, rng=rng)
+    network = last = Network.draw(LAYERS, rng)
+    train(last, inputs, classes, weights, epochs=task.epochs, rng=rng)
     step(next(done) / steps)
-    refinement = _Refinement(looks, hosts, task.parameters.seed_count(hosts.shape))
-    last = network
-    for _ in range(whole * _FURTHER):
-        refined = refinement.refine(last, samples[0])
+    found: list[NDArray[np.float32] | None] = [None] * len(looks)
+    for _ in range(further):
+        refined = _with_context(task, looks, inputs, last, found)
         step(next(done) / steps)
-        last = train(Network.draw(FURTHER_LAYERS, rng), refined, *samples[1:], epochs=task.epochs, rng=rng)
+        last = Network.draw(FURTHER_LAYERS, rng)
+        train(last, refined, classes, weights, epochs=task.epochs, rng=rng)
         network = replace(network, further=(*network.further, last))
         step(next(done) / steps)
     return network
@@ -270,18 +188,17 @@ class Look:
     """Weights of the samples, float64[n], which make them representative of all unobserved cells."""
 
 
-def draw_looks(task: TrainingTask, hosts: NDArray[np.bool_], rng: Generator) -> list[Look]:
+def draw_looks(task: TrainingTask, rng: Generator) -> list[Look]:
     """Return random looks at simulated fields.
 
     Refinement networks evaluate all cells of each look. A training with such networks therefore has fewer
     looks, with more samples each.
     """
-    field = _Fields(task, hosts, rng)
-    wanted = max(task.outbreaks, _SMALLEST_TRAINING)
-    most = wanted
-    if field.whole:
-        most = max(_SMALLEST_TRAINING, _JUDGED_CELLS // (_PATHS * _LOOKS * max(field.hosts, 1)))
-    number = min(wanted, most)
+    field = _Fields(task, rng)
+    wanted = number = max(task.outbreaks, _SMALLEST_TRAINING)
+    if task.whole:
+        most = _JUDGED_CELLS // (_PATHS * _LOOKS * max(field.hosts, 1))
+        number = min(wanted, max(_SMALLEST_TRAINING, most))
     cells = -(-_CELLS_A_LOOK * wanted // number)
     found = []
     for _ in range(number):
@@ -291,15 +208,15 @@ def draw_looks(task: TrainingTask, hosts: NDArray[np.bool_], rng: Generator) -> 
             truth = field.tables[day][history.view(np.uint8)]
             for codes in _along_a_path(land, truth, rng):
                 chosen, counts = _choose(codes, margin, cells, rng)
-                features = np.zeros((len(chosen), N_FEATURES), np.float32)
-                local_features(codes, chosen[:, 0], chosen[:, 1], features)
+                x, y = chosen.T
                 overall = np.zeros(N_OVERALL, np.float32)
-                if field.whole:
-                    overall = overall_features(codes, field.hosts, field.seeds, day)
-                features[:, -N_OVERALL:] = overall
-                classes = truth[chosen[:, 0], chosen[:, 1]]
-                kept = codes if field.whole else None
-                found.append(Look(kept, day, overall, chosen, features, classes, weight * counts))
+                if task.whole:
+                    overall = overall_features(codes, field.hosts, task.seeds, day)
+                features = np.empty((len(chosen), N_FEATURES), np.float32)
+                features[:, :N_LOCAL] = local_features(codes, x, y)
+                features[:, N_LOCAL:] = overall
+                kept = codes if task.whole else None
+                found.append(Look(kept, day, overall, chosen, features, truth[x, y], weight * counts))
     return found
 
 
@@ -333,32 +250,32 @@ def samples_of(
     return features, classes, (weights / mean).astype(np.float32)
 
 
-class _Refinement:
-    """Computes the last network's probabilities of all cells in the looks, as inputs of the next network."""
+def _with_context(
+    task: TrainingTask,
+    looks: list[Look],
+    features: NDArray[np.float32],
+    last: Network,
+    found: list[NDArray[np.float32] | None],
+) -> NDArray[np.float32]:
+    """Return the samples' features with the context features from network `last` appended.
 
-    def __init__(self, looks: list[Look], hosts: NDArray[np.bool_], seeds: int) -> None:
-        self._looks = looks
-        self._seeds = seeds
-        self._x, self._y = np.nonzero(hosts)
-        self._row = np.zeros(hosts.shape, np.intp)
-        self._row[self._x, self._y] = np.arange(len(self._x))
-        self._found: list[NDArray[np.float32] | None] = [None] * len(looks)
-
-    def refine(self, last: Network, features: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the samples' features with the context features from network `last` appended."""
-        out = np.empty((len(features), N_FEATURES + N_CONTEXT), np.float32)
-        out[:, :N_FEATURES] = features
-        start = 0
-        for number, look in enumerate(self._looks):
-            assert look.codes is not None
-            classifier = FieldClassifier(last, look.codes, self._x, self._y, self._seeds, look.day)
-            found = classifier.probabilities(look.overall, self._found[number])
-            rows = self._row[look.chosen[:, 0], look.chosen[:, 1]]
-            context = context_features(look.codes, self._x, self._y, found, self._seeds, rows)
-            out[start : start + len(rows), N_FEATURES:] = context
-            start += len(rows)
-            self._found[number] = found
-        return out
+    `found` holds the last network's probabilities of all cells of each look, and is updated.
+    """
+    x, y = np.nonzero(task.hosts)
+    row = np.zeros(task.hosts.shape, np.intp)
+    row[x, y] = np.arange(len(x))
+    out = np.empty((len(features), N_FEATURES + N_CONTEXT), np.float32)
+    out[:, :N_FEATURES] = features
+    start = 0
+    for number, look in enumerate(looks):
+        assert look.codes is not None
+        classifier = FieldClassifier(last, look.codes, x, y, task.seeds, look.day)
+        now = found[number] = classifier.probabilities(look.overall, found[number])
+        rows = row[look.chosen[:, 0], look.chosen[:, 1]]
+        end = start + len(rows)
+        out[start:end, N_FEATURES:] = context_features(look.codes, x, y, now, task.seeds, rows)
+        start = end
+    return out
 
 
 def _choose(
@@ -382,16 +299,14 @@ def _choose(
 class _Fields:
     """Simulator of fields: the whole farm, or windows of a large farm with their share of the seeds."""
 
-    def __init__(self, task: TrainingTask, hosts: NDArray[np.bool_], rng: Generator) -> None:
-        self.whole = hosts.size <= WHOLE_FARM_CELLS
-        self._ranks = np.cumsum(np.count_nonzero(hosts, axis=1))
+    def __init__(self, task: TrainingTask, rng: Generator) -> None:
+        self._ranks = np.cumsum(np.count_nonzero(task.hosts, axis=1))
         self.hosts = int(self._ranks[-1])
-        self.seeds = task.parameters.seed_count(hosts.shape)
-        self._land = hosts
-        self._rng = rng
-        self._parameters = task.parameters.on_window(hosts.shape, self.seeds)
-        self._last_day = min(task.day + _DAYS_TOGETHER - 1, MAX_DAYS) if self.whole else task.day
-        days = range(task.day, self._last_day + 1)
+        self._task, self._land, self._rng = task, task.hosts, rng
+        self._parameters = task.parameters.on_window(task.hosts.shape, task.seeds)
+        further = _DAYS_TOGETHER - 1 if task.whole else 0
+        self._last_day = min(task.first_day + further, MAX_DAYS)
+        days = range(task.first_day, self._last_day + 1)
         self.tables = [classes_of(value_table(self._parameters, day)) for day in days]
 
     def draw(self) -> tuple[NDArray[np.bool_], NDArray[np.int8], int, float]:
@@ -399,11 +314,11 @@ class _Fields:
 
         `tables` map the days of infection, read as unsigned bytes, to the classes on each day.
         """
-        if self.whole:
-            return self._land, self._simulate(self._land, self.seeds), 0, 1.0
+        if self._task.whole:
+            return self._land, self._simulate(self._land, self._task.seeds), 0, 1.0
         rng = self._rng
         land = self._window()
-        expected = self.seeds * np.count_nonzero(land) / self.hosts
+        expected = self._task.seeds * np.count_nonzero(land) / self.hosts
         none = math.exp(-expected)
         if rng.random() >= _WITH_SEEDS_SHARE:
             return land, np.full(land.shape, NEVER, np.int8), REACH, none / (1.0 - _WITH_SEEDS_SHARE)

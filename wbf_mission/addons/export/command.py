@@ -49,16 +49,14 @@ def export_command(
 
     chosen = FORMATS[to]
     if estimates is not None and not chosen.shows_estimates:
-        shown = " or ".join(name for name, one in FORMATS.items() if one.shows_estimates)
-        msg = f"--estimates has an effect only with --to {shown}: leave it out"
-        raise TargetError(msg)
+        shown = " or ".join(name for name, known in FORMATS.items() if known.shows_estimates)
+        raise TargetError(f"--estimates has an effect only with --to {shown}: leave it out")
     path = out or folder.resolve().with_name(folder.resolve().name + chosen.suffix)
     log = folder / "flight.tlog"
     for file in chosen.files(path):
         refuse_overwrite(file, [log])
         if file.is_file() and not overwrite:
-            msg = f"{file}: is there already; give another name (--out), or --overwrite"
-            raise TargetError(msg)
+            raise TargetError(f"{file}: is there already; give another name (--out), or --overwrite")
     result = load_result(folder, probabilities=False, lazy=True)
     with output.progress() as progress:
         files = export(
@@ -69,7 +67,7 @@ def export_command(
             log=log if log.is_file() else None,
             progress=progress,
         )
-    values = {"folder": str(folder), "format": to, "files": [str(one) for one in files]}
+    values = {"folder": str(folder), "format": to, "files": [str(file) for file in files]}
     rows = {"format": f"{to} ({chosen.what})", "files": ", ".join(map(str, files))}
     output.result(values, rows, title="Exported")
 

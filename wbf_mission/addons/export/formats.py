@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, TypeAlias
 
 from mission.errors import LinkError
@@ -25,12 +25,11 @@ Write: TypeAlias = "Callable[[RunRecord, tuple[Path, ...], Iterable[Event], floa
 
 @dataclass(frozen=True, slots=True)
 class ExportFormat:
-    """A file format: suffix, the tool it is for, and the module and function that write it."""
+    """A file format: suffix, the tool it is for, and MODULE:FUNCTION that writes it."""
 
     suffix: str
     what: str
-    module: str
-    function: str
+    writer: str
     shows_estimates: bool = False
     beside: str = ""  # Suffix of the second file
 
@@ -41,13 +40,13 @@ class ExportFormat:
 
 FORMATS = {
     "mcap": ExportFormat(
-        ".mcap", "Foxglove", "foxglove", "write_mcap", shows_estimates=True, beside=".foxglove.json"
+        ".mcap", "Foxglove", "foxglove:write_mcap", shows_estimates=True, beside=".foxglove.json"
     ),
-    "rerun": ExportFormat(".rrd", "Rerun", "rerun", "write_rrd", shows_estimates=True),
-    "gpx": ExportFormat(".gpx", "map programs and GNSS receivers", "tracks", "write_gpx"),
-    "kml": ExportFormat(".kml", "Google Earth", "tracks", "write_kml"),
-    "geojson": ExportFormat(".geojson", "GIS and maps on the web", "tracks", "write_geojson"),
-    "csv": ExportFormat(".csv", "spreadsheets", "tracks", "write_csv"),
+    "rerun": ExportFormat(".rrd", "Rerun", "rerun:write_rrd", shows_estimates=True),
+    "gpx": ExportFormat(".gpx", "map programs and GNSS receivers", "tracks:write_gpx"),
+    "kml": ExportFormat(".kml", "Google Earth", "tracks:write_kml"),
+    "geojson": ExportFormat(".geojson", "GIS and maps on the web", "tracks:write_geojson"),
+    "csv": ExportFormat(".csv", "spreadsheets", "tracks:write_csv"),
 }
 """Export formats by name."""
 
@@ -61,43 +60,25 @@ def export(
     log: Path | None = None,
     progress: Progress = silent,
 ) -> tuple[Path, ...]:
-    """Write a finished run in a format of another tool, and return the files; each is complete or absent.
+    """Write a finished run in a format of `FORMATS`, and return the files; each is complete or absent.
 
-    Parameters
-    ----------
-    to : str
-        A name of `FORMATS`.
-    estimates : int
-        Number of moments at which the estimate is computed again, as of `events_of`.
-    log : path, optional
-        Telemetry log of the run: source of the time of day and of more details of the vehicles.
-    progress : callable
-        Called with the progress of the export.
-
-    Raises
-    ------
-    EstimatorError
-        If the run's estimator cannot be created.
-    ResultError
-        If the log cannot be read.
-    OSError
-        If a file cannot be written.
+    The estimate is computed again at `estimates` moments, as of `events_of`. The run's telemetry `log` gives
+    the time of day and more details of the vehicles. EstimatorError if the run's estimator cannot be created.
+    ResultError if the log cannot be read. OSError if a file cannot be written.
     """
     chosen = FORMATS[to]
-    write: Write = getattr(import_module(f"wbf_mission.addons.export.{chosen.module}"), chosen.function)
+    write: Write = resolve_name(f"wbf_mission.addons.export.{chosen.writer}")
     wanted = estimates if chosen.shows_estimates else 0
-    events = events_of(result, estimates=wanted, log=log, progress=progress)
     files = chosen.files(path)
-    write(result, files, _followed(events, result.simulated_s, progress), epoch_of(log))
+
+    def followed() -> Iterator[Event]:
+        for event in events_of(result, estimates=wanted, log=log, progress=progress):
+            if isinstance(event, VehicleMoved):
+                progress("writing", event.time_s, result.simulated_s)
+            yield event
+
+    write(result, files, followed(), epoch_of(log))
     return files
-
-
-def _followed(events: Iterable[Event], total_s: float, progress: Progress) -> Iterator[Event]:
-    """Yield events and report the progress."""
-    for event in events:
-        if isinstance(event, VehicleMoved):
-            progress("writing", event.time_s, total_s)
-        yield event
 
 
 def epoch_of(log: Path | None) -> float:

@@ -16,24 +16,17 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from geo import Farm
 from geo.atomic import atomic_write
 from geo.geojson import farm_document
 from geo.texts import printable
-from mission.model import Command, Frame, Mission
 from mission.outcome import in_words
-from wbf_mission.addons.base.xml_output import add, decimal, document
-from wbf_mission.addons.export.style import OBSTACLE, crop_colour, places_of, vehicle_colour
+from wbf_mission.addons.base.xml_output import GPX, add, decimal, document
+from wbf_mission.addons.export.scene import OBSTACLE, crop_colour, places_of, vehicle_colour, waypoints_of
 from wbf_mission.events import Event, FlightEnded, Planned, RunBegun, Seen, VehicleMoved
 
 if TYPE_CHECKING:
     from wbf_mission.run.record import RunRecord
 
-_GPX = {
-    "version": "1.1",
-    "creator": "wbf-mission",
-    "xmlns": "http://www.topografix.com/GPX/1/1",
-}
 _KML = {"xmlns": "http://www.opengis.net/kml/2.2", "xmlns:gx": "http://www.google.com/kml/ext/2.2"}
 _CSV = ("time", "time_s", "day", "flight", "vehicle", "latitude_deg", "longitude_deg", "altitude_m")
 _TOLD = ("x_m", "y_m", "height_m", "speed_m_s", "heading_rad", "battery", "mode", "item")
@@ -50,6 +43,11 @@ class _Flight:
     states: list[VehicleMoved] = field(default_factory=list)
     plan: Planned | None = None  # Plan before take-off
     outcome: str = ""
+
+    @property
+    def numbers(self) -> dict[str, int]:
+        """Numbers of the flight, by column."""
+        return {"day": self.day, "flight": self.flight, "vehicle": self.system_id}
 
     @property
     def name(self) -> str:
@@ -90,8 +88,8 @@ class _Tracks:
 
     def time(self, time_s: float) -> str:
         """Return a time of the run in ISO 8601."""
-        told = self.epoch + timedelta(seconds=time_s)
-        return told.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        time = self.epoch + timedelta(seconds=time_s)
+        return time.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
     def places(self, points_m: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return points, float64[n, 2 or more], as latitude and longitude to 8 digits, float64[n, 2]."""
@@ -111,25 +109,10 @@ class _Tracks:
         return [] if flight.plan is None else waypoints_of(flight.plan.mission, self.farm)
 
 
-def waypoints_of(mission: Mission, farm: Farm) -> list[tuple[float, float, float]]:
-    """Return latitude, longitude and height above home of a mission's waypoints."""
-    home_m = farm.frame.altitude_m if mission.home is None else mission.home.altitude_m
-    return [
-        (item.x, item.y, item.z - (home_m if item.frame == Frame.GLOBAL else 0.0))
-        for item in mission.items
-        if item.command == Command.NAV_WAYPOINT
-    ]
-
-
-def highest_m(mission: Mission, farm: Farm) -> float:
-    """Return the height above home of a mission's highest waypoint (m); 0 without waypoints."""
-    return max((height_m for *_, height_m in waypoints_of(mission, farm)), default=0.0)
-
-
 def write_gpx(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event], epoch_s: float) -> None:
     """Write tracks with times and altitudes, and the planned waypoints as routes."""
     tracks = _Tracks(record, events, epoch_s)
-    gpx = ElementTree.Element("gpx", _GPX)
+    gpx = ElementTree.Element("gpx", GPX)
     about = add(gpx, "metadata")
     add(about, "name", tracks.title)
     add(about, "time", tracks.time(0.0))
@@ -199,9 +182,8 @@ def write_geojson(
         kind = "obstacle" if feature["properties"].pop("obstacle", False) else "patch"
         feature["properties"] = {"kind": kind, **feature["properties"]}
     for flight in tracks.flights.values():
-        about = {"day": flight.day, "flight": flight.flight, "vehicle": flight.system_id}
         for number, (latitude, longitude, height_m) in enumerate(tracks.planned(flight)):
-            properties = {"kind": "waypoint", **about, "number": number, "height_m": height_m}
+            properties = {"kind": "waypoint", **flight.numbers, "number": number, "height_m": height_m}
             features.append(_feature("Point", [longitude, latitude], properties))
     for flight in tracks.flown:
         rows = tracks.track(flight)
@@ -209,9 +191,7 @@ def write_geojson(
         properties = {
             "kind": "track",
             "name": flight.name,
-            "day": flight.day,
-            "flight": flight.flight,
-            "vehicle": flight.system_id,
+            **flight.numbers,
             "begin": times[0],
             "end": times[-1],
             "outcome": flight.outcome,
@@ -233,11 +213,11 @@ def write_csv(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event
     writer.writerow((*_CSV, *_TOLD))
     for flight in tracks.flown:
         for state, latitude, longitude, altitude_m in tracks.track(flight):
-            numbers = flight.day, flight.flight, flight.system_id
-            told = [getattr(state, name) for name in _TOLD]
+            values = [getattr(state, name) for name in _TOLD]
             writer.writerow(
-                [tracks.time(state.time_s), round(state.time_s, 3), *numbers, latitude, longitude, altitude_m]
-                + [round(one, 4) if isinstance(one, float) else one for one in told]
+                [tracks.time(state.time_s), round(state.time_s, 3), *flight.numbers.values()]
+                + [latitude, longitude, altitude_m]
+                + [round(value, 4) if isinstance(value, float) else value for value in values]
             )
     _write(files, text.getvalue().encode())
 

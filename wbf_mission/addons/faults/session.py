@@ -7,7 +7,7 @@ same faults, seed and inputs give the same bytes.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from copy import copy
 from typing import Any, TypeAlias
 
@@ -23,33 +23,6 @@ from sim_vehicle.host.injection import Direction, Injection, Radio
 from wbf_mission.addons.faults.fault import Fault, FaultError, parse_fault
 
 __all__ = ["FaultSession", "FaultyComponent", "FaultyRadio"]
-
-
-def _break_vehicle(component: Component, kind: str, broken: bool, value: float = 0.0) -> None:
-    """Apply (or with `broken` False, end) a vehicle fault on a `SimVehicle`; other components are ignored."""
-    switch = _SWITCHES.get(kind)
-    if getattr(component, "pilot", None) is not None and switch is not None:
-        switch(component, broken, value)
-
-
-def _lose_gps(vehicle: Any, broken: bool, _value: float) -> None:
-    vehicle.pilot.position_ok = not broken
-
-
-def _drain(vehicle: Any, broken: bool, value: float) -> None:
-    # The end of the fault does not recharge the battery, because nobody changes a battery in flight.
-    if broken:
-        vehicle.pilot.drain_battery(value)
-
-
-_SWITCHES: dict[str, Callable[[Any, bool, float], None]] = {
-    "low-battery": _drain,
-    "dead-battery": _drain,
-    "battery-change": lambda vehicle, broken, _: vehicle.pilot.change_battery() if broken else None,
-    "reboot": lambda vehicle, broken, _: vehicle.reboot() if broken else None,
-    "gps-loss": _lose_gps,
-    "motor-failure": lambda vehicle, broken, _: vehicle.pilot.fail_motor(broken),
-}
 
 
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
@@ -153,6 +126,24 @@ def _affects(fault: Fault, component: Component, systems: set[int]) -> bool:
     return fault.group != "link" and component.component_id == _AUTOPILOT
 
 
+def _break_vehicle(component: Component, kind: str, broken: bool, value: float = 0.0) -> None:
+    """Apply (or with `broken` False, end) a vehicle fault on a `SimVehicle`; other components are ignored."""
+    vehicle: Any = component
+    if getattr(vehicle, "pilot", None) is None:
+        return
+    if kind == "gps-loss":
+        vehicle.pilot.position_ok = not broken
+    elif kind == "motor-failure":
+        vehicle.pilot.fail_motor(broken)
+    elif broken and kind in ("low-battery", "dead-battery"):
+        # The end of the fault does not recharge the battery, because nobody changes a battery in flight.
+        vehicle.pilot.drain_battery(value)
+    elif broken and kind == "battery-change":
+        vehicle.pilot.change_battery()
+    elif broken and kind == "reboot":
+        vehicle.reboot()
+
+
 class FaultyRadio(Radio):
     """A radio whose disturbances depend on the faults of a session."""
 
@@ -232,7 +223,7 @@ class FaultyComponent:
         trigger = _REQUESTED.get(type(message).id)
         if trigger is not None:
             self._session.fire(self.system_id, trigger, now_s)
-        if self._silent(now_s) or self._drops(message, now_s):
+        if self._silent(now_s) or self._occurring(_DROPPED, message, now_s) is not None:
             return []
         if (refusal := self._refusal(message, now_s)) is not None:
             return [refusal]
@@ -290,33 +281,26 @@ class FaultyComponent:
                 still = any(on for other, on in self._broken.items() if other.kind == fault.kind)
                 _break_vehicle(self.inner, fault.kind, still, fault.number)
 
-    def _occurs(self, fault: Fault, now_s: float) -> bool:
-        """Return whether a fault is active and has occurrences left; count the occurrence."""
-        if self._left[fault] <= 0 or not self._session.is_active(fault, self.system_id, now_s):
-            return False
-        self._left[fault] -= 1
-        return True
-
-    def _drops(self, message: Message, now_s: float) -> bool:
-        """Return whether a fault drops a message to the component."""
+    def _occurring(self, rules: Mapping[str, _Rule], message: Message, now_s: float) -> Fault | None:
+        """Return the first active fault whose rule fits a message, and count its occurrence."""
         for fault in self._messages:
-            fits = _DROPPED.get(fault.kind)
-            if fits is not None and fits(message, fault) and self._occurs(fault, now_s):
-                return True
-        return False
+            fits = rules.get(fault.kind)
+            if fits is None or not fits(message, fault):
+                continue
+            if self._left[fault] > 0 and self._session.is_active(fault, self.system_id, now_s):
+                self._left[fault] -= 1
+                return fault
+        return None
 
     def _refusal(self, message: Message, now_s: float) -> Message | None:
         """Return the denial of a command by a fault; None if the component answers the command."""
         commands = (m.MAVLink_command_long_message, m.MAVLink_command_int_message)
         if not isinstance(message, commands) or message.target_system not in (0, self.system_id):
             return None
-        for fault in self._messages:
-            fits = fault.kind == "refuse" and message.command == fault.number
-            if fits and self._occurs(fault, now_s):
-                denied = int(m.MAV_RESULT_DENIED)
-                source = message.get_srcSystem(), message.get_srcComponent()
-                return m.MAVLink_command_ack_message(message.command, denied, 0, 0, *source)
-        return None
+        if self._occurring(_REFUSED, message, now_s) is None:
+            return None
+        source = message.get_srcSystem(), message.get_srcComponent()
+        return m.MAVLink_command_ack_message(message.command, int(m.MAV_RESULT_DENIED), 0, 0, *source)
 
     def _apply_faults(self, messages: list[Message], now_s: float) -> list[Message]:
         """Return the component's messages with faults applied."""
@@ -325,12 +309,8 @@ class FaultyComponent:
         sent: list[Message] = []
         for message in messages:
             self._fire_triggers(message, now_s)
-            changed: Message | None = message
-            for fault in self._messages:
-                fits, change = _CHANGED.get(fault.kind, _UNCHANGED)
-                if fits(message, fault) and self._occurs(fault, now_s):
-                    changed = change(message, fault)
-                    break
+            fault = self._occurring(_CHANGED, message, now_s)
+            changed = message if fault is None else _CHANGES[fault.kind](message, fault)
             if changed is not None and self._stuck:
                 changed = self._fail_image(changed)
             if changed is not None:
@@ -349,10 +329,7 @@ class FaultyComponent:
             if any(self._broken.values()) and len(self._failed) < _MOST_FAILED_IMAGES:
                 self._failed.add(index)
         self._last_failed = index in self._failed
-        if self._last_failed:
-            message = copy(message)
-            message.capture_result = 0
-        return message
+        return _with(message, capture_result=0) if self._last_failed else message
 
     def _fire_triggers(self, message: Message, now_s: float) -> None:
         """Fire the triggers that a message of the component reports."""
@@ -396,8 +373,12 @@ def _accepts(message: Message, _fault: Fault) -> bool:
     return is_a(message, m.MAVLink_mission_ack_message) and message.type == m.MAV_MISSION_ACCEPTED
 
 
-def _drop(_message: Message, _fault: Fault) -> None:
-    return None
+def _with(message: Message, **fields: int) -> Message:
+    """Return a copy of a message with other values of some fields."""
+    changed = copy(message)
+    for name, value in fields.items():
+        setattr(changed, name, value)
+    return changed
 
 
 def _acknowledge(result: int) -> Callable[[wire.MissionMessage, Fault], Message]:
@@ -406,34 +387,30 @@ def _acknowledge(result: int) -> Callable[[wire.MissionMessage, Fault], Message]
     )
 
 
-def _next_item(message: wire.ItemMessage | wire.RequestMessage, _fault: Fault) -> Message:
-    changed = copy(message)
-    changed.seq += 1
-    return changed
-
-
-def _other_result(message: wire.AckMessage, fault: Fault) -> Message:
-    changed = copy(message)
-    changed.type = int(fault.number)
-    return changed
-
-
-_Fits: TypeAlias = Callable[[Message, Fault], bool]
-_DROPPED: dict[str, _Fits] = {
+_Rule: TypeAlias = Callable[[Any, Fault], bool]
+_DROPPED: dict[str, _Rule] = {
     "drop": lambda message, fault: type(message).id == fault.number and fault.direction != "down",
     "no-list": lambda message, _: type(message).id == m.MAVLINK_MSG_ID_MISSION_REQUEST_LIST,
     "no-count": lambda message, _: type(message).id == m.MAVLINK_MSG_ID_MISSION_COUNT,
     "no-request": _is_request_of_item,
 }
-"""Tests by kind of fault: whether the fault drops a message to the component."""
-_CHANGED: dict[str, tuple[_Fits, Callable[[Any, Fault], Message | None]]] = {
-    "drop": (lambda message, fault: type(message).id == fault.number and fault.direction != "up", _drop),
-    "no-request": (_is_item_or_request, _drop),
-    "no-final-ack": (_accepts, _drop),
-    "wrong-sequence": (_is_item_or_request, _next_item),
-    "error-ack": (_is_item_or_request, _acknowledge(int(m.MAV_MISSION_ERROR))),
-    "early-final-ack": (_is_request_of_item, _acknowledge(int(m.MAV_MISSION_ACCEPTED))),
-    "final-ack-error": (_accepts, _other_result),
+"""Rules by kind of fault: whether the fault drops a message to the component."""
+_REFUSED: dict[str, _Rule] = {"refuse": lambda command, fault: command.command == fault.number}
+_CHANGED: dict[str, _Rule] = {
+    "drop": lambda message, fault: type(message).id == fault.number and fault.direction != "up",
+    "no-request": _is_item_or_request,
+    "no-final-ack": _accepts,
+    "wrong-sequence": _is_item_or_request,
+    "error-ack": _is_item_or_request,
+    "early-final-ack": _is_request_of_item,
+    "final-ack-error": _accepts,
 }
-"""By kind of fault, a test for messages from the component, and the function that replaces such a message."""
-_UNCHANGED: tuple[_Fits, Callable[[Any, Fault], Message | None]] = (lambda _message, _fault: False, _drop)
+"""Rules by kind of fault: whether the fault changes a message from the component."""
+_CHANGES: dict[str, Callable[[Any, Fault], Message | None]] = {
+    **dict.fromkeys(("drop", "no-request", "no-final-ack"), lambda _message, _fault: None),
+    "wrong-sequence": lambda message, _: _with(message, seq=message.seq + 1),
+    "error-ack": _acknowledge(int(m.MAV_MISSION_ERROR)),
+    "early-final-ack": _acknowledge(int(m.MAV_MISSION_ACCEPTED)),
+    "final-ack-error": lambda message, fault: _with(message, type=int(fault.number)),
+}
+"""Messages that are sent in place of those in `_CHANGED`; None drops the message."""

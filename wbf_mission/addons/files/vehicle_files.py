@@ -10,16 +10,15 @@ import json
 import lzma
 import math
 import struct
-from collections.abc import Callable, Sequence
-from functools import lru_cache, partial
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, lru_cache, partial
 from operator import attrgetter
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 from urllib.parse import parse_qsl
 
 from mission.link.codec.dialect import mavlink as m
 from mission.model import MissionType
-from sim_vehicle.autopilot.parameters import MavParameter
-from wbf_mission.addons.files.details import ParameterDetails, parameter_details
+from sim_vehicle.autopilot.parameters import MavParameter, reference_parameters, table_rows
 from wbf_mission.addons.files.file_tree import FileTree, MadeFile, TakenFile
 from wbf_mission.addons.files.ftp import checksum
 
@@ -35,6 +34,7 @@ __all__ = [
     "PackedPlan",
     "general_metadata",
     "pack_plan",
+    "parameter_details",
     "unpack_plan",
     "uri",
     "vehicle_files",
@@ -43,6 +43,8 @@ __all__ = [
 GENERAL_PATH = "/etc/extras/component_general.json.xz"
 PARAMETERS_PATH = "/etc/extras/parameters.json.xz"
 _TYPE_PARAMETERS = 1
+# Entry of the metadata and key of the number, by kind of choice.
+_CHOICES = {"value": ("values", "value"), "bit": ("bitmask", "index")}
 # Small XZ readers in ground stations support only this checksum.
 _FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 6, "dict_size": 1 << 16}]
 _MAGIC, _MAGIC_WITH_DEFAULTS = 0x671B, 0x671C
@@ -68,7 +70,7 @@ def _metadata(
     """
     known = parameter_details(*details)
     entries = [
-        _entry(parameter, default, known.get(parameter.name))
+        _entry(parameter, default, known.get(parameter.name, {}))
         for parameter, default in zip(table, defaults, strict=True)
     ]
     parameters = _compressed({"version": 1, "parameters": entries})
@@ -87,27 +89,55 @@ def uri(path: str) -> str:
     return f"mftp:/{path}"
 
 
-def _entry(parameter: MavParameter, default: float, details: ParameterDetails | None) -> dict[str, object]:
+@cache
+def parameter_details(name: str, package: str) -> Mapping[str, dict[str, Any]]:
+    """Return entries of ``parameter.schema.json`` by parameter, from tables ``lists/NAME*.csv`` of a package.
+
+    Examples
+    --------
+    >>> details = parameter_details("px4", "sim_vehicle.autopilot")["GF_ACTION"]
+    >>> details["group"], details["values"][2], details["max"]
+    ('Geofence', {'value': 2, 'description': 'Hold mode'}, 5.0)
+    """
+    choices: dict[str, dict[str, list[dict[str, Any]]]] = {}
+    for row in table_rows(f"{name}-choices", package):
+        entry, number = _CHOICES[row["kind"]]
+        labelled = {number: int(row["number"]), "description": row["label"]}
+        choices.setdefault(row["choices"], {}).setdefault(entry, []).append(labelled)
+    ranges = {known.name: (known.low, known.high) for known in reference_parameters(name, package=package)}
+    details = {}
+    for row in table_rows(f"{name}-details", package):
+        low, high = ranges.get(row["name"], (-math.inf, math.inf))
+        details[row["name"]] = {
+            "group": row["group"],
+            "min": low,
+            "max": high,
+            "decimalPlaces": int(row["decimals"]) if row["decimals"] else None,
+            "increment": float(row["increment"]) if row["increment"] else None,
+            "rebootRequired": True if row["reboot"] == "yes" else None,
+            **choices.get(row["choices"], {}),
+        }
+    return details
+
+
+def _entry(parameter: MavParameter, default: float, details: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the metadata of a parameter, with its numbers as integers or floats."""
     number: Callable[[float], float] = round if parameter.integer else float
-    ranged = details or parameter
-    entry: dict[str, object] = {
+    entry: dict[str, Any] = {
         "name": parameter.name,
         "type": f"Int{parameter.bits}" if parameter.integer else "Float",
-        "default": number(default),
-        "group": details.group if details else parameter.name.split("_", 1)[0],
-        "min": number(ranged.low) if math.isfinite(ranged.low) else None,
-        "max": number(ranged.high) if math.isfinite(ranged.high) else None,
+        "default": default,
+        "group": parameter.name.split("_", 1)[0],
+        "min": parameter.low,
+        "max": parameter.high,
         "units": parameter.unit or None,
     }
-    if details:
-        labelled = [{"value": number(value), "description": label} for value, label in details.values]
-        entry |= {
-            "decimalPlaces": details.decimals,
-            "increment": None if details.increment is None else number(details.increment),
-            "rebootRequired": True if details.reboot else None,
-            "values": labelled or None,
-            "bitmask": [{"index": bit, "description": label} for bit, label in details.bits] or None,
-        }
+    entry |= details
+    for key in ("default", "min", "max", "increment"):
+        value = entry.get(key)
+        entry[key] = number(value) if value is not None and math.isfinite(value) else None
+    if "values" in entry:
+        entry["values"] = [choice | {"value": number(choice["value"])} for choice in entry["values"]]
     return {key: value for key, value in entry.items() if value is not None}
 
 
@@ -294,13 +324,14 @@ def vehicle_files(
         taken["@PARAM/param.pck"] = partial(_take_parameters, parameters)
     if profile.component_metadata is not None:
         for path in (GENERAL_PATH, PARAMETERS_PATH):
-            made[path] = _read_only(parameters, profile.component_metadata, path)
+            made[path] = _whole(partial(_metadata_file, parameters, profile.component_metadata, path))
     if profile.packed_plans:
         for mission_type, path in PLAN_PATHS.items():
-            made[path] = partial(_packed_plan, plans, mission_type)
+            made[path] = _whole(partial(_packed_plan, plans, mission_type))
             taken[path] = partial(_take_plan, plans, mission_type)
     if profile.system_files:
-        made[_TASKS_PATH] = _task_info
+        # ArduPilot's task statistics (``AP_Scheduler.cpp``) without any tasks: the header line.
+        made[_TASKS_PATH] = _whole(lambda: b"TasksV2\n")
     behaviour = profile.logs
     return FileTree(
         ("/", behaviour.directory),
@@ -310,9 +341,9 @@ def vehicle_files(
     )
 
 
-def _task_info(query: str, _read_size: int) -> bytes | None:
-    """Return the header line of ArduPilot's task statistics (``AP_Scheduler.cpp``), without any tasks."""
-    return None if query else b"TasksV2\n"
+def _whole(contents: Callable[[], bytes]) -> MadeFile:
+    """Return a file that is generated as a whole, and takes no query."""
+    return lambda query, _read_size: None if query else contents()
 
 
 def _take_parameters(parameters: ParameterSet, data: bytes) -> bool:
@@ -322,8 +353,8 @@ def _take_parameters(parameters: ParameterSet, data: bytes) -> bool:
     return values is not None
 
 
-def _packed_plan(plans: PlanReceiver, mission_type: MissionType, query: str, _read_size: int) -> bytes | None:
-    return None if query else pack_plan(mission_type, plans.server.items_on_wire(mission_type))
+def _packed_plan(plans: PlanReceiver, mission_type: MissionType) -> bytes:
+    return pack_plan(mission_type, plans.server.items_on_wire(mission_type))
 
 
 def _take_plan(plans: PlanReceiver, mission_type: MissionType, data: bytes) -> bool:
@@ -333,13 +364,9 @@ def _take_plan(plans: PlanReceiver, mission_type: MissionType, data: bytes) -> b
 
 def general_metadata(parameters: ParameterSet, details: Details) -> bytes:
     """Return the file that COMPONENT_METADATA refers to."""
-    return _files(parameters, details)[GENERAL_PATH]
+    return _metadata_file(parameters, details, GENERAL_PATH)
 
 
-def _read_only(parameters: ParameterSet, details: Details, path: str) -> Callable[[str, int], bytes | None]:
-    return lambda query, _read_size: None if query else _files(parameters, details)[path]
-
-
-def _files(parameters: ParameterSet, details: Details) -> dict[str, bytes]:
+def _metadata_file(parameters: ParameterSet, details: Details, path: str) -> bytes:
     defaults = tuple(parameters.default(parameter.name) for parameter in parameters.table)
-    return _metadata(parameters.table, defaults, details)
+    return _metadata(parameters.table, defaults, details)[path]

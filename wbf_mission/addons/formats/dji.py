@@ -47,6 +47,8 @@ _GIMBAL = {
     **dict.fromkeys(("gimbalRotateTimeEnable", "gimbalRotateTime"), 0),
 }
 
+_OF_KML = ("Folder", "Placemark", "Point", "coordinates")  # Other elements are in DJI's namespace
+
 Action: TypeAlias = tuple[str, Mapping[str, Any]]
 
 
@@ -113,11 +115,10 @@ class _Route:
         if item.frame == Frame.GLOBAL and home is not None:
             height_m -= home.altitude_m
         elif item.frame != Frame.GLOBAL_RELATIVE_ALT:
-            msg = (
+            raise MissionFileError(
                 f"its altitude is in frame {item.frame}, a DJI file holds heights above the take-off;"
                 " give frame 3, or frame 0 and a home"
             )
-            raise MissionFileError(msg)
         is_plain = item.command == Command.NAV_WAYPOINT
         self.fly_to(item, height_m, item.param4 if is_plain and item.param4 else None)
         return self.wait(item.param1)
@@ -160,17 +161,25 @@ class _Route:
             return False
         return self.act("gimbalRotate", _GIMBAL | {"gimbalPitchRotateAngle": float(pitch_deg)})
 
-    def groups(self) -> dict[int, list[tuple[int, _Group]]]:
-        """Return the action groups, numbered, by the waypoint at which they start."""
-        made = [
-            _Group(k, k, _REACHED, waypoint.actions)
-            for k, waypoint in enumerate(self.waypoints)
-            if waypoint.actions
-        ]
-        made = sorted(made + self.repeats, key=lambda group: group.start)
-        found: dict[int, list[tuple[int, _Group]]] = {}
-        for number, group in enumerate(made):
-            found.setdefault(group.start, []).append((number, group))
+    def groups(self) -> list[list[Mapping[str, Any]]]:
+        """Return the action groups that start at each waypoint."""
+        found: list[list[Mapping[str, Any]]] = [[] for _ in self.waypoints]
+        made = [_Group(k, k, _REACHED, each.actions) for k, each in enumerate(self.waypoints) if each.actions]
+        for number, group in enumerate(sorted(made + self.repeats, key=lambda group: group.start)):
+            actions = [
+                {"actionId": k, "actionActuatorFunc": function, "actionActuatorFuncParam": parameters}
+                for k, (function, parameters) in enumerate(group.actions)
+            ]
+            found[group.start].append(
+                {
+                    "actionGroupId": number,
+                    "actionGroupStartIndex": group.start,
+                    "actionGroupEndIndex": group.end,
+                    "actionGroupMode": "sequence",
+                    "actionTrigger": group.trigger,
+                    "action": actions,
+                }
+            )
         return found
 
 
@@ -232,97 +241,76 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> bytes:  # 
     Raises MissionFileError without a waypoint, or if a height above take-off is unknown.
     """
     route = _route(mission)
-    return archive_of({"wpmz/template.kml": _template(route), "wpmz/waylines.wpml": _waylines(route)})
-
-
-def _document() -> tuple[ElementTree.Element, ElementTree.Element]:
-    spaces = {"xmlns": "http://www.opengis.net/kml/2.2", "xmlns:wpml": "http://www.dji.com/wpmz/1.0.2"}
-    root = ElementTree.Element("kml", spaces)
-    return root, add(root, "Document")
-
-
-def _put(parent: ElementTree.Element, values: Mapping[str, Any]) -> ElementTree.Element:
-    """Add elements of DJI's namespace by name; a mapping becomes an element with children."""
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            _put(add(parent, f"wpml:{name}"), value)
-        else:
-            add(parent, f"wpml:{name}", decimal(value) if isinstance(value, float) else str(value))
-    return parent
-
-
-def _config(route: _Route, more: Mapping[str, Any]) -> Mapping[str, Any]:
+    first, groups = route.waypoints[0], route.groups()
     low_m, high_m = _SECURITY_HEIGHTS_M
-    wanted_m = route.waypoints[0].height_m if route.takeoff_m is None else route.takeoff_m
-    return {
-        "missionConfig": {
-            "flyToWaylineMode": "safely",
-            "finishAction": route.finish,
-            "exitOnRCLost": "executeLostAction",
-            "executeRCLostAction": "goBack",
-            "takeOffSecurityHeight": float(min(max(wanted_m, low_m), high_m)),
-            "globalTransitionalSpeed": min(route.waypoints[0].speed_m_s, _FASTEST_TRANSIT_M_S),
-            **more,
-            **_DRONE,
-        }
+    wanted_m = first.height_m if route.takeoff_m is None else route.takeoff_m
+    config = {
+        "flyToWaylineMode": "safely",
+        "finishAction": route.finish,
+        "exitOnRCLost": "executeLostAction",
+        "executeRCLostAction": "goBack",
+        "takeOffSecurityHeight": float(min(max(wanted_m, low_m), high_m)),
+        "globalTransitionalSpeed": min(first.speed_m_s, _FASTEST_TRANSIT_M_S),
     }
-
-
-def _template(route: _Route) -> str:
-    root, top = _document()
-    first = route.waypoints[0]
-    _put(top, {"author": "wbf-mission", **_config(route, {})})
-    head = {
-        "templateType": "waypoint",
-        "templateId": 0,
-        "waylineCoordinateSysParam": {"coordinateMode": "WGS84", "heightMode": "relativeToStartPoint"},
-        "autoFlightSpeed": first.speed_m_s,
-        "globalHeight": first.height_m,
-        "gimbalPitchMode": "manual",
-        "globalWaypointHeadingParam": _heading(None),
-        "globalWaypointTurnMode": _TURN,
-    }
-    folder = _put(add(top, "Folder"), head)
-    _placemarks(
-        folder,
-        route,
-        lambda waypoint: {
-            "useGlobalHeight": 0,
-            # Both elements have the height above take-off.
-            "ellipsoidHeight": waypoint.height_m,
-            "height": waypoint.height_m,
-            "useGlobalSpeed": 0,
-            "waypointSpeed": waypoint.speed_m_s,
-            "useGlobalHeadingParam": 0,
-            "waypointHeadingParam": _heading(waypoint.heading_deg),
-            "useGlobalTurnParam": 1,
+    template = {
+        "author": "wbf-mission",
+        "missionConfig": config | _DRONE,
+        "Folder": {
+            "templateType": "waypoint",
+            "templateId": 0,
+            "waylineCoordinateSysParam": {"coordinateMode": "WGS84", "heightMode": "relativeToStartPoint"},
+            "autoFlightSpeed": first.speed_m_s,
+            "globalHeight": first.height_m,
+            "gimbalPitchMode": "manual",
+            "globalWaypointHeadingParam": _heading(None),
+            "globalWaypointTurnMode": _TURN,
+            "Placemark": [
+                {
+                    "Point": _point(waypoint),
+                    "index": index,
+                    "useGlobalHeight": 0,
+                    # Both elements have the height above take-off.
+                    "ellipsoidHeight": waypoint.height_m,
+                    "height": waypoint.height_m,
+                    "useGlobalSpeed": 0,
+                    "waypointSpeed": waypoint.speed_m_s,
+                    "useGlobalHeadingParam": 0,
+                    "waypointHeadingParam": _heading(waypoint.heading_deg),
+                    "useGlobalTurnParam": 1,
+                    "actionGroup": groups[index],
+                }
+                for index, waypoint in enumerate(route.waypoints)
+            ],
+            **_IMAGES,
         },
-    )
-    _put(folder, _IMAGES)
-    return document(root)
-
-
-def _waylines(route: _Route) -> str:
-    root, top = _document()
-    highest_m = max(_SECURITY_HEIGHTS_M[0], *(waypoint.height_m for waypoint in route.waypoints))
-    _put(top, _config(route, {"globalRTHHeight": highest_m}))
-    head = {
-        "templateId": 0,
-        "executeHeightMode": "relativeToStartPoint",
-        "waylineId": 0,
-        "autoFlightSpeed": route.waypoints[0].speed_m_s,
     }
-    _placemarks(
-        _put(add(top, "Folder"), head),
-        route,
-        lambda waypoint: {
-            "executeHeight": waypoint.height_m,
-            "waypointSpeed": waypoint.speed_m_s,
-            "waypointHeadingParam": _heading(waypoint.heading_deg),
-            "waypointTurnParam": {"waypointTurnMode": _TURN, "waypointTurnDampingDist": 0},
+    highest_m = max(low_m, *(waypoint.height_m for waypoint in route.waypoints))
+    waylines = {
+        "missionConfig": config | {"globalRTHHeight": highest_m} | _DRONE,
+        "Folder": {
+            "templateId": 0,
+            "executeHeightMode": "relativeToStartPoint",
+            "waylineId": 0,
+            "autoFlightSpeed": first.speed_m_s,
+            "Placemark": [
+                {
+                    "Point": _point(waypoint),
+                    "index": index,
+                    "executeHeight": waypoint.height_m,
+                    "waypointSpeed": waypoint.speed_m_s,
+                    "waypointHeadingParam": _heading(waypoint.heading_deg),
+                    "waypointTurnParam": {"waypointTurnMode": _TURN, "waypointTurnDampingDist": 0},
+                    "actionGroup": groups[index],
+                }
+                for index, waypoint in enumerate(route.waypoints)
+            ],
         },
-    )
-    return document(root)
+    }
+    return archive_of({"wpmz/template.kml": _document(template), "wpmz/waylines.wpml": _document(waylines)})
+
+
+def _point(waypoint: _Waypoint) -> Mapping[str, Any]:
+    return {"coordinates": f"{decimal(waypoint.longitude_deg)},{decimal(waypoint.latitude_deg)}"}
 
 
 def _heading(heading_deg: float | None) -> Mapping[str, Any]:
@@ -335,24 +323,19 @@ def _heading(heading_deg: float | None) -> Mapping[str, Any]:
     }
 
 
-def _placemarks(
-    folder: ElementTree.Element, route: _Route, values_of: Callable[[_Waypoint], Mapping[str, Any]]
-) -> None:
-    groups = route.groups()
-    for index, waypoint in enumerate(route.waypoints):
-        mark = add(folder, "Placemark")
-        place = f"{decimal(waypoint.longitude_deg)},{decimal(waypoint.latitude_deg)}"
-        add(add(mark, "Point"), "coordinates", place)
-        _put(mark, {"index": index, **values_of(waypoint)})
-        for number, group in groups.get(index, ()):
-            head = {
-                "actionGroupId": number,
-                "actionGroupStartIndex": group.start,
-                "actionGroupEndIndex": group.end,
-                "actionGroupMode": "sequence",
-                "actionTrigger": group.trigger,
-            }
-            element = _put(add(mark, "wpml:actionGroup"), head)
-            for action_id, (function, parameters) in enumerate(group.actions):
-                action = {"actionId": action_id, "actionActuatorFunc": function}
-                _put(add(element, "wpml:action"), {**action, "actionActuatorFuncParam": parameters})
+def _document(values: Mapping[str, Any]) -> str:
+    spaces = {"xmlns": "http://www.opengis.net/kml/2.2", "xmlns:wpml": "http://www.dji.com/wpmz/1.0.2"}
+    root = ElementTree.Element("kml", spaces)
+    _put(add(root, "Document"), values)
+    return document(root)
+
+
+def _put(parent: ElementTree.Element, values: Mapping[str, Any]) -> None:
+    """Add elements by name: a mapping is an element with children, a list several elements of one name."""
+    for name, value in values.items():
+        tag = name if name in _OF_KML else f"wpml:{name}"
+        for part in value if isinstance(value, list) else [value]:
+            if isinstance(part, Mapping):
+                _put(add(parent, tag), part)
+            else:
+                add(parent, tag, decimal(part) if isinstance(part, float) else str(part))

@@ -35,20 +35,11 @@ class DrawnPath:
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """The paths in a file of drawings or tracks.
-
-    Parameters
-    ----------
-    paths : sequence of DrawnPath
-    areas : int
-        Number of polygons in the file, which are not read.
-    no_altitudes : str
-        Reason for missing altitudes, for the error message.
-    """
+    """The paths in a file of drawings or tracks."""
 
     paths: Sequence[DrawnPath]
-    areas: int = 0
-    no_altitudes: str = "the file gives none"
+    areas: int = 0  # Number of polygons in the file, which are not read
+    no_altitudes: str = "the file gives none"  # Reason for missing altitudes, for the error message
 
     def mission(self, altitude_m: float | None = None, name: str | None = None) -> tuple[Mission, list[str]]:
         """Return a mission of the path `name` (default: the only path) and notes on the mission.
@@ -57,13 +48,15 @@ class Drawing:
         """
         path = self._chosen(name)
         if len(path.points) > MAX_ITEMS:
-            msg = (
+            raise MissionFileError(
                 f"{path.name}: {len(path.points)} points, but MAVLink numbers {MAX_ITEMS} items; thin it out"
             )
-            raise MissionFileError(msg)
         made = make_mission((self._waypoint(point, path, altitude_m) for point in path.points), None)
+        names = {Frame.GLOBAL_RELATIVE_ALT: "above home", Frame.GLOBAL: "above sea level"}
+        frames = {item.frame for item in made.items}
+        above = " and ".join(name for frame, name in names.items() if frame in frames)
         notes = [
-            f"the {len(path.points)} points of {path.name} are waypoints, altitudes {_above(made)};"
+            f"the {len(path.points)} points of {path.name} are waypoints, altitudes {above};"
             " no take-off, landing, speed or home is added"
         ]
         if self.areas:
@@ -76,11 +69,10 @@ class Drawing:
             altitude_m, frame = point.altitude_m, point.frame
         where = f"{path.name}, {point.where}"
         if altitude_m is None or frame is None:
-            msg = (
+            raise MissionFileError(
                 f"{where}: no altitude to fly at ({self.no_altitudes}); give one above home"
                 " (convert --altitude METRES)"
             )
-            raise MissionFileError(msg)
         place = (point.latitude_deg, point.longitude_deg, altitude_m)
         return make_item(where, Command.NAV_WAYPOINT, frame, (0.0, 0.0, 0.0, None), place, autocontinue=True)
 
@@ -96,15 +88,8 @@ class Drawing:
         if paths:
             raise MissionFileError(one_line(f"{len(paths)} paths: {known}; choose one (convert --path NAME)"))
         if self.areas:
-            msg = (
+            raise MissionFileError(
                 f"{self.areas} areas (polygons) and no path; to plan a flight over a field give the file as a"
                 " farm (wbf-mission plan --farm FILE)"
             )
-            raise MissionFileError(msg)
         raise MissionFileError("the file has no path; draw a line, or give a mission")
-
-
-def _above(mission: Mission) -> str:
-    names = {Frame.GLOBAL_RELATIVE_ALT: "above home", Frame.GLOBAL: "above sea level"}
-    frames = {item.frame for item in mission.items}
-    return " and ".join(name for frame, name in names.items() if frame in frames)

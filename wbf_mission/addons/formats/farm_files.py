@@ -49,21 +49,10 @@ _POLY_WORDS = re.compile(r"(name|color):(.*)", re.IGNORECASE)
 
 
 def read_vector(path: Path, layer: str | None = None, crs: str | None = None) -> Document:
-    """Return the features of a file, of all layers or of one.
+    """Return the features of a file, of all layers or of one; a .zip holds a Shapefile.
 
-    Parameters
-    ----------
-    path : Path
-        The file; a .zip holds a Shapefile.
-    layer : str, optional
-        The layer to read; all if None.
-    crs : str, optional
-        The coordinate system, if the file gives none.
-
-    Raises
-    ------
-    FarmError
-        If GDAL is not installed, or the file cannot be used.
+    `crs` is the coordinate system, if the file gives none. FarmError if GDAL is not installed, or the file
+    cannot be used.
     """
     needed = f"{path}: {path.suffix.lower()} files need"
     load_extra("pyogrio.raw", "gis", needed, FarmError)
@@ -251,8 +240,11 @@ def _read_layer(
     takes_lines = plain.suffix.lower() in (".kml", ".gpx")
     kind = kind_of(name)
     for row, shape in enumerate(shapes):
-        values = (_value(column[row]) for column in columns)
-        properties = farm_properties(dict(zip(map(str, meta["fields"]), values, strict=True)), literal=False)
+        values = {}
+        for field, column in zip(meta["fields"], columns, strict=True):
+            value = column[row].item() if isinstance(column[row], np.generic) else column[row]
+            values[str(field)] = value if isinstance(value, (int, float, str, bool)) else None
+        properties = farm_properties(values, literal=False)
         if kind:
             properties.setdefault("kind", kind)
         geometry: dict[str, Any] | None = None
@@ -303,11 +295,6 @@ def _as_written(wkb: bytes, at: int) -> tuple[dict[str, Any], int]:
     return {"type": name, "coordinates": parts[0] if name == "LineString" else parts}, at
 
 
-def _value(value: Any) -> Any:
-    plain = value.item() if isinstance(value, np.generic) else value
-    return plain if isinstance(plain, (int, float, str, bool)) else None
-
-
 def _coordinates(
     own: str | None, given: str | None, shapes: NDArray[Any], name: str, document: Document
 ) -> Coordinates | None:
@@ -315,19 +302,17 @@ def _coordinates(
     if own and not own.startswith(("LOCAL_CS", "ENGCRS")):
         if given is not None:
             raise FarmError(f"has a coordinate system of its own; leave out that it is {given!r:.60}")
-        found = None if re.fullmatch(r"EPSG:4326", own) else Coordinates(own)
-    elif given is not None:
-        found = coordinates_of(given)
-    else:
-        west, south, east, north = shapely.total_bounds(shapes)
-        if not (-180 <= west <= east <= 180 and -90 <= south <= north <= 90):
-            raise FarmError(
-                f"layer {name!r:.60} has no coordinate system (a Shapefile has it in its .prj), and its "
-                f"coordinates are no degrees: give it with --farm-crs, such as {EXAMPLE_CRS}"
-            )
-        document.notes.append("no coordinate system is given: taken for longitudes and latitudes of WGS 84")
-        found = None
-    return found
+        return None if own == "EPSG:4326" else Coordinates(own)
+    if given is not None:
+        return coordinates_of(given)
+    west, south, east, north = shapely.total_bounds(shapes)
+    if not (-180 <= west <= east <= 180 and -90 <= south <= north <= 90):
+        raise FarmError(
+            f"layer {name!r:.60} has no coordinate system (a Shapefile has it in its .prj), and its "
+            f"coordinates are no degrees: give it with --farm-crs, such as {EXAMPLE_CRS}"
+        )
+    document.notes.append("no coordinate system is given: taken for longitudes and latitudes of WGS 84")
+    return None
 
 
 def read_poly(path: Path, layer: str | None = None, crs: str | None = None) -> Document:

@@ -63,15 +63,18 @@ def loads(data: bytes) -> Mission | Drawing:
             features.append(_Feature("Feature", None, shape))
     for number, feature in enumerate(features, 1):
         _check_crs(f"feature {number}", feature.crs)
-    records = [
-        Record(feature.properties or {}, (), _where(number, feature))
-        for number, feature in enumerate(features, 1)
-    ]
+    records = []
+    for number, feature in enumerate(features, 1):
+        fields, where = feature.properties or {}, f"feature {number}"
+        if isinstance(name := fields.get("name"), str):
+            where = one_line(f"{where} ({name[:60]!r})")
+        records.append(Record(fields, (), where))
     if are_ours(records):
         return mission_of(list(map(_placed, records, features)))
     if any("crop" in record.fields for record in records):
-        msg = "this is a farm file, no mission; plan a flight over it (wbf-mission plan --farm FILE)"
-        raise MissionFileError(msg)
+        raise MissionFileError(
+            "this is a farm file, no mission; plan a flight over it (wbf-mission plan --farm FILE)"
+        )
     shapes = [
         (record, shape)
         for record, feature in zip(records, features, strict=True)
@@ -88,11 +91,6 @@ def loads(data: bytes) -> Mission | Drawing:
         paths = [DrawnPath("the points", pins)]
     areas = sum(1 for _, shape in shapes if shape.get("type") in ("Polygon", "MultiPolygon"))
     return Drawing(paths, areas, _NO_ALTITUDES)
-
-
-def _where(number: int, feature: _Feature) -> str:
-    name = (feature.properties or {}).get("name")
-    return one_line(f"feature {number} ({name[:60]!r})" if isinstance(name, str) else f"feature {number}")
 
 
 def _check_crs(where: str, crs: Any) -> None:
@@ -115,8 +113,9 @@ def _placed(record: Record, feature: _Feature) -> Record:
     if kind == "Point":
         return Record(record.fields, _places([coordinates], record.where), record.where)
     shown = str(kind)[:40]
-    msg = f"{record.where}: the geometry is {shown!r}; give a Point, or for a fence a Polygon without holes"
-    raise MissionFileError(msg)
+    raise MissionFileError(
+        f"{record.where}: the geometry is {shown!r}; give a Point, or for a fence a Polygon without holes"
+    )
 
 
 def _places(positions: Any, where: str) -> list[LatLon]:
@@ -138,10 +137,9 @@ def _positions(positions: Any, where: str) -> list[Point]:
             raise MissionFileError(f"{place}: {shown} is not [longitude, latitude] in degrees")
         longitude_deg, latitude_deg = float(position[0]), float(position[1])
         if abs(latitude_deg) > 90.0 >= abs(longitude_deg):
-            msg = (
+            raise MissionFileError(
                 f"{place}: latitude {latitude_deg:g} is outside -90..90; the longitude comes first in GeoJSON"
             )
-            raise MissionFileError(msg)
         made.append(Point(latitude_deg, longitude_deg, where=place))
     return made
 

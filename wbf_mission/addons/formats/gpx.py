@@ -15,7 +15,7 @@ from geo.texts import parse_number
 from mission.errors import MissionFileError
 from mission.files.common import GPX_KIND, Firmware
 from mission.model import Frame, Mission
-from wbf_mission.addons.base.xml_output import add, decimal, document
+from wbf_mission.addons.base.xml_output import GPX, add, decimal, document
 from wbf_mission.addons.formats.drawn import Drawing, DrawnPath, Point
 from wbf_mission.addons.formats.records import (
     LatLon,
@@ -41,12 +41,15 @@ def loads(data: bytes) -> Mission | Drawing:
     root = parse(data, "gpx", GPX_KIND)
     records = []
     for node in (root, *root.iter("metadata", "rte", "wpt", "rtept")):
-        for record in _records(node):
+        extensions = node.child("extensions")
+        for record in () if extensions is None else extensions.children:
+            if record.tag != "record":
+                continue
             places: list[LatLon] = []
             if node.tag in ("wpt", "rtept"):
                 point = _point(node)
                 places = [(point.latitude_deg, point.longitude_deg)]
-            records.append(Record(record.attributes, places, f"line {record.line}, {record.tag}"))
+            records.append(Record(record.attributes, places, f"line {record.line}, record"))
     if are_ours(records):
         return mission_of(records)
     paths = []
@@ -56,18 +59,13 @@ def loads(data: bytes) -> Mission | Drawing:
             paths.append(_path(name, node, "rtept"))
         elif node.tag == "trk":
             parts = [part for part in node.children if part.tag == "trkseg"]
-            titles = [name if len(parts) == 1 else f"{name}, segment {k}" for k in range(1, len(parts) + 1)]
-            paths += [_path(title, part, "trkpt") for title, part in zip(titles, parts, strict=True)]
+            for number, part in enumerate(parts, 1):
+                title = name if len(parts) == 1 else f"{name}, segment {number}"
+                paths.append(_path(title, part, "trkpt"))
     paths = [path for path in paths if path.points]
     if not paths and root.child("wpt"):
         paths = [_path("the waypoints", root, "wpt")]
     return Drawing(paths, 0, _NO_ALTITUDES)
-
-
-def _records(node: Node) -> list[Node]:
-    extensions = node.child("extensions")
-    found = [] if extensions is None else extensions.children
-    return [child for child in found if child.tag == "record"]
 
 
 def _path(name: str, node: Node, tag: str) -> DrawnPath:
@@ -94,15 +92,7 @@ def _number(text: str, name: str, where: str) -> float:
 def dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> str:  # noqa: ARG001  one signature
     """Write a mission as GPX; ``ele`` is above mean sea level, and omitted if unknown."""
     header, *records = records_of(mission, polygons=False)
-    gpx = ElementTree.Element(
-        "gpx",
-        {
-            "version": "1.1",
-            "creator": "wbf-mission",
-            "xmlns": "http://www.topografix.com/GPX/1/1",
-            "xmlns:wbf": _SPACE,
-        },
-    )
+    gpx = ElementTree.Element("gpx", GPX | {"xmlns:wbf": _SPACE})
     _extend(add(gpx, "metadata"), header.fields)
     route = ElementTree.Element("rte")
     add(route, "name", "Mission")
@@ -115,14 +105,13 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> str:  # no
             flown = fields["role"] == "item" and is_flown(mission.items[fields["index"]])
             place = {"lat": decimal(latitude_deg), "lon": decimal(longitude_deg)}
             point = add(route if flown else gpx, "rtept" if flown else "wpt", **place)
-            altitude_m = _above_sea(fields, mission)
-            if altitude_m is not None:
-                add(point, "ele", decimal(altitude_m))
-            add(
-                point,
-                "name",
-                "Home" if fields["role"] == "home" else f"{fields['index']} {fields.pop('name')}",
-            )
+            frame = fields.get("frame", Frame.GLOBAL)
+            if frame == Frame.GLOBAL:
+                add(point, "ele", decimal(fields["altitude_m"]))
+            elif frame == Frame.GLOBAL_RELATIVE_ALT and mission.home is not None:
+                add(point, "ele", decimal(fields["altitude_m"] + mission.home.altitude_m))
+            title = "Home" if fields["role"] == "home" else f"{fields['index']} {fields.pop('name')}"
+            add(point, "name", title)
             _extend(point, fields)
     if len(route) > 1:
         gpx.append(route)
@@ -135,12 +124,3 @@ def _extend(node: ElementTree.Element, fields: Mapping[str, Any]) -> None:
         extensions = add(node, "extensions")
     shown = {name: text_of(value, empty="NaN") for name, value in trimmed(fields).items()}
     add(extensions, "wbf:record", **shown)
-
-
-def _above_sea(fields: Mapping[str, Any], mission: Mission) -> float | None:
-    frame = fields.get("frame", Frame.GLOBAL)
-    if frame == Frame.GLOBAL:
-        return float(fields["altitude_m"])
-    if frame == Frame.GLOBAL_RELATIVE_ALT and mission.home is not None:
-        return float(fields["altitude_m"] + mission.home.altitude_m)
-    return None

@@ -74,30 +74,20 @@ class Ground:
     def read(cls, paths: Iterable[str], bounds_deg: tuple[float, float, float, float]) -> Ground:
         """Read the parts of rasters that are within bounds.
 
-        Parameters
-        ----------
-        paths : iterable of str
-            GeoTIFF or another file that GDAL reads, with one band of heights in metres, or in feet if that is
-            the band's unit. The name of an SRTM tile gives its position (N28W083.hgt).
-        bounds_deg : tuple of float
-            South, west, north, east: degrees of WGS84.
-
-        Raises
-        ------
-        GroundError
-            If rasterio is not installed; if a file cannot be read, has no coordinate system or too many
-            pixels; or if no file has a pixel within the bounds.
+        `paths` are GeoTIFF or other files that GDAL reads, with one band of heights in metres, or in feet if
+        that is the band's unit. The name of an SRTM tile gives its position (N28W083.hgt). `bounds_deg`:
+        south, west, north, east, degrees of WGS84. GroundError if rasterio is not installed; if a file cannot
+        be read, has no coordinate system or too many pixels; or if no file has a pixel within the bounds.
         """
         names = [str(path) for path in paths]
         found = [_read(name, bounds_deg) for name in names]
         tiles = [part for part in found if part is not None]
         if not tiles:
             south, west, north, east = bounds_deg
-            msg = (
+            raise GroundError(
                 f"terrain {', '.join(names)}: no pixel lies within {south:.5f}..{north:.5f} north,"
                 f" {west:.5f}..{east:.5f} east, where the flight is; give the raster of that land"
             )
-            raise GroundError(msg)
         return cls(tuple(tile for tile, _ in tiles), min(step for _, step in tiles), ", ".join(names))
 
     def heights(
@@ -112,11 +102,10 @@ class Ground:
             found[missing] = tile.at(latitude_deg[missing], longitude_deg[missing])
         if np.isnan(found).any():
             first = int(np.flatnonzero(np.isnan(found))[0])
-            msg = (
+            raise GroundError(
                 f"terrain {self.names}: there is no height at {latitude_deg[first]:.6f},"
                 f" {longitude_deg[first]:.6f}; give a raster that covers the flight"
             )
-            raise GroundError(msg)
         return found
 
 
@@ -133,8 +122,9 @@ def _read(name: str, bounds_deg: tuple[float, float, float, float]) -> tuple[_Ti
     except (errors.RasterioError, CRSError, OSError, ValueError, MemoryError) as error:
         if isinstance(error, GroundError):
             raise
-        msg = f"{where}: it cannot be read as a raster of heights ({' '.join(str(error).split())})"
-        raise GroundError(msg) from None
+        raise GroundError(
+            f"{where}: it cannot be read as a raster of heights ({' '.join(str(error).split())})"
+        ) from None
 
 
 def _part(
@@ -143,8 +133,7 @@ def _part(
     from rasterio.windows import Window
 
     if raster.crs is None:
-        msg = f"{where}: it has no coordinate system; give one that has, such as a GeoTIFF"
-        raise GroundError(msg)
+        raise GroundError(f"{where}: it has no coordinate system; give one that has, such as a GeoTIFF")
     transformer = Transformer.from_crs(CRS.from_epsg(4326), CRS.from_wkt(raster.crs.to_wkt()), always_xy=True)
     south, west, north, east = bounds_deg
     side = np.linspace(0.0, 1.0, 9)
@@ -161,10 +150,9 @@ def _part(
     if width <= 0 or height <= 0:
         return None
     if width * height > _MAX_PIXELS:
-        msg = (
+        raise GroundError(
             f"{where}: {width * height} of its pixels lie where the flight is, at most {_MAX_PIXELS} are read"
         )
-        raise GroundError(msg)
     window = Window(first_column, first_row, width, height)
     band = raster.read(1, window=window, masked=True).astype(np.float64)
     unit = str((raster.units or ("",))[0] or "m").lower()

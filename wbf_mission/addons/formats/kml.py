@@ -103,8 +103,9 @@ def _points(shape: Node, where: str) -> list[Point]:
         place = f"{where or f'line {shape.line}'}, point {number}"
         longitude_deg, latitude_deg, *more = _numbers(text, place)
         if abs(latitude_deg) > 90.0 >= abs(longitude_deg):
-            msg = f"{place}: latitude {latitude_deg:g} is outside -90..90; the longitude comes first in KML"
-            raise MissionFileError(msg)
+            raise MissionFileError(
+                f"{place}: latitude {latitude_deg:g} is outside -90..90; the longitude comes first in KML"
+            )
         made.append(Point(latitude_deg, longitude_deg, more[0] if more else None, frame, place))
     if not made:
         raise MissionFileError(
@@ -125,8 +126,9 @@ def _numbers(text: str, where: str) -> list[float]:
     except ValueError:
         numbers = []
     if not 2 <= len(numbers) <= 3:
-        msg = f"{where}: {text[:40]!r} is not longitude,latitude,altitude in degrees and metres"
-        raise MissionFileError(msg)
+        raise MissionFileError(
+            f"{where}: {text[:40]!r} is not longitude,latitude,altitude in degrees and metres"
+        )
     return numbers
 
 
@@ -199,11 +201,10 @@ def kmz_loads(data: bytes) -> Mission | Drawing:
     try:
         with Archive(data, MAX_BYTES) as archive:
             if any(name.lower().endswith(".wpml") for name in archive.names):
-                msg = (
+                raise MissionFileError(
                     "this is a DJI wayline file (WPML), which is written, not read; give another format, or"
                     " plan a flight over its mapping area (wbf-mission plan --farm FILE)"
                 )
-                raise MissionFileError(msg)
             found = next((name for name in archive.names if name.lower().endswith(".kml")), None)
             if found is None:
                 raise MissionFileError("the archive holds no .kml file; give a KMZ of Google Earth")

@@ -31,6 +31,7 @@ from mission.model import Command, GeoPoint, Mission, MissionItem
 
 VERSION = 1
 PATH = "path"
+_SPEEDS = ("cruise_speed_m_s", "hover_speed_m_s")
 ROLES = frozenset({"mission", "home", "item", "fence", "rally", PATH})
 # Places in the item list that are not flown to.
 _NOT_FLOWN = frozenset({Command.DO_SET_HOME, Command.DO_SET_ROI_LOCATION, Command.DO_SET_ROI, 80, 252, 611})
@@ -42,26 +43,16 @@ _USUAL: Mapping[str, Any] = {
 # Includes the spellings of GDAL.
 _FLAGS = {"true": True, "1": True, "1.0": True, "false": False, "0": False, "0.0": False}
 
-LatLon: TypeAlias = tuple[float, float]
+LatLon: TypeAlias = tuple[float, float]  # Latitude and longitude, degrees
 
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """One record of a mission file: an item, home, a fence or rally item, or the header.
+    """One record of a mission file: an item, home, a fence or rally item, or the header."""
 
-    Parameters
-    ----------
-    fields : mapping
-        Values by the names above: numbers, bools, texts of either, or None.
-    places : sequence of (latitude, longitude)
-        Latitude and longitude in degrees: none, one, or the vertices of an open polygon.
-    where : str
-        Position in the file, for error messages.
-    """
-
-    fields: Mapping[str, Any]
-    places: Sequence[LatLon] = ()
-    where: str = ""
+    fields: Mapping[str, Any]  # Values by the names above: numbers, bools, texts of either, or None
+    places: Sequence[LatLon] = ()  # None, one, or the vertices of an open polygon
+    where: str = ""  # Position in the file, for error messages
 
     @property
     def role(self) -> str:
@@ -143,7 +134,7 @@ def records_of(mission: Mission, *, polygons: bool) -> list[Record]:
     Raises MissionFileError for a jump to an item that does not exist.
     """
     check_jumps(mission)
-    speeds = {name: float(getattr(mission, name)) for name in ("cruise_speed_m_s", "hover_speed_m_s")}
+    speeds = {name: float(getattr(mission, name)) for name in _SPEEDS}
     records = [Record({"role": "mission", "version": VERSION, **speeds})]
     if (home := mission.home) is not None:
         place = (float(home.latitude_deg), float(home.longitude_deg))
@@ -186,16 +177,12 @@ def _record(role: str, index: int, items: Sequence[MissionItem]) -> Record:
     if len(items) == 1 and not is_placed(item):
         return Record(fields | {"param5": float(item.x), "param6": float(item.y), "param7": float(item.z)})
     fields["altitude_m"] = float(item.z)
-    if len(items) > 1 and _is_clockwise(places):
+    ring = [*places, places[0]]
+    if len(items) > 1 and sum(x0 * y1 - x1 * y0 for (y0, x0), (y1, x1) in pairwise(ring)) < 0.0:
         # Polygons of GeoJSON (RFC 7946) and KML are counterclockwise.
         fields["clockwise"] = True
         places = [places[0], *places[:0:-1]]
     return Record(fields, places)
-
-
-def _is_clockwise(places: Sequence[LatLon]) -> bool:
-    ring = [*places, places[0]]
-    return sum(x0 * y1 - x1 * y0 for (y0, x0), (y1, x1) in pairwise(ring)) < 0.0
 
 
 def are_ours(records: Iterable[Record]) -> bool:
@@ -218,13 +205,21 @@ def mission_of(records: Sequence[Record]) -> Mission:
             index = record.number("index")
             plans[role].append((before if index is None else index, record))
         elif role == "home":
-            home = _home(record)
+            if len(record.places) != 1:
+                raise MissionFileError(f"{record.where}: home has no place; give one point")
+            altitude_m = record.number("altitude_m") or 0.0
+            home = home_of(f"{record.where}: home", *record.places[0], altitude_m)
         elif role == "mission":
-            speeds = _speeds(record)
+            if (version := record.number("version") or VERSION) != VERSION:
+                raise MissionFileError(
+                    f"{record.where}: version {version:g} is not known, only {VERSION}; update wbf-mission"
+                )
+            speeds = {name: value for name in _SPEEDS if (value := record.number(name)) is not None}
         elif role != PATH:
             known = ", ".join(sorted(ROLES))
-            msg = f"{record.where}: role {role[:40]!r} is none of {known}; give one, or remove it"
-            raise MissionFileError(msg)
+            raise MissionFileError(
+                f"{record.where}: role {role[:40]!r} is none of {known}; give one, or remove it"
+            )
     ordered = {role: sorted(plan, key=lambda entry: entry[0]) for role, plan in plans.items()}
     items = [(index, record, item) for index, record in ordered["item"] for item in _items(record)]
     return make_mission(
@@ -238,20 +233,6 @@ def mission_of(records: Sequence[Record]) -> Mission:
         rally=[item for _, record in ordered["rally"] for item in _items(record)],
         **speeds,
     )
-
-
-def _home(record: Record) -> GeoPoint:
-    if len(record.places) != 1:
-        raise MissionFileError(f"{record.where}: home has no place; give one point")
-    return home_of(f"{record.where}: home", *record.places[0], record.number("altitude_m") or 0.0)
-
-
-def _speeds(record: Record) -> dict[str, float]:
-    if (version := record.number("version") or VERSION) != VERSION:
-        msg = f"{record.where}: version {version:g} is not known, only {VERSION}; update wbf-mission"
-        raise MissionFileError(msg)
-    names = ("cruise_speed_m_s", "hover_speed_m_s")
-    return {name: value for name in names if (value := record.number(name)) is not None}
 
 
 def _items(record: Record) -> list[MissionItem]:

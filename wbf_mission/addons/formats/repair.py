@@ -32,9 +32,9 @@ def mended(feature: Feature, notes: list[str]) -> list[Feature]:
 
     FarmError if the repair would change the area by more than a hundredth.
     """
-    frame = _frame(feature.rings[0])
-    changes: list[str] = []
-    rings = [_metres(ring, frame) for ring in feature.rings]
+    longitude_deg, latitude_deg = feature.rings[0][0].tolist()
+    frame, changes = LocalFrame(latitude_deg, longitude_deg), list[str]()
+    rings = [np.column_stack(frame.from_wgs84(ring[:, 1], ring[:, 0])) for ring in feature.rings]
     holes = [ring for ring in rings[1:] if len(np.unique(ring, axis=0)) >= 3]
     if len(holes) < len(rings) - 1:
         changes.append("holes without area are left out")
@@ -63,15 +63,6 @@ def mended(feature: Feature, notes: list[str]) -> list[Feature]:
     ]
 
 
-def _frame(ring: NDArray[np.float64]) -> LocalFrame:
-    longitude_deg, latitude_deg = ring[0].tolist()
-    return LocalFrame(latitude_deg, longitude_deg)
-
-
-def _metres(ring: NDArray[np.float64], frame: LocalFrame) -> NDArray[np.float64]:
-    return np.column_stack(frame.from_wgs84(ring[:, 1], ring[:, 0]))
-
-
 def _degrees(ring: shapely.LinearRing, frame: LocalFrame) -> NDArray[np.float64]:
     xy = shapely.get_coordinates(ring)
     latitude_deg, longitude_deg = frame.to_wgs84(xy[:, 0], xy[:, 1])
@@ -82,14 +73,18 @@ def _degrees(ring: shapely.LinearRing, frame: LocalFrame) -> NDArray[np.float64]
 
 def _parts(shell: NDArray[np.float64], holes: list[NDArray[np.float64]], where: str) -> list[shapely.Polygon]:
     """Return the polygons that invalid rings enclose, largest first."""
-    within = [_land(ring) for ring in (shell, *holes)]
-    drawn = [shapely.Polygon(ring).area for ring in (shell, *holes)]
+    polygons = [shapely.Polygon(ring) for ring in (shell, *holes)]
+    within = shapely.make_valid(polygons, method="structure", keep_collapsed=False)
+    drawn = [polygon.area for polygon in polygons]
     changed = sum(abs(land.area - area) for land, area in zip(within, drawn, strict=True))
     land = within[0].difference(shapely.union_all(within[1:])) if holes else within[0]
     # On a grid, corners and sides are far enough apart that rounding of positions keeps the polygon valid.
     land = shapely.set_precision(land, _GRID_M)
-    every = sorted(_polygons(land), key=lambda part: -part.area)
-    kept = [part for part in every if part.area > max(_SLIVER * land.area, _GRID_M * part.length)]
+    kept = [
+        part
+        for part in sorted(shapely.get_parts(land), key=lambda part: -part.area)
+        if part.geom_type == "Polygon" and part.area > max(_SLIVER * land.area, _GRID_M * part.length)
+    ]
     changed += land.area - sum(part.area for part in kept)
     if not kept or changed > _MAX_CHANGE * land.area:
         raise FarmError(
@@ -97,11 +92,3 @@ def _parts(shell: NDArray[np.float64], holes: list[NDArray[np.float64]], where: 
             f"rings enclose {land.area:.1f} m2 (over {_MAX_CHANGE:.0%} differs); are its corners in order?"
         )
     return kept
-
-
-def _land(ring: NDArray[np.float64]) -> shapely.Geometry:
-    return shapely.make_valid(shapely.Polygon(ring), method="structure", keep_collapsed=False)
-
-
-def _polygons(land: shapely.Geometry) -> list[shapely.Polygon]:
-    return [part for part in shapely.get_parts(land) if part.geom_type == "Polygon" and part.area > 0]

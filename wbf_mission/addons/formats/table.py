@@ -52,8 +52,9 @@ def loads(data: bytes) -> Mission | Drawing:
     header, comma = rows[0][1], rows[0][2] == ";"
     latitude, longitude = _column(header, _LATITUDES), _column(header, _LONGITUDES)
     if latitude is None or longitude is None:
-        msg = f"line {rows[0][0]}: no columns of latitude and longitude; the first line names the columns"
-        raise MissionFileError(msg)
+        raise MissionFileError(
+            f"line {rows[0][0]}: no columns of latitude and longitude; the first line names the columns"
+        )
     records = []
     for line, words, _ in rows[1:]:
         if len(words) > len(header):

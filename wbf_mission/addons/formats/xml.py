@@ -54,60 +54,47 @@ class Node:
         return "" if found is None else found.text
 
 
-class _Builder:
-    def __init__(self) -> None:
-        self.root = Node("", 0, {})
-        self._open = [self.root]
-        self._count = 0
-        self.parser = expat.ParserCreate()
-        self.parser.StartElementHandler = self._start
-        self.parser.EndElementHandler = self._end
-        self.parser.CharacterDataHandler = self._characters
-        self.parser.EntityDeclHandler = self._entity
-        self.parser.buffer_text = True
-
-    def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        self._count += 1
-        line = self.parser.CurrentLineNumber
-        if len(self._open) > _DEEPEST:
-            raise MissionFileError(
-                f"line {line}: more than {_DEEPEST} elements in one another; no mission is so"
-            )
-        if self._count > _MOST_ELEMENTS:
-            raise MissionFileError(f"line {line}: more than {_MOST_ELEMENTS} elements; give a shorter path")
-        plain = {_local(name): value for name, value in attributes.items()}
-        node = Node(_local(tag), line, plain)
-        parent = self._open[-1]
-        if isinstance(parent.children, tuple):
-            parent.children = []
-        parent.children.append(node)
-        self._open.append(node)
-
-    def _end(self, _tag: str) -> None:
-        self._open.pop()
-
-    def _characters(self, text: str) -> None:
-        node = self._open[-1]
-        if isinstance(node.chunks, tuple):
-            node.chunks = []
-        node.chunks.append(text)
-
-    def _entity(self, name: str, *_: Any) -> None:
-        line = self.parser.CurrentLineNumber
-        raise MissionFileError(f"line {line}: the entity {name[:40]!r} is declared, which no mission needs")
-
-
-def _local(name: str) -> str:
-    return name.rpartition(":")[2]
-
-
 def parse(data: bytes, root: str, kind: str) -> Node:
     """Return the root element of a document; MissionFileError if it is broken or of another kind."""
     if kind_of(data) != kind:
         raise wrong_kind(data, kind)
-    builder = _Builder()
+    parser = expat.ParserCreate()
+    open_nodes, count = [Node("", 0, {})], 0
+    top = open_nodes[0]
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal count
+        count, line = count + 1, parser.CurrentLineNumber
+        if len(open_nodes) > _DEEPEST:
+            raise MissionFileError(
+                f"line {line}: more than {_DEEPEST} elements in one another; no mission is so"
+            )
+        if count > _MOST_ELEMENTS:
+            raise MissionFileError(f"line {line}: more than {_MOST_ELEMENTS} elements; give a shorter path")
+        node = Node(_local(tag), line, {_local(name): value for name, value in attributes.items()})
+        parent = open_nodes[-1]
+        if isinstance(parent.children, tuple):
+            parent.children = []
+        parent.children.append(node)
+        open_nodes.append(node)
+
+    def characters(text: str) -> None:
+        node = open_nodes[-1]
+        if isinstance(node.chunks, tuple):
+            node.chunks = []
+        node.chunks.append(text)
+
+    def entity(name: str, *_: Any) -> None:
+        line = parser.CurrentLineNumber
+        raise MissionFileError(f"line {line}: the entity {name[:40]!r} is declared, which no mission needs")
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda _tag: open_nodes.pop()
+    parser.CharacterDataHandler = characters
+    parser.EntityDeclHandler = entity
+    parser.buffer_text = True
     try:
-        builder.parser.Parse(data, True)
+        parser.Parse(data, True)
     except expat.ExpatError as error:
         what = expat.errors.messages.get(error.code, "it is broken")
         raise MissionFileError(f"line {error.lineno}: this is no XML ({what}); save the file again") from None
@@ -115,7 +102,11 @@ def parse(data: bytes, root: str, kind: str) -> Node:
         raise
     except (ValueError, LookupError) as error:  # Unknown encoding
         raise MissionFileError(f"line 1: {error}; save the file as UTF-8") from None
-    found = builder.root.children[0]
+    found = top.children[0]
     if found.tag != root:
         raise MissionFileError(f"line {found.line}: the document is {found.tag[:40]!r}, not {kind}")
     return found
+
+
+def _local(name: str) -> str:
+    return name.rpartition(":")[2]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,24 +28,11 @@ class Bid:
     variant: int
 
 
-@dataclass(slots=True, eq=False)
 class Bidder:
-    """A vehicle that takes part in the auction."""
+    """A vehicle that takes part in the auction, with all travel costs that its bids need."""
 
-    system_id: int
-    # float64[n, n]: costs between the point where the vehicle becomes free, home, and all segment corners.
-    legs: NDArray[np.float64]
-    # float64[segments]: cost of each segment's rows; infinite for a segment it cannot fly.
-    own: NDArray[np.float64]
-    until_free: float  # Cost of its unfinished work
-    limit: float  # Maximum total cost
-    returns: bool  # Whether the return home counts
-    # Awarded segments in order of flight: index in the list of segments, and variant.
-    route: list[tuple[int, int]] = field(default_factory=list)
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         system_id: int,
         travel_cost: TravelCost,
         segments: Sequence[Segment],
@@ -56,14 +43,23 @@ class Bidder:
         limit: float,
         *,
         returns: bool,
-    ) -> Bidder:
-        """Compute all travel costs that the bids need."""
+    ) -> None:
+        self.system_id = system_id
         nodes = np.vstack((free_m, home_m, corners_of(segments).reshape(-1, 2)))
-        own = [
-            _rows_cost(travel_cost, segment) if take else math.inf
+        # float64[n, n]: costs between the point where the vehicle becomes free, home, and all corners.
+        self.legs = travel_cost.legs(nodes, nodes)
+        # Cost of each segment's rows; infinite for a segment it cannot fly.
+        self.own = [
+            path_cost(travel_cost, np.concatenate([ends for _, ends in segment.ordered(0)]))
+            if take
+            else math.inf
             for segment, take in zip(segments, takes, strict=True)
         ]
-        return cls(system_id, travel_cost.legs(nodes, nodes), np.array(own), until_free, limit, returns)
+        self.until_free = until_free  # Cost of its unfinished work
+        self.limit = limit  # Maximum total cost
+        self.returns = returns  # Whether the return home counts
+        # Awarded segments in order of flight: index in the list of segments, and variant.
+        self.route: list[tuple[int, int]] = []
 
     @property
     def cost(self) -> float:
@@ -141,10 +137,6 @@ def leg_costs(travel_cost: TravelCost, points_m: Points) -> NDArray[np.float64]:
         for k in range(0, len(begins), _AT_ONCE)
     ]
     return np.concatenate(parts)
-
-
-def _rows_cost(travel_cost: TravelCost, segment: Segment) -> float:
-    return path_cost(travel_cost, np.concatenate([ends for _, ends in segment.ordered(0)]))
 
 
 def _entry(segment: int, variant: int) -> int:

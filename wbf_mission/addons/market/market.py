@@ -110,7 +110,8 @@ class Market:
         terrains = [self._terrain(one) for one in observation.steerable]
         found = self._detections.segments(observation, terrains, self._fine_ahead())
         self._open += found
-        idle = self._open and self._somebody_idle(observation)
+        contracts = [self._contracts.get(vehicle.system_id) for vehicle in observation.steerable]
+        idle = self._open and any(contract is None or not len(contract.work()) for contract in contracts)
         if not (found or returned or idle or observation.event is Event.ENDING):
             return NO_CHANGE
         paths = self._trade(observation)
@@ -171,37 +172,29 @@ class Market:
         sold = [one.segment for contract in self._contracts.values() for one, _ in contract.ahead]
         return [segment for segment in [*self._open, *sold] if segment is not None and segment.fine]
 
-    def _somebody_idle(self, observation: PolicyObservation) -> bool:
-        contracts = [self._contracts.get(one.system_id) for one in observation.steerable]
-        return any(contract is None or not len(contract.work()) for contract in contracts)
-
     def _trade(self, observation: PolicyObservation) -> dict[int, Points]:
         """Auction all segments not begun; return the paths of the vehicles with other work than before."""
         vehicles = observation.steerable
-        kept: dict[int, list[Stretch]] = {}
+        kept: dict[int, list[Stretch]] = {vehicle.system_id: [] for vehicle in vehicles}
         for vehicle in vehicles:
-            kept[vehicle.system_id] = []
             contract = self._contracts.get(vehicle.system_id)
             if contract is None:
                 continue
-            begun = contract.begun
-            finishes = begun is not None and begun.fine
-            self._open += [
-                segment
-                for segment in contract.unflown(vehicle.position_m)
-                if not (finishes and begun is not None and segment.number == begun.number)
-            ]
-            if finishes:
+            unflown, begun = contract.unflown(vehicle.position_m), contract.begun
+            if begun is not None and begun.fine:  # The vehicle finishes this segment.
+                unflown = [segment for segment in unflown if segment.number != begun.number]
                 kept[vehicle.system_id] = [
-                    Stretch(one.segment, one.row, one.points_m[-left:])
-                    for one, left in contract.ahead
-                    if one.segment is begun
+                    Stretch(begun, stretch.row, stretch.points_m[-left:])
+                    for stretch, left in contract.ahead
+                    if stretch.segment is begun
                 ]
+            self._open += unflown
         segments = sorted(self._open, key=lambda segment: segment.number)
         bidders = [self._bidder(one, segments, kept[one.system_id]) for one in vehicles]
         fine = [k for k, segment in enumerate(segments) if segment.fine]
         coarse = [k for k, segment in enumerate(segments) if not segment.fine]
-        contractors = [one for one in bidders if not self._is_pioneer(one.system_id, observation)]
+        pioneers = sorted(vehicle.system_id for vehicle in observation.vehicles)[: self._pioneers]
+        contractors = [bidder for bidder in bidders if bidder.system_id not in pioneers]
         unsold = hold_auction(contractors or bidders, fine) + hold_auction(bidders, coarse)
         self._open = [segments[k] for k in unsold]
         paths: dict[int, Points] = {}
@@ -212,14 +205,11 @@ class Market:
                 paths[vehicle.system_id] = points
         return paths
 
-    def _is_pioneer(self, system_id: int, observation: PolicyObservation) -> bool:
-        return system_id in sorted(vehicle.system_id for vehicle in observation.vehicles)[: self._pioneers]
-
     def _bidder(self, vehicle: VehicleReport, segments: Sequence[Segment], kept: list[Stretch]) -> Bidder:
         flyable = shapely.buffer(self._terrain(vehicle).flyable, TOLERANCE_M)
         rows = [shapely.multilinestrings([row.ends_m for row in segment.rows]) for segment in segments]
         first = np.concatenate([np.asarray(vehicle.position_m)[None], *(one.points_m for one in kept)])
-        return Bidder.of(
+        return Bidder(
             vehicle.system_id,
             vehicle.travel_cost,
             segments,

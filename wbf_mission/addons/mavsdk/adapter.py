@@ -25,7 +25,6 @@ from mission.transfer.driver import OnEvent, OnText, TransferDriver
 from mission.transfer.vehicles import Vehicle
 from mission.transfer.wire import GROUND_STATION
 from sim_vehicle.component import Component
-from sim_vehicle.host.server import Server
 from wbf_mission.addons.base.links import Heard, LinkHost, LiveFlightError, Note, Tap, Via
 from wbf_mission.addons.mavsdk.link import Call, MavsdkLink
 from wbf_mission.addons.mavsdk.transfers import mavsdk_transfers
@@ -76,29 +75,22 @@ class MavsdkOrders:
     MISSION_CURRENT, without end if a vehicle advances from a command to its next waypoint at once.
     """
 
-    def __init__(
-        self,
-        link: MavsdkLink,
-        system_id: int,
-        autopilot: int,
-        vehicle_type: int,
-        note: Note,
-    ) -> None:
-        self._link, self._system_id, self._note = link, system_id, note
+    def __init__(self, link: MavsdkLink, vehicle: Vehicle, note: Note) -> None:
+        self._link, self._system_id, self._note = link, vehicle.system_id, note
         # Plugin and function by command, and by its first three parameters where they matter.
         self._functions: dict[tuple[int, tuple[float, ...] | None], tuple[type, str]] = {
             (m.MAV_CMD_COMPONENT_ARM_DISARM, (1.0, 0.0, 0.0)): (Action, "arm"),
             (Command.NAV_RETURN_TO_LAUNCH, None): (Action, "return_to_launch"),
             (Command.NAV_LAND, None): (Action, "land"),
         }
-        if autopilot == m.MAV_AUTOPILOT_PX4:
-            hold = VehicleModes(autopilot, vehicle_type).maneuver(Maneuver.HOLD)
+        if vehicle.autopilot == m.MAV_AUTOPILOT_PX4:
+            hold = VehicleModes(vehicle.autopilot, vehicle.vehicle_type).maneuver(Maneuver.HOLD)
             self._functions |= {
                 hold: (Action, "hold"),
                 (m.MAV_CMD_MISSION_START, None): (MissionRaw, "start_mission"),
             }
         self._orders: list[_Order] = []
-        self._writer = FrameWriter(system_id, _AUTOPILOT)
+        self._writer = FrameWriter(vehicle.system_id, _AUTOPILOT)
 
     @property
     def waiting(self) -> bool:
@@ -114,8 +106,9 @@ class MavsdkOrders:
     def carry_out(self, message: Message) -> list[Message]:
         """Start a command, and return the messages that answer it at once."""
         assert isinstance(message, _Commanding)
-        if any(order.command == message.command for order in self._orders) and not _is_setting(message):
-            # The same command is pending, and MAVSDK retries by itself.
+        # Several message rates may be set at a time; any other command that is pending is retried by MAVSDK.
+        is_rate = message.command == m.MAV_CMD_SET_MESSAGE_INTERVAL
+        if not is_rate and any(order.command == message.command for order in self._orders):
             return [self._ack(message.command, int(m.MAV_RESULT_IN_PROGRESS))]
         name, begin, arguments = self._function(message)
         self._orders.append(_Order(message.command, name, Call(begin, *arguments)))
@@ -172,11 +165,6 @@ class MavsdkOrders:
         """Return a COMMAND_ACK as if sent by the vehicle."""
         frame = self._writer.encode(m.MAVLink_command_ack_message(command, result))
         return FrameReader().feed(frame)[0]
-
-
-def _is_setting(message: _Commanding) -> bool:
-    """Return whether a command may be pending several times with other parameters: message rates."""
-    return message.command == m.MAV_CMD_SET_MESSAGE_INTERVAL
 
 
 class _GroundByMavsdk:
@@ -253,9 +241,9 @@ class MavsdkVia(Via):
         """
         ((url, vehicle),), (station,) = heard, grounds
         link = self._link = MavsdkLink(url)
-        orders = MavsdkOrders(link, vehicle.system_id, vehicle.autopilot, vehicle.vehicle_type, note)
+        orders = MavsdkOrders(link, vehicle, note)
         ground = _GroundByMavsdk(station, orders)
-        return LinkHost(Server([*cameras, ground], [], tap=tap, links=[link]), ground.hand_on)
+        return LinkHost([*cameras, ground], [], tap=tap, links=[link], through=ground.hand_on)
 
     def driver(self, url: str, on_event: OnEvent, on_text: OnText | None = None) -> TransferDriver:
         """Open a link by MAVSDK; LinkError if the address is wrong or MAVSDK cannot open it."""

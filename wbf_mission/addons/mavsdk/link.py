@@ -63,8 +63,8 @@ class MavsdkLink:
         self._mavsdk = Mavsdk(Configuration.create_manual(*GROUND_STATION, True))
         try:
             self._mavsdk.subscribe_raw_bytes_to_be_sent(self._on_bytes)
-            for one in (_WIRELESS, mavsdk_url(address)):
-                self._connect(one)
+            for connection in (_WIRELESS, mavsdk_url(address)):
+                self._connect(connection)
         except BaseException:
             self.close()
             raise

@@ -168,7 +168,7 @@ class MavsdkDownload(_Transfer):
         if result not in (MissionRawResult.SUCCESS, MissionRawResult.NO_MISSION_AVAILABLE):
             return (self._failure(result, PlanState.OLD),)
         try:
-            came = tuple(_item_of(one) for one in raw)
+            came = tuple(map(_item_of, raw))
         except MissionError as error:
             return (TransferFailed(self.mission_type, FailureReason.BROKEN, f"{self._what}: {error}"),)
         items, home = from_wire_order(came, self.mission_type, self._profile)

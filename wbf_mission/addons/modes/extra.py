@@ -17,9 +17,8 @@ from sim_vehicle.mavlink.commands import enter_mode
 from sim_vehicle.mavlink.extras import VehicleExtra
 from sim_vehicle.motion.legs import ALONG, INWARD, KEEP, Heading
 from sim_vehicle.pilot.controls import RefusedError
-from wbf_mission.addons.modes.flip import Flip
 from wbf_mission.addons.modes.follow import FollowPilot
-from wbf_mission.addons.modes.guided import GuidedFlight
+from wbf_mission.addons.modes.guided import Flip, GuidedFlight
 from wbf_mission.addons.modes.steering import SetpointMessage, Steering
 
 if TYPE_CHECKING:

@@ -23,11 +23,12 @@ from sim_vehicle.motion.legs import ALONG, KEEP, Heading
 from sim_vehicle.pilot.controls import RefusedError, Severity
 
 if TYPE_CHECKING:
+    from sim_vehicle.autopilot.parameters import RuntimeParameters
     from sim_vehicle.pilot.controls import Controls
     from sim_vehicle.pilot.failsafe import Failsafe
     from sim_vehicle.pilot.pilot import Pilot
 
-__all__ = ["AttitudePilot", "AttitudeTarget", "AutoYaw", "GuidedFlight", "Setpoint", "SetpointFollower"]
+__all__ = ["AttitudeTarget", "Flip", "GuidedFlight", "Setpoint"]
 
 _SLOWEST_M_S = 0.05
 # A vehicle on the ground ignores setpoints up to this height above the vehicle: MAVLink rounds heights.
@@ -78,17 +79,12 @@ class SetpointFollower:
         self._rules = controls.rules
         self._latest: Setpoint | AttitudeTarget | None = None
         self._taken_s = -math.inf
-        self._flown: Setpoint | None = None
+        self.flown: Setpoint | None = None  # Setpoint in flight; None if the vehicle flies something else
 
     @property
     def is_fresh(self) -> bool:
         """Whether the latest setpoint is recent enough."""
         return self._controls.now_s - self._taken_s <= self._parameters.setpoint_timeout_s
-
-    @property
-    def flown(self) -> Setpoint | None:
-        """Setpoint in flight, or None if the vehicle flies something else."""
-        return self._flown
 
     def listens_in(self, mode: Mode) -> bool:
         """Whether setpoints are accepted in a mode, perhaps only for later."""
@@ -101,7 +97,7 @@ class SetpointFollower:
 
     def begin(self) -> None:
         """Fly the latest setpoint if the mode needs a setpoint stream."""
-        self._flown = None
+        self.flown = None
         if self._rules.needs_stream and self._latest is not None:
             self.fly()
 
@@ -111,22 +107,22 @@ class SetpointFollower:
             return None
         if self._rules.needs_stream:
             self._controls.note(Severity.WARNING, self._rules.stream_lost.format("returning"))
-            self._flown = None
+            self.flown = None
             return Mode.RTL
-        if self._flown is not None and self._flown.is_velocity:
+        if self.flown is not None and self.flown.is_velocity:
             self._controls.note(Severity.WARNING, self._rules.stream_lost.format("stopping"))
-            self._flown = None
+            self.flown = None
             return Mode.GUIDED
         return None
 
     def forget(self) -> None:
         """Record that the vehicle flies something else."""
-        self._flown = None
+        self.flown = None
 
     def fly(self) -> None:
         """Fly the latest setpoint, unless the vehicle already flies it."""
         setpoint = self._latest
-        if setpoint is None or setpoint == self._flown:
+        if setpoint is None or setpoint == self.flown:
             return
         if isinstance(setpoint, AttitudeTarget):
             self._attitude.take(setpoint)
@@ -137,7 +133,7 @@ class SetpointFollower:
             self._fly(setpoint)
         except VehicleError as error:
             raise RefusedError(f"Setpoint refused: {error}") from None
-        self._flown = setpoint
+        self.flown = setpoint
         self._controls.complaint = ""
 
     @property
@@ -309,6 +305,47 @@ class AttitudePilot:
         up = min(max(up + step_s * lift, -spec.descent_speed_m_s), spec.climb_speed_m_s)
         size = max(math.hypot(east, north) / spec.top_speed_m_s, 1.0)
         self._velocity_m_s = (east / size, north / size, up)
+
+
+_ROLL_ACCELERATION = Setting("ATC_ACCEL_R_MAX", 110_000.0, math.radians(0.01))
+# MOT_THST_HOVER of ArduPilot's simulator; FLIP adds and subtracts shares of full throttle.
+_HOVER = 0.39
+# FLIP_ROTATION_RATE, FLIP_THR_INC, FLIP_THR_DEC, FLIP_RECOVERY_ANGLE, FLIP_TIMEOUT_MS; ATC_ANG_RLL_P.
+_RATE_RAD_S, _MORE, _LESS, _DONE_RAD, _LONGEST_S = (
+    math.radians(400.0),
+    1.0 + 0.2 / _HOVER,
+    1.0 - 0.24 / _HOVER,
+    math.radians(5.0),
+    2.5,
+)
+_ROLL_P_1_S = 4.5
+
+
+class Flip:
+    """Roll of 360 degrees to the right (direction 1) or left (-1); it begins at once (``mode_flip.cpp``)."""
+
+    def __init__(self, attitude: AttitudePilot, parameters: RuntimeParameters, direction: float) -> None:
+        self._attitude, self._parameters, self._direction = attitude, parameters, direction
+        self._rolled = self._rolling = 0.0
+        self._attitude.stop()
+        self._attitude.take(manoeuvre=self._turn_over)
+        self._level_rad = self._attitude.roll_rad
+
+    def _turn_over(self, step_s: float) -> bool:
+        """Continue the flip for one step, and return whether it has ended."""
+        change = _ROLL_ACCELERATION.of(self._parameters) * step_s
+        wanted, thrust, over = _RATE_RAD_S, _MORE, False
+        if self._rolled >= math.radians(270.0):
+            left = 2.0 * math.pi + self._direction * self._level_rad - self._rolled
+            wanted = min(_RATE_RAD_S, _ROLL_P_1_S * left, math.sqrt(2.0 * max(left, 0.0) * change / step_s))
+            over = left <= _DONE_RAD
+        elif self._rolled >= math.radians(45.0):
+            thrust = _LESS
+        self._rolling += min(max(wanted - self._rolling, -change), change)
+        self._rolled += step_s * self._rolling
+        self._attitude.roll_rad = math.remainder(self._direction * self._rolled, 2.0 * math.pi)
+        self._attitude.move(thrust, step_s)
+        return over or self._attitude.flown_for_s > _LONGEST_S
 
 
 # In LOITER and the manual modes the sticks control the heading.

@@ -7,8 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from mission.errors import LinkError
-from sim_vehicle.host.server import Server
-from sim_vehicle.host.simulation import StopReason
+from wbf_mission.addons.base.links import LinkHost
 from wbf_mission.addons.operate.watching import FleetWatch, WatchedVehicle
 from wbf_mission.planning import PlanResult
 
@@ -45,28 +44,15 @@ def risen_fraction(before: float | None, lowest: float | None) -> float | None:
 
 @dataclass(slots=True)
 class BatteryWait:
-    """Waits for a vehicle's battery change before its next sortie.
+    """Waits for a vehicle's battery change before its next sortie."""
 
-    Parameters
-    ----------
-    needs : float or None
-        Required reading of the battery; None for an endless battery.
-    asks : callable or None
-        Called every half second; returns True once the operator has changed the battery, False to end the
-        mission, None before an answer. Without an operator the reading decides.
-    risen : float or None
-        Least reading that shows a change without an operator; None if unknown.
-    limit_s : float
-        Timeout without an operator (s).
-    note : callable
-        Receives lines for the operator.
-    """
-
-    needs: float | None
+    needs: float | None  # Required reading of the battery; None for an endless battery
+    # Called every half second: True once the operator has changed the battery, False to end the mission, None
+    # before an answer. Without an operator the reading decides.
     asks: Callable[[], bool | None] | None
-    risen: float | None
-    limit_s: float
-    note: Callable[[str], None]
+    risen: float | None  # Least reading that shows a change without an operator; None if unknown
+    limit_s: float  # Timeout without an operator
+    note: Callable[[str], None]  # Receives lines for the operator
     _said: bool = False  # Whether the operator has confirmed the change
     _noted: str = ""
     _heard_s: float = 0.0
@@ -76,11 +62,10 @@ class BatteryWait:
         began_s = time.monotonic()
         while True:
             try:
-                with Server([watch := FleetWatch()], [url]) as server:
+                with LinkHost([watch := FleetWatch()], [url]) as host:
                     why = None
                     while why is None:
-                        if server.run(limit_s=_LOOK_S) is StopReason.STOPPED:
-                            raise KeyboardInterrupt
+                        host.run(limit_s=_LOOK_S)
                         why = self._settled(watch.vehicles.get(system_id), time.monotonic() - began_s)
                 return why
             except LinkError as error:

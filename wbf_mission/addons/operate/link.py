@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -10,45 +11,46 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from geo.errors import WbfMissionError
-from mission.ground.arming_gate import FARTHEST_M
+from geo.system import steady_s
+from mission.ground.arming_gate import FARTHEST_M, ArmingGate
 from mission.ground.link import find_vehicles
+from mission.link.codec.dialect import mavlink as m
+from mission.link.tlog import FrameSink
 from mission.model import GeoPoint
+from mission.transfer import TransferMaker
 from mission.transfer.vehicles import Vehicle as HeardVehicle
 from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.injection import AnyFault
 from wbf_mission.addons.base.inquiry import VehicleSnapshot, ask_vehicle
-from wbf_mission.addons.base.links import LiveFlightError, Via, fitted_to, via_named
+from wbf_mission.addons.base.links import Heard, LinkHost, LiveFlightError, Via, fitted_to, via_named
 from wbf_mission.addons.operate.battery_change import REAL_FULL, BatteryWait, needed_fraction, risen_fraction
 from wbf_mission.addons.operate.console import TerminalConsole
-from wbf_mission.addons.operate.hosting import LinkHosting
 from wbf_mission.addons.operate.real_sorties import RealSorties
+from wbf_mission.addons.operate.riding_camera import RidingCamera
 from wbf_mission.cli.output import Output
 from wbf_mission.events import EventStream
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.builder import budget_left
 from wbf_mission.planning.fleet import Vehicle
 from wbf_mission.planning.sorties import CHANGE_S, SortiePlan
-from wbf_mission.preflight.finding import (
-    Concern,
-    Finding,
-    PreflightError,
-    Report,
-    Severity,
-)
+from wbf_mission.preflight.finding import Concern, Finding, PreflightError, Report, Severity
 from wbf_mission.preflight.run import check_mission, check_plans
 from wbf_mission.preflight.subject import Circumstances
 from wbf_mission.run.campaign import Campaign
-from wbf_mission.run.hosting import Hosting
+from wbf_mission.run.hosting import Hosting, tap_of
 from wbf_mission.run.joint_flight import OperatorConsole
 from wbf_mission.run.orders import Orders
 from wbf_mission.run.record import FlightRecord
+from wbf_mission.run.sortie import Sortie
 from wbf_mission.scenario import Scenario, VehicleOptions
 from wbf_mission.scenario.parts import MOST_VEHICLES
 from wbf_mission.scenario.values import LAYERS
 
-__all__ = ["LiveLink", "connect", "require_single_flight", "wanted_vehicles"]
+__all__ = ["LiveLink", "connect", "require_single_flight", "riding_camera", "wanted_vehicles"]
 
 _NEAR_M = 5.0
+_AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 
 
 def _in_a_layer(finding: Finding) -> Finding:
@@ -146,7 +148,7 @@ class LiveLink:
 
     def sorties(self, cut: SortiePlan, vehicle: Vehicle, footprint: int) -> RealSorties:
         """Return the progress of a vehicle through its sorties; the operator confirms battery changes."""
-        return RealSorties(cut, vehicle, footprint, self)
+        return RealSorties(cut, vehicle, footprint, self.change_battery)
 
     def note(self, text: str) -> None:
         """Send a line to the operator."""
@@ -312,15 +314,46 @@ class LiveLink:
 
     def hosting(self, faults: Sequence[AnyFault]) -> Hosting:  # noqa: ARG002
         """Return the hosting of the flight."""
-        return LinkHosting(
-            heard=tuple(self._heard.values()),
-            tlog=self.tlog,
-            agreed=self.agreed,
-            force=self.force,
-            note=self.note,
-            via=self.via,
-            orders=self.orders,
-        )
+        heard = tuple(self._heard.values())
+        return LinkHosting(link=self, heard=heard, tlog=self.tlog, force=self.force, orders=self.orders)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkHosting(Hosting):
+    """Hosting of vehicles behind links: this program is their ground stations and leaf cameras."""
+
+    link: LiveLink
+    heard: Sequence[Heard]
+    waits_for_decisions: ClassVar[bool] = False
+
+    @property
+    def transfers(self) -> TransferMaker:
+        """Makes the mission transfers."""
+        return self.link.via.transfers
+
+    def arming_gate(self, system_id: int) -> ArmingGate:
+        """Return the gate before arming: the vehicle's pre-arm checks and the operator's confirmation."""
+        return ArmingGate((system_id, _AUTOPILOT), agreed=self.link.agreed, clock=steady_s)
+
+    def open(
+        self,
+        sorties: Sequence[Sortie],
+        writer: FrameSink | None,
+        **_of_a_simulation: object,
+    ) -> LinkHost:
+        """Open the links; LinkError if an address is wrong, in use or unreachable."""
+        cameras = [riding_camera(sortie) for sortie in sorties]
+        tap = tap_of(writer, lambda _now_s: time.time())
+        grounds = [sortie.ground for sortie in sorties]
+        return self.link.via.serve(self.heard, cameras, grounds, tap, self.link.note)
+
+
+def riding_camera(sortie: Sortie) -> RidingCamera:
+    """Return the leaf camera that follows the telemetry of a sortie's vehicle."""
+    camera = LeafCameraComponent(sortie.leaf_camera, sortie.plan.farm, system_id=sortie.system_id)
+    riding = RidingCamera(camera, sortie.held_mission, sortie.is_changing, sortie.follow)
+    sortie.images_missed = lambda: riding.missed
+    return riding
 
 
 def connect(output: Output, urls: Sequence[str], *, via: str, **options: Any) -> LiveLink:

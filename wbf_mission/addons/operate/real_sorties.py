@@ -3,54 +3,39 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol
 
 from mission.course import Course, MissionProgress, Place
 from mission.errors import MissionError
 from mission.model import DEGREES_E7, Mission
 from mission.outcome import in_words
 from mission.sorties import resumed_at
-from wbf_mission.planning import PlanResult
 from wbf_mission.planning.fleet import Vehicle
 from wbf_mission.planning.sorties import SortiePlan, cut_plan, rest_of
 from wbf_mission.run.record import FlightRecord
 
-__all__ = ["BatteryChanger", "RealSorties", "reached_place"]
+__all__ = ["RealSorties", "reached_place"]
 
 _MOST_IN_VAIN = 2
 """Sorties in a row without progress after which the run stops."""
 
 
-class BatteryChanger(Protocol):
-    """Changes the battery of a real vehicle between two sorties."""
-
-    def change_battery(self, vehicle: Vehicle, plan: PlanResult, *, last: FlightRecord, which: str) -> str:
-        """Wait until the vehicle has a charged battery; return why it has none, empty on success.
-
-        `last` is the record of the previous sortie, with the old battery's readings; `which` names the next
-        sortie.
-        """
-
-
 class RealSorties:
     """Tracks a real vehicle's progress through its sorties; cuts the rest again after an early end.
 
-    Attributes
-    ----------
-    cut : SortiePlan
-        The flown sorties, shortened to their flown part, and the planned sorties.
-    stopped : str
-        Why the mission was stopped; empty during the mission, and after its completion.
-    changed_s : float
-        Duration of the last battery change.
+    `change_battery` waits until the vehicle has a charged battery, and returns why it has none, empty on
+    success. It gets the vehicle, the plan of the next sortie, the record of the previous one as ``last``, and
+    the name of the next one as ``which``.
     """
 
-    def __init__(self, cut: SortiePlan, vehicle: Vehicle, footprint: int, changer: BatteryChanger) -> None:
-        self.cut = cut
-        self.stopped = ""
-        self.changed_s = 0.0
-        self._vehicle, self._footprint, self._changer = vehicle, footprint, changer
+    def __init__(
+        self, cut: SortiePlan, vehicle: Vehicle, footprint: int, change_battery: Callable[..., str]
+    ) -> None:
+        self.cut = cut  # The flown sorties, shortened to their flown part, and the planned sorties
+        self.stopped = ""  # Why the mission was stopped; empty during the mission, and after its completion
+        self.changed_s = 0.0  # Duration of the last battery change
+        self._vehicle, self._footprint, self._change_battery = vehicle, footprint, change_battery
         self._reached: Place | None = cut.course.start  # Reached place of the whole mission; None: its end
         self._progress: MissionProgress | None = None
         self._in_vain = 0
@@ -62,14 +47,14 @@ class RealSorties:
 
     def note(self, flight: int, record: FlightRecord) -> None:
         """Update the reached place of the mission after a flight."""
-        one = self.cut.sorties[flight - 1]
-        reached = one.end
+        sortie = self.cut.sorties[flight - 1]
+        reached = sortie.end
         if not record.outcome.is_good and self._progress is not None:
             try:
                 reached = reached_place(self.cut, flight - 1, self._progress.place())
             except MissionError:  # The vehicle never began the mission.
-                reached = one.begin
-        self._in_vain = self._in_vain + 1 if reached == one.begin else 0
+                reached = sortie.begin
+        self._in_vain = self._in_vain + 1 if reached == sortie.begin else 0
         self._reached = reached
 
     def go_on(self, flight: int, record: FlightRecord) -> bool:
@@ -88,7 +73,7 @@ class RealSorties:
         count = len(self.cut.sorties)
         self.stopped = f"stopped after flight {flight} of {count}"
         begun_s = time.monotonic()
-        why = self._changer.change_battery(
+        why = self._change_battery(
             self._vehicle,
             self.cut.plans[flight],
             last=record,
@@ -133,29 +118,29 @@ def reached_place(cut: SortiePlan, number: int, place: Place | None) -> Place | 
 
     None stands for the end of each mission: a sortie at its own end has reached its `end`.
     """
-    one, course = cut.sorties[number], cut.course
-    begin = resumed_at(course, one.begin, cut.overlap_m)
+    sortie, course = cut.sorties[number], cut.course
+    begin = resumed_at(course, sortie.begin, cut.overlap_m)
     if place is None or begin is None:
-        return one.end
-    own = Course(one.plan.mission)
+        return sortie.end
+    own = Course(sortie.plan.mission)
     leg, led, first = own.leg_of(place), 0, 0
-    if one.begin > course.start and begin > course.start:
+    if sortie.begin > course.start and begin > course.start:
         # Legs to the resume point do not exist on the whole mission.
         there, first = course.position(begin)[:2], course.leg_of(begin)
         led = 1 + next(k for k, other in enumerate(own.legs) if _is_at(other.end[:2], there))
     if leg < led:
-        return one.begin
+        return sortie.begin
     number = first + leg - led
-    end_m = course.length_m if one.end is None else course.metres(one.end)
+    end_m = course.length_m if sortie.end is None else course.metres(sortie.end)
     if leg == len(own.legs) or number >= len(course.legs):
-        return one.end
+        return sortie.end
     to_end_m = (1.0 - place.fraction) * float(own.lengths_m[leg])
     metres = min(float(course.ends_m[number]), end_m) - to_end_m
-    last = len(course.legs) if one.end is None else course.leg_of(one.end)
+    last = len(course.legs) if sortie.end is None else course.leg_of(sortie.end)
     if number > last or metres >= end_m:
-        return one.end
+        return sortie.end
     found = course.place(max(metres, 0.0))
-    return one.end if found is None else max(one.begin, found)
+    return sortie.end if found is None else max(sortie.begin, found)
 
 
 def _is_at(one: tuple[float, float], other: tuple[float, float]) -> bool:

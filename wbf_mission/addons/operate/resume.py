@@ -12,8 +12,7 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import read_tlog
 from mission.transfer.vehicles import VehicleSearch
-from sim_vehicle.host.server import Server
-from sim_vehicle.host.simulation import StopReason
+from wbf_mission.addons.base.links import LinkHost
 from wbf_mission.addons.operate.watching import FleetWatch
 from wbf_mission.scenario import ScenarioError
 
@@ -127,11 +126,9 @@ class _Listener(FleetWatch):
 def _of_link(url: str, course: Course, wait_s: float) -> Place:
     """Return the resume place of a vehicle: its position in flight, else the start of its current item."""
     listener = _Listener(course)
-    with Server([listener], [url]) as server:
-        name = server.urls[0]
-        reason = server.run(until=listener.is_enough, limit_s=wait_s)
-    if reason is StopReason.STOPPED:
-        raise KeyboardInterrupt
+    with LinkHost([listener], [url]) as host:
+        name = host.urls[0]
+        host.run(until=listener.is_enough, limit_s=wait_s)
     if not listener.vehicles:
         raise VehicleSearch().failure(name, wait_s)
     state = listener.progress.monitor.state

@@ -51,7 +51,7 @@ class FollowedSimulation:
         environment, day = simulated.environment, scenario.farm.day
         specs = [(vehicle.system_id, vehicle.pilot.spec) for vehicle in simulated.vehicles]
         begun = RunBegun(
-            f"{simulated.farm.name}, simulated {simulated.autopilot}",
+            f"{simulated.farm.name}, simulated {simulated.fleet.autopilot.name}",
             simulated.farm,
             None if environment is None else load_field_set(scenario.farm.fields),
             tuple(VehicleInfo(number, spec.name, spec.kind) for number, spec in specs),

@@ -96,15 +96,25 @@ class TelemetryEvents:
         watch.look(now_s)
         located = {number: one for number, one in watch.vehicles.items() if _is_located(one)}
         self._meet(located)
+        farm = self._begun.farm
         for number, contact in watch.vehicles.items():
             told = self._told.setdefault(number, _Told())
-            self._tell_texts(number, contact, told, now_s)
-            farm = self._begun.farm
-            if number in located and farm is not None:
+            said = begun_until(contact.texts.texts, told.texts, now_s - WHOLE_S)
+            told.texts += len(said)
+            for time_s, severity, text in said:
+                self._events.tell(VehicleSaid(time_s, number, severity, text))
+            if farm is None:
+                continue
+            if number in located:
                 self._tell_state(number, contact, told, farm.frame, now_s)
             mission = watch.missions.get(number)
-            if mission is not None and mission is not told.mission and farm is not None:
-                self._tell_plan(number, told, mission, farm.frame, now_s)
+            if mission is None or mission is told.mission:
+                continue
+            # An empty mission is told only after another one.
+            if told.mission is not None or mission.items or mission.fence:
+                told.mission = mission
+                flight, path_m = max(1, told.flight), _path_of(mission, farm.frame)
+                self._events.tell(Planned(now_s, self._day, flight, number, mission, path_m))
         for offset_s, observations in watch.seen():
             if len(observations):
                 self._events.tell(Seen(offset_s, observations))
@@ -126,19 +136,6 @@ class TelemetryEvents:
         if begun is not self._begun:
             self._begun = begun
             self._events.tell(begun)
-
-    def _tell_plan(self, number: int, told: _Told, mission: Mission, frame: LocalFrame, now_s: float) -> None:
-        """Emit a vehicle's mission; an empty mission only after another one."""
-        if told.mission is not None or mission.items or mission.fence:
-            told.mission = mission
-            flight, path_m = max(1, told.flight), _path_of(mission, frame)
-            self._events.tell(Planned(now_s, self._day, flight, number, mission, path_m))
-
-    def _tell_texts(self, number: int, contact: Contact, told: _Told, now_s: float) -> None:
-        said = begun_until(contact.texts.texts, told.texts, now_s - WHOLE_S)
-        for said_text in said:
-            self._events.tell(VehicleSaid(said_text[0], number, *said_text[1:]))
-        told.texts += len(said)
 
     def _tell_state(
         self, number: int, contact: Contact, told: _Told, frame: LocalFrame, now_s: float

@@ -256,8 +256,8 @@ def _other(subject: Subject, snapshot: VehicleSnapshot, code: str) -> Iterator[F
 def check_motion_settings(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
     """Find speeds and acceptance radius that differ from the plans' assumptions."""
     items, legs = subject.items, legs_of(subject)
-    first_order = next((k for k, one in enumerate(items) if one.command == Command.DO_CHANGE_SPEED), math.inf)
-    if any(leg.item < first_order and leg.length_m > 1.0 for leg in legs):
+    orders = [k for k, item in enumerate(items) if item.command == Command.DO_CHANGE_SPEED]
+    if any(leg.item < min(orders, default=math.inf) and leg.length_m > 1.0 for leg in legs):
         yield from _other(subject, snapshot, "other-speed")
     fastest = snapshot.told(Meaning.FASTEST)
     wanted = max((leg.speed_m_s for leg in legs), default=0.0)
@@ -326,8 +326,8 @@ def check_landing_rules(subject: Subject, snapshot: VehicleSnapshot) -> Iterator
 def _told_by_dialect(subject: Subject, name: str, value: float) -> bool:
     """Return whether the remarks on the autopilot's dialect cover this parameter."""
     return any(
-        one.parameter == name and subject.vehicle_type in one.vehicle_types and value in one.refusing
-        for one in subject.profile.dialect.conditions
+        rule.parameter == name and subject.vehicle_type in rule.vehicle_types and value in rule.refusing
+        for rule in subject.profile.dialect.conditions
     )
 
 

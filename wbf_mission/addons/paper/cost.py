@@ -48,23 +48,16 @@ _GREY = "#52514e"
 
 
 class Cost(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Processor time (s) of one estimate of three fields, or of one score, over the whole farm.
-
-    Attributes
-    ----------
-    method : str
-        Name of an estimator, or ``"score"``.
-    observations : int
-        0 for a score.
-    cpu_s : float or None
-        None if above the limit, or refused for lack of memory.
-    """
+    """Processor time (s) of one estimate of three fields, or of one score, over the whole farm."""
 
     method: str
+    """Name of an estimator, or `SCORE`."""
     farm: str
     cells: int
     observations: int
+    """0 for a score."""
     cpu_s: float | None
+    """None if above the limit, or refused for lack of memory."""
     machine: str
 
 
@@ -101,10 +94,7 @@ def measured_costs(
 
 
 def kept_costs(path: Path) -> list[Cost]:
-    """Read the file that `measured_costs` writes.
-
-    Raises ResultError if the file is no list of costs.
-    """
+    """Read the file that `measured_costs` writes; ResultError if it is no list of costs."""
     try:
         return _decoder.decode(path.read_bytes())
     except msgspec.ValidationError as error:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from geo import Farm
-from sensors.fields import Field, FieldSet
+from sensors.fields import Field
 from wbf_mission.addons.base.plots import LAND, new_sheet, save_sheet
 from wbf_mission.progress import Progress, silent
 from wbf_mission.run.resolve import make_environment
@@ -28,46 +26,33 @@ _PIXELS = 250
 """Maximum number of pixels along the longer side of a map: as many as fit the figure."""
 
 
-@dataclass(frozen=True, slots=True)
 class Dynamics:
-    """Environments of some seeds over `DAYS`."""
+    """Environments of a scenario's farm with some seeds, over `DAYS`.
 
-    farm: Farm
-    fields: FieldSet
-    maps: dict[int, NDArray[np.float32]]
-    """float32[n, W, H]: values of the first seed on the days shown."""
-    sick: NDArray[np.float64]
-    """float64[seeds, days, n], as `lost` and `level`: fraction of plants infected or lost, for a disease."""
-    lost: NDArray[np.float64]
-    level: NDArray[np.float64]
-    """Mean value of each field."""
+    WbfMissionError if the farm is unknown, or needs too much memory.
+    """
 
-    @classmethod
-    def of(cls, scenario: Scenario, seeds: Sequence[int], progress: Progress = silent) -> Self:
-        """Compute the environments of a scenario's farm.
-
-        Raises WbfMissionError if the farm is unknown, or needs too much memory.
-        """
-        farm = scenario.farm.load()
-        maps: dict[int, NDArray[np.float32]] = {}
+    def __init__(self, scenario: Scenario, seeds: Sequence[int], progress: Progress = silent) -> None:
+        self.farm = scenario.farm.load()
+        # float32[n, W, H]: values of the first seed on the days shown.
+        self.maps: dict[int, NDArray[np.float32]] = {}
         found = []
         for number, seed in enumerate(seeds):
             progress("environments", number, len(seeds))
             changed = {"seed": seed, "day": DAYS[0], "days": len(DAYS)}
-            environment = make_environment(scenario_with(scenario, changed), farm)
-            fields = environment.fields
-            masks = [field.mask(farm.grid()) for field in fields]
+            environment = make_environment(scenario_with(scenario, changed), self.farm)
+            self.fields = environment.fields
+            masks = [field.mask(self.farm.grid()) for field in self.fields]
             for day in DAYS:
                 values = environment.values(day)
                 if number == 0 and day in _SHOWN:
-                    maps[day] = values.copy()
+                    self.maps[day] = values.copy()
                 each = [value[mask] for value, mask in zip(values, masks, strict=True)]
                 found += [[(one < 0.75).mean(), (one < 0.25).mean(), one.mean()] for one in each]
-        sick, lost, level = np.moveaxis(
-            np.array(found, np.float64).reshape(len(seeds), len(DAYS), len(fields), 3), -1, 0
-        )
+        shape = len(seeds), len(DAYS), len(self.fields), 3
+        # float64[seeds, days, n]: fraction of plants infected or lost, fraction lost, mean of each field.
+        self.sick, self.lost, self.level = np.moveaxis(np.array(found, np.float64).reshape(shape), -1, 0)
         progress("environments", len(seeds), len(seeds))
-        return cls(farm, fields, maps, sick, lost, level)
 
 
 def plot_dynamics(dynamics: Dynamics, paths: Sequence[Path]) -> None:
@@ -81,9 +66,8 @@ def plot_dynamics(dynamics: Dynamics, paths: Sequence[Path]) -> None:
     )
     for k, field in enumerate(fields):
         mask = field.mask(dynamics.farm.grid())
-        style = _style(field)
         for axes, day in zip(panels[k], _SHOWN, strict=False):
-            image = _show(axes, dynamics.maps[day][k][part], mask[part], style)
+            image = _show(axes, dynamics.maps[day][k][part], mask[part], field)
             if k == 0:
                 axes.set_title(f"day {day}", fontsize=9)
         panels[k, 0].set_ylabel(field.title.replace(" (", "\n("), fontsize=9)
@@ -105,23 +89,23 @@ def _bounds(dynamics: Dynamics) -> tuple[int, int, int, int]:
     return int(x[0]), int(x[-1]) + 1, int(y[0]), int(y[-1]) + 1
 
 
-def _style(field: Field) -> dict[str, Any]:
+def _show(axes: Axes, values: NDArray[np.float32], mask: NDArray[np.bool_], field: Field) -> Any:
+    """Draw a field on one day: the severity of a disease, or the value of another field."""
     from matplotlib.colors import LinearSegmentedColormap
 
-    if field.kind == "disease":
-        return {"cmap": "YlOrBr", "vmin": 0.0, "vmax": 1.0}
-    colours = LinearSegmentedColormap.from_list(field.name, field.colours)
-    return {"cmap": colours, "vmin": 0.0, "vmax": 1.0}
-
-
-def _show(axes: Axes, values: NDArray[np.float32], mask: NDArray[np.bool_], style: dict[str, Any]) -> Any:
-    """Draw a field on one day: the severity of a disease, or the value of another field."""
-    sick = style["cmap"] == "YlOrBr"
+    sick = field.kind == "disease"
     pixels = _pixels(np.where(mask, 1.0 - values if sick else values, np.float32(np.nan)), highest=sick)
     axes.set_facecolor(LAND)
     axes.set_xticks([])
     axes.set_yticks([])
-    return axes.imshow(np.ma.masked_invalid(pixels).T, origin="lower", interpolation="nearest", **style)
+    return axes.imshow(
+        np.ma.masked_invalid(pixels).T,
+        origin="lower",
+        interpolation="nearest",
+        cmap="YlOrBr" if sick else LinearSegmentedColormap.from_list(field.name, field.colours),
+        vmin=0.0,
+        vmax=1.0,
+    )
 
 
 def _pixels(values: NDArray[np.float32], *, highest: bool) -> NDArray[np.float32]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from geo import Crop
 from geo.farms import get_farm
-from wbf_mission.addons.base.page import Page, Picture, Section, field_table, standing_table
+from wbf_mission.addons.base.page import SCORES, Page, Picture, Section, field_table, standing_table
 from wbf_mission.addons.base.plots import CROP_COLOURS, LINE_COLOURS, draw_farm, new_sheet, save_sheet
 from wbf_mission.addons.base.standings import standings
 from wbf_mission.addons.paper.comparison import (
@@ -81,20 +81,15 @@ class Paper:
 
 
 @dataclass(frozen=True, slots=True)
-class _Work:
-    """Inputs shared by all figures: the specification, the folder and the options."""
+class _Sheets:
+    """Pictures in a folder, in the chosen formats."""
 
-    spec: BenchSpec
     folder: Path
     formats: tuple[str, ...]
-    jobs: int
-    cost_farms: tuple[str, ...]
-    dynamics_farms: tuple[str, ...]
-    progress: Progress
 
     def paths(self, name: str) -> list[Path]:
         """Return the files of a picture, one for each format."""
-        return [self.folder / f"{name}.{one}" for one in self.formats]
+        return [self.folder / f"{name}.{suffix}" for suffix in self.formats]
 
     def picture(self, name: str, shows: str) -> Picture:
         """Return a picture for the page: the PNG if one is written."""
@@ -139,24 +134,22 @@ def make_paper(
         get_farm(farm)
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    unique = tuple(dict.fromkeys(formats))
-    work = _Work(spec, folder, unique, jobs, tuple(cost_farms), tuple(dynamics_farms), progress)
+    sheets = _Sheets(folder, tuple(dict.fromkeys(formats)))
     rows: list[BenchRow] = []
     sections = []
-    for name in (one for one in FIGURES if one in figures):
-        if name == "geometry":
-            sections.append(_geometry(work))
-        elif name == "dynamics":
-            sections.append(_dynamics(work))
-        elif name == "comparison":
-            section, rows = _comparison(work)
-            sections.append(section)
-        else:
-            sections.append(_cost(work))
+    if "geometry" in figures:
+        sections.append(_geometry(sheets))
+    if "dynamics" in figures:
+        sections.append(_dynamics(sheets, spec, dynamics_farms, progress))
+    if "comparison" in figures:
+        rows = benchmark(spec, out=folder / "runs", jobs=jobs, progress=progress)
+        sections.append(_comparison(sheets, spec, rows, jobs, progress))
+    if "cost" in figures:
+        sections.append(_cost(sheets, cost_farms, progress))
     page = Page("The figures of the Waterberry Farms paper", _ABOUT, tuple(sections))
     page.write(folder / PAGE)
     stems = [Path(picture.file).stem for section in sections for picture in section.pictures]
-    return Paper(page, (folder / PAGE, *(path for stem in stems for path in work.paths(stem))), tuple(rows))
+    return Paper(page, (folder / PAGE, *(path for stem in stems for path in sheets.paths(stem))), tuple(rows))
 
 
 _ABOUT = (
@@ -165,24 +158,24 @@ _ABOUT = (
 )
 
 
-def _geometry(work: _Work) -> Section:
-    plot_geometry(work.paths("geometry"))
+def _geometry(sheets: _Sheets) -> Section:
+    plot_geometry(sheets.paths("geometry"))
     caption = (
         "The farms of the benchmark; one cell is one square foot. What lies outside the dashed line is the"
         " neighbours': diseases spread there, too, but it is not scored."
     )
-    return Section("The farms", caption, (work.picture("geometry", "The farms"),))
+    return Section("The farms", caption, (sheets.picture("geometry", "The farms"),))
 
 
-def _dynamics(work: _Work) -> Section:
-    name, scenario = work.spec.scenarios[0]
-    seeds, title = work.spec.seeds, f"{len(DAYS)} days of the environment"
-    drawn = {f"dynamics-{farm}": scenario_with(scenario, {"farm": farm}) for farm in work.dynamics_farms}
+def _dynamics(sheets: _Sheets, spec: BenchSpec, of_farms: Sequence[str], progress: Progress) -> Section:
+    name, scenario = spec.scenarios[0]
+    seeds, title = spec.seeds, f"{len(DAYS)} days of the environment"
+    drawn = {f"dynamics-{farm}": scenario_with(scenario, {"farm": farm}) for farm in of_farms}
     pictures, farms = [], []
     for file, one in (drawn or {"dynamics": scenario}).items():
-        dynamics = Dynamics.of(one, seeds, work.progress)
-        plot_dynamics(dynamics, work.paths(file))
-        pictures.append(work.picture(file, f"{len(DAYS)} days of {dynamics.farm.name}"))
+        dynamics = Dynamics(one, seeds, progress)
+        plot_dynamics(dynamics, sheets.paths(file))
+        pictures.append(sheets.picture(file, f"{len(DAYS)} days of {dynamics.farm.name}"))
         farms.append(dynamics.farm.name)
     right = "what becomes of it"
     if len(seeds) > 1:
@@ -194,16 +187,16 @@ def _dynamics(work: _Work) -> Section:
     return Section(title, caption, tuple(pictures))
 
 
-def _comparison(work: _Work) -> tuple[Section, list[BenchRow]]:
-    spec = work.spec
+def _comparison(
+    sheets: _Sheets, spec: BenchSpec, rows: list[BenchRow], jobs: int, progress: Progress
+) -> Section:
     name, scenario = spec.scenarios[0]
-    rows = benchmark(spec, out=work.folder / "runs", jobs=work.jobs, progress=work.progress)
     first = spec.seeds[0]
     failed = {row.key for row in rows if row.error is not None}
     runs = [
         run for run in itertools.islice(spec.runs(), len(spec) // len(spec.seeds)) if run.key not in failed
     ]
-    shown = shown_runs(runs, work.folder / "shown", jobs=work.jobs, progress=work.progress)
+    shown = shown_runs(runs, sheets.folder / "shown", jobs=jobs, progress=progress)
     colours = {str(planner): LINE_COLOURS[k % len(LINE_COLOURS)] for k, planner in enumerate(spec.planners)}
     # An estimator for which every run failed has no figure.
     estimators = [str(one) for one in spec.estimators if any(own == str(one) for _, own in shown)]
@@ -214,11 +207,11 @@ def _comparison(work: _Work) -> tuple[Section, list[BenchRow]]:
     pictures = []
     for number, estimator in enumerate(estimators, 1):
         file = f"comparison-{number}"
-        plot_pairs(scenario, estimator, shown, of_first, colours, work.paths(file))
-        pictures.append(work.picture(file, f"{estimator}: path, truth, estimate and score of each planner"))
-    plot_scores(rows, estimators, colours, work.paths("comparison-scores"))
+        plot_pairs(scenario, estimator, shown, of_first, colours, sheets.paths(file))
+        pictures.append(sheets.picture(file, f"{estimator}: path, truth, estimate and score of each planner"))
+    plot_scores(rows, estimators, colours, sheets.paths("comparison-scores"))
     each = "; ".join(f"{picture.file}: {of}" for picture, of in zip(pictures, estimators, strict=True))
-    pictures.append(work.picture("comparison-scores", "Mean score over time"))
+    pictures.append(sheets.picture("comparison-scores", "Mean score over time"))
     caption = (
         f"Planners with estimators in {name}. A picture for each estimator ({each}) shows the environment"
         f" of seed {first}: the path flown, the truth and the last estimate of the diseases, each on the"
@@ -226,21 +219,24 @@ def _comparison(work: _Work) -> tuple[Section, list[BenchRow]]:
         f" the mean score over {len(spec.seeds)} environments with its interval of 95 %. 0 is perfect."
     )
     found = standings(rows)
-    scores = standing_table("Scores over the run and at its end", found)
     tables = (
-        *(scores, field_table(found)),
-        *(early_table(rows), lead_table(rows), pair_table(rows), fall_table(rows)),
+        standing_table(SCORES, found),
+        field_table(found),
+        early_table(rows),
+        lead_table(rows),
+        pair_table(rows),
+        fall_table(rows),
         authors_table(of_first, shown),
     )
-    return Section("Planners and estimators", caption, tuple(pictures), tables), rows
+    return Section("Planners and estimators", caption, tuple(pictures), tables)
 
 
-def _cost(work: _Work) -> Section:
-    costs = measured_costs(work.folder / "cost.json", farms=work.cost_farms, progress=work.progress)
-    plot_costs(costs, work.paths("cost"))
+def _cost(sheets: _Sheets, farms: Sequence[str], progress: Progress) -> Section:
+    costs = measured_costs(sheets.folder / "cost.json", farms=farms, progress=progress)
+    plot_costs(costs, sheets.paths("cost"))
     caption = (
         "Processor seconds, on one thread, of one estimate of the three fields over the whole farm from"
         " nothing, against the number of observations in random cells; on the right of one score of the whole"
         f" farm. A cross: more than {LIMIT_S:g} s, or refused as too much. Measured on {costs[0].machine}."
     )
-    return Section("What it costs", caption, (work.picture("cost", "What it costs"),))
+    return Section("What it costs", caption, (sheets.picture("cost", "What it costs"),))

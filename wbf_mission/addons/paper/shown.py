@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.atomic import atomic_write
-from geo.processes import Processes
+from geo.processes import CallsAhead
 from mission.ground.tracks import Track
 from mission.outcome import Outcome
 from wbf_mission.addons.base.plots import shown_every
@@ -39,15 +39,7 @@ class ShownRun:
 
     @classmethod
     def flown(cls, run: BenchRun) -> Self:
-        """Fly a run.
-
-        Raises
-        ------
-        WbfMissionError
-            If the run fails, or has no estimate.
-        KeyboardInterrupt
-            At Ctrl-C.
-        """
+        """Fly a run; WbfMissionError if it fails, or has no estimate."""
         result = fly(run.scenario)
         if result.outcome is Outcome.INTERRUPTED:
             raise KeyboardInterrupt
@@ -76,10 +68,7 @@ class ShownRun:
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read a file that `save` wrote.
-
-        Raises ResultError if the file is no saved run.
-        """
+        """Read a file that `save` wrote; ResultError if the file is no saved run."""
         try:
             with np.load(path, allow_pickle=False) as file:
                 arrays = {name: np.asarray(file[name], np.float32) for name in _ARRAYS}
@@ -103,32 +92,22 @@ def shown_runs(
 ) -> dict[tuple[str, str], ShownRun]:
     """Return the data drawn for each run, by planner and estimator; runs absent from the folder are flown.
 
-    Raises
-    ------
-    ResultError
-        If a file in the folder is damaged.
-    WbfMissionError
-        If a run has no result to draw.
-    KeyboardInterrupt
-        At Ctrl-C; finished runs stay in the folder.
+    ResultError if a file in the folder is damaged, another WbfMissionError if a run has no result to draw.
+    At Ctrl-C, finished runs stay in the folder.
     """
     from joblib import effective_n_jobs
 
     folder.mkdir(parents=True, exist_ok=True)
     files = {run.key: folder / f"{run.key}.npz" for run in runs}
-    missing = [run for run in runs if not files[run.key].exists()]
+    missing = [(run, files[run.key]) for run in runs if not files[run.key].exists()]
     jobs = min(effective_n_jobs(jobs), len(missing))
-    progress("maps", len(runs) - len(missing), len(runs))
-    if jobs > 1:
-        with closing(Processes(jobs)) as processes:
-            for begin in range(0, len(missing), processes.most):
-                part = missing[begin : begin + processes.most]
-                futures = [processes.submit(_keep, run, files[run.key]) for run in part]
-                for number, future in enumerate(futures, begin + 1):
-                    future.result()
-                    progress("maps", len(runs) - len(missing) + number, len(runs))
-    else:
-        for number, run in enumerate(missing, 1):
-            _keep(run, files[run.key])
+    with ExitStack() as stack:
+        calls = stack.enter_context(closing(CallsAhead(_keep, missing, jobs))) if jobs > 1 else None
+        for number, (run, file) in enumerate(missing):
             progress("maps", len(runs) - len(missing) + number, len(runs))
+            if calls is None:
+                _keep(run, file)
+            else:
+                calls.result(number)
+    progress("maps", len(runs), len(runs))
     return {(run.planner, run.estimator): ShownRun.load(files[run.key]) for run in runs}

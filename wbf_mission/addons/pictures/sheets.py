@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,17 +59,15 @@ def plot_field(
 ) -> Path:
     """Write the map sheet of one field as a PNG file: estimate, minimum, standard deviation and truth.
 
-    Parameters
-    ----------
-    truth : FieldMap, optional
-        Map of the true values, if known.
-    flown_m : float64[n, 2], optional
-        Path over ground, metres in the farm's frame.
-    about : str
-        First line of the title.
+    `truth` is the map of the true values, if known; `flown_m`, float64[n, 2], the path over ground in the
+    farm's frame; `about` the first line of the title.
     """
     kind, grid = estimate.field.kind, estimate.grid
-    left, right, low, high = _part_shown(farm)
+    left, low, right, high = farm.owner_area.bounds
+    margin = _MARGIN * max(right - left, high - low)
+    left, low = max(0.0, left - margin), max(0.0, low - margin)
+    right = min(farm.width_cells * farm.cell_size_m, right + margin)
+    high = min(farm.height_cells * farm.cell_size_m, high + margin)
     panel_height = min(max(4.9 * (high - low) / (right - left), 3.2), 6.5)
     figure = new_figure(12.0, 2.0 * panel_height + 1.3)
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
@@ -77,14 +75,14 @@ def plot_field(
         left=0.06, right=0.95, bottom=0.55 / figure.get_figheight(), top=1.0 - 0.95 / figure.get_figheight()
     )
     figure.subplots_adjust(wspace=0.12, hspace=0.14)
-    share_style = _share_style(estimate)
-    shown: tuple[tuple[NDArray[np.float64] | None, dict[str, Any], str, str], ...] = (
-        (estimate.share, *share_style),
-        (np.where(np.isfinite(estimate.least), estimate.least, np.nan), *_least_style(estimate)),
-        (estimate.deviation, *_deviation_style(estimate)),
-        (None if truth is None else truth.share, *share_style),
+    of_share, of_least, of_deviation = _styles(estimate)
+    shown = (
+        (estimate.share, of_share),
+        (np.where(np.isfinite(estimate.least), estimate.least, np.nan), of_least),
+        (estimate.deviation, of_deviation),
+        (None if truth is None else truth.share, of_share),
     )
-    for number, (axes, name, (pixels, style, scale, unit)) in enumerate(
+    for number, (axes, name, (pixels, style)) in enumerate(
         zip(panels.flat, _TITLES[kind], shown, strict=True)
     ):
         axes.set_facecolor(LAND)
@@ -97,7 +95,7 @@ def plot_field(
             text = "not known" if number == 3 else "this estimator does not tell how sure it is"
             axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", fontsize=9)
         else:
-            _show(figure, axes, pixels, grid, style, scale, unit)
+            _show(figure, axes, pixels, grid, style)
         _name_blocks(axes, grid, (left, right, low, high))
         if number < 2 and flown_m is not None and len(flown_m):
             label = "path flown"
@@ -119,32 +117,23 @@ def plot_field(
     return save_figure(figure, path)
 
 
-def _show(
-    figure: Figure,
-    axes: Axes,
-    pixels: NDArray[np.float64],
-    grid: MapGrid,
-    style: dict[str, Any],
-    scale: str,
-    unit: str,
-) -> None:
+def _show(figure: Figure, axes: Axes, pixels: NDArray[np.float64], grid: MapGrid, style: _Style) -> None:
     # The last column and row of pixels may extend beyond the farm.
-    extent = [0.0, 0.0, 0.0, 0.0]
-    extent[1], extent[3] = (n * grid.pixel * grid.cell_size_m for n in pixels.shape)
+    right, top = (n * grid.pixel * grid.cell_size_m for n in pixels.shape)
     image = axes.imshow(
         np.ma.masked_invalid(pixels).T,
         origin="lower",
-        extent=(extent[0], extent[1], extent[2], extent[3]),
+        extent=(0.0, right, 0.0, top),
         interpolation="nearest",
         aspect="equal",
         zorder=1,
-        **style,
+        **style.image,
     )
     bar = figure.colorbar(image, ax=axes, fraction=0.04, pad=0.045, extend="neither")
-    bar.set_label(unit, fontsize=8)
-    if scale == "worst":
+    bar.set_label(style.label, fontsize=8)
+    if style.ticks == "worst":
         bar.set_ticks([0.0, 0.5, 1.0], labels=["lost", "infected", "healthy"])
-    elif scale == "percent":
+    elif style.ticks == "percent":
         from matplotlib.ticker import FuncFormatter
 
         bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda share, _: f"{100.0 * share:.3g} %"))
@@ -152,39 +141,41 @@ def _show(
     bar.ax.tick_params(labelsize=7)
 
 
-def _share_style(of: FieldMap) -> tuple[dict[str, Any], str, str]:
+class _Style(NamedTuple):
+    """Colours of a panel, as arguments of `imshow`; ticks and label of its colour bar."""
+
+    image: dict[str, Any]
+    ticks: str
+    label: str
+
+
+def _styles(of: FieldMap) -> tuple[_Style, _Style, _Style]:
+    """Return the styles of the share, the minimum and the deviation of a field."""
     from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
-    if of.field.kind != "disease":
-        colours = LinearSegmentedColormap.from_list(of.field.name, of.field.colours)
-        return {"cmap": colours, "vmin": 0.0, "vmax": 1.0}, "plain", of.field.unit
-    if of.grid.pixel == 1:
-        return {"cmap": "YlOrBr", "vmin": 0.0, "vmax": 1.0}, "percent", "probability of being sick"
-    # On a large farm a few plants in a thousand are sick, but nearly all plants within an outbreak.
-    top = max(_LARGEST_SHARE, float(np.nanmax(of.share, initial=0.0)))
-    norm = LogNorm(top / _SHARE_RANGE, top, clip=True)
-    return {"cmap": "YlOrBr", "norm": norm}, "percent", "part of the plants that is sick"
-
-
-def _least_style(of: FieldMap) -> tuple[dict[str, Any], str, str]:
-    from matplotlib.colors import LinearSegmentedColormap
-
-    if of.field.kind != "disease":
-        style, _, unit = _share_style(of)
-        return style, "plain", unit
-    colours = LinearSegmentedColormap.from_list("worst", WORST_COLOURS)
-    return {"cmap": colours, "vmin": 0.0, "vmax": 1.0}, "worst", ""
-
-
-def _deviation_style(of: FieldMap) -> tuple[dict[str, Any], str, str]:
-    deviation = of.deviation
+    field, deviation = of.field, of.deviation
     # Pixels with few plants, at borders, have large deviations that would flatten the colour scale.
     whole = of.cells >= 0.9 * of.cells.max()
-    top = 1.0 if deviation is None else float(np.max(deviation[whole], initial=0.0))
-    style = {"cmap": "viridis", "vmin": 0.0, "vmax": max(top, 1e-6)}
-    if of.field.kind == "disease":
-        return style, "percent", "standard deviation, percentage points"
-    return style, "plain", f"standard deviation, {of.field.unit}"
+    most = 1.0 if deviation is None else float(np.max(deviation[whole], initial=0.0))
+    doubt = {"cmap": "viridis", "vmin": 0.0, "vmax": max(most, 1e-6)}
+    whole_range = {"vmin": 0.0, "vmax": 1.0}
+    if field.kind != "disease":
+        colours = LinearSegmentedColormap.from_list(field.name, field.colours)
+        plain = _Style({"cmap": colours, **whole_range}, "plain", field.unit)
+        return plain, plain, _Style(doubt, "plain", f"standard deviation, {field.unit}")
+    if of.grid.pixel == 1:
+        share = _Style({"cmap": "YlOrBr", **whole_range}, "percent", "probability of being sick")
+    else:
+        # On a large farm a few plants in a thousand are sick, but nearly all plants within an outbreak.
+        top = max(_LARGEST_SHARE, float(np.nanmax(of.share, initial=0.0)))
+        norm = LogNorm(top / _SHARE_RANGE, top, clip=True)
+        share = _Style({"cmap": "YlOrBr", "norm": norm}, "percent", "part of the plants that is sick")
+    worst = {"cmap": LinearSegmentedColormap.from_list("worst", WORST_COLOURS), **whole_range}
+    return (
+        share,
+        _Style(worst, "worst", ""),
+        _Style(doubt, "percent", "standard deviation, percentage points"),
+    )
 
 
 def _name_blocks(axes: Axes, grid: MapGrid, shown: tuple[float, float, float, float]) -> None:
@@ -202,19 +193,6 @@ def _name_blocks(axes: Axes, grid: MapGrid, shown: tuple[float, float, float, fl
         middle = (j + 0.5) * block
         if low <= middle <= high:
             axes.text(right + 0.006 * (right - left), middle, str(j + 1), ha="left", va="center", **small)
-
-
-def _part_shown(farm: Farm) -> tuple[float, float, float, float]:
-    """Return the bounds of the owner's land with a margin (m): least x, greatest x, least y, greatest y."""
-    left, low, right, high = farm.owner_area.bounds
-    width, height = farm.width_cells * farm.cell_size_m, farm.height_cells * farm.cell_size_m
-    margin = _MARGIN * max(right - left, high - low)
-    return (
-        max(0.0, left - margin),
-        min(width, right + margin),
-        max(0.0, low - margin),
-        min(height, high + margin),
-    )
 
 
 def _mark_finds(axes: Axes, of: FieldMap) -> None:

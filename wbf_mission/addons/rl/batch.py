@@ -107,9 +107,7 @@ class Batch:
         of.uncertainty[run] = 1.0
         of.visited[run] = 0.0
         of.dirty[run] = 0
-        resume_errors(
-            rules.masks, of.truth[run], of.value[run], of.dirty[run], of.partial[run], of.sums[run, 0]
-        )
+        resume_errors(rules, of, run, 0)
         self.loss_before[run] = self.last_loss[run] = self._losses(np.array([run]), 0)[0]
 
     def move(self, runs: NDArray[np.int64], actions: NDArray[np.int64]) -> NDArray[np.float64]:

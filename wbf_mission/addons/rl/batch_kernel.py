@@ -61,28 +61,10 @@ class Runs(NamedTuple):
 
 
 @compiled(nogil=True, allocates=False)
-def resume_errors(
-    masks: NDArray[np.bool_],
-    truth: NDArray[np.float32],
-    estimate: NDArray[np.float32],
-    dirty: NDArray[np.int64],
-    partial: NDArray[np.float64],
-    sums: NDArray[np.float64],
-) -> None:
-    """Sum the squared errors of all fields, in each tile from the first changed column.
-
-    Parameters
-    ----------
-    masks : bool[k, W, H]
-        The relevant cells.
-    truth, estimate : float32[k, W, H]
-    dirty : int64[tiles along x, tiles along y]
-        First column of each tile that is not summed yet; updated.
-    partial : float64[k, tiles along x, tiles along y, TILE_CELLS + 1, 2]
-        Sums before each column, over all cells and over overestimated cells; updated.
-    sums : float64[k, 2]
-        Output: the same sums over all tiles.
-    """
+def resume_errors(rules: Rules, runs: Runs, run: int, time: int) -> None:
+    """Write a run's sums of squared errors to ``sums[run, time]``; tiles resume at their changed column."""
+    masks, truth, estimate = rules.masks, runs.truth[run], runs.value[run]
+    dirty, partial, sums = runs.dirty[run], runs.partial[run], runs.sums[run, time]
     width, height = masks.shape[1], masks.shape[2]
     tiles_x, tiles_y = dirty.shape
     for tile in range(tiles_x):
@@ -155,14 +137,7 @@ def advance(going: NDArray[np.int64], actions: NDArray[np.int64], rules: Rules, 
             for one in range(first, number + 1):
                 _paint(rules, runs, run, one, radius)
             if (number + 1) % rules.every == 0 or number + 1 == most:
-                resume_errors(
-                    rules.masks,
-                    runs.truth[run],
-                    runs.value[run],
-                    runs.dirty[run],
-                    runs.partial[run],
-                    runs.sums[run, runs.scored[run]],
-                )
+                resume_errors(rules, runs, run, runs.scored[run])
                 runs.scored[run] += 1
 
 

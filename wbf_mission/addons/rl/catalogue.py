@@ -24,15 +24,8 @@ class Interfaces:
     """`parallel_env`."""
 
     def __str__(self) -> str:
-        had = [
-            word
-            for word, missing in (
-                ("make", self.single),
-                ("make_vec", self.batched),
-                ("parallel_env", self.parallel),
-            )
-            if not missing
-        ]
+        ways = {"make": self.single, "make_vec": self.batched, "parallel_env": self.parallel}
+        had = [way for way, missing in ways.items() if not missing]
         why = self.parallel or self.single or self.batched
         return f"{self.name}: {', '.join(had) or 'none'}{f' ({why})' if why else ''}"
 

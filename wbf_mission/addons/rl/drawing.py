@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from wbf_mission.addons.base.plots import WORST_COLOURS, ramp, rgb
 from wbf_mission.addons.rl.errors import TrainingError
 from wbf_mission.addons.rl.observing import block_means
 from wbf_mission.addons.rl.task import SurveyTask
@@ -25,7 +26,6 @@ _NARROWEST = 130  # Minimum width of a panel with its captions
 _GAP, _HEAD, _FOOT, _LINE, _TEXT = 12, 58, 48, 17, 12
 _BAR = slice(_HEAD - 12, _HEAD - 4)
 _PAPER, _INK, _EDGE, _KEPT_OUT, _SPENT = "#ffffff", "#222222", "#8a8378", "#6f6a63", "#dddddd"
-_SICK = ("#3d0a3a", "#f29e38", "#dfeaf2")  # Lost, infected, healthy: distinct without red and green
 _UNCERTAIN = ("#ffffff", "#b7d3e8", "#5b9bcb")
 _LAND = {
     "none": "#f4f1ea",
@@ -58,22 +58,10 @@ class Scene(NamedTuple):
 
 
 class Drawing:
-    """Draws the frames of a task, all of the same shape.
+    """Draws the frames of a task, all of the same `shape`: height, width and 3.
 
-    Parameters
-    ----------
-    field : str, optional
-        Field to draw; by default the one with the largest weight in the score.
-
-    Attributes
-    ----------
-    shape : tuple of int
-        Height, width and 3.
-
-    Raises
-    ------
-    TrainingError
-        If the task has no such field.
+    `field` is drawn, by default the one with the largest weight in the score; TrainingError if the task has
+    no such field.
     """
 
     def __init__(self, task: SurveyTask, field: str | None = None) -> None:
@@ -93,7 +81,8 @@ class Drawing:
         # Video codecs require even sizes.
         self.shape = height + height % 2, width + width % 2, 3
         sick = self._field.kind == "disease"
-        self._tones = _ramp(_SICK if sick else self._field.colours), _ramp(_UNCERTAIN)
+        known = WORST_COLOURS if sick else self._field.colours
+        self._tones = _pack(ramp(known, _TONES)), _pack(ramp(_UNCERTAIN, _TONES))
         self._ends = ("lost", "healthy") if sick else ("0", "1"), ("certain", "uncertain")
         self._land, self._scored = self._farm()
         self._over, self._over_colours = self._lines()
@@ -117,12 +106,13 @@ class Drawing:
             out[top : top + high, left : left + wide] = panel
         (day, flight), whole = scene.flight, self.shape[1] - 2 * _GAP
         moves = self._task.steps - 1
-        texts = [f"day {day}", f"flight {flight}"] if len(self._task.flights) > 1 else [f"day {day}"]
-        texts += [f"step {round((1.0 - scene.left[0]) * moves)} of {moves}"]
-        texts += [
-            f"budget left {scene.left[1]:.0%}",
-            *([f"score {scene.score:.4f}"] if scene.score <= 0.0 else []),
-        ]
+        texts = [f"day {day}"]
+        if len(self._task.flights) > 1:
+            texts.append(f"flight {flight}")
+        texts.append(f"step {round((1.0 - scene.left[0]) * moves)} of {moves}")
+        texts.append(f"budget left {scene.left[1]:.0%}")
+        if scene.score <= 0.0:
+            texts.append(f"score {scene.score:.4f}")
         self._write(out, _GAP, 8 + _LINE, ", ".join(texts))
         out[_BAR, _GAP : _GAP + round(scene.left[1] * whole)] = _packed(_EDGE)
         # Pillow drops the fourth byte many times faster than NumPy.
@@ -142,7 +132,7 @@ class Drawing:
     def _farm(self) -> tuple[_Pixels, NDArray[np.bool_]]:
         """Return the land's colour, and whether the field is scored, at the first cell of each block."""
         grid, cells = self._task.grid, np.s_[:: self._block, :: self._block]
-        land = np.array([_rgb(_LAND.get(crop, _OTHER_CROP)) for crop in grid.crops], np.float64)
+        land = np.array([rgb(_LAND.get(crop, _OTHER_CROP)) for crop in grid.crops], np.float64)
         colours = np.array([_pack(land), _pack(255.0 - _NEIGHBOURS * (255.0 - land))])
         scored = self._task.fields.masks(grid)[self._k]
         return colours[1 - grid.owned[cells], grid.crop[cells]], scored[cells]
@@ -209,12 +199,8 @@ def _font() -> Any:
     return ImageFont.load_default(_TEXT)
 
 
-def _rgb(colour: str) -> NDArray[np.uint8]:
-    return np.frombuffer(bytes.fromhex(colour[1:]), np.uint8)
-
-
 def _packed(colour: str) -> np.uint32:
-    return _pack(_rgb(colour))[()]  # type: ignore[no-any-return]
+    return _pack(np.array(rgb(colour), np.uint8))[()]  # type: ignore[no-any-return]
 
 
 def _pack(colours: NDArray[Any]) -> _Pixels:
@@ -222,10 +208,3 @@ def _pack(colours: NDArray[Any]) -> _Pixels:
     four = np.zeros((*colours.shape[:-1], 4), np.uint8)
     four[..., :3] = colours if colours.dtype == np.uint8 else np.rint(colours)
     return four.view(np.uint32)[..., 0]
-
-
-def _ramp(colours: Sequence[str]) -> _Pixels:
-    """Return a gradient through the colours, uint32[_TONES]."""
-    stops = np.array([_rgb(colour) for colour in colours], np.float64)
-    at = np.linspace(0.0, len(stops) - 1.0, _TONES)
-    return _pack(np.column_stack([np.interp(at, np.arange(len(stops)), stops[:, part]) for part in range(3)]))

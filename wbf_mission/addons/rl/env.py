@@ -95,7 +95,7 @@ class SurveyEnv(OneEpisode, gymnasium.Env[Observation, Any]):
         render_mode: str | None = None,
         render_field: str | None = None,
     ) -> None:
-        self.task = SurveyTask.of(scenario, estimator)
+        self.task = SurveyTask(scenario, estimator)
         several = why_not_single(self.task.scenario)
         if several:
             raise TrainingError(several)
@@ -154,7 +154,7 @@ def end_info(episode: Episode) -> dict[str, Any]:
     return {
         "score": episode.score,
         "final_score": episode.final_score,
-        "loss_before": episode.returns.loss_before,
+        "loss_before": episode.loss_before,
     }
 
 

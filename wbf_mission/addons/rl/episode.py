@@ -36,11 +36,15 @@ class Episode:
 
     As in a flight, an image arrives after the robot has moved on: the image at home arrives with the one
     after the first move. Images of each robot follow those of the previous robot. Equal seeds give the same
-    environment and the same camera errors.
-
-    `cells`, int64[robots, 2], are the robots' cells. `moved` is the number of moves of each robot in this
-    flight, and `path` the cells of these moves, home first. `seen`, float32[W, H], is 1 in observed cells.
+    environment and the same camera errors. `seen`, float32[W, H], is 1 in observed cells.
     """
+
+    cells: NDArray[np.int64]
+    """Cells of the robots, int64[robots, 2]."""
+    moved: int
+    """Number of moves of each robot in this flight."""
+    path: list[NDArray[np.int64]]
+    """Cells of these moves, home first."""
 
     def __init__(self, task: SurveyTask, seed: int) -> None:
         self.task, self.seed = task, seed
@@ -55,8 +59,9 @@ class Episode:
         self.truth = self._environment.values(of.day)
         score = RunningScore(self.truth, masks, weights, task.fields)
         self._estimate = RunEstimate(self._learner, score, task.every, of.day)
-        self.returns = Returns(task.points, score.evaluate(self.model()).loss)
-        self._scored = 0
+        # Loss of the estimate before any observation, and at the last scored time.
+        self.loss_before = self._last_loss = score.evaluate(self.model()).loss
+        self._scored, self._rewards = 0, 0.0  # Number of scored times, and the sum of their rewards
         self.seen = np.zeros(task.grid.shape, np.float32)
         self._flight = 0
         self._actions: list[list[int]] = []
@@ -117,12 +122,10 @@ class Episode:
         a flight the robots are back at home for the next flight.
         """
         self._actions.append(list(actions))
-        task, (width, height) = self.task, self.task.grid.shape
-        before = self.cells.copy()
-        for robot, action in enumerate(actions):
-            x, y = (self.cells[robot] + MOVES[action]).tolist()
-            if 0 <= x < width and 0 <= y < height and task.allowed[x, y]:
-                self.cells[robot] = x, y
+        task, before = self.task, self.cells
+        moves = self._actions[-1]
+        possible = task.possible(before)[np.arange(task.robots), moves]
+        self.cells = before + MOVES[moves] * possible[:, None]
         for robot in range(task.robots):
             if self.moved == 0:
                 self._look(robot, before[robot])
@@ -133,10 +136,15 @@ class Episode:
             self._end_flight()
         # Waiting for the estimate also waits for its scores.
         self.model()
-        entries = self._estimate.history.entries
-        reward = self.returns.add([entry.loss for entry in entries[self._scored :]])
-        self._scored = len(entries)
-        return reward + self.returns.rest(self.score) if self.ended else reward
+        reward = 0.0
+        for entry in self._estimate.history.entries[self._scored :]:
+            self._scored += 1
+            reward += float(rewards_of(self._scored, task.points, self._last_loss, entry.loss))
+            self._last_loss = entry.loss
+        self._rewards += reward
+        if self.ended and self._scored != task.points:  # Some images lay outside the farm.
+            reward += self.loss_before + self.score - self._rewards
+        return reward
 
     def scene(self) -> Scene:
         """Return the contents of the run's frame."""
@@ -196,49 +204,12 @@ def _again(task: SurveyTask, seed: int, actions: list[list[int]]) -> Episode:
     return episode
 
 
-def rewards_of(
-    number: NDArray[np.integer], points: int, before: NDArray[np.float64], after: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the reward of each scored time; `number` counts from 1 to `points`.
+def rewards_of(number: Any, points: int, before: Any, after: Any) -> Any:
+    """Return the reward at scored times, arrays or scalars; `number` counts from 1 to `points`.
 
-    `before` and `after`, float64[n], are the losses at the previous scored time and at this one.
+    `before` and `after` are the losses at the previous scored time and at this one.
 
     >>> rewards_of(np.array([1, 2]), 2, np.array([3.0, 2.0]), np.array([2.0, 0.0])).tolist()
     [1.0, 1.0]
     """
-    part = np.maximum(points - number + 1, 0) / points
-    rewards: NDArray[np.float64] = part * (before - after)
-    return rewards
-
-
-class Returns:
-    """Rewards of one run, starting from the loss of the estimate before any observation.
-
-    `points` is the number of scored times of a run with all its images on the farm.
-    """
-
-    def __init__(self, points: int, loss: float) -> None:
-        self.points = points
-        self.loss_before = loss
-        self.total = 0.0
-        self._last = loss
-        self._count = 0
-
-    def add(self, losses: list[float]) -> float:
-        """Return the reward of the next scored times."""
-        reward = 0.0
-        for loss in losses:
-            self._count += 1
-            number, before, after = np.array([self._count]), np.array([self._last]), np.array([loss])
-            reward += float(rewards_of(number, self.points, before, after)[0])
-            self._last = loss
-        self.total += reward
-        return reward
-
-    def rest(self, score: float) -> float:
-        """Return the missing reward at the end, which is 0 unless images lay outside the farm."""
-        if self._count == self.points:
-            return 0.0
-        rest = self.loss_before + score - self.total
-        self.total += rest
-        return rest
+    return np.maximum(points - number + 1, 0) / points * (before - after)

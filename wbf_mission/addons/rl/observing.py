@@ -23,20 +23,8 @@ MOST_BLOCKS = 64
 class Shown:
     """Spaces and observations of a task.
 
-    Parameters
-    ----------
-    block : int, optional
-        Side of a map block, cells; by default the smallest that `MOST_BLOCKS` allows.
-
-    Attributes
-    ----------
-    map_shape : tuple of int
-        Blocks along x and y.
-
-    Raises
-    ------
-    TrainingError
-        If `block` is not a whole number of cells within the farm.
+    `block` is the side of a map block in cells, by default the smallest that `MOST_BLOCKS` allows.
+    `map_shape` has the blocks along x and y. TrainingError if `block` is no number of cells within the farm.
     """
 
     def __init__(self, task: SurveyTask, block: int | None = None) -> None:
@@ -86,12 +74,8 @@ def _unit(shape: tuple[int, ...]) -> spaces.Box:
 def block_means(array: NDArray[np.float32], block: int, out: NDArray[np.float32]) -> None:
     """Write the means of the square blocks of maps, limited to 0..1, to `out`.
 
-    Parameters
-    ----------
-    array : float32[n, W, H]
-    block : int
-        Side of a block; blocks at the far borders are smaller.
-    out : float32[n, ceil(W / block), ceil(H / block)]
+    `array` is float32[n, W, H], and `out` float32[n, ceil(W / block), ceil(H / block)]; blocks at the far
+    borders are smaller.
     """
     number, width, height = array.shape
     for k in range(number):

@@ -25,15 +25,7 @@ from wbf_mission.scenario import Scenario
 class SurveyParallelEnv(OneEpisode, ParallelEnv):  # type: ignore[misc]  # PettingZoo is not typed
     """Robots that survey a farm together, with a common reward.
 
-    Parameters
-    ----------
-    scenario, estimator, block, render_mode, render_field
-        As of `wbf_mission.addons.rl.env.SurveyEnv`, for one or several of the paper's robots.
-
-    Raises
-    ------
-    TrainingError, WbfMissionError
-        As of `wbf_mission.addons.rl.env.SurveyEnv`.
+    Parameters and errors are those of `wbf_mission.addons.rl.env.SurveyEnv`, for one or several robots.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -50,7 +42,7 @@ class SurveyParallelEnv(OneEpisode, ParallelEnv):  # type: ignore[misc]  # Petti
         render_mode: str | None = None,
         render_field: str | None = None,
     ) -> None:
-        self.task = SurveyTask.of(scenario, estimator)
+        self.task = SurveyTask(scenario, estimator)
         self.render_mode = render_mode
         self._rendering = Rendering(self.task, render_mode, render_field)
         self.shown = Shown(self.task, block)

@@ -20,19 +20,9 @@ HUMAN, ARRAY = "human", "rgb_array"
 
 
 class Rendering:
-    """Renderer of an environment's runs.
+    """Renderer of an environment's runs, in one of `modes` or not at all; `field` as of `Drawing`.
 
-    Parameters
-    ----------
-    mode : str or None
-        One of `modes`; None renders nothing.
-    field : str or None
-        As of `wbf_mission.addons.rl.drawing.Drawing`.
-
-    Raises
-    ------
-    TrainingError
-        If `mode` or `field` is unknown, or a library is missing.
+    TrainingError if `mode` or `field` is unknown, or a library is missing.
     """
 
     def __init__(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +16,6 @@ from sensors.environment import Environment
 from sensors.errors import EstimatorError
 from sensors.estimators import Estimator
 from sensors.field_files import load_field_set
-from sensors.fields import FieldSet
 from wbf_mission.addons.rl.catalogue import why_not_stepped
 from wbf_mission.addons.rl.errors import TrainingError
 from wbf_mission.run.estimation import estimator_of, readings_a_score
@@ -49,63 +47,41 @@ def checked_moves(actions: object, shape: tuple[int, ...], who: str) -> NDArray[
     return moves.astype(np.int64)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class SurveyTask:
-    """A scenario of the paper's robots: one cell per step, and one image of each cell."""
+    """A scenario of the paper's robots, or its id or file: one cell per step, and one image of each cell."""
 
-    scenario: Scenario  # Contains the estimator; its seed is not used
-    farm: Farm
-    grid: FarmGrid
-    fields: FieldSet
-    cameras: tuple[LeafCameraOptions, ...]  # Camera of each robot
-    home: tuple[int, int]  # Start cell of every flight
-    allowed: NDArray[np.bool_]  # bool[W, H]: cells open to flight, which are the owner's without obstacles
-    robots: int
-    steps: int  # Images per robot and flight, including the one at home; moves are one less
-    flights: tuple[tuple[int, int], ...]  # Day of each flight of the run, and its number on that day
-    every: int  # Number of readings between scored times of a flight
-    points: int  # Number of scored times of the run
-
-    @classmethod
-    def of(cls, scenario: Scenario | str | Path, estimator: Estimator | str = "adaptive-disk") -> SurveyTask:
-        """Return the task of a scenario, or of its id or file."""
+    def __init__(self, scenario: Scenario | str | Path, estimator: Estimator | str = "adaptive-disk") -> None:
         given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
         name = given.farm.name if isinstance(scenario, Scenario) else str(scenario)
-        given = scenario_with(given, {"estimator": estimator})
-        robots = len(given.vehicle.fleet)
-        unfit = why_not_stepped(given)
-        if unfit:
+        # With the estimator; the seed is not used.
+        self.scenario = given = scenario_with(given, {"estimator": estimator})
+        if unfit := why_not_stepped(given):
             raise TrainingError(f"{name}: {unfit}")
         assert given.mission.budget is not None
-        steps = int(parse_budget(given.mission.budget)[0])
-        farm = given.farm.load()
-        grid, fields = farm.grid(), load_field_set(given.farm.fields)
-        cameras = cameras_of(given, fields)
+        self.robots = len(given.vehicle.fleet)
+        # Images per robot and flight, including the one at home; moves are one less.
+        self.steps = int(parse_budget(given.mission.budget)[0])
+        self.farm = farm = given.farm.load()
+        self.grid, self.fields = farm.grid(), load_field_set(given.farm.fields)
+        self.cameras = cameras_of(given, self.fields)  # Camera of each robot
         of = given.farm
-        flights = tuple(
+        # Day of each flight of the run, and its number on that day.
+        self.flights = tuple(
             (day, flight)
             for day in range(of.day, of.day + of.days)
             for flight in range(1, of.flights_per_day + 1)
         )
-        readings = robots * steps * given.camera.footprint**2
-        learner = estimator_of(given.estimate.estimator, 0, fields)
-        every = readings_a_score(given.score.points, farm, learner, len(flights), readings, ideal=True)
-        home = int(farm.home_m[0] / farm.cell_size_m), int(farm.home_m[1] / farm.cell_size_m)
-        return cls(
-            scenario=given,
-            farm=farm,
-            grid=grid,
-            fields=fields,
-            cameras=cameras,
-            home=home,
-            allowed=_allowed(farm, grid),
-            robots=robots,
-            steps=steps,
-            flights=flights,
-            every=every,
-            # Each flight is scored at its end, too, and each later day at its start.
-            points=len(flights) * -(-readings // every) + of.days - 1,
-        )
+        readings = self.robots * self.steps * given.camera.footprint**2
+        learner = estimator_of(given.estimate.estimator, 0, self.fields)
+        points, count = given.score.points, len(self.flights)
+        # Number of readings between scored times of a flight.
+        self.every = readings_a_score(points, farm, learner, count, readings, ideal=True)
+        # Number of scored times of the run. Each flight is scored at its end, too, and each later day at its
+        # start.
+        self.points = count * -(-readings // self.every) + of.days - 1
+        # Start cell of every flight.
+        self.home = int(farm.home_m[0] / farm.cell_size_m), int(farm.home_m[1] / farm.cell_size_m)
+        self.allowed = _allowed(farm, self.grid)
 
     def possible(self, cells: NDArray[np.integer]) -> NDArray[np.bool_]:
         """Return the possible moves, bool[n, 5], from cells int[n, 2]; staying is always possible."""
@@ -143,7 +119,7 @@ class SurveyTask:
 
 
 def _allowed(farm: Farm, grid: FarmGrid) -> NDArray[np.bool_]:
-    """Mark the owner's cells without an obstacle at their centre."""
+    """Return the cells open to flight, bool[W, H]: the owner's without an obstacle at their centre."""
     allowed: NDArray[np.bool_] = np.array(grid.owned)
     if farm.obstacles:
         x, y = np.nonzero(allowed)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +71,7 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
     ) -> None:
         if num_envs < 1:
             raise TrainingError(f"num_envs {num_envs}: give one or more")
-        self.task = SurveyTask.of(scenario, estimator)
+        self.task = SurveyTask(scenario, estimator)
         _require_batch(self.task)
         self.num_envs = num_envs
         self.shown = Shown(self.task, block)
@@ -90,7 +90,6 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         self.copy = copy
         self._batch = Batch(self.task, num_envs)
         self._rngs: list[np.random.Generator | None] = [None] * num_envs
-        self._seeds = np.zeros(num_envs, np.int64)
         self._ended = np.ones(num_envs, np.bool_)
         self._begun = False
         shape, maps = self.shown.map_shape, 2 * len(self.task.fields) + 1
@@ -123,11 +122,11 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         if len(seeds) != self.num_envs or mask.shape != (self.num_envs,):
             msg = f"reset: {len(seeds)} seeds and a mask of {mask.shape} for {self.num_envs} environments"
             raise TrainingError(msg)
-        runs = np.flatnonzero(mask)
-        for run in runs.tolist():
-            self._begin(run, seeds[run])
+        info: dict[str, Any] = {}
+        for run in np.flatnonzero(mask).tolist():
+            self._begin(run, seeds[run], info)
         self._begun = True
-        return self._observation(), self._begin_info(mask)
+        return self._observation(), info
 
     def step(
         self, actions: NDArray[np.int64]
@@ -136,26 +135,30 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
 
         Raises TrainingError, without a move, unless there is a whole number 0 to 4 for each run.
         """
-        ended, batch = self._ended, self._batch
+        ended, batch = self._ended.copy(), self._batch
         if not self._begun or (self.autoreset_mode is AutoresetMode.DISABLED and ended.any()):
             raise TrainingError("an episode is over, or was not begun: call reset")
         actions = checked_moves(actions, (self.num_envs,), "actions")
         rewards = batch.move(np.flatnonzero(~ended), actions)
         info: dict[str, Any] = {}
-        anew = ended.copy()
         for run in np.flatnonzero(ended).tolist():
-            self._begin(run, None)
-        over = (batch.counts == self.task.steps) & ~anew
+            self._begin(run, None, info)
+        over = (batch.counts == self.task.steps) & ~ended
         self._ended = over.copy()
-        if over.any():
-            info = self._end_info(over)
-            if self.autoreset_mode is AutoresetMode.SAME_STEP:
-                info = self._with_final_observations(info, over)
-                for run in np.flatnonzero(over).tolist():
-                    self._begin(run, None)
-                anew = over
-        if anew.any():
-            info |= self._begin_info(anew)
+        restarts = self.autoreset_mode is AutoresetMode.SAME_STEP
+        last = self._observation() if restarts and over.any() else {}
+        for run in np.flatnonzero(over).tolist():
+            end = {
+                "score": batch.score(run),
+                "final_score": float(-batch.last_loss[run]),
+                "loss_before": float(batch.loss_before[run]),
+            }
+            if restarts:
+                final = {name: array[run].copy() for name, array in last.items()}
+                self._add_info(info, {"final_obs": final, "final_info": end}, run)
+                self._begin(run, None, info)
+            else:
+                self._add_info(info, end, run)
         return self._observation(), rewards, over, np.zeros(self.num_envs, np.bool_), info
 
     def action_masks(self) -> _Bools:
@@ -169,14 +172,16 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         frames = [self._rendering.frame(self._batch.scene(run)) for run in range(self.num_envs)]
         return None if self.render_mode is None else tuple(frame for frame in frames if frame is not None)
 
-    def _begin(self, run: int, seed: int | None) -> None:
+    def _begin(self, run: int, seed: int | None, info: dict[str, Any]) -> None:
+        """Restart a run, and add its seed to `info`."""
         rng = self._rngs[run]
         if seed is not None or rng is None:
             rng, _ = seeding.np_random(seed)
             self._rngs[run] = rng
-        self._seeds[run] = run_seed(seed, rng)
-        self._batch.begin(run, int(self._seeds[run]))
+        environment = run_seed(seed, rng)
+        self._batch.begin(run, environment)
         self._ended[run] = False
+        self._add_info(info, {"environment": environment}, run)
 
     def _observation(self) -> Observation:
         batch = self._batch
@@ -197,48 +202,30 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
             "seen": maps[:, 2 * k],
         }
 
-    def _begin_info(self, begun: _Bools) -> dict[str, Any]:
-        return {"environment": np.where(begun, self._seeds, 0), "_environment": begun.copy()}
 
-    def _end_info(self, over: _Bools) -> dict[str, Any]:
-        batch = self._batch
-        scores = np.zeros(self.num_envs)
-        scores[over] = [batch.score(run) for run in np.flatnonzero(over).tolist()]
-        found = {
-            "score": scores,
-            "final_score": np.where(over, -batch.last_loss, 0.0),
-            "loss_before": np.where(over, batch.loss_before, 0.0),
-        }
-        return found | {f"_{name}": over.copy() for name in found}
-
-    def _with_final_observations(self, info: dict[str, Any], over: _Bools) -> dict[str, Any]:
-        """Add Gymnasium's entries for runs that ended and restarted in the same step."""
-        shown = self._observation()
-        final = np.full(self.num_envs, None, dtype=object)
-        for run in np.flatnonzero(over).tolist():
-            final[run] = {name: array[run].copy() for name, array in shown.items()}
-        return {
-            "final_obs": final,
-            "_final_obs": over.copy(),
-            "final_info": info,
-            "_final_info": over.copy(),
-        }
+def warm_up(begin: Callable[[str], None]) -> None:
+    """Compile the training environments ahead of use, by one step."""
+    begin("training environments")
+    # Two runs, because arrays of a single run are contiguous and would be compiled separately.
+    envs = SurveyVectorEnv(2, "WBF/Miniberry-10-v1")
+    envs.reset(seed=0)
+    envs.step(np.zeros(2, np.int64))
+    envs.close()
 
 
 def _require_batch(task: SurveyTask) -> None:
     scenario = task.scenario
     estimator = task.estimator(0)
-    plain = type(estimator) is AdaptiveDiskEstimator and not any(
-        (estimator.default_values is not None, estimator.radius is not None)
-    )
-    if not plain:
+    if (
+        type(estimator) is not AdaptiveDiskEstimator
+        or estimator.default_values is not None
+        or estimator.radius is not None
+    ):
         raise TrainingError(
             f"estimator {scenario.estimate.estimator} is not batched, only adaptive-disk is: give"
             ' vectorization_mode="sync" to gymnasium.make_vec'
         )
-    several = why_not_single(scenario)
-    if several:
+    if several := why_not_single(scenario):
         raise TrainingError(several)
-    unfit = why_not_batched(scenario)
-    if unfit:
+    if unfit := why_not_batched(scenario):
         raise TrainingError(f'{unfit}: give vectorization_mode="sync" to gymnasium.make_vec')

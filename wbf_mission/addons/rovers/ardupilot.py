@@ -26,7 +26,6 @@ from sim_vehicle.autopilot.behaviour import actions_by_value
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.parameters import Setting, motion_parameters, reference_parameters
 from sim_vehicle.autopilot.stick_rules import StickLoss, StickRules, bits
-from sim_vehicle.motion.legs import Leg, LegKind
 from wbf_mission.addons.rovers.procedures import RoverProcedures
 
 if TYPE_CHECKING:
@@ -34,7 +33,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.legs import Position
+    from sim_vehicle.motion.legs import Leg, Position
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.weather.wind import Wind
     from wbf_mission.addons.rovers.motion.layout import RoverLimits
@@ -100,11 +99,11 @@ class ArduRover(RoverProcedures):
         )
 
     def law(self, spec: VehicleSpec) -> NDArray[np.float64]:
-        """Return the parameters of the compiled motion, `wbf_mission.addons.rovers.ardurover.kernel.LAW`."""
+        """Return the parameters of the compiled motion, `wbf_mission.addons.rovers.motion.ardurover.LAW`."""
         from sim_vehicle.motion.columns import row_of
-        from wbf_mission.addons.rovers.ardurover.kernel import LAW
+        from wbf_mission.addons.rovers.motion.ardurover import LAW
 
-        value, number, dt = self.values(spec), self.numbers(spec), spec.step_s
+        value, number, dt, limits = self.values(spec), self.numbers(spec), spec.step_s, self.limits(spec)
         skid = value["SERVO1_FUNCTION"] == _SKID
         accel = value["ATC_ACCEL_MAX"] or _ANY_ACCELERATION
         decel = value["ATC_DECEL_MAX"] or accel
@@ -112,30 +111,27 @@ class ArduRover(RoverProcedures):
         if value["WP_ACCEL"] > 0.0:
             path = min(path, value["WP_ACCEL"])
         jerk = value["WP_JERK"] or path
-        lateral = value["ATC_TURN_MAX_G"] * GRAVITY_M_S2
-        turn_radius = 0.0 if skid else value["TURN_RADIUS"]
         cruise, throttle = value["CRUISE_SPEED"], 0.01 * value["CRUISE_THROTTLE"]
-        pivots = skid and value["WP_PIVOT_ANGLE"] > 5.0
         number |= {
             "dt": dt,
             "accel": path,
             "accel_z": path,
             "jerk": jerk,
             "snap": _SNAP,
-            "corner": lateral,
-            "wp_radius": max(value["WP_RADIUS"], turn_radius),
+            "corner": limits.lateral,
+            "wp_radius": max(value["WP_RADIUS"], limits.turn_radius),
             "pace_filter": min(1.0, dt * jerk / path),
             "error_filter": _share(dt, value["PSC_VEL_FLTE"]),
             "acceleration": accel,
             "deceleration": decel,
-            "lateral": lateral,
-            "turn_speed": math.sqrt(0.5 * lateral * turn_radius),
+            "lateral": limits.lateral,
+            "turn_speed": math.sqrt(0.5 * limits.lateral * limits.turn_radius),
             "steer_acceleration": math.radians(value["ATC_STR_ACC_MAX"] or 1e5),
             "steer_rate": math.radians(value["ATC_STR_RAT_MAX"] or 1e5),
             "steer_filter": _share(dt, value["ATC_STR_RAT_FLTE"]),
-            "tightest": 0.0 if skid else max(turn_radius, 0.1),
+            "tightest": 0.0 if skid else max(limits.turn_radius, 0.1),
             "steer_lag": min(1.0, dt / _TRACK_LAG_S),
-            "pivot_angle": math.radians(value["WP_PIVOT_ANGLE"]) if pivots else 0.0,
+            "pivot_angle": limits.pivot_begin,
             "pivot_rate": math.radians(value["WP_PIVOT_RATE"] or value["ATC_STR_RAT_MAX"] or 1e5),
             "pivot_delay": value["WP_PIVOT_DELAY"] / dt,
             "drive_base": throttle / cruise if cruise > 0.0 else 0.0,
@@ -150,11 +146,11 @@ class ArduRover(RoverProcedures):
     ) -> list[Leg]:
         """Return a leg home at the speed of RTL_SPEED, with a stop at the end."""
         speed = self.value(spec, "RTL_SPEED") or spec.cruise_speed_m_s
-        return [Leg((return_point[0], return_point[1], 0.0), speed, kind=LegKind.HOME)]
+        return super().return_legs(spec, last, speed, return_point)
 
     def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
         """Return the motion of a vehicle at rest at home."""
-        from wbf_mission.addons.rovers.ardurover.model import ArduRover as Driven
+        from wbf_mission.addons.rovers.motion.model import ArduRover as Driven
 
         return Driven(spec, self.limits, self.law, wind, yaw_rad)
 

@@ -1,13 +1,71 @@
-"""Vehicle kind of rovers."""
+"""Vehicle kind of rovers: power for rolling resistance, drag and acceleration, without recuperation.
+
+`wbf_mission.addons.rovers.motion.kernel` compiles the power model.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from importlib import resources
+from typing import TYPE_CHECKING
 
 from sim_vehicle.airframe.kind import Movement, VehicleKind
-from wbf_mission.addons.rovers.power import RoverPowerSpec
+from sim_vehicle.airframe.power_spec import (
+    BATTERY_LOSS,
+    CONSTANT_POWER,
+    DRAG,
+    GRAVITY_M_S2,
+    MASS,
+    OWN_DRAG,
+    PER_EFFICIENCY,
+    FurtherPowerSpec,
+)
 
-__all__ = ["ROVER"]
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RoverPowerSpec(FurtherPowerSpec):
+    """Parameters of the power model of a ground vehicle (`rover_power`)."""
+
+    rolling_resistance: float = 0.08
+    """Rolling drag divided by weight."""
+    drag_area_m2: float = 0.2
+    """Drag coefficient times frontal area."""
+    efficiency: float = 0.6
+    avionics_w: float = 15.0
+
+    @property
+    def own_drag(self) -> float:
+        """Rolling drag (N)."""
+        return self.rolling_resistance * (self.mass_kg * GRAVITY_M_S2)
+
+    def steady_w(
+        self, numbers: NDArray[np.float64], airspeed: float, climb: float, load: float, acceleration: float
+    ) -> float:
+        """Return the power of steady driving."""
+        return rover_power(numbers, airspeed, airspeed, acceleration)
+
+
+def rover_power(power: NDArray[np.float64], speed: float, airspeed: float, acceleration: float) -> float:
+    """Return the power of a ground vehicle, watts from the cells of its battery.
+
+    Parameters
+    ----------
+    power : float64[COEFFICIENTS]
+    speed : float
+        Ground speed, at least 0.
+    airspeed : float
+        Airspeed along the direction of travel: above `speed` in a head wind, negative in a strong tail wind.
+    acceleration : float
+        Acceleration along the direction of travel.
+    """
+    pull = power[OWN_DRAG] + power[DRAG] * airspeed * abs(airspeed) + power[MASS] * acceleration
+    total = power[CONSTANT_POWER] + power[PER_EFFICIENCY] * max(pull * speed, 0.0)
+    return float(total * (1.0 + power[BATTERY_LOSS] * total))
+
 
 ROVER = VehicleKind(
     "rover",

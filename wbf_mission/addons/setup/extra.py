@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import Message
@@ -17,7 +16,7 @@ if TYPE_CHECKING:
     from sim_vehicle.mavlink.vehicle_command import Result, VehicleCommand
     from sim_vehicle.mavlink.wire_state import WireState
 
-__all__ = ["GyroCalibration", "SetupExtra"]
+__all__ = ["SetupExtra"]
 
 _FIRST_FREE_SERVO, _LAST_SERVO = 5, 16
 _FAILED = m.MAV_RESULT_FAILED
@@ -34,8 +33,9 @@ class SetupExtra(VehicleExtra):
 
     def __init__(self, state: WireState, parameters: ParameterSet, plans: PlanReceiver) -> None:
         super().__init__(state, parameters, plans)
-        self._calibration = GyroCalibration(lambda text: state.pilot.note(Severity.INFO, text))
-        self.timed = (self._calibration,)
+        self._remaining_texts: list[str] = []
+        self.due_s = NEVER
+        self.timed = (self,)
         self.commands = {
             m.MAV_CMD_PREFLIGHT_CALIBRATION: self._calibrate,
             m.MAV_CMD_DO_SET_ACTUATOR: lambda _: None,
@@ -49,11 +49,23 @@ class SetupExtra(VehicleExtra):
         }
 
     def _calibrate(self, command: VehicleCommand) -> None:
-        """Calibrate the gyroscopes, with status texts if the autopilot sends such texts."""
+        """Calibrate the gyroscopes: PX4's sequence of status texts, which clients wait for.
+
+        A vehicle at rest has no offsets to estimate, so only time passes. Sources: PX4
+        ``calibration_messages.h`` and ``gyro_calibration.cpp``.
+        """
         if self.state.pilot.armed:
             raise RefusedError("Calibration refused: armed", text=self.state.mavlink.calibration_text)
         if command.number(1) == 1 and self.state.mavlink.reports_calibration:
-            self._calibration.begin(self.state.now_us / 1e6)
+            self._remaining_texts = list(_CALIBRATION_TEXTS)
+            self.due_s = self.state.now_us / 1e6
+
+    def poll(self, now_s: float) -> list[Message]:
+        """Send the status texts that are due; there are no other messages."""
+        while self.due_s <= now_s:
+            self.state.pilot.note(Severity.INFO, self._remaining_texts.pop(0))
+            self.due_s = self.due_s + _CALIBRATION_STEP_S if self._remaining_texts else NEVER
+        return []
 
     def _servo(self, command: VehicleCommand) -> Result:
         """DO_SET_SERVO: motor outputs are refused."""
@@ -61,36 +73,3 @@ class SetupExtra(VehicleExtra):
         if 1 <= channel < _FIRST_FREE_SERVO:
             self.state.pilot.warn(f"ServoRelayEvent: Channel {channel} is already in use")
         return None if _FIRST_FREE_SERVO <= channel <= _LAST_SERVO else _FAILED
-
-
-class GyroCalibration:
-    """Gyroscope calibration: PX4's sequence of status texts, which clients wait for.
-
-    A vehicle at rest has no offsets to estimate, so only time passes. Sources: PX4 ``calibration_messages.h``
-    and ``gyro_calibration.cpp``.
-
-    Examples
-    --------
-    >>> calibration = GyroCalibration(print)
-    >>> calibration.begin(5.0)
-    >>> calibration.poll(5.0)
-    [cal] calibration started: 2 gyro
-    []
-    """
-
-    def __init__(self, say: Callable[[str], None]) -> None:
-        self._note = say
-        self._remaining_texts: list[str] = []
-        self.due_s = NEVER
-
-    def begin(self, now_s: float) -> None:
-        """Begin the calibration, or restart a running one."""
-        self._remaining_texts = list(_CALIBRATION_TEXTS)
-        self.due_s = now_s
-
-    def poll(self, now_s: float) -> list[Message]:
-        """Send the status texts that are due; there are no other messages."""
-        while self.due_s <= now_s:
-            self._note(self._remaining_texts.pop(0))
-            self.due_s = self.due_s + _CALIBRATION_STEP_S if self._remaining_texts else NEVER
-        return []

@@ -104,6 +104,7 @@ def sim_command(
     Links use the loopback interface unless their address says otherwise. Stop the simulator with Ctrl-C or
     SIGTERM: the vehicles then send a last HEARTBEAT with the state POWEROFF, and the log is complete.
     """
+    from geo.atomic import atomic_write
     from mission.link.tlog import TlogWriter
     from sim_vehicle.execution.state import EPOCH_UNIX_S
     from sim_vehicle.host.injection import fault_part, injection
@@ -170,7 +171,8 @@ def sim_command(
             for wrong in injected.faults:
                 output.note(f"fault: {wrong}")
             if ready_file is not None:
-                _write_ready(ready_file, server.urls)
+                with atomic_write(ready_file) as file:
+                    file.writelines(f"{url}\n" for url in server.urls)
                 cleanup.callback(ready_file.unlink, missing_ok=True)
             limit_s = math.inf if chosen.duration_s is None else chosen.duration_s
             stopped = server.run(until=None if followed is None else followed.begin(), limit_s=limit_s)
@@ -188,7 +190,7 @@ def sim_command(
             {"system": v.system_id, "outcome": v.outcome.value, "outcome_text": v.outcome_text}
             for v in simulated.vehicles
         ],
-        "pictures": simulated.images,
+        "pictures": sum(camera.image_count for camera in simulated.cameras),
         "urls": list(server.urls),
         "tlog": str(tlog) if tlog else None,
     }
@@ -245,18 +247,11 @@ def _signing(key: str | None) -> Signing | None:
     return Signing(key_from_text(key), clock=time.time)
 
 
-def _write_ready(path: Path, urls: tuple[str, ...]) -> None:
-    from geo.atomic import atomic_write
-
-    with atomic_write(path) as file:
-        file.write("".join(f"{url}\n" for url in urls))
-
-
 def _greeting(simulated: Simulated, vehicle: str, urls: tuple[str, ...]) -> str:
     point, number = simulated.vehicle.home, len(simulated.vehicles)
     several = f"{number} x " if number > 1 else ""
     where = f"{point.latitude_deg:.6f}, {point.longitude_deg:.6f}"
-    who = f"{several}{vehicle} as {simulated.autopilot} at {where}"
+    who = f"{several}{vehicle} as {simulated.fleet.autopilot.name} at {where}"
     return f"{who} on {', '.join(_some(urls))}; Ctrl-C ends it"
 
 

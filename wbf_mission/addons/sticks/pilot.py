@@ -189,12 +189,11 @@ class StickWing:
         return end / self._controls.spec.cruise_speed_m_s if limits.by_rate else math.tan(end)
 
 
-_SEVERITY = {
-    action: place
-    for place, action in enumerate(
-        (Action.NONE, Action.WARN, Action.HOLD, Action.RETURN, Action.LAND, Action.DISARM, Action.TERMINATE)
-    )
-}
+# Place of an action in the order of severity.
+_severity = (
+    *(Action.NONE, Action.WARN, Action.HOLD, Action.RETURN),
+    *(Action.LAND, Action.DISARM, Action.TERMINATE),
+).index
 # Look-ahead time of a rover's course under steering.
 _STEERS_AHEAD_S = 0.5
 # Stick position of 90 % throttle, ArduPlane's threshold for a go-around (``Plane::update_flight_stage``).
@@ -320,7 +319,7 @@ class StickPilot:
         """Action on the loss of the sticks in the present mode."""
         loss = self._rules.loss
         action = loss.actions.get(int(loss.action.of(self._parameters)), Action.NONE)
-        return max(action, loss.in_stick_modes, key=_SEVERITY.__getitem__) if self._flies else action
+        return max(action, loss.in_stick_modes, key=_severity) if self._flies else action
 
     @property
     def _limit_s(self) -> float:
@@ -359,7 +358,7 @@ class StickPilot:
         reaction = Reaction(action, Outcome.LINK_LOST, "sticks lost")
         delay_s = 0.0 if loss.delay is None else loss.delay.of(self._parameters)
         self._moves = False
-        if delay_s > 0.0 and _SEVERITY[action] > _SEVERITY[Action.HOLD]:
+        if delay_s > 0.0 and _severity(action) > _severity(Action.HOLD):
             self._controls.note(Severity.CRITICAL, loss.delayed.format(delay_s))
             self._later, self._left = (controls.now_s + delay_s, reaction), mode
             yield Reaction(Action.HOLD, Outcome.RUNNING, "")

@@ -13,12 +13,12 @@ from wbf_mission.cli import options
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import MISSION_SUFFIXES, Force, TargetError, option, refuse_overwrite
 from wbf_mission.cli.output import Output
-from wbf_mission.scenario import Scenario, ScenarioError
-from wbf_mission.scenario.scenario import PARTS
+from wbf_mission.scenario import ScenarioError
 
 if TYPE_CHECKING:
     from wbf_mission.addons.treatment.next_flight import NextFlight
     from wbf_mission.addons.treatment.treatment_map import TreatmentMap
+    from wbf_mission.scenario import Scenario
 
 EXAMPLES = """
 Examples
@@ -43,51 +43,46 @@ _OF_NEXT = (
 """Options that affect only the next flight."""
 
 
+def _cost(text: str, metavar: str = "COST") -> Any:
+    return option(text, panel=_COSTS, metavar=metavar)
+
+
+_Texts = list[str] | None
+
+
 @dataclass(frozen=True, slots=True)
 class _Costs:
     """Options of costs, thresholds and treatment rates."""
 
     treat_cost: Annotated[
-        list[str] | None,
-        option(
+        _Texts,
+        _cost(
             f"Cost of treating a hectare, in any currency: {_HOW}.  [default: relative to --loss, as the"
-            " field's costs of errors]",
-            panel=_COSTS,
-            metavar="COST",
+            " field's costs of errors]"
         ),
     ] = None
     loss: Annotated[
-        list[str] | None,
-        option(
-            f"Loss on an untreated hectare that needs treatment: {_HOW}.  [default: relative to"
-            " --treat-cost]",
-            panel=_COSTS,
-            metavar="COST",
+        _Texts,
+        _cost(
+            f"Loss on an untreated hectare that needs treatment: {_HOW}.  [default: relative to --treat-cost]"
         ),
     ] = None
     look_cost: Annotated[
-        list[str] | None,
-        option(
-            f"Cost of another look at a hectare: {_HOW}.  [default: a tenth of --treat-cost, an assumption]",
-            panel=_COSTS,
-            metavar="COST",
+        _Texts,
+        _cost(
+            f"Cost of another look at a hectare: {_HOW}.  [default: a tenth of --treat-cost, an assumption]"
         ),
     ] = None
     low_below: Annotated[
-        list[str] | None,
-        option(
-            f"Treatment threshold of a continuous field: {_HOW}.  [default: 0.4, an assumption]",
-            panel=_COSTS,
-            metavar="VALUE",
-        ),
+        _Texts,
+        _cost(f"Treatment threshold of a continuous field: {_HOW}.  [default: 0.4, an assumption]", "VALUE"),
     ] = None
     rate: Annotated[
-        list[str] | None,
-        option(
+        _Texts,
+        _cost(
             "Application rate on treated land: [FIELD=]NUMBER[UNIT], may be repeated.  [default: 200L/ha;"
             " for soil humidity 10mm]",
-            panel=_COSTS,
-            metavar="RATE",
+            "RATE",
         ),
     ] = None
     block: Annotated[
@@ -101,16 +96,11 @@ class _Costs:
 
     def given(self) -> dict[str, list[str]]:
         """Return the given options as arguments of `wbf_mission.addons.treatment.zones.costs_of`."""
-        keys = {
-            "treat": self.treat_cost,
-            "loss": self.loss,
-            "look": self.look_cost,
-            "below": self.low_below,
-            "rate": self.rate,
-        }
         if self.block is not None and not 0.01 <= self.block <= 1000.0:
             raise ScenarioError(f"--block {self.block:g} is out of range: give 0.01 to 1000 metres")
-        return {key: texts for key, texts in keys.items() if texts}
+        every = (self.treat_cost, self.loss, self.look_cost, self.low_below, self.rate)
+        keys = ("treat", "loss", "look", "below", "rate")
+        return {key: texts for key, texts in zip(keys, every, strict=True) if texts}
 
 
 @options.scenario_options(
@@ -167,8 +157,7 @@ def map_command(
     """Make the treatment map of a flight: GeoTIFF, zones, prescriptions, a page for the farmer."""
     from mission.files import Firmware, write_mission
     from wbf_mission.addons.treatment.gis import require_gis
-    from wbf_mission.addons.treatment.treatment_map import SUMMARY, write_whole_map
-    from wbf_mission.results.files import write_json
+    from wbf_mission.addons.treatment.map_files import write_map
 
     require_gis()
     inputs = [given.file, log, observations]
@@ -181,16 +170,19 @@ def map_command(
         flight = None
         if next_plan is not None:
             from wbf_mission.addons.treatment.next_flight import plan_next
+            from wbf_mission.preflight.run import check_plans
 
             flight = plan_next(of, scenario, progress=progress)
-            _check_plan(output, flight, force=force)
-        files = write_whole_map(of, folder.filled, progress)
-        summary = {**of.summary(), "next": None if flight is None else flight.summary()}
-        write_json(folder.filled / SUMMARY, summary)
+            checked = [(flight.plan, flight.vehicle)]
+            check_plans(checked, "nothing was written", output.events, force=force)
+            for warning in flight.plan.warnings:
+                output.warn(warning)
+        planned = None if flight is None else flight.summary()
+        files = write_map(of, folder.filled, progress, next=planned)
         folder.commit()
     if flight is not None and next_plan is not None:
         write_mission(flight.plan.mission, next_plan, firmware=Firmware(flight.plan.mav_autopilot))
-    summary["files"] = [str(out / file.name) for file in files]
+    summary = {**of.summary(), "next": planned, "files": [str(out / file.name) for file in files]}
     output.result(summary, _rows(of, flight, out, next_plan), title=f"{of.farm.name}: treatment map")
 
 
@@ -221,9 +213,7 @@ def _treatment(
     progress("reading", 1, 1)
     flown = result.scenario
     # The next flight is planned by a policy, even if the logged flight was a mission file.
-    parts = {name: getattr(flown, name) for name in PARTS}
-    parts["mission"] = replace(flown.mission, file=None)
-    planned = given.change(Scenario(**parts, seed=flown.seed))
+    planned = given.change(replace(flown, mission=replace(flown.mission, file=None)))
     return treatment_of_result(result, source=f"the results in {log.name}", **wanted), planned
 
 
@@ -249,7 +239,7 @@ def _folder(out: Path, inputs: list[Path | None], *, overwrite: bool) -> Iterato
     TargetError if the folder holds an input, or holds other files and `overwrite` is false.
     """
     from geo.atomic import AtomicFolder, FolderError
-    from wbf_mission.addons.treatment.treatment_map import SUMMARY, is_part
+    from wbf_mission.addons.treatment.map_files import SUMMARY, is_part
 
     if out.exists() and not out.is_dir():
         raise TargetError(f"{out}: is a file, not a folder for the map; give another name")
@@ -265,14 +255,6 @@ def _folder(out: Path, inputs: list[Path | None], *, overwrite: bool) -> Iterato
             yield folder
     except FolderError as error:
         raise TargetError(f"{out}: {error}") from error
-
-
-def _check_plan(output: Output, flight: NextFlight, *, force: bool) -> None:
-    from wbf_mission.preflight.run import check_plans
-
-    check_plans([(flight.plan, flight.vehicle)], "nothing was written", output.events, force=force)
-    for warning in flight.plan.warnings:
-        output.warn(warning)
 
 
 def _rows(of: TreatmentMap, flight: NextFlight | None, out: Path, plan: Path | None) -> dict[str, str]:

@@ -6,7 +6,6 @@ The page loads nothing, so that it can be sent by mail and opened offline. It fi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
@@ -16,18 +15,17 @@ from geo import Farm
 from geo.atomic import atomic_write
 from wbf_mission.addons.base.farm_drawing import FarmDrawing
 from wbf_mission.addons.base.html_page import html_document
+from wbf_mission.addons.base.plots import rgb
+from wbf_mission.addons.treatment.treatment_map import TreatmentMap
 from wbf_mission.addons.treatment.zone_shapes import Zone
 from wbf_mission.addons.treatment.zones import HEALTHY, LOOK, TREAT, FieldCosts, ZoneMap, is_water
-from wbf_mission.maps.report import FarmReport, percent
+from wbf_mission.maps.report import percent
 
 _COLOURS = {TREAT: "#b3261e", LOOK: "#f2b705", HEALTHY: "#8fc08b"}
 _LISTED = 3  # Zones of each kind in a table
 _PAGE_MM = 250.0
 _MAP_MM = 88.0
 _MAP_WIDTH, _WIDE_MM, _NARROW_MM, _NARROW_FROM = "MAP", 84, 68, 3
-_PER_HECTARE = "/ha"
-_M3_PER_MM_HA = 10.0
-_DECIMALS = 5
 _LEAST_SHARE = 1e-3  # Smallest share written with digits
 
 _STYLE = """
@@ -58,30 +56,20 @@ td, th { padding: 0.3mm 1mm 0.3mm 0; }
 """
 
 
-@dataclass(frozen=True, slots=True)
-class Page:
-    """Content of the page."""
-
-    farm: Farm
-    maps: Sequence[ZoneMap]
-    zones: Sequence[Zone]
-    report: FarmReport
-    about: str
-    source: str
-    notes: Sequence[str]
-    states_deviation: bool  # Whether the estimator's uncertainty is a standard deviation
-
-
-def write_page(path: Path, page: Page) -> None:
-    """Write the page as an HTML file."""
-    title = f"{page.farm.name}: what to treat"
-    height_mm = min(_MAP_MM, _PAGE_MM / max(len(page.maps), 1) - 6.0)
-    sections = "".join(_section(page, zone_map) for zone_map in page.maps)
-    source = f" Made from {escape(page.source)}." if page.source else ""
-    notes = "".join(f" {escape(note)}." for note in page.notes)
+def write_page(path: Path, of: TreatmentMap) -> None:
+    """Write the page of a treatment map as an HTML file."""
+    title = f"{of.farm.name}: what to treat"
+    height_mm = min(_MAP_MM, _PAGE_MM / max(len(of.zone_maps), 1) - 6.0)
+    sentences = of.report.rows()
+    sections = "".join(
+        _section(of, zone_map, sentences.get(zone_map.field.title, "")) for zone_map in of.zone_maps
+    )
+    source = f" Made from {escape(of.source)}." if of.source else ""
+    notes = "".join(f" {escape(note)}." for note in of.notes)
+    made = f"day {of.day}, estimated by {of.estimator} from {len(of.observations):,} readings"
     doubt = " It gives no uncertainty, so nothing is marked to be looked at again."
-    about = f"{escape(page.about)}.{source}{notes}{'' if page.states_deviation else doubt}"
-    map_mm = _WIDE_MM if len(page.maps) < _NARROW_FROM else _NARROW_MM
+    about = f"{escape(made)}.{source}{notes}{'' if of.states_deviation else doubt}"
+    map_mm = _WIDE_MM if len(of.zone_maps) < _NARROW_FROM else _NARROW_MM
     zones = "".join(f".zone{zone} {{ fill: {colour}; }}\n" for zone, colour in _COLOURS.items())
     style = (
         f"{_STYLE.replace(_MAP_WIDTH, str(map_mm))}{zones}section > svg {{ max-height: {height_mm:.1f}mm; }}"
@@ -91,9 +79,12 @@ def write_page(path: Path, page: Page) -> None:
         file.write(html_document(title, body, style=style))
 
 
-def _section(page: Page, of: ZoneMap) -> str:
-    zones = [zone for zone in page.zones if zone.field == of.field.name]
-    listed = _listed(zones)
+def _section(treatment: TreatmentMap, of: ZoneMap, sentence: str) -> str:
+    zones = [zone for zone in treatment.zones if zone.field == of.field.name]
+    # The zones to visit: those with the most need, then those with the most gain by a look.
+    worst = sorted((z for z in zones if z.zone == TREAT), key=lambda z: -z.need * z.area_ha)
+    look = sorted((z for z in zones if z.zone == LOOK), key=lambda z: -z.gain)
+    listed = [*worst[:_LISTED], *look[:_LISTED]]
     areas = {zone: of.area_ha(zone) for zone in (TREAT, LOOK, HEALTHY)}
     whole = sum(areas.values())
     bar, done = "", 0.0
@@ -106,22 +97,14 @@ def _section(page: Page, of: ZoneMap) -> str:
         f"{of.word(zone)} {area_in_words(area)}, {percent(area / whole, _LEAST_SHARE)}</span>"
         for zone, area in areas.items()
     )
-    title, sentences = escape(of.field.title), page.report.rows()
     return (
-        f"<section>\n{_map(page.farm, of, listed)}\n<div><h2>{title}</h2>\n"
+        f"<section>\n{_map(treatment.farm, of, listed)}\n<div><h2>{escape(of.field.title)}</h2>\n"
         f'<p class="main">{_main(of, zones)}</p>\n'
         f'<svg class="bar" viewBox="0 0 100 1" preserveAspectRatio="none">{bar}</svg>'
         f'<div class="key">{key}</div>\n'
-        f"{_table(of, listed)}<p>{escape(sentences.get(of.field.title, ''))}.</p>\n"
+        f"{_table(of, listed)}<p>{escape(sentence)}.</p>\n"
         f'<p class="small">{_costs(of)}</p></div>\n</section>\n'
     )
-
-
-def _listed(zones: Sequence[Zone]) -> list[Zone]:
-    """Return the zones to visit: those with the most need, then those with the most gain by a look."""
-    worst = sorted((z for z in zones if z.zone == TREAT), key=lambda z: -z.need * z.area_ha)[:_LISTED]
-    look = sorted((z for z in zones if z.zone == LOOK), key=lambda z: -z.gain)[:_LISTED]
-    return [*worst, *look]
 
 
 def _main(of: ZoneMap, zones: Sequence[Zone]) -> str:
@@ -132,10 +115,10 @@ def _main(of: ZoneMap, zones: Sequence[Zone]) -> str:
         return f"{text}."
     rate, unit = of.costs.rate, of.costs.rate_unit
     at = f"at {rate:g} {escape(unit)}"
-    if unit.endswith(_PER_HECTARE):
-        at = f"{_number(rate * sprayed)} {escape(unit.removesuffix(_PER_HECTARE))} {at}"
-    elif unit == "mm":
-        at = f"{_number(rate * sprayed * _M3_PER_MM_HA)} m³ {at}"
+    if unit.endswith("/ha"):
+        at = f"{_number(rate * sprayed)} {escape(unit.removesuffix('/ha'))} {at}"
+    elif unit == "mm":  # 10 m³ a hectare
+        at = f"{_number(rate * sprayed * 10.0)} m³ {at}"
     return f"{verb} {area_in_words(sprayed)}: {at}."
 
 
@@ -145,7 +128,7 @@ def _table(of: ZoneMap, listed: Sequence[Zone]) -> str:
     what = "sick" if of.field.kind == "disease" else "chance of it"
     rows = "".join(
         f'<tr><td><span class="dot">{number}</span></td><td>{zone.word}</td>'
-        f'<td class="n">{zone.latitude_deg:.{_DECIMALS}f}, {zone.longitude_deg:.{_DECIMALS}f}</td>'
+        f'<td class="n">{zone.latitude_deg:.5f}, {zone.longitude_deg:.5f}</td>'
         f'<td class="n">{area_in_words(zone.area_ha)}</td>'
         f'<td class="n">{percent(zone.need, _LEAST_SHARE)}</td></tr>'
         for number, zone in enumerate(listed, start=1)
@@ -174,7 +157,7 @@ def _map(farm: Farm, of: ZoneMap, listed: Sequence[Zone]) -> str:
     drawing = FarmDrawing.of(farm)
     palette = np.zeros((4, 3), np.uint8)
     for zone, colour in _COLOURS.items():
-        palette[zone] = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
+        palette[zone] = rgb(colour)
     dots = "".join(
         drawing.dot(*farm.frame.from_wgs84(zone.latitude_deg, zone.longitude_deg), str(number))
         for number, zone in enumerate(listed, start=1)

@@ -10,10 +10,8 @@ from threadpoolctl import threadpool_limits
 from geo import Farm
 from sensors.errors import ObservationError
 from sensors.estimation import attribute_errors_to, checked_prediction, prepare_days
-from sensors.estimators import Estimator
 from sensors.fields import FieldSet
 from sensors.observations import Observations
-from sensors.scoring.information import InformationModel
 from wbf_mission.addons.treatment.logs import LogError, read_track
 from wbf_mission.addons.treatment.logs.telemetry import observations_in
 from wbf_mission.addons.treatment.readings import is_cells, join, read_readings
@@ -41,24 +39,10 @@ def treatment_of_log(
 ) -> TreatmentMap:
     """Return the treatment map of a flight's readings.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        Scenario, of which only farm, fields, day, footprint, estimator and seed are used.
-    log : Path, optional
-        Flight log (`wbf_mission.addons.treatment.logs.read_track`); without one the readings need positions.
-    observations : Path, optional
-        A table of readings (`wbf_mission.addons.treatment.readings`), or a file of
-        `sensors.observations.Observations`. A .tlog with a leaf camera needs none.
-    costs : mapping, optional
-        See `wbf_mission.addons.treatment.zones.costs_of`.
-    block_m : float, optional
-        See `wbf_mission.addons.treatment.zones.block_grid`.
-
-    Raises
-    ------
-    WbfMissionError
-        If a file cannot be read, a value is out of range, or no reading is on the farm.
+    Of the scenario, farm, fields, day, footprint, estimator and seed are used. Without a `log` (`read_track`)
+    the readings need positions. `observations` is a table of readings (`read_readings`) or a file of
+    `Observations`; a .tlog with a leaf camera needs none. `costs` and `block_m`: see `zones`. WbfMissionError
+    if a file cannot be read, a value is out of range, or no reading is on the farm.
     """
     farm, fields = farm_of(scenario.farm)
     scenario = naming_estimator(scenario, farm, fields)
@@ -73,8 +57,17 @@ def treatment_of_log(
         for k, field in enumerate(fields)
         if not sensed[:, k].any()
     )
-    day = int(seen.day.max())
-    model, estimator = _estimate(scenario, farm, fields, seen, progress)
+    estimator = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
+    require_run_memory(farm, estimator, len(seen))
+    first, day = int(seen.day.min()), int(seen.day.max())
+    # One BLAS thread, so that sums in user code do not depend on the number of cores.
+    with threadpool_limits(1, user_api="blas"), attribute_errors_to(estimator):
+        estimator.fit(farm.grid())
+        prepare_days(estimator, first, day - first + 1, progress)
+        progress("estimating", 0, 1)
+        estimator.partial_fit(seen)
+        model = checked_prediction(estimator)
+        progress("estimating", 1, 1)
     return TreatmentMap(
         farm,
         fields,
@@ -96,10 +89,7 @@ def treatment_of_result(
 ) -> TreatmentMap:
     """Return the treatment map of a run, from the run's estimate at the end of its last day.
 
-    Raises
-    ------
-    WbfMissionError
-        If costs cannot be read, or the run has no observations.
+    WbfMissionError if costs cannot be read, or the run has no observations.
     """
     if result.model is None or not len(result.observations):
         raise ObservationError("the run saw nothing of the farm: there is no estimate to map")
@@ -154,21 +144,3 @@ def _observed(
             raise
         raise ObservationError(f"{table}: {error}") from None
     return seen, (*notes, *left_out)
-
-
-def _estimate(
-    scenario: Scenario, farm: Farm, fields: FieldSet, seen: Observations, progress: Progress
-) -> tuple[InformationModel, Estimator]:
-    """Return the model estimated from the observations, and the estimator."""
-    estimator = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
-    require_run_memory(farm, estimator, len(seen))
-    first = int(seen.day.min())
-    # One BLAS thread, so that sums in user code do not depend on the number of cores.
-    with threadpool_limits(1, user_api="blas"), attribute_errors_to(estimator):
-        estimator.fit(farm.grid())
-        prepare_days(estimator, first, int(seen.day.max()) - first + 1, progress)
-        progress("estimating", 0, 1)
-        estimator.partial_fit(seen)
-        model = checked_prediction(estimator)
-        progress("estimating", 1, 1)
-    return model, estimator

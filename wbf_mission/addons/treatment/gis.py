@@ -55,30 +55,19 @@ class UtmCells:
     The cells are not resampled. The affine map contains the rotation of the farm's frame, the meridian
     convergence, and the scale factor of UTM. The error of the map grows with the square of the farm's size:
     half a millimetre on a farm of one kilometre.
-
-    Parameters
-    ----------
-    epsg : int
-        EPSG code of the UTM zone on WGS84.
-    affine : tuple of float
-        a, b, c, d, e, f: ``east = a column + b row + c``, ``north = d column + e row + f`` for the corners of
-        cells. Row 0 is the farm's northernmost row if the frame is not rotated.
-    error_m : float
-        Maximum error of the affine map (m).
     """
 
-    epsg: int
+    epsg: int  # EPSG code of the UTM zone on WGS84
+    # a, b, c, d, e, f: east = a column + b row + c, north = d column + e row + f for the corners of cells.
+    # Row 0 is the farm's northernmost row if the frame is not rotated.
     affine: tuple[float, float, float, float, float, float]
-    error_m: float
+    error_m: float  # Maximum error of the affine map (m)
 
     @classmethod
     def of(cls, farm: Farm) -> UtmCells:
         """Fit the affine map by least squares to a grid of 9 x 9 points over the farm.
 
-        Raises
-        ------
-        MapError
-            If the error is larger than half a cell, or the latitude is beyond 84 degrees.
+        MapError if the error is larger than half a cell, or the latitude is beyond 84 degrees.
         """
         width, height, cell_m = farm.width_cells, farm.height_cells, farm.cell_size_m
         latitude, longitude = farm.frame.to_wgs84(0.5 * width * cell_m, 0.5 * height * cell_m)

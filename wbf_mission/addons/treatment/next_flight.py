@@ -17,14 +17,12 @@ from mission.policies.policy import Policy, make_policy, policy_parameters
 from sensors.camera.leaf_camera import footprint_offsets
 from wbf_mission.addons.treatment.treatment_map import TreatmentMap
 from wbf_mission.planning import PlanResult
-from wbf_mission.planning.coverage import image_places
 from wbf_mission.planning.fleet import SingleVehicle
 from wbf_mission.progress import Progress, silent
 from wbf_mission.replanning.loop import Knowledge
 from wbf_mission.run.plan import plans_of, progress_events
 from wbf_mission.run.resolve import resolve
 from wbf_mission.scenario import Choice, Scenario
-from wbf_mission.scenario.scenario import PARTS
 
 _FAR = 1e6
 _WHOLE_FLIGHT = {"greedy": {"ahead": _FAR}, "orienteering": {"horizon": _FAR, "patience": _FAR}}
@@ -53,21 +51,18 @@ def plan_next(of: TreatmentMap, scenario: Scenario, *, progress: Progress = sile
 
     The default policy is `greedy`. A policy with an acquisition parameter gets the expected saving of each
     cell by the map's costs; other policies use the estimate, as in flight. `greedy` and `orienteering` plan
-    for the whole budget, other policies only up to their next decision.
-
-    Raises
-    ------
-    WbfMissionError
-        If the policy finds no flight that saves anything, or no path fits the budget.
+    for the whole budget, other policies only up to their next decision. WbfMissionError if the policy finds
+    no flight that saves anything, or no path fits the budget.
     """
     farm, fleet = of.farm, scenario.vehicle
     choice = scenario.mission.policy or Choice("greedy")
     policy, label = _policy(of, choice), f"policy {choice}"
-    parts = {name: getattr(scenario, name) for name in PARTS}
-    parts["farm"] = replace(scenario.farm, day=of.day, days=1)
-    parts["mission"] = replace(scenario.mission, policy=choice, file=None)
-    parts["vehicle"] = replace(fleet, name=fleet.fleet[0], autopilot=fleet.autopilots[0], vehicles=None)
-    single = Scenario(**parts, seed=scenario.seed)
+    single = replace(
+        scenario,
+        farm=replace(scenario.farm, day=of.day, days=1),
+        mission=replace(scenario.mission, policy=choice, file=None),
+        vehicle=replace(fleet, name=fleet.fleet[0], autopilot=fleet.autopilots[0], vehicles=None),
+    )
     run = resolve(single, to_fly=False, farm=farm, fields=of.fields, events=progress_events(progress))
     run = replace(run, decider=replace(run.decider, policy=policy))
     knowledge = Knowledge(farm, of.day, of.fields, run.weights, lambda: of.model, lambda: of.observations)
@@ -75,7 +70,7 @@ def plan_next(of: TreatmentMap, scenario: Scenario, *, progress: Progress = sile
     (vehicle,) = run.vehicles
     budget = vehicle.task.budget_text
     progress("planning", 1, 1)
-    seen = _cells_shown(farm, image_places(farm, plan.mission, plan.prediction), scenario.camera.footprint)
+    seen = _cells_shown(farm, plan.image_places, scenario.camera.footprint)
     gain = gain_of_all = looked_at = 0.0
     for zone_map in of.zone_maps:
         cells = seen & zone_map.field.mask(farm.grid())

@@ -22,9 +22,9 @@ class _Treatment:
 
     def write(self, run: RunRecord, path: Path, progress: Progress) -> None:
         from wbf_mission.addons.treatment.flights import treatment_of_result
-        from wbf_mission.addons.treatment.treatment_map import write_whole_map
+        from wbf_mission.addons.treatment.map_files import write_map
 
-        write_whole_map(treatment_of_result(run, source="this flight"), path, progress)
+        write_map(treatment_of_result(run, source="this flight"), path, progress)
 
 
 TREATMENT = _Treatment()

@@ -27,29 +27,18 @@ from wbf_mission.addons.treatment.logs import LogTrack
 
 Floats: TypeAlias = NDArray[np.float64]
 
-KEYS = (("latitude", "longitude"), ("name",), ("image",), ("time",))
-"""Columns that locate a row, the most reliable first."""
 _MOST_BYTES = 2**28
 _MOST_ROWS = 5_000_000
-_FIRST_DAY_S = 1e9
 
 
 @dataclass(slots=True)
 class Readings:
-    """Rows of a table of readings.
+    """Rows of a table of readings."""
 
-    Parameters
-    ----------
-    key : tuple of str
-        One of `KEYS`.
-    keys : list
-        Key of each row: (latitude, longitude), name, image or seconds (`logs.track.LEAST_UTC_S`).
-    values : list of list of float
-        Values of each row, by field; NaN for a field that was not sensed.
-    """
-
-    key: tuple[str, ...]
+    key: tuple[str, ...]  # A key of `_KEY_READERS`
+    # Key of each row: (latitude, longitude), name, image or seconds (`logs.track.LEAST_UTC_S`)
     keys: list[object] = field(default_factory=list)
+    # Values of each row, by field; NaN for a field that was not sensed
     values: list[list[float]] = field(default_factory=list)
 
 
@@ -63,20 +52,17 @@ def is_cells(path: Path) -> bool:
 def read_readings(path: Path, fields: FieldSet) -> Readings:
     """Read a table with a key column and a column for each sensed field.
 
-    The key is the first entry of `KEYS` with existing columns. The field of an empty cell was not sensed.
-
-    Raises
-    ------
-    ObservationError
-        If the file cannot be read, has no key or none of the fields, or a value is invalid.
+    The key is the first entry of `_KEY_READERS` with existing columns. The field of an empty cell was not
+    sensed. ObservationError if the file cannot be read, has no key or none of the fields, or a value is
+    invalid.
     """
     header, lines = _header(path)
-    key = next((names for names in KEYS if set(names) <= set(header)), None)
+    key = next((names for names in _KEY_READERS if set(names) <= set(header)), None)
     if key is None:
         wanted = "latitude and longitude, name, image, or time"
-        raise ObservationError(
-            f"{path}: no column gives the place of a reading; give {wanted}{_comma(header)}"
-        )
+        if len(header) == 1 and re.search("[;\t]", header[0]):  # As many spreadsheets write it
+            wanted += "; separate the columns by commas, and write decimals with a point"
+        raise ObservationError(f"{path}: no column gives the place of a reading; give {wanted}")
     columns = [header.index(name) if name in header else None for name in fields.names]
     if not any(column is not None for column in columns):
         raise ObservationError(f"{path}: no column is a field; give one or more of {', '.join(fields.names)}")
@@ -90,7 +76,10 @@ def read_readings(path: Path, fields: FieldSet) -> Readings:
             if len(found.keys) >= _MOST_ROWS:
                 raise ObservationError(f"{where}: more than {_MOST_ROWS} readings; give them in parts")
             texts = [row[place].strip() if place < len(row) else "" for place in places]
-            found.keys.append(_key(where, key, texts))
+            try:
+                found.keys.append(_KEY_READERS[key](texts))
+            except ValueError as error:
+                raise ObservationError(f"{where}: {' and '.join(key)}: {error}") from None
             found.values.append(
                 [
                     _value(where, field, row[column] if column is not None and column < len(row) else "")
@@ -102,13 +91,6 @@ def read_readings(path: Path, fields: FieldSet) -> Readings:
     if not found.keys:
         raise ObservationError(f"{path}: holds no readings below its header")
     return found
-
-
-def _comma(header: list[str]) -> str:
-    """Return advice if the header is separated by semicolons or tabs, as many spreadsheets write it."""
-    if len(header) > 1 or not re.search("[;\t]", "".join(header)):
-        return ""
-    return "; separate the columns by commas, and write decimals with a point"
 
 
 def _header(path: Path) -> tuple[list[str], Any]:
@@ -123,7 +105,7 @@ def _header(path: Path) -> tuple[list[str], Any]:
 
 
 def _named(header: list[str]) -> list[str]:
-    """Return column names in lower case, with latitude and longitude renamed as in `KEYS`.
+    """Return column names in lower case, with latitude and longitude renamed to "latitude" and "longitude".
 
     >>> _named(["Lon", "Lat (deg)", "tylcv"]), _named(["lat", "latitude"])
     (['longitude', 'latitude', 'tylcv'], ['lat', 'latitude'])
@@ -145,19 +127,13 @@ def _value(where: str, field: Field, text: str) -> float:
     try:
         value = parse_number(text)
     except ValueError as error:
-        msg = f"{where}: {field.name}: {error}; leave it empty where nothing was read"
-        raise ObservationError(msg) from None
+        raise ObservationError(
+            f"{where}: {field.name}: {error}; leave it empty where nothing was read"
+        ) from None
     low, high = field.range
     if not low <= value <= high:
         raise ObservationError(f"{where}: {field.name} is {value:g}; values lie in {low:g}..{high:g}")
     return float(field.from_unit(value))
-
-
-def _key(where: str, key: tuple[str, ...], texts: list[str]) -> object:
-    try:
-        return _KEY_READERS[key](texts)
-    except ValueError as error:
-        raise ObservationError(f"{where}: {' and '.join(key)}: {error}") from None
 
 
 def _position(texts: list[str]) -> tuple[float, float]:
@@ -195,6 +171,7 @@ _KEY_READERS: dict[tuple[str, ...], Callable[[list[str]], object]] = {
     ("image",): lambda texts: parse_whole(texts[0]),
     ("time",): _time,
 }
+"""Columns that locate a row, the most reliable first, and how to read them."""
 
 
 def join(
@@ -204,13 +181,8 @@ def join(
 
     A reading counts for all cells of the camera's footprint, a square with a side of `footprint` cells.
     Observations are in order of time if the log has the times, else in the order of the table.
-
-    Raises
-    ------
-    ObservationError
-        If the key needs a log, or all readings were discarded.
-    LogError
-        If the log cannot be related to the clock of the times.
+    ObservationError if the key needs a log, or all readings were discarded. LogError if the log cannot be
+    related to the clock of the times.
     """
     latitude, longitude, time_s = _places(readings, track)
     found = np.isfinite(latitude)
@@ -262,15 +234,9 @@ def _places(readings: Readings, track: LogTrack | None) -> tuple[Floats, Floats,
     keys = [name.lower() for name in images.names] if by_name else images.index.tolist()
     number = {key: k for k, key in enumerate(keys)}
     rows = np.array([number.get(key, -1) for key in readings.keys])
-    places = np.column_stack((*track.of_images(), *_clocks(track)))
+    time_s = images.boot_s if np.isfinite(images.boot_s).all() else images.utc_s
     found = np.full((count, 3), np.nan)
-    found[rows >= 0] = places[rows[rows >= 0]]
+    found[rows >= 0] = np.column_stack((*track.of_images(), time_s))[rows[rows >= 0]]
     latitude, longitude, time_s = found.T
     # If a picture has no time, all rows keep the order of the table.
     return latitude, longitude, time_s if np.isfinite(time_s).all() else np.arange(count, dtype=np.float64)
-
-
-def _clocks(track: LogTrack) -> tuple[Floats]:
-    """Return the images' times since boot if all images have one, else their UTC times."""
-    images = track.images
-    return (images.boot_s if np.isfinite(images.boot_s).all() else images.utc_s,)

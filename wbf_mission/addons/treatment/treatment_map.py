@@ -1,63 +1,38 @@
-"""Treatment map of an estimate, and its files for GIS, sprayer and farmer."""
+"""Treatment map of an estimate."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 from geo import Farm
 from sensors.fields import FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
-from wbf_mission.addons.treatment.farmer_page import Page, write_page
-from wbf_mission.addons.treatment.geotiff import write_geotiff
-from wbf_mission.addons.treatment.gis import MapError, gdal_errors
-from wbf_mission.addons.treatment.vector_files import write_prescription, write_zones
+from wbf_mission.addons.treatment.gis import MapError
 from wbf_mission.addons.treatment.zone_shapes import Zone, zones_of
 from wbf_mission.addons.treatment.zones import HEALTHY, LOOK, TREAT, FieldCosts, ZoneMap, block_grid, zone_map
 from wbf_mission.maps.field_maps import field_maps
 from wbf_mission.maps.report import FarmReport, report_of_maps
-from wbf_mission.progress import Progress
-from wbf_mission.results.files import write_json
-
-PAGE, SUMMARY = "report.html", "map.json"
-_VALUES, _RATES = ("map_", ".tif"), ("prescription_", ".zip")
 
 
 @dataclass(frozen=True)
 class TreatmentMap:
-    """Treatment map of a farm: the estimate, the costs, and the zones derived from both.
-
-    Parameters
-    ----------
-    model : InformationModel
-        Estimate of all fields on `day`.
-    states_deviation : bool
-        Whether the estimator's uncertainty is a standard deviation.
-    costs : mapping of str to FieldCosts
-        Costs by field name.
-    block_m : float, optional
-        Side of a block (m), see `wbf_mission.addons.treatment.zones.block_grid`.
-    source : str
-        Names of the input files or of the run, for the farmer's page.
-    notes : tuple of str
-        Notes on the input, for the user.
-    """
+    """Treatment map of a farm: the estimate, the costs, and the zones derived from both."""
 
     farm: Farm
     fields: FieldSet
-    model: InformationModel
+    model: InformationModel  # Estimate of all fields on `day`
     observations: Observations
     day: int
     estimator: str
-    states_deviation: bool
-    costs: Mapping[str, FieldCosts]
-    block_m: float | None = None
-    source: str = ""
-    notes: tuple[str, ...] = ()
+    states_deviation: bool  # Whether the estimator's uncertainty is a standard deviation
+    costs: Mapping[str, FieldCosts]  # By field name
+    block_m: float | None = None  # Side of a block (m), see `zones.block_grid`
+    source: str = ""  # Names of the input files or of the run, for the farmer's page
+    notes: tuple[str, ...] = ()  # Notes on the input, for the user
     knows_only_seen: bool = False  # Whether the estimate covers only observed cells
 
     @cached_property
@@ -109,9 +84,10 @@ class TreatmentMap:
 
     def _of_field(self, of: ZoneMap) -> dict[str, Any]:
         costs = of.costs
+        zones = {"treat": TREAT, "look_again": LOOK, "healthy": HEALTHY}
         return {
             "block_m": of.block_m,
-            "area_ha": {name: of.area_ha(zone) for name, zone in _NAMED.items()},
+            "area_ha": {name: of.area_ha(zone) for name, zone in zones.items()},
             "prescribed_ha": sum(
                 zone.area_ha for zone in self.zones if zone.field == of.field.name and zone.zone == TREAT
             ),
@@ -121,61 +97,3 @@ class TreatmentMap:
             "too_low_below": None if of.field.kind == "disease" else costs.below,
             "expected_costs": of.expected_costs,
         }
-
-
-_NAMED = {"treat": TREAT, "look_again": LOOK, "healthy": HEALTHY}
-
-
-def is_part(name: str) -> bool:
-    """Return whether `name` is a possible file name in the folder of a treatment map."""
-    many = any(name.startswith(start) and name.endswith(end) for start, end in (_VALUES, _RATES))
-    return name in _NAMES or many
-
-
-_NAMES = frozenset({PAGE, "zones.geojson", "zones.gpkg", "observations.parquet", SUMMARY})
-
-
-def write_whole_map(treatment: TreatmentMap, folder: Path, progress: Progress) -> list[Path]:
-    """Write a treatment map, its observations and its summary; errors as of `write_treatment_map`."""
-    folder.mkdir(exist_ok=True)
-    with gdal_errors(folder):
-        files = write_treatment_map(treatment, folder, progress)
-    files += [folder / "observations.parquet", folder / SUMMARY]
-    treatment.observations.save(files[-2])
-    write_json(files[-1], treatment.summary())
-    return files
-
-
-def write_treatment_map(of: TreatmentMap, folder: Path, progress: Progress) -> list[Path]:
-    """Write rasters, zones, prescriptions and the farmer's page into an existing folder; return the files.
-
-    Each field has map_NAME.tif and prescription_NAME.zip. zones.geojson, zones.gpkg and report.html are for
-    all fields.
-
-    Raises
-    ------
-    MapError
-        If the extra ``gis`` is not installed, or the farm does not fit into UTM.
-    """
-    names = [zones.field.name for zones in of.zone_maps]
-    steps = len(names) + 2
-    progress("writing the map", 0, steps)
-    files = []
-    for number, name in enumerate(names, start=1):
-        files.append(folder / name.join(_VALUES))
-        deviation = of.states_deviation
-        write_geotiff(files[-1], of.farm, of.fields[name], of.model, deviation=deviation, day=of.day)
-        progress("writing the map", number, steps)
-    files += write_zones(folder, of.farm, of.zones)
-    for name in names:
-        zones = [zone for zone in of.zones if zone.field == name]
-        if zones:
-            files.append(folder / name.join(_RATES))
-            write_prescription(files[-1], of.farm, zones)
-    progress("writing the map", steps - 1, steps)
-    files.append(folder / PAGE)
-    about = f"day {of.day}, estimated by {of.estimator} from {len(of.observations):,} readings"
-    page = Page(of.farm, of.zone_maps, of.zones, of.report, about, of.source, of.notes, of.states_deviation)
-    write_page(files[-1], page)
-    progress("writing the map", steps, steps)
-    return files

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -91,18 +90,3 @@ def _outlines(labels: NDArray[Any], block_m: float) -> tuple[NDArray[np.object_]
     pairs = list(features.shapes(rows, mask=rows > 0, connectivity=4, transform=scale))
     polygons = np.array([shapely.geometry.shape(outline) for outline, _ in pairs], np.object_)
     return polygons, np.array([int(label) for _, label in pairs], np.int64)
-
-
-def to_wgs84(farm: Farm, polygons: Sequence[shapely.Polygon]) -> NDArray[np.object_]:
-    """Return polygons of the farm's frame in longitude and latitude.
-
-    Longitudes exceed 180 degrees across the antimeridian, so that polygons stay connected.
-    """
-    origin = farm.frame.longitude_deg
-
-    def transform(xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        latitude, longitude = farm.frame.to_wgs84(xy[:, 0], xy[:, 1])
-        return np.column_stack((origin + (longitude - origin + 180.0) % 360.0 - 180.0, latitude))
-
-    moved: NDArray[np.object_] = shapely.transform(np.array(polygons, np.object_), transform)
-    return moved

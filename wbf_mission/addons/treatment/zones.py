@@ -53,25 +53,13 @@ _CERTAIN = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class FieldCosts:
-    """Costs per hectare in any common unit, treatment threshold, and application rate of one field.
+    """Costs per hectare in any common unit, treatment threshold, and application rate of one field."""
 
-    Parameters
-    ----------
-    treat, loss, look : float
-        Costs of treatment, of untreated land that needs treatment, and of another look.
-    below : float
-        Treatment threshold of a continuous field, in the field's unit.
-    rate : float
-        Application rate on treated land.
-    rate_unit : str
-        Unit of `rate`.
-    """
-
-    treat: float
-    loss: float
-    look: float
-    below: float = DRY_BELOW
-    rate: float = 200.0
+    treat: float  # Cost of treatment
+    loss: float  # Cost of untreated land that needs treatment
+    look: float  # Cost of another look
+    below: float = DRY_BELOW  # Treatment threshold of a continuous field, in the field's unit
+    rate: float = 200.0  # Application rate on treated land
     rate_unit: str = "L/ha"
 
     @classmethod
@@ -97,12 +85,8 @@ def costs_of(field_set: FieldSet, given: Mapping[str, Iterable[str]]) -> dict[st
     """Return the costs of each field from texts of the form ``[FIELD=]NUMBER[UNIT]``.
 
     The keys of `given` are attributes of `FieldCosts`. If only one of treat and loss is given, the other is
-    scaled in the default proportion. The default of look is `LOOK_SHARE` of treat.
-
-    Raises
-    ------
-    MapError
-        If an entry cannot be read, is not positive, or names no field.
+    scaled in the default proportion. The default of look is `LOOK_SHARE` of treat. MapError if an entry
+    cannot be read, is not positive, or names no field.
 
     Examples
     --------
@@ -262,13 +246,13 @@ def zone_map(of: FieldMap, costs: FieldCosts) -> ZoneMap:
     gain = costs.loss * np.maximum(np.minimum(limit, need) - best, 0.0)
     if deviation is None:
         gain[:] = 0.0
-    looks = gain > costs.look
-    decided = np.where(looks, LOOK, np.where(costs.loss * need > costs.treat, TREAT, HEALTHY))
     zone = np.zeros(there.shape, np.uint8)
-    zone[there] = decided
-    full = {name: np.full(there.shape, np.nan) for name in ("need", "spread", "gain")}
-    full["need"][there], full["spread"][there], full["gain"][there] = need, spread, gain
-    return ZoneMap(of, costs, zone, **full, hectares=of.cells * of.grid.cell_size_m**2 / 1e4)
+    needed = np.where(costs.loss * need > costs.treat, TREAT, HEALTHY)
+    zone[there] = np.where(gain > costs.look, LOOK, needed)
+    maps = np.full((3, *there.shape), np.nan)
+    maps[:, there] = need, spread, gain
+    hectares = of.cells * of.grid.cell_size_m**2 / 1e4
+    return ZoneMap(of, costs, zone, maps[0], maps[1], maps[2], hectares)
 
 
 def _expected_least(mean: Floats, deviation: Floats, limit: float) -> Floats:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from geo.atomic import atomic_write
 from wbf_mission.addons.base.html_page import data_element, data_uri
-from wbf_mission.addons.base.page import SCORES, Page, Picture, Table, standing_table
+from wbf_mission.addons.base.page import SCORES, Page, Table, standing_table
 from wbf_mission.addons.base.standings import Scored, apart, scored, standings_of
 from wbf_mission.addons.web.document import document
 from wbf_mission.bench.rows import KEY_DIGITS, BenchRow
@@ -27,15 +27,15 @@ _PIECE = re.compile(r"[^\s/:,=-]{1,24}[/:,=-]*|[/:,=-]+|\s+")
 
 
 def write_bench_page(path: Path, page: Page, folder: Path, rows: Sequence[BenchRow] = ()) -> None:
-    """Write a page as one HTML file: a `wbf_mission.addons.base.pages.BenchPage`.
+    """Write a page as one HTML file: the page `bench` (`wbf_mission.addons.base.pages.bench_page`).
 
     Pictures of `folder` are embedded, PDFs linked. `rows`: one table of all standings replaces the sections'.
     """
     groups = list(scored(apart(rows)))
     found = [(group, standings_of(group)) for group in groups]
-    every = [one for _, own in found for one in own]
+    every = [standing for _, own in found for standing in own]
     body = "\n".join(_body(page, folder, standing_table("All standings", every, whole=True)))
-    seeds = [_seeds(group, one.planner, one.estimator) for group, own in found for one in own]
+    seeds = [_seeds(group, standing.planner, standing.estimator) for group, own in found for standing in own]
     data = data_element("seeds", seeds) if seeds else ""
     with atomic_write(path) as file:
         file.write(document(page.title, body, "bench", data))
@@ -60,7 +60,11 @@ def _body(page: Page, folder: Path, whole: Table) -> Iterator[str]:
     for section in page.sections:
         yield f"<h2>{escape(section.title)}</h2>"
         for picture in section.pictures:
-            yield _picture(picture, folder)
+            shows, path = escape(picture.shows), folder / picture.file
+            if path.suffix == ".pdf":
+                yield f'<p><a href="{escape(picture.file)}">{shows} (PDF)</a></p>'
+            else:
+                yield f'<p><img src="{data_uri(path.read_bytes())}" alt="{shows}"></p>'
         if section.text:
             yield f"<p>{escape(section.text)}</p>"
         for listing in section.listings:
@@ -72,13 +76,6 @@ def _body(page: Page, folder: Path, whole: Table) -> Iterator[str]:
     yield "</main>"
 
 
-def _picture(picture: Picture, folder: Path) -> str:
-    shows = escape(picture.shows)
-    if Path(picture.file).suffix == ".pdf":
-        return f'<p><a href="{escape(picture.file)}">{shows} (PDF)</a></p>'
-    return f'<p><img src="{data_uri((folder / picture.file).read_bytes())}" alt="{shows}"></p>'
-
-
 def _table(table: Table, label: str, *, name: str = "") -> Iterator[str]:
     """Yield a scrollable table; the first columns are names, and both columns of a two-column table."""
     names = len(table.header) if len(table.header) == _OF_TEXTS else table.texts
@@ -86,7 +83,8 @@ def _table(table: Table, label: str, *, name: str = "") -> Iterator[str]:
     def cells(row: Sequence[str], tag: str) -> str:
         # A column of numbers may contain the name of a planner.
         texts = [
-            _numbers(one) if k >= names and _NUMBER.match(one) else _name(one) for k, one in enumerate(row)
+            _numbers(cell) if k >= names and _NUMBER.match(cell) else _name(cell)
+            for k, cell in enumerate(row)
         ]
         kinds = [' class="text"' if k < names else "" for k in range(len(row))]
         made = (f"<{tag}{kind}>{text}</{tag}>" for kind, text in zip(kinds, texts, strict=True))

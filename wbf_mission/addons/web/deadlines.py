@@ -56,7 +56,7 @@ class HurriedProtocol(H11Protocol):
         self._deadline = self.loop.call_later(limit_s, self.transport.abort)
         waiting = [peer for peer in self.connections if isinstance(peer, HurriedProtocol) and peer.waits]
         if len(waiting) > MAX_WAITING:
-            min(waiting, key=lambda one: one.since_s).transport.abort()
+            min(waiting, key=lambda peer: peer.since_s).transport.abort()
 
     @property
     def waits(self) -> bool:

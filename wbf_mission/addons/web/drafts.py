@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 
-from geo import Farm, load_farm, save_farm
+from geo import Farm, load_farm
 from geo.errors import FarmError, WbfMissionError
 from geo.farm_file import farm_suffixes
 from geo.farms import get_farm
@@ -177,7 +177,7 @@ class Drafts:
         self._own = tempfile.TemporaryDirectory(prefix="wbf-mission-studio-")
         self.folder = Path(self._own.name)
         self._farm = lru_cache(_KEPT)(self._load_farm)
-        self._planned = lru_cache(_KEPT)(self._plan)
+        self.plan = lru_cache(_KEPT)(self._plan)
         self._planning = NewestOnly[PlannedDraft]()
 
     def close(self) -> None:
@@ -185,8 +185,8 @@ class Drafts:
         self.stop()
         self._own.cleanup()
 
-    def farm_of_file(self, content: bytes, name: str, **how: Any) -> tuple[Farm, bytes]:
-        """Return the farm in a file's content, and its GeoJSON; FarmError with the faulty feature.
+    def farm_of_file(self, content: bytes, name: str, **how: Any) -> Farm:
+        """Return the farm in a file's content; FarmError with the faulty feature.
 
         An empty `name` means a drawn farm. `how` are options of `geo.load_farm`.
         """
@@ -198,15 +198,7 @@ class Drafts:
         with tempfile.TemporaryDirectory(dir=self.folder) as own:
             path = Path(own) / f"{stem}{suffix}"
             path.write_bytes(content)
-            farm = self._loaded(path, drawn=drawn, **how)
-        return farm, self.document(farm)
-
-    def document(self, farm: Farm) -> bytes:
-        """Return a farm's GeoJSON as written by ``wbf-mission farm save``."""
-        with tempfile.TemporaryDirectory(dir=self.folder) as own:
-            path = Path(own) / "farm.geojson"
-            save_farm(farm, path)
-            return path.read_bytes()
+            return self._loaded(path, drawn=drawn, **how)
 
     def farm_named(self, name: str) -> Farm:
         """Return a built-in farm or the farm of `start`; WbfMissionError for any other name."""
@@ -239,15 +231,12 @@ class Drafts:
         of = scenario.farm
         return Draft(key, scenario, self._farm(of.name, of.crop, of.crs, of.repair))
 
-    def plan(self, draft: Draft) -> PlannedDraft:
-        """Plan and check a draft unless cached; SupersededError, or an error of `planned`."""
-        return self._planned(draft)
-
     def stop(self) -> None:
         """Cancel the current planning."""
         self._planning.stop()
 
     def _plan(self, draft: Draft) -> PlannedDraft:
+        """Plan and check a draft; SupersededError, or an error of `planned`."""
         return self._planning.do(draft.key, partial(planned, draft))
 
     def _load_farm(self, name: str, crop: str | None, crs: str | None, repair: bool) -> Farm:
@@ -260,23 +249,27 @@ class Drafts:
         try:
             return load_farm(path, **how)
         except FarmError as error:
-            told = str(error)
+            text = str(error)
             if drawn:
-                told = told.replace(f"farm file {path}", _called(path.read_bytes()))
-            raise FarmError(told.replace(str(path), path.name)) from None
+                try:
+                    name = one_line(msgspec.json.decode(path.read_bytes(), type=_Named).name, _LONGEST_NAME)
+                except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+                    name = ""
+                text = text.replace(f"farm file {path}", f"farm {name!r}" if name else "the farm")
+            raise FarmError(text.replace(str(path), path.name)) from None
 
     def _option(self, key: str, given: Any) -> Any:
-        found = all_options().get(key)
-        if found is None or key in _FIXED:
+        known = draft_options().get(key)
+        if known is None:
             raise DraftError(f"{key!r:.60} is no option of a draft")
-        one = found[2]
-        if one.kind or key in NAMED:
+        if known.kind or key in NAMED:
             if given == str(self.start[key]):
                 return self.start[key]  # May be an object from a file of the user
             self._check_name(key, given)
-        return one.read(given) if one.read is not None and isinstance(given, str) else given
+        return known.read(given) if known.read is not None and isinstance(given, str) else given
 
-    def _check_name(self, key: str, given: Any) -> None:
+    @staticmethod
+    def _check_name(key: str, given: Any) -> None:
         """Raise DraftError unless `given` is a known name, as a page must not name a file of code."""
         if not isinstance(given, str):
             raise DraftError(f"{key}: {given!r:.60} is no text")
@@ -303,7 +296,7 @@ def known_names(key: str) -> tuple[str, ...]:
 
 def draft_options() -> dict[str, Option]:
     """Return the options of a draft by key, in the order of the scenario's parts."""
-    return {key: one for key, (_, _, one) in all_options().items() if key not in _FIXED}
+    return {key: option for key, (_, _, option) in all_options().items() if key not in _FIXED}
 
 
 def drawn_farm(body: bytes) -> bytes:
@@ -316,8 +309,8 @@ def planned(draft: Draft, progress: Progress) -> PlannedDraft:
     begun_s = time.perf_counter()
     scenario, vehicles = draft.scenario, single_vehicles(draft.scenario)
 
-    def cut(plan: PlanResult, one: SingleVehicle = vehicles[0]) -> SortiePlan | None:
-        return sorties_of(plan, one) if plan.is_too_long else None
+    def cut(plan: PlanResult, vehicle: SingleVehicle = vehicles[0]) -> SortiePlan | None:
+        return sorties_of(plan, vehicle) if plan.is_too_long else None
 
     results: tuple[PlanResult, ...]
     batteries = batteries_in(scenario.mission.budget)
@@ -329,25 +322,18 @@ def planned(draft: Draft, progress: Progress) -> PlannedDraft:
         results, cuts = (whole,), (sorties,)
     planned_s, missions = time.perf_counter(), []
     coverage = coverage_together(results, scenario.camera.footprint)
-    for number, (result, pieces, one) in enumerate(zip(results, cuts, vehicles, strict=True), start=1):
+    for number, (result, pieces, vehicle) in enumerate(zip(results, cuts, vehicles, strict=True), start=1):
         plans = (result,) if pieces is None else pieces.plans
         for sortie, plan in enumerate(plans, start=1):
             which = [f"vehicle {number}"] * (len(results) > 1) + [f"sortie {sortie}"] * (len(plans) > 1)
             progress("checking", sortie, len(plans))
-            missions.append(PlannedMission(", ".join(which), number, plan, check_plan(plan, one, coverage)))
+            missions.append(
+                PlannedMission(", ".join(which), number, plan, check_plan(plan, vehicle, coverage))
+            )
     ended_s = time.perf_counter()
     return PlannedDraft(
         draft, results, cuts, vehicles, tuple(missions), coverage, planned_s - begun_s, ended_s - planned_s
     )
-
-
-def _called(document: bytes) -> str:
-    """Return the name of a drawn farm for messages."""
-    try:
-        name = one_line(msgspec.json.decode(document, type=_Named).name, _LONGEST_NAME)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        name = ""
-    return f"farm {name!r}" if name else "the farm"
 
 
 def written_suffixes() -> dict[str, str]:

@@ -112,11 +112,11 @@ def thinned_moments(
     At a light moment only the acquisition map is kept; other tiles move to the next moment that is not light.
     """
     kept, tiles = [], dict[tuple[str, int, int], schema.Tile]()
-    for number, (one, is_light) in enumerate(zip(moments, light, strict=True)):
-        tiles |= {(tile.layer, tile.x, tile.y): tile for tile in one.tiles}
+    for number, (moment, is_light) in enumerate(zip(moments, light, strict=True)):
+        tiles |= {(tile.layer, tile.x, tile.y): tile for tile in moment.tiles}
         if (len(moments) - 1 - number) % every == 0:
-            told = [key for key in tiles if not is_light or key[0] == _ACQUISITION]
-            kept.append(replace(one, tiles=[tiles.pop(key) for key in told]))
+            shown = [key for key in tiles if not is_light or key[0] == _ACQUISITION]
+            kept.append(replace(moment, tiles=[tiles.pop(key) for key in shown]))
     if kept:
         kept[-1].tiles += tiles.values()
     return kept
@@ -163,7 +163,7 @@ def thinned_states(states: schema.States) -> schema.States:
 
 def _keep_changes(column: Sequence[Any], kept: NDArray[np.bool_]) -> None:
     """Keep the rows before and after each change of a value."""
-    differs = np.array([one != two for one, two in pairwise(column)], bool)
+    differs = np.array([value != following for value, following in pairwise(column)], bool)
     kept[:-1] |= differs
     kept[1:] |= differs
 

@@ -12,7 +12,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import replace as replaced
 from pathlib import Path
-from types import MappingProxyType
 
 from msgspec import UNSET
 from msgspec.structs import asdict, replace
@@ -76,12 +75,12 @@ def write_report(
     """
     if len(records) > 1:
         _check_farms(*(record.farm for record in records))
-    kept = [_Kept.of(record, log, layers, progress) for record, log in zip(records, logs, strict=False)]
+    kept = [_Kept(record, log, layers, progress) for record, log in zip(records, logs, strict=False)]
     title = " | ".join(run_title(record) for record in records)
     summary = comparison_of if len(records) > 1 else summary_of
     for reduced in _REDUCTIONS:
-        recordings = [one.recording(reduced) for one in kept]
-        notes = (*told, *dict.fromkeys(note for one in kept for note in one.notes(reduced)))
+        recordings = [run.recording(reduced) for run in kept]
+        notes = (*told, *dict.fromkeys(note for run in kept for note in run.notes(reduced)))
         body = f'{summary(*records, notes=notes)}\n<div id="app"></div>'
         page = document(title, body, "live", data_element("recording", recordings, packed=True))
         size = len(page.encode())
@@ -107,8 +106,9 @@ def _check_farms(first: Farm, second: Farm) -> None:
     same = ("frame", "width_cells", "height_cells", "cell_size_m", "patches", "owner")
     if any(getattr(first, name) != getattr(second, name) for name in same):
         names = f"{first.name} and {second.name}"
-        msg = f"the runs are of different farms, {names}: give two runs of the same farm, or one at a time"
-        raise ReportError(msg)
+        raise ReportError(
+            f"the runs are of different farms, {names}: give two runs of the same farm, or one at a time"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,27 +129,28 @@ _REDUCTIONS = (
 )
 
 
-@dataclass(slots=True)
 class _Kept:
     """Data of a run's page, with the layers at all moments in several pixel sizes."""
 
-    update: schema.Update  # Excludes the layers
-    layers: Recorder
-    rasters: dict[int, schema.Raster | None]
-    diseases: list[str]
-    lost: str = ""  # Reason why estimates could not be computed again
-
-    @classmethod
-    def of(cls, record: RunRecord, log: Path | None, live: LiveLayers | None, progress: Progress) -> _Kept:
-        """Replay a run and record its layers."""
-        diseases = [disease.name for disease in record.fields.diseases]
-        if live is not None:
-            update, _, rasters = _replayed(record, 0, log, progress, live.decided_s)
-            return cls(update, live.recorder, rasters, diseases)
+    def __init__(
+        self, record: RunRecord, log: Path | None, live: LiveLayers | None, progress: Progress
+    ) -> None:
+        self.diseases = [disease.name for disease in record.fields.diseases]
+        self.lost = ""  # Reason why estimates could not be computed again
+        decided_s = {} if live is None else live.decided_s
         try:
-            return cls(*_replayed(record, MOMENTS, log, progress), diseases)
+            replayed = _replayed(record, MOMENTS if live is None else 0, log, progress, decided_s)
         except EstimatorError as error:
-            return cls(*_replayed(record, 0, log, progress), diseases, str(error))
+            self.lost = str(error)
+            replayed = _replayed(record, 0, log, progress, decided_s)
+        self.layers = replayed if live is None else live.recorder
+        self.rasters = {}
+        for longest, view in replayed.views.items():
+            self.update, _ = view.update(None)
+            self.rasters[longest] = self.update.run.raster if self.update.run else None
+        self.update.tiles = self.update.scales = UNSET
+        if self.update.states:
+            self.update.states = {name: thinned_states(state) for name, state in self.update.states.items()}
 
     def recording(self, reduced: _Reduced) -> schema.Recording:
         """Return the recording in a reduced form."""
@@ -183,12 +184,9 @@ class _Kept:
 
 
 def _replayed(
-    record: RunRecord,
-    estimates: int,
-    log: Path | None,
-    progress: Progress,
-    decided_s: Mapping[int, float] = MappingProxyType({}),
-) -> tuple[schema.Update, Recorder, dict[int, schema.Raster | None]]:
+    record: RunRecord, estimates: int, log: Path | None, progress: Progress, decided_s: Mapping[int, float]
+) -> Recorder:
+    """Replay a run and record its layers."""
     recorder = Recorder()
     for event in events_of(record, estimates=estimates, log=log, progress=progress):
         if isinstance(event, Decided):
@@ -197,11 +195,4 @@ def _replayed(
         recorder.take(event)
         if isinstance(event, Estimated) and event.model is not None:
             recorder.keep(event.time_s, event.day, event.observations)
-    rasters = {}
-    for longest, view in recorder.views.items():
-        update, _ = view.update(None)
-        rasters[longest] = update.run.raster if update.run else None
-    update.tiles = update.scales = UNSET
-    if update.states:
-        update.states = {name: thinned_states(state) for name, state in update.states.items()}
-    return update, recorder, rasters
+    return recorder

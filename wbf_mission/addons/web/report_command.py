@@ -54,10 +54,10 @@ def report_command(
     from wbf_mission.results.storage import ResultError
 
     folders = [folder] if other is None else [folder, other]
-    is_bench = [holds_rows(one) for one in folders]
+    is_bench = [holds_rows(each) for each in folders]
     if other is not None and any(is_bench):
         raise ResultError("a benchmark is shown alone: give one folder, or the results of two runs")
-    names = "-".join(one.resolve().name for one in folders)
+    names = "-".join(each.resolve().name for each in folders)
     path = out or folder.resolve().with_name(f"{names}.html")
     refuse_overwrite(path)
     if path.exists() and not overwrite:
@@ -102,8 +102,8 @@ def _runs(folders: list[Path], path: Path, progress: Progress) -> dict[str, Any]
     progress("reading", len(folders), len(folders))
     logs = [log if (log := folder / "flight.tlog").is_file() else None for folder in folders]
     report = write_report(path, results, logs=logs, progress=progress)
-    told = {"title": report.title, "bytes": report.size, "moments": list(report.moments)}
-    return {**told, "notes": list(report.notes)}
+    values = {"title": report.title, "bytes": report.size, "moments": list(report.moments)}
+    return {**values, "notes": list(report.notes)}
 
 
 COMMAND = Command(report_command, EXAMPLES)

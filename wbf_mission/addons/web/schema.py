@@ -24,9 +24,9 @@ def _as_text(value: Any) -> Any:
         case str():
             return value.encode("utf-8", "replace").decode()
         case dict():
-            return {_as_text(key): _as_text(one) for key, one in value.items()}
+            return {_as_text(key): _as_text(part) for key, part in value.items()}
         case list() | tuple():
-            return [_as_text(one) for one in value]
+            return [_as_text(part) for part in value]
     return value
 
 

@@ -136,8 +136,9 @@ class LiveServer:
             mend = "give an address of this machine"
             if error.errno in (errno.EADDRINUSE, errno.EACCES):
                 mend = "choose another port, or 0 for any free one"
-            msg = f"live page: cannot listen at {self._host}, port {self.port} ({why}); {mend}"
-            raise LinkError(msg) from None
+            raise LinkError(
+                f"live page: cannot listen at {self._host}, port {self.port} ({why}); {mend}"
+            ) from None
         if hasattr(socket, "TCP_USER_TIMEOUT"):
             # Drop a browser that accepts no data; asyncio would wait without limit.
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1e3 * STALLED_S))
@@ -180,8 +181,8 @@ class LiveServer:
         """Serve one page: send new data and answer requests, until one of these ends."""
         await websocket.accept()
         self._viewers += 1
-        visit = _Visit(self._clock)
-        tasks = {asyncio.create_task(part(websocket, visit)) for part in (tell, self._hear)}
+        visit = _Visit(websocket, self._clock)
+        tasks = {asyncio.create_task(part(visit)) for part in (tell, self._hear)}
         try:
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             for task in done:
@@ -197,28 +198,30 @@ class LiveServer:
             async with asyncio.timeout(1.0):
                 await websocket.close(1001)
 
-    async def _tell(self, websocket: WebSocket, visit: _Visit) -> None:
+    async def _tell(self, visit: _Visit) -> None:
         view, cursor, now_s = self._view, None, asyncio.get_running_loop().time
         while True:
             if cursor is None or view.cursor > cursor:
                 text, cursor = await self._update(view, cursor)
-                await _send(websocket, text)
+                await visit.send(text)
             elif self._ending or view is not self._view:
                 return
-            await _beat(websocket, visit, view)
+            await visit.beat(view)
             await asyncio.sleep(INTERVAL_S - now_s() % INTERVAL_S)  # Common send times allow sharing
 
-    async def _tell_beats(self, websocket: WebSocket, visit: _Visit) -> None:
+    async def _tell_beats(self, visit: _Visit) -> None:
         """Send only beats, to a page without a view."""
         while not self._ending:
-            await _beat(websocket, visit, self._view)
+            await visit.beat(self._view)
             await asyncio.sleep(INTERVAL_S)
 
     async def _update(self, view: View, cursor: Cursor | None) -> tuple[str, Cursor]:
         """Return the data new since a cursor; computed once for all viewers per interval."""
         async with self._making:
             now_s = asyncio.get_running_loop().time()
-            self._shared = {key: one for key, one in self._shared.items() if one.good_for(view, now_s)}
+            self._shared = {
+                key: shared for key, shared in self._shared.items() if shared.good_for(view, now_s)
+            }
             shared = self._shared.get(cursor)
             if shared is None:
                 text, after = await asyncio.to_thread(_encoded, view, cursor)
@@ -227,13 +230,10 @@ class LiveServer:
                 shared = self._shared[cursor] = _Shared(view, until_s, text, after)
             return shared.text, shared.cursor
 
-    async def _hear(self, websocket: WebSocket, visit: _Visit) -> None:
-        while True:
-            message = await websocket.receive()
-            if message["type"] == "websocket.disconnect":
-                return
+    async def _hear(self, visit: _Visit) -> None:
+        while (message := await visit.websocket.receive())["type"] != "websocket.disconnect":
             reply = Update(self._view.time_s, reply=self._ask(message.get("text"), visit))
-            await _send(websocket, reply.json().decode())
+            await visit.send(reply.json().decode())
 
     def _ask(self, text: str | None, visit: _Visit) -> Reply:
         """Pass on a page's request, once and only while fresh; return the reply."""
@@ -276,22 +276,33 @@ def _is_ours(record: logging.LogRecord) -> bool:
 class _Visit:
     """Connection of one page: its beats, and the age of its requests."""
 
-    def __init__(self, clock: Callable[[], float]) -> None:
+    def __init__(self, websocket: WebSocket, clock: Callable[[], float]) -> None:
+        self.websocket = websocket
         self._clock, self._begun_s = clock, clock()
         self._beat_s = -BEAT_S
         self._number = 0
 
-    @property
-    def _now_s(self) -> float:
-        return self._clock() - self._begun_s
+    async def send(self, text: str) -> None:
+        """Send a message; TimeoutError if it takes too long, WebSocketDisconnect if the page has gone."""
+        try:
+            async with asyncio.timeout(SEND_TIMEOUT_S):
+                await self.websocket.send_text(text)
+        except RuntimeError:  # uvicorn has closed the connection after an invalid frame
+            raise WebSocketDisconnect from None
 
-    @property
-    def beat_is_due(self) -> bool:
-        return self._now_s >= self._beat_s + BEAT_S
+    async def beat(self, view: View) -> None:
+        """Send a beat if one is due."""
+        if self._now_s >= self._beat_s + BEAT_S:
+            update = Update(view.time_s, beat=Beat(self.next_beat(), view.silent_s()))
+            await self.send(update.json().decode())
 
     def next_beat(self) -> float:
         self._beat_s = self._now_s
         return self._beat_s
+
+    @property
+    def _now_s(self) -> float:
+        return self._clock() - self._begun_s
 
     def age_of(self, given: Given) -> tuple[float, str]:
         """Return the maximum age of a request, and the reason to refuse it, empty if none."""
@@ -308,23 +319,7 @@ class _Visit:
         return max(age_s, 0.0), too_late(age_s)
 
 
-_Telling: TypeAlias = Callable[[WebSocket, _Visit], Coroutine[Any, Any, None]]
-
-
-async def _beat(websocket: WebSocket, visit: _Visit, view: View) -> None:
-    """Send a beat if one is due."""
-    if visit.beat_is_due:
-        beat = Update(view.time_s, beat=Beat(visit.next_beat(), view.silent_s()))
-        await _send(websocket, beat.json().decode())
-
-
-async def _send(websocket: WebSocket, text: str) -> None:
-    """Send a message; TimeoutError if it takes too long, WebSocketDisconnect if the page has gone."""
-    try:
-        async with asyncio.timeout(SEND_TIMEOUT_S):
-            await websocket.send_text(text)
-    except RuntimeError:  # uvicorn has closed the connection after an invalid frame
-        raise WebSocketDisconnect from None
+_Telling: TypeAlias = Callable[[_Visit], Coroutine[Any, Any, None]]
 
 
 @contextlib.contextmanager

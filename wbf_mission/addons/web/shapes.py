@@ -15,7 +15,7 @@ from wbf_mission.events import Planned
 
 _SIMPLER = 5000
 """Precision of outlines: the farm's longer side divided by this, a fraction of a pixel."""
-_COMMANDS = {int(one): one.name.partition("_")[2].replace("_", " ").lower() for one in Command}
+_COMMANDS = {int(command): command.name.partition("_")[2].replace("_", " ").lower() for command in Command}
 _MAX_ITEMS = 1000
 
 
@@ -70,7 +70,7 @@ def ring(points: Any) -> schema.Ring:
 def _rings(polygon: shapely.Polygon, simpler_m: float) -> list[schema.Ring]:
     """Return the simplified outline of a polygon, then its holes."""
     simple = shapely.simplify(polygon, simpler_m)
-    return [ring(shapely.get_coordinates(one)) for one in (simple.exterior, *simple.interiors)]
+    return [ring(shapely.get_coordinates(line)) for line in (simple.exterior, *simple.interiors)]
 
 
 def _in_words(item: MissionItem) -> str:

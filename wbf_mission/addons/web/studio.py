@@ -18,6 +18,7 @@ from starlette.routing import Route
 
 from geo import Farm
 from geo.errors import FarmError, WbfMissionError
+from geo.geojson import farm_document
 from geo.grid import Crop
 from geo.texts import parse_number
 from mission.planners import make_planner
@@ -84,14 +85,16 @@ class Studio:
     def options(self, _request: Request, _body: bytes) -> Any:
         """Return the available options, and the initial ones."""
         return {
-            "options": [_told(key, draft_option) for key, draft_option in drafts.draft_options().items()],
+            "options": [
+                _described(key, draft_option) for key, draft_option in drafts.draft_options().items()
+            ],
             "farms": names_of("farm"),
             "crops": [str(crop) for crop in Crop if crop is not Crop.NONE],
             "parameters": {
                 "planner": {
-                    one: _parameters(planner_parameters(make_planner(one))) for one in names_of("planner")
+                    name: _parameters(planner_parameters(make_planner(name))) for name in names_of("planner")
                 },
-                "policy": {one: _parameters(policy_parameters(one)) for one in names_of("policy")},
+                "policy": {name: _parameters(policy_parameters(name)) for name in names_of("policy")},
             },
             "formats": [
                 {"name": name, "suffix": suffix} for suffix, name in drafts.written_suffixes().items()
@@ -102,8 +105,7 @@ class Studio:
 
     def named_farm(self, request: Request, _body: bytes) -> Any:
         """Return a farm by name, for drawing and editing."""
-        farm = self.drafts.farm_named(request.query_params.get("name", ""))
-        return _farm(farm, self.drafts.document(farm))
+        return _farm(self.drafts.farm_named(request.query_params.get("name", "")))
 
     def farm(self, request: Request, body: bytes) -> Any:
         """Return the farm of a file's content, or of a drawing, which has no file name."""
@@ -111,7 +113,7 @@ class Studio:
         name = asked.get("name", "")
         how = {"crop": asked.get("crop") or None, "crs": asked.get("crs") or None}
         try:
-            return _farm(*self.drafts.farm_of_file(body, name, **how, repair=asked.get("repair") == "true"))
+            return _farm(self.drafts.farm_of_file(body, name, **how, repair=asked.get("repair") == "true"))
         except FarmError as error:
             return self._refused(error, body, name, how)
 
@@ -154,11 +156,30 @@ class Studio:
         """Upload a mission to a vehicle after confirmation, download it and compare."""
         link = request.query_params.get("link", "")
         found = self.drafts.plan(self.drafts.draft(body))
-        one = found.mission(_mission_asked(request))
+        sortie = found.mission(_mission_asked(request))
         if request.query_params.get("confirmed") != "true":
-            raise drafts.DraftError(f"confirm that {len(one.plan.mission.items)} items are sent to {link}")
-        system_id = _number(request, "system_id", 1, 255)
-        return _upload(found, one, link, None if system_id is None else int(system_id))
+            raise drafts.DraftError(f"confirm that {len(sortie.plan.mission.items)} items are sent to {link}")
+        wanted = _number(request, "system_id", 1, 255)
+        system_id = None if wanted is None else int(wanted)
+        vehicle = found.vehicles[sortie.system_id - 1]
+
+        def around(snapshot: VehicleSnapshot) -> Circumstances:
+            heard = Vehicle(snapshot.system_id, 1, snapshot.autopilot, snapshot.vehicle_type)
+            named = {"vehicle": vehicle.vehicle.name, "autopilot": vehicle.vehicle.autopilot, "vehicles": 1}
+            fitted = fitted_to(scenario_with(found.draft.scenario, named), heard)
+            given = Circumstances.of(fitted, sortie.plan.farm, snapshot)
+            return replace(
+                given, imaging=sortie.plan.imaging, planner=sortie.plan.planner, coverage=found.coverage
+            )
+
+        try:
+            report, checked = upload_checked(
+                sortie.plan.mission, link, around, EventStream(), system_id=system_id
+            )
+        except KeyboardInterrupt:
+            raise drafts.DraftError("the upload was interrupted") from None
+        findings = [worded(finding) for finding in checked.findings]
+        return {**report.summary(), "vehicle": report.vehicle, "findings": findings}
 
     def fly(self, request: Request, body: bytes) -> Any:
         """Fly a draft in the simulator, on the live page."""
@@ -177,14 +198,14 @@ class Studio:
 
     def _refused(self, error: FarmError, content: bytes, name: str, how: Mapping[str, Any]) -> Any:
         """Return the reason for refusing a farm, and the page's remedy: "repair", "crop" or "crs"."""
-        told = str(error)
-        remedy = next((one for one, flag in _REMEDIES.items() if flag in told), "")
+        text = str(error)
+        remedy = next((remedy for remedy, flag in _REMEDIES.items() if flag in text), "")
         if remedy == "repair":
             try:
                 self.drafts.farm_of_file(content, name, **how, repair=True)
             except FarmError as unmended:
-                told, remedy = str(unmended), ""
-        return {"error": worded(told), "remedy": remedy}
+                text, remedy = str(unmended), ""
+        return {"error": worded(text), "remedy": remedy}
 
     def _given(self) -> dict[str, Any]:
         """Return the initial options that differ from their defaults, in the page's form."""
@@ -208,8 +229,8 @@ def _answering(work: Handler) -> Callable[[Request], Any]:
             async for part in request.stream():
                 body += part
                 if len(body) > drafts.MAX_BODY_BYTES:
-                    told = f"more than {drafts.MAX_BODY_BYTES >> 20} MiB: draw with fewer points"
-                    return _json({"error": told}, 413)
+                    text = f"more than {drafts.MAX_BODY_BYTES >> 20} MiB: draw with fewer points"
+                    return _json({"error": text}, 413)
             found = await run_in_threadpool(work, request, bytes(body))
         except SupersededError as error:
             return _json({"error": str(error), "superseded": error.why})
@@ -228,87 +249,65 @@ def _json(value: Any, status: int = 200) -> Response:
     return Response(msgspec.json.encode(value), status_code=status, media_type="application/json")
 
 
-def _farm(farm: Farm, document: bytes) -> dict[str, Any]:
+def _farm(farm: Farm) -> dict[str, Any]:
     """Return a farm for drawing and editing."""
     return {
         "farm": farm_shape(farm),
-        "document": msgspec.Raw(document),
+        "document": farm_document(farm),
         "notes": [worded(note) for note in farm.notes],
     }
 
 
-def _mission(one: drafts.PlannedMission) -> dict[str, Any]:
+def _mission(sortie: drafts.PlannedMission) -> dict[str, Any]:
     """Return a sortie of one vehicle with its findings."""
-    plan, prediction, found = one.plan, one.plan.prediction, one.report.findings
-    told = Planned(
-        *(0.0, 0, 1, one.system_id, plan.mission, plan.path_m),
+    plan, prediction, found = sortie.plan, sortie.plan.prediction, sortie.report.findings
+    planned = Planned(
+        *(0.0, 0, 1, sortie.system_id, plan.mission, plan.path_m),
         duration_s=prediction.duration_s,
         length_m=plan.length_m,
         coverage=plan.coverage,
     )
     return {
-        "name": one.name,
-        "plan": plan_shape(told, plan.farm),
+        "name": sortie.name,
+        "plan": plan_shape(planned, plan.farm),
         "battery_used": plan.battery_used,
         "energy_wh": prediction.energy_wh,
         # Omit warnings that are also findings.
-        "warnings": [worded(text) for text in plan.warnings if not any(each.text in text for each in found)],
+        "warnings": [
+            worded(text) for text in plan.warnings if not any(finding.text in text for finding in found)
+        ],
         "findings": [
             {
-                **each.summary(),
-                "text": worded(each.text),
-                "fix": worded(each.fix) or None,
-                "where": each.where,
-                "told": worded(each),
-                "place_m": one.place_of(each),
+                **finding.summary(),
+                "text": worded(finding.text),
+                "fix": worded(finding.fix) or None,
+                "where": finding.where,
+                "told": worded(finding),
+                "place_m": sortie.place_of(finding),
             }
-            for each in found
+            for finding in found
         ],
     }
 
 
-def _upload(
-    found: drafts.PlannedDraft, one: drafts.PlannedMission, link: str, system_id: int | None
-) -> dict[str, Any]:
-    """Upload a mission; WbfMissionError for errors in the mission, or a failed upload."""
-    vehicle = found.vehicles[one.system_id - 1]
-
-    def around(snapshot: VehicleSnapshot) -> Circumstances:
-        heard = Vehicle(snapshot.system_id, 1, snapshot.autopilot, snapshot.vehicle_type)
-        named = {"vehicle": vehicle.vehicle.name, "autopilot": vehicle.vehicle.autopilot, "vehicles": 1}
-        fitted = fitted_to(scenario_with(found.draft.scenario, named), heard)
-        given = Circumstances.of(fitted, one.plan.farm, snapshot)
-        return replace(given, imaging=one.plan.imaging, planner=one.plan.planner, coverage=found.coverage)
-
-    try:
-        report, checked = upload_checked(one.plan.mission, link, around, EventStream(), system_id=system_id)
-    except KeyboardInterrupt:
-        raise drafts.DraftError("the upload was interrupted") from None
-    return {
-        **report.summary(),
-        "vehicle": report.vehicle,
-        "findings": [worded(finding) for finding in checked.findings],
-    }
-
-
-def _told(key: str, one: Option) -> dict[str, Any]:
+def _described(key: str, option: Option) -> dict[str, Any]:
     """Return an option's description for the page."""
-    kinds = [kind for kind in get_args(one.wanted) or (one.wanted,) if kind in _TYPES]
-    is_text = one.read is not None or str in get_args(one.wanted)
-    names = drafts.known_names(key) if one.kind or key in drafts.NAMED else one.choices
+    kinds = [kind for kind in get_args(option.wanted) or (option.wanted,) if kind in _TYPES]
+    is_text = option.read is not None or str in get_args(option.wanted)
+    names = drafts.known_names(key) if option.kind or key in drafts.NAMED else option.choices
     return {
-        **{name: getattr(one, name) for name in _TOLD},
-        "help": worded(one.help),
+        **{name: getattr(option, name) for name in _DESCRIBED},
+        "help": worded(option.help),
         "key": key,
         "type": "text" if is_text or not kinds else _TYPES[kinds[0]],
         "choices": names,
-        "default": worded(one.default or _default(one.initial)),
+        "default": worded(option.default or _default(option.initial)),
         "first": key in _FIRST,
-        "several": one.each or one.wanted not in (str, str | None, Any),
+        "several": option.each or option.wanted not in (str, str | None, Any),
     }
 
 
-_TOLD = ("label", "panel", "unit", "low", "high", "kind", "needs", "not_with", "needs_fleet")
+_DESCRIBED = ("label", "panel", "unit", "low", "high", "kind", "needs", "not_with", "needs_fleet")
 
 
 def _default(initial: Any) -> str:
@@ -324,7 +323,7 @@ def _plain(value: Any) -> Any:
     if value is None or isinstance(value, bool | int | float):
         return value
     if isinstance(value, Mapping):
-        return ",".join(f"{name}={one:g}" for name, one in value.items())
+        return ",".join(f"{name}={number:g}" for name, number in value.items())
     return ",".join(map(str, value)) if isinstance(value, tuple | list) else str(value)
 
 

@@ -25,16 +25,13 @@ class FlightState(msgspec.Struct, frozen=True):
     words: str = ""
 
 
-_NONE = FlightState()
-
-
 class StudioFlight:
     """Runs one flight in the simulator; a new flight stops the previous one."""
 
     def __init__(self) -> None:
         self.show: Callable[[View], None] = lambda _view: None
         self._thread: threading.Thread | None = None
-        self._flown = Flown(View())
+        self._flown = Flown(View(), "none")
         self._lock = threading.Lock()
 
     def start(self, scenario: Scenario, pace: float | None, decider: str) -> None:
@@ -42,7 +39,7 @@ class StudioFlight:
         with self._lock:
             self._flown.stopping.set()
             view = View()
-            self._flown = Flown(view, FlightState("preparing"), decider)
+            self._flown = Flown(view, "preparing", decider)
             self.show(view)
             work = partial(self._flown.fly, scenario, pace)
             self._thread = threading.Thread(target=work, name="studio flight", daemon=True)
@@ -66,8 +63,8 @@ class StudioFlight:
 class Flown:
     """One flight that a view shows and that can be stopped."""
 
-    def __init__(self, view: View, state: FlightState = _NONE, decider: str = "") -> None:
-        self._view, self.state, self._decider = view, state, decider
+    def __init__(self, view: View, outcome: str, decider: str = "") -> None:
+        self._view, self.state, self._decider = view, FlightState(outcome), decider
         self.stopping = threading.Event()
 
     def fly(self, scenario: Scenario, pace: float | None) -> None:

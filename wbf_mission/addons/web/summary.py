@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mission.outcome import in_words
 from sensors.fields import Field
 from wbf_mission.addons.base.farm_drawing import FarmDrawing
+from wbf_mission.addons.base.plots import ramp
 from wbf_mission.maps.field_maps import FieldMap
 from wbf_mission.maps.report import FieldReport, brief, percent
 from wbf_mission.run.record import RunRecord
@@ -40,49 +41,57 @@ def run_title(record: RunRecord) -> str:
 
 def summary_of(record: RunRecord, *, notes: Sequence[str] = ()) -> str:
     """Return the summary of a run as an HTML element; `notes` concern the page below it."""
-    told = _told(record)
+    facts, warnings = _facts(record), _shown_warnings(record)
     reports = _reports(record)
-    shown = [one for one in record.maps if one.field.name in reports]
-    lines = _lines(told.values(), 100) + _lines(_shown_warnings(record), 115)
+    shown = [field_map for field_map in record.maps if field_map.field.name in reports]
+    lines = _lines(facts.values(), 100) + _lines(warnings, 115)
     height_mm = _map_height_mm(lines, len(shown), _KEY_MM)
-    scales = {one.field.name: _scale([one]) for one in shown}
+    scales = {field_map.field.name: _scale([field_map]) for field_map in shown}
     fields = "".join(
-        f'<div class="field"><div>{_map(record, one, scales[one.field.name], height_mm, reports)}'
-        f"{_key(one.field, scales[one.field.name])}</div>"
-        f"<div><h2>{escape(one.field.title)}</h2>{_about(reports[one.field.name])}</div></div>\n"
-        for one in shown
+        f'<div class="field"><div>{_map(record, field_map, scales[field_map.field.name], height_mm, reports)}'
+        f"{_key(field_map.field, scales[field_map.field.name])}</div>"
+        f"<div><h2>{escape(field_map.field.title)}</h2>{_about(reports[field_map.field.name])}</div></div>\n"
+        for field_map in shown
     )
     title = f"{record.farm.name}: what the flight found"
-    body = f"{_facts(told)}{_warnings(record)}{fields}{_below(notes)}"
-    return f"{_BEGIN}<h1>{escape(title)}</h1>\n{body}</section>"
+    rows = "".join(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in facts.items())
+    listed = "".join(f"<li>{escape(warning)}</li>" for warning in warnings)
+    listed = f'<ul class="warnings">{listed}</ul>\n' if listed else ""
+    return (
+        f'{_BEGIN}<h1>{escape(title)}</h1>\n<dl class="facts">{rows}</dl>\n'
+        f"{listed}{fields}{_below(notes)}</section>"
+    )
 
 
 def comparison_of(first: RunRecord, second: RunRecord, *, notes: Sequence[str] = ()) -> str:
     """Return the summary of two runs over the same farm: their differences, and both maps."""
-    told = [_told(one, short=True) for one in (first, second)]
-    names = list(dict.fromkeys([*told[0], *told[1]]))
+    facts = [_facts(one, short=True) for one in (first, second)]
+    names = list(dict.fromkeys([*facts[0], *facts[1]]))
     rows = []
     for name in names:
-        one, two = (each.get(name, "-") for each in told)
-        kind = "" if one == two else ' class="differs"'
-        rows.append(f"<tr{kind}><th>{escape(name)}</th><td>{escape(one)}</td><td>{escape(two)}</td></tr>")
+        of_first, of_second = (each.get(name, "-") for each in facts)
+        kind = "" if of_first == of_second else ' class="differs"'
+        rows.append(
+            f"<tr{kind}><th>{escape(name)}</th><td>{escape(of_first)}</td><td>{escape(of_second)}</td></tr>"
+        )
     reports = [_reports(record) for record in (first, second)]
     pairs = [
-        (one, two)
-        for one in first.maps
-        for two in second.maps
-        if one.field.name == two.field.name and all(one.field.name in each for each in reports)
+        (first_map, second_map)
+        for first_map in first.maps
+        for second_map in second.maps
+        if first_map.field.name == second_map.field.name
+        and all(first_map.field.name in each for each in reports)
     ]
-    lines = sum(_lines([max((each.get(name, "-") for each in told), key=len)], 45) for name in names)
+    lines = sum(_lines([max((each.get(name, "-") for each in facts), key=len)], 45) for name in names)
     height_mm = _map_height_mm(lines + 1, len(pairs), _KEY_MM + _HEAD_MM)
     fields = ""
     for pair in pairs:
         scale, field = _scale(pair), pair[0].field
         fields += f'<div class="field two"><h2>{escape(field.title)}</h2>'
         for record, shown, of, side in zip((first, second), pair, reports, "ab", strict=True):
-            told_of = escape(brief(of[field.name]))
+            label = escape(brief(of[field.name]))
             fields += (
-                f"<div>{_map(record, shown, scale, height_mm, of, side)}{_key(field, scale, told_of)}</div>"
+                f"<div>{_map(record, shown, scale, height_mm, of, side)}{_key(field, scale, label)}</div>"
             )
         fields += "</div>\n"
     return (
@@ -97,8 +106,8 @@ def _reports(record: RunRecord) -> dict[str, FieldReport]:
 
 
 def _below(notes: Sequence[str]) -> str:
-    told = "".join(f"<li>{escape(note)}</li>" for note in notes)
-    return f'<nav class="below"><a href="#app">Replay it below</a><ul>{told}</ul></nav>\n'
+    items = "".join(f"<li>{escape(note)}</li>" for note in notes)
+    return f'<nav class="below"><a href="#app">Replay it below</a><ul>{items}</ul></nav>\n'
 
 
 def _chooser(record: RunRecord) -> str:
@@ -108,7 +117,7 @@ def _chooser(record: RunRecord) -> str:
     return record.plan.planner or f"mission {mission.file}"
 
 
-def _told(record: RunRecord, *, short: bool = False) -> dict[str, str]:
+def _facts(record: RunRecord, *, short: bool = False) -> dict[str, str]:
     """Return the facts of a run in words, by name; `short` ones are for a comparison."""
     summary, scenario = record.summary(), record.scenario
     vehicles = list(dict.fromkeys(scenario.vehicle.names))
@@ -117,7 +126,7 @@ def _told(record: RunRecord, *, short: bool = False) -> dict[str, str]:
     when = f"day {days[0]}" if len(days) == 1 else f"days {days[0]} to {days[-1]}"
     flights, seed = len(record.flights), str(scenario.seed)
     seen = f"{percent(summary['coverage'])} of the land to be seen"
-    told = {
+    facts = {
         "path": _chooser(record),
         "vehicle": f"{count} x {', '.join(vehicles)}" if count > 1 else ", ".join(vehicles),
         "when": when if short else f"{when}, {flights} flight{'s' if flights != 1 else ''}",
@@ -131,13 +140,15 @@ def _told(record: RunRecord, *, short: bool = False) -> dict[str, str]:
         **({"seed": seed} if short else {}),
     }
     if record.score is not None and record.final_score is not None:
-        told["score"] = f"{record.score:.5f} over the run, {record.final_score:.5f} at its end (0 is perfect)"
+        facts["score"] = (
+            f"{record.score:.5f} over the run, {record.final_score:.5f} at its end (0 is perfect)"
+        )
     for name, value in summary["losses"].items():
         if short and value is not None:
-            told[f"loss a cell, {name}"] = f"{value:.4g}"
+            facts[f"loss a cell, {name}"] = f"{value:.4g}"
     if short and record.warnings:
-        told["warnings"] = str(len(record.warnings))
-    return told
+        facts["warnings"] = str(len(record.warnings))
+    return facts
 
 
 def _battery(record: RunRecord) -> str:
@@ -149,11 +160,6 @@ def _battery(record: RunRecord) -> str:
     return f"{len(used)} charges, at most {percent(max(used))} of one; {sum(used):.1f} in all"
 
 
-def _facts(told: Mapping[str, str]) -> str:
-    rows = "".join(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in told.items())
-    return f'<dl class="facts">{rows}</dl>\n'
-
-
 def _shown_warnings(record: RunRecord) -> list[str]:
     """Return the first warnings, and the number of further ones."""
     warnings = record.warnings
@@ -161,11 +167,6 @@ def _shown_warnings(record: RunRecord) -> list[str]:
     if len(lines) > _TOLD_WARNINGS:
         lines[_TOLD_WARNINGS - 1 :] = [f"and {len(lines) - _TOLD_WARNINGS + 1} more warnings"]
     return lines
-
-
-def _warnings(record: RunRecord) -> str:
-    lines = "".join(f"<li>{escape(shown_warning)}</li>" for shown_warning in _shown_warnings(record))
-    return f'<ul class="warnings">{lines}</ul>\n' if lines else ""
 
 
 def _lines(texts: Iterable[str], columns: int) -> int:
@@ -270,13 +271,10 @@ def _scale(maps: Sequence[FieldMap]) -> float:
 
 def _ramp(field: Field) -> NDArray[np.uint8]:
     """Return the colours of a field's map from 0 to its scale, uint8[`_STEPS`, 3]."""
-    colours = _SICK if field.kind == "disease" else field.colours
-    ends = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in colours], np.float64)
-    at, places = np.linspace(0.0, len(ends) - 1.0, _STEPS), np.arange(len(ends))
-    return np.rint(np.stack([np.interp(at, places, ends[:, k]) for k in range(3)], axis=1)).astype(np.uint8)
+    return ramp(_SICK if field.kind == "disease" else field.colours, _STEPS)
 
 
-def _key(field: Field, scale: float, told: str = "") -> str:
+def _key(field: Field, scale: float, label: str = "") -> str:
     """Draw the colour key of a map."""
     bars = "".join(
         f'<rect x="{k}" width="1.05" height="1" fill="#{r:02x}{g:02x}{b:02x}"/>'
@@ -288,5 +286,5 @@ def _key(field: Field, scale: float, told: str = "") -> str:
     else:
         low, high = (f"{field.to_unit(one):.3g}" for one in (0.0, scale))
         high = f"{high} {'' if field.range == (0.0, 1.0) else field.unit}".rstrip()
-    told = f"<strong>{told}</strong>" if told else ""
-    return f'<p class="key">{told}<span>{low}</span>{bar}<span>{escape(high)}</span></p>'
+    label = f"<strong>{label}</strong>" if label else ""
+    return f'<p class="key">{label}<span>{low}</span>{bar}<span>{escape(high)}</span></p>'

@@ -158,11 +158,11 @@ class _PMTiles:
             self.zooms = low, high
             self._directory = lru_cache(8)(self._read_directory)
             self._directory(*self._root)
-            told: Any = json.loads(self._unpacked(places[2], places[3], MAX_METADATA_BYTES) or b"{}")
+            metadata: Any = json.loads(self._unpacked(places[2], places[3], MAX_METADATA_BYTES) or b"{}")
         except BaseException:
             self._file.close()
             raise
-        self.attribution = str(told.get("attribution", "")) if isinstance(told, dict) else ""
+        self.attribution = str(metadata.get("attribution", "")) if isinstance(metadata, dict) else ""
 
     def read(self, z: int, x: int, y: int) -> bytes | None:
         wanted, place = _tile_id(z, x, y), self._root
@@ -205,9 +205,9 @@ class _PMTiles:
         count = numbers[0] if numbers else 0
         if len(numbers) != 4 * count + 1:
             raise ValueError("a directory of another length")
-        steps, runs, lengths, told = (numbers[1 + k * count : 1 + (k + 1) * count] for k in range(4))
+        steps, runs, lengths, places = (numbers[1 + k * count : 1 + (k + 1) * count] for k in range(4))
         ids, offsets, at, end = [], [], 0, 0
-        for step, size, place in zip(steps, lengths, told, strict=True):
+        for step, size, place in zip(steps, lengths, places, strict=True):
             at += step
             start = place - 1 if place else end  # 0: follows the previous entry
             end = start + size

@@ -8,7 +8,7 @@ import threading
 import time
 import weakref
 from collections.abc import Callable, Sequence
-from functools import partial
+from itertools import compress
 from operator import attrgetter
 from typing import Any, Generic, NewType, TypeAlias, TypeVar
 
@@ -79,10 +79,9 @@ class _Rows(Generic[T]):
                 del rows[: self.limit // 2 : self.step]
             self.thinned = version
 
-    def drop(self, is_meant: Callable[[T], bool]) -> None:
-        """Remove the rows for which `is_meant` holds."""
-        for index in reversed([i for i, row in enumerate(self.rows) if is_meant(row)]):
-            del self.rows[index], self.versions[index]
+    def keep(self, kept: Sequence[bool]) -> None:
+        """Remove the other rows."""
+        self.rows, self.versions = list(compress(self.rows, kept)), list(compress(self.versions, kept))
 
     def after(self, cursor: int, restart: list[str]) -> list[T]:
         """Return the rows newer than a cursor; all rows, noted in `restart`, after a thinning."""
@@ -154,7 +153,7 @@ class View:
 
         self._layers: Layers | None = None
         self._version = 1
-        self._replaced: dict[str, int] = {}  # Versions of the members that are replaced as a whole
+        self._replaced = {"status": 1}  # Versions of the members that are replaced as a whole
         self._time_s = 0.0
         self._run: schema.Run | None = None
         self._status = schema.Status(_RUNNING, in_words(_RUNNING), "", None, None, ())
@@ -196,18 +195,14 @@ class View:
         at, restart = int(cursor or 0), list[str]()
         with self._lock:
             self._look_after_decisions()
-            update, version = schema.Update(round(self._time_s, 2)), Cursor(self._version)
+            replaced = {name for name, version in self._replaced.items() if version > at}
+            whole = {name: getattr(self, f"_{name}") for name in replaced - {"layers"}}
+            update, version = schema.Update(self.time_s, **whole), Cursor(self._version)
             plans, said = self._plans.after(at, restart), self._said.after(at, restart)
             decisions, scores = self._decisions.after(at, restart), self._scores.after(at, restart)
             states = {str(key): rows.after(at, restart) for key, rows in self._states.items()}
             readings = self._readings.after(at)
-            if self._replaced.get("run", 0) > at and self._run is not None:
-                update.run = self._run
-            if self._replaced.get("status", 1) > at:
-                update.status = self._status
-            if self._replaced.get("background", 0) > at:
-                update.background = self._background
-            if 0 < at < self._replaced.get("layers", 0):
+            if at and "layers" in replaced:
                 restart.append("tiles")
                 at = 0
             tiles = [] if self._layers is None else self._layers.show(at)
@@ -356,7 +351,7 @@ class View:
 
     def _decide(self, time_s: float, record: DecisionRecord) -> None:
         with self._lock:
-            known = (i for i, (_, one) in enumerate(self._records) if one is record)
+            known = (i for i, (_, earlier) in enumerate(self._records) if earlier is record)
             index = next(known, len(self._records))
             if index == len(self._records):
                 self._records.append((time_s, record))
@@ -365,11 +360,11 @@ class View:
 
     def _look_after_decisions(self) -> None:
         """Publish decisions again whose outcomes have changed during their execution."""
-        for number, told in tuple(self._open.items()):
+        for number, sent in tuple(self._open.items()):
             time_s, record = self._records[number - 1]
             state = record.refused, tuple(change.outcome for change in record.changes)
-            if state != told:
-                self._decisions.drop(partial(_has_number, number))
+            if state != sent:
+                self._decisions.keep([known.number != number for known in self._decisions.rows])
                 self._decisions.add(_decision(number, time_s, record), self._hear(time_s))
                 self._open[number] = state
             if _UNDER_WAY not in state[1]:
@@ -438,10 +433,6 @@ def _field(field: Field) -> schema.FieldInfo:
     return schema.FieldInfo(field.name, field.title, kind, field.unit, field.range, colours)
 
 
-def _has_number(number: int, decision: schema.Decision) -> bool:
-    return decision.number == number
-
-
 def _decision(number: int, time_s: float, record: DecisionRecord) -> schema.Decision:
     return schema.Decision(
         *(number, round(time_s, 2), record.day, record.flight, record.event, record.reason, record.refused),
@@ -468,12 +459,10 @@ def _states(rows: list[_State]) -> schema.States:
 
 def _of_their_crops(grid: FarmGrid, fields: Sequence[Field], seen: Observations) -> Observations:
     """Return observations without readings of fields outside their crops."""
-    at = seen.x[:, np.newaxis], seen.y[:, np.newaxis]
-    cells = FarmGrid((len(seen), 1), grid.cell_size_m, grid.crop[at], grid.owned[at], grid.crops)
     values = seen.values.copy()
     for field in fields:
         if field.name in seen.fields:
-            values[~field.hosts(cells)[:, 0], seen.fields.index(field.name)] = np.nan
+            values[~field.hosts(grid, (seen.x, seen.y)), seen.fields.index(field.name)] = np.nan
     return Observations(seen.x, seen.y, seen.time_s, seen.day, values, seen.fields)
 
 
@@ -484,7 +473,9 @@ def _readings(columns: dict[str, NDArray[Any]]) -> schema.Readings:
 
 def _scores(rows: list[_Scored]) -> schema.Scores:
     scores = [row[3] for row in rows]
-    lost = [{} if one is None else dict(zip(one.fields, one.field_loss, strict=True)) for one in scores]
+    lost = [
+        {} if score is None else dict(zip(score.fields, score.field_loss, strict=True)) for score in scores
+    ]
     names = dict.fromkeys(name for losses in lost for name in losses)
     return schema.Scores(
         time_s=[round(row[0], 2) for row in rows],

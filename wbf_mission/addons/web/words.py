@@ -39,7 +39,7 @@ def _name(flag: re.Match[str]) -> str:
 
 @lru_cache(maxsize=1)
 def _labels() -> dict[str, str]:
-    known = {str(one.flag): _capital(one.label) for _, _, one in all_options().values()}
+    known = {str(option.flag): _capital(option.label) for _, _, option in all_options().values()}
     return known | _OTHERS
 
 

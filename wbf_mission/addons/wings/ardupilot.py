@@ -90,9 +90,6 @@ class ArduPlane(WingProcedures):
             sink_max=max(value["TECS_SINK_MAX"], 0.1),
             height_s=value["TECS_TIME_CONST"],
             speed_s=value["TECS_TIME_CONST"],
-            switch_share=0.0,
-            height_acceptance=math.inf,
-            landing_height_acceptance=math.inf,
             takeoff_airspeed=trim,
             rotation=liftoff,
             launch=acceleration,
@@ -100,31 +97,8 @@ class ArduPlane(WingProcedures):
             landing_airspeed=landing if landing > 0.0 else 0.5 * (least + trim),
             landing_slope=math.tan(math.radians(5.0)),
             loiter_radius=value["WP_LOITER_RAD"] or 60.0,
+            control=self.numbers(spec) | _control(value),
         )
-
-    def control(self, spec: VehicleSpec) -> Mapping[str, float]:
-        """Return the gains of energy control, landing and take-off."""
-        value = self.values(spec)
-        pitch_max, pitch_min = value["PTCH_LIM_MAX_DEG"], value["PTCH_LIM_MIN_DEG"]
-        if value["TECS_PITCH_MAX"] > 0.0:
-            pitch_max = min(pitch_max, value["TECS_PITCH_MAX"])
-        if value["TECS_PITCH_MIN"] < 0.0:
-            pitch_min = max(pitch_min, value["TECS_PITCH_MIN"])
-        least = 0.01 * value["THR_MIN"]
-        most = max(0.01 * value["THR_MAX"], least + 0.01)
-        return {
-            **self.numbers(spec),
-            "time_s": max(value["TECS_TIME_CONST"], 0.1),
-            "tecs_sink_max": max(value["TECS_SINK_MAX"], 0.1),
-            "throttle_min": max(least, 0.0),
-            "throttle_max": most,
-            "pitch_min": math.radians(pitch_min),
-            "pitch_max": math.radians(max(pitch_max, pitch_min)),
-            "pitch_up_rate": math.radians(value["PTCH2SRV_RMAX_UP"] or _ANY_RATE),
-            "pitch_down_rate": math.radians(value["PTCH2SRV_RMAX_DN"] or _ANY_RATE),
-            "slope_min": value["ALT_SLOPE_MIN"] or math.inf,
-            "takeoff_throttle": 0.01 * value["TKOFF_THR_MAX"] or most,
-        }
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
         """Return the vehicle with the values set by its parameters."""
@@ -147,6 +121,29 @@ class ArduPlane(WingProcedures):
         height = max(least, height if height > 0.0 else last[2], 5.0)
         circle = Circle(self.value(spec, "RTL_RADIUS") or None)
         return [Leg((home_x, home_y, height), speed, kind=LegKind.HOME, circle=circle)]
+
+
+def _control(value: Mapping[str, float]) -> dict[str, float]:
+    """Return the gains of energy control, landing and take-off that are not parameters."""
+    pitch_max, pitch_min = value["PTCH_LIM_MAX_DEG"], value["PTCH_LIM_MIN_DEG"]
+    if value["TECS_PITCH_MAX"] > 0.0:
+        pitch_max = min(pitch_max, value["TECS_PITCH_MAX"])
+    if value["TECS_PITCH_MIN"] < 0.0:
+        pitch_min = max(pitch_min, value["TECS_PITCH_MIN"])
+    least = 0.01 * value["THR_MIN"]
+    most = max(0.01 * value["THR_MAX"], least + 0.01)
+    return {
+        "time_s": max(value["TECS_TIME_CONST"], 0.1),
+        "tecs_sink_max": max(value["TECS_SINK_MAX"], 0.1),
+        "throttle_min": max(least, 0.0),
+        "throttle_max": most,
+        "pitch_min": math.radians(pitch_min),
+        "pitch_max": math.radians(max(pitch_max, pitch_min)),
+        "pitch_up_rate": math.radians(value["PTCH2SRV_RMAX_UP"] or _ANY_RATE),
+        "pitch_down_rate": math.radians(value["PTCH2SRV_RMAX_DN"] or _ANY_RATE),
+        "slope_min": value["ALT_SLOPE_MIN"] or math.inf,
+        "takeoff_throttle": 0.01 * value["TKOFF_THR_MAX"] or most,
+    }
 
 
 def arduplane_landing(items: Sequence[MissionItem], parameters: RuntimeParameters) -> str | None:

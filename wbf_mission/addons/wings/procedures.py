@@ -11,8 +11,6 @@ from sim_vehicle.autopilot.procedures import FixedWingProcedures
 from sim_vehicle.motion.legs import KEEP, Circle, Leg, LegKind
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position
     from sim_vehicle.motion.model import MotionModel
@@ -34,10 +32,6 @@ class WingProcedures(FixedWingProcedures):
     @abstractmethod
     def limits(self, spec: VehicleSpec) -> FixedWingLimits:
         """Return the flight limits of a vehicle."""
-
-    def control(self, spec: VehicleSpec) -> Mapping[str, float]:
-        """Return further columns of `wbf_mission.addons.wings.motion.layout.Limits`."""
-        return {}
 
     def start_of_flight(self, spec: VehicleSpec, rotation: float, least: float) -> tuple[float, float]:
         """Return the airspeed of lift-off, and the acceleration until then (0: by thrust).
@@ -69,7 +63,7 @@ class WingProcedures(FixedWingProcedures):
         """Return the motion of a vehicle at rest at home."""
         from wbf_mission.addons.wings.motion.model import FixedWing
 
-        return FixedWing(spec, self.limits, self.control, wind, yaw_rad)
+        return FixedWing(spec, self.limits, wind, yaw_rad)
 
     def takeoff_legs(
         self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading

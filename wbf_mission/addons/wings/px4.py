@@ -61,11 +61,9 @@ class Px4FixedWing(WingProcedures):
             roll_slew=math.radians(value["FW_PN_R_SLEW_MAX"] or 1000.0),
             climb_rate=min(value["FW_T_CLMB_R_SP"], value["FW_T_CLMB_MAX"]),
             sink_rate=min(value["FW_T_SINK_R_SP"], value["FW_T_SINK_MAX"]),
-            integral=0.0,
             takeoff_airspeed=takeoff,
             rotation=liftoff,
             launch=acceleration,
-            level_height=0.0,
             level_bank=0.1,
             landing_airspeed=value["FW_LND_AIRSPD"] if value["FW_LND_AIRSPD"] > 0.0 else least,
             landing_slope=math.tan(math.radians(value["FW_LND_ANG"])),
@@ -73,6 +71,7 @@ class Px4FixedWing(WingProcedures):
             ramp_s=value["RWTO_RAMP_TIME"] if runway else 0.0,
             ramp_throttle=value["RWTO_MAX_THR"] if runway else 1.0,
             rotation_s=value["RWTO_ROT_TIME"] if runway else 0.0,
+            control={},
         )
 
     def steepest_approach(self, spec: VehicleSpec) -> tuple[str, float] | None:

@@ -9,8 +9,7 @@ from bench_packs import pack_of
 from write_frozen_sums import table
 
 from wbf_mission.addons.boards.audit import require_whole
-from wbf_mission.addons.boards.board import board_of, packs_of
-from wbf_mission.addons.boards.frozen import TABLE, frozen_sums
+from wbf_mission.addons.boards.board import FROZEN, board_of, frozen_sums, packs_of
 from wbf_mission.addons.boards.submission import read_pack
 from wbf_mission.addons.boards.verification import fly_again
 from wbf_mission.cli.app import main
@@ -47,7 +46,7 @@ def test_rows_that_the_present_code_flew_come_out_equal(at_once, pack):
 
 def test_the_package_has_their_sums():
     # python tools/write_frozen_sums.py writes them.
-    assert TABLE.read_bytes() == table()
+    assert FROZEN.read_bytes() == table()
     assert set(frozen_sums()) == {path.relative_to(RESULTS).as_posix() for path in PACKS}
 
 

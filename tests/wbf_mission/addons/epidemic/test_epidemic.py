@@ -24,9 +24,8 @@ from sensors.observations import Observations
 from sensors.scoring.score import RunningScore
 from wbf_mission import check_estimator
 from wbf_mission.addons.epidemic import belief as belief_module
-from wbf_mission.addons.epidemic import estimator as ahead
 from wbf_mission.addons.epidemic import network as network_module
-from wbf_mission.addons.epidemic import training
+from wbf_mission.addons.epidemic import store, training
 from wbf_mission.addons.epidemic.estimator import EpidemicEstimator
 from wbf_mission.addons.epidemic.expected import (
     CLASS_VALUES,
@@ -49,7 +48,8 @@ from wbf_mission.addons.epidemic.features import (
 )
 from wbf_mission.addons.epidemic.network import FieldClassifier, Network, train
 from wbf_mission.addons.epidemic.soil import SoilField
-from wbf_mission.addons.epidemic.training import TrainingTask, load_network, network_for
+from wbf_mission.addons.epidemic.store import load_network, network_for
+from wbf_mission.addons.epidemic.training import TrainingTask
 
 SMALL = {"outbreaks": 60, "epochs": 2}
 FAIR = {"outbreaks": 100, "epochs": 6}
@@ -120,17 +120,14 @@ def some_codes(shape=(14, 20), seed=0):
 
 def test_features_count_codes_by_distance_and_leave_out_the_cell_itself():
     _, codes = some_codes()
-    out = np.zeros((1, N_FEATURES), np.float32)
-    local_features(codes, np.array([5]), np.array([7]), out)
+    out = local_features(codes, np.array([5]), np.array([7]))
     centre = codes[5 : 5 + 2 * REACH + 1, 7 : 7 + 2 * REACH + 1]
     # The four nearest cells are the first ring, and infected is the second code.
     nearest = [centre[REACH + i, REACH + j] for i, j in ((0, 1), (1, 0), (0, -1), (-1, 0))]
     rings = (N_FEATURES - 8) // 4
     assert out[0, rings] == pytest.approx(sum(code == 2 for code in nearest) / 2)
-    before = out.copy()
     codes[5 + REACH, 7 + REACH] = 3
-    local_features(codes, np.array([5]), np.array([7]), out)
-    assert np.array_equal(before, out)
+    assert np.array_equal(local_features(codes, np.array([5]), np.array([7])), out)
 
 
 def test_only_what_was_touched_is_looked_at_anew():
@@ -210,9 +207,9 @@ def test_the_gradient_is_that_of_the_cross_entropy():
 
 def test_equal_lessons_give_equal_networks_to_the_bit():
     hosts = get_farm("miniberry-10").grid().tomato
-    task = TrainingTask(TYLCV, 6, outbreaks=30, epochs=1)
-    first, second = training.learn(task, hosts), training.learn(task, hosts)
-    other = training.learn(TrainingTask(TYLCV, 6, outbreaks=30, epochs=1, seed=1), hosts)
+    task = TrainingTask(TYLCV, hosts, 6, outbreaks=30, epochs=1)
+    first, second = training.learn(task), training.learn(task)
+    other = training.learn(replace(task, seed=1))
     pairs = list(zip(first.weights, second.weights, strict=True))
     assert all(np.array_equal(a, b) for a, b in pairs)
     assert not np.array_equal(first.weights[0], other.weights[0])
@@ -220,22 +217,22 @@ def test_equal_lessons_give_equal_networks_to_the_bit():
 
 def test_what_was_learned_is_kept_and_damage_is_repaired(tmp_path, monkeypatch):
     hosts = get_farm("miniberry-10").grid().strawberry
-    task = TrainingTask(CCR, 6, outbreaks=15, epochs=1, seed=5)
-    monkeypatch.setattr(training, "_in_memory", {})
-    learned = network_for(task, hosts, tmp_path)
+    task = TrainingTask(CCR, hosts, 6, outbreaks=15, epochs=1, seed=5)
+    monkeypatch.setattr(store, "_in_memory", {})
+    learned = network_for(task, tmp_path)
     (path,) = tmp_path.glob("*.npz")
     kept = path.read_bytes()
     trained = []
     real = training.learn
-    monkeypatch.setattr(training, "learn", lambda *given: trained.append(1) or real(*given))
-    monkeypatch.setattr(training, "_in_memory", {})
-    again = network_for(task, hosts, tmp_path)
+    monkeypatch.setattr(store, "learn", lambda *given: trained.append(1) or real(*given))
+    monkeypatch.setattr(store, "_in_memory", {})
+    again = network_for(task, tmp_path)
     assert trained == []
     assert np.array_equal(learned.weights[1], again.weights[1])
     for damaged in (b"", kept[: len(kept) // 2], b"not a network"):
         path.write_bytes(damaged)
-        monkeypatch.setattr(training, "_in_memory", {})
-        repaired = network_for(task, hosts, tmp_path)
+        monkeypatch.setattr(store, "_in_memory", {})
+        repaired = network_for(task, tmp_path)
         assert np.array_equal(learned.weights[1], repaired.weights[1])
         assert load_network(path) is not None
     assert len(trained) == 3
@@ -261,10 +258,10 @@ def test_a_file_that_is_no_network_is_not_used(tmp_path, spoil):
 
 
 def test_further_networks_are_kept_too(tmp_path):
-    task = TrainingTask(CCR, 6, outbreaks=15, epochs=1, seed=5)
-    learned = training.learn(task, get_farm("miniberry-10").grid().strawberry)
+    hosts = get_farm("miniberry-10").grid().strawberry
+    learned = training.learn(TrainingTask(CCR, hosts, 6, outbreaks=15, epochs=1, seed=5))
     assert len(learned.further) == 2
-    training.save_network(learned, tmp_path / "kept.npz")
+    store.save_network(learned, tmp_path / "kept.npz")
     again = load_network(tmp_path / "kept.npz")
     assert len(again.further) == 2
     for one, other in zip(learned.further, again.further, strict=True):
@@ -300,14 +297,14 @@ def test_context_sums_what_is_expected_in_each_ring():
 def test_a_second_look_judges_better(cache):
     """With equal training, on fields that the networks have not seen."""
     hosts = get_farm("miniberry-10").grid().tomato
-    task = TrainingTask(TYLCV, 6, **FAIR)
-    network = network_for(task, hosts, cache)
-    looks = training.draw_looks(replace(task, day=0), hosts, np.random.default_rng(77))
+    task = TrainingTask(TYLCV, hosts, 6, **FAIR)
+    network = network_for(task, cache)
+    looks = training.draw_looks(task, np.random.default_rng(77))
     x, y = np.nonzero(hosts)
     losses = np.zeros(2)
     for look in looks:
         features = np.zeros((len(x), N_FEATURES), np.float32)
-        local_features(look.codes, x, y, features)
+        features[:, :-8] = local_features(look.codes, x, y)
         features[:, -8:] = overall_features(look.codes, len(x), 3, look.day)
         known = {(int(i), int(j)): row for row, (i, j) in enumerate(zip(x, y, strict=True))}
         rows = [known[int(i), int(j)] for i, j in look.chosen]
@@ -321,9 +318,9 @@ def test_a_second_look_judges_better(cache):
 def test_without_a_folder_to_write_to_it_still_learns(tmp_path, monkeypatch):
     blocked = tmp_path / "file"
     blocked.write_text("in the way")
-    monkeypatch.setattr(training, "_in_memory", {})
+    monkeypatch.setattr(store, "_in_memory", {})
     hosts = get_farm("miniberry-10").grid().tomato
-    assert network_for(TrainingTask(TYLCV, 6, outbreaks=15, epochs=1, seed=6), hosts, blocked / "deeper")
+    assert network_for(TrainingTask(TYLCV, hosts, 6, outbreaks=15, epochs=1, seed=6), blocked / "deeper")
 
 
 @pytest.mark.parametrize("is_full", [True, False])
@@ -332,10 +329,10 @@ def test_a_network_that_cannot_be_kept_is_said_once(tmp_path, monkeypatch, is_fu
     folder = tmp_path / "kept" if is_full else tmp_path / "file" / "cache"
     network = Network((np.ones((2, 1), np.float32),), (np.zeros(1, np.float32),))
     if is_full:
-        monkeypatch.setattr(training, "atomic_write", Mock(side_effect=OSError(errno.ENOSPC, "full")))
+        monkeypatch.setattr(store, "atomic_write", Mock(side_effect=OSError(errno.ENOSPC, "full")))
     with pytest.warns(CacheWarning, match="cannot keep anything in this cache") as told:
         for name in ("a.npz", "b.npz"):
-            training.save_network(network, folder / name)
+            store.save_network(network, folder / name)
     assert len(told) == 1
     assert load_network(folder / "a.npz") is None
 
@@ -345,12 +342,12 @@ def test_lessons_differ_in_their_names():
     fewer = hosts.copy()
     fewer[0, 0] = False
     names = {
-        TrainingTask(TYLCV, 6).key(hosts),
-        TrainingTask(TYLCV, 6).key(fewer),
-        TrainingTask(TYLCV, 7).key(hosts),
-        TrainingTask(CCR, 6).key(hosts),
-        TrainingTask(TYLCV, 6, seed=1).key(hosts),
-        TrainingTask(TYLCV, 6, epochs=1).key(hosts),
+        TrainingTask(TYLCV, hosts, 6).key,
+        TrainingTask(TYLCV, fewer, 6).key,
+        TrainingTask(TYLCV, hosts, 8).key,
+        TrainingTask(CCR, hosts, 6).key,
+        TrainingTask(TYLCV, hosts, 6, seed=1).key,
+        TrainingTask(TYLCV, hosts, 6, epochs=1).key,
     }
     assert len(names) == 6
 
@@ -361,9 +358,8 @@ def test_it_keeps_the_promises_of_an_estimator(cache):
 
 
 def test_on_farms_too_large_for_the_whole_it_keeps_them_too(cache, monkeypatch):
-    monkeypatch.setattr(belief_module, "WHOLE_FARM_CELLS", 50)
     monkeypatch.setattr(training, "WHOLE_FARM_CELLS", 50)
-    monkeypatch.setattr(training, "_in_memory", {})
+    monkeypatch.setattr(store, "_in_memory", {})
     check_estimator(EpidemicEstimator(**SMALL, cache=cache / "large"))
     check_estimator(EpidemicEstimator(**SMALL, cache=cache / "large", misreading_rate=0.05))
 
@@ -428,9 +424,8 @@ def test_what_was_read_is_known_and_what_was_not_is_doubted(cache):
 
 
 def test_on_large_farms_probabilities_and_loss_are_made_when_asked_for(cache, monkeypatch):
-    monkeypatch.setattr(belief_module, "WHOLE_FARM_CELLS", 50)
     monkeypatch.setattr(training, "WHOLE_FARM_CELLS", 50)
-    monkeypatch.setattr(training, "_in_memory", {})
+    monkeypatch.setattr(store, "_in_memory", {})
     grid = get_farm("miniberry-10").grid()
     seen = rows_over(truth_of(grid, 3))
     estimator = EpidemicEstimator(**SMALL, cache=cache / "large").fit(grid, seen[:5])
@@ -535,14 +530,14 @@ def test_whole_and_large_farms_agree_away_from_what_only_small_ones_use(cache, m
     truth = truth_of(grid, 8)
     seen = rows_over(truth)
     reference = EpidemicEstimator(**SMALL, cache=cache).fit(grid, seen)
-    monkeypatch.setattr(belief_module, "WHOLE_FARM_CELLS", 50)
+    monkeypatch.setattr(training, "WHOLE_FARM_CELLS", 50)
     monkeypatch.setattr(network_module, "overall_features", lambda *field: np.zeros(8, np.float32))
-    monkeypatch.setattr(belief_module, "network_for", lambda task, hosts, folder: network)
+    monkeypatch.setattr(belief_module, "network_for", lambda task, folder: network)
     network = Network.draw(training.LAYERS, np.random.default_rng(0))
     large = EpidemicEstimator().fit(grid)
     for start in range(0, len(seen), 40):
         large.partial_fit(seen[start : start + 40]).predict()
-    monkeypatch.setattr(belief_module, "WHOLE_FARM_CELLS", 10_000)
+    monkeypatch.setattr(training, "WHOLE_FARM_CELLS", 10_000)
     whole = reference.fit(grid, seen)
     assert np.allclose(large.predict().value, whole.predict().value, atol=1e-5)
 
@@ -552,8 +547,8 @@ def test_windows_of_a_large_farm_stand_for_it(monkeypatch):
     monkeypatch.setattr(training, "_WINDOW", 48)
     hosts = np.ones((240, 200), bool)
     hosts[:, 150:] = False
-    task = TrainingTask(TYLCV, 6, outbreaks=150)
-    _, classes, weights = training.samples_of(training.draw_looks(task, hosts, np.random.default_rng(3)))
+    task = TrainingTask(TYLCV, hosts, 6, outbreaks=150)
+    _, classes, weights = training.samples_of(training.draw_looks(task, np.random.default_rng(3)))
     rng = np.random.default_rng(1)
     expected = np.mean([(simulate_outbreak(hosts, TYLCV, 6, rng)[hosts] >= 0).mean() for _ in range(20)])
     assert float(weights @ (classes > 0) / weights.sum()) == pytest.approx(expected, rel=0.4)
@@ -673,7 +668,7 @@ def test_training_beforehand_tells_its_progress_and_is_not_done_again(tmp_path, 
     assert done == sorted(done)
     assert (done[0], done[-1], told[0][2]) == (0, 1, 1)
     assert len(done) > 6
-    monkeypatch.setattr(training, "learn", None)
+    monkeypatch.setattr(store, "learn", None)
     assert estimator.partial_fit(Observations([1], [1], [0.0], [5], [[1, 1, 0.5]])).predict().shape == (
         10,
         10,
@@ -682,7 +677,7 @@ def test_training_beforehand_tells_its_progress_and_is_not_done_again(tmp_path, 
 
 @pytest.mark.parametrize(
     ("name", "module", "quick"),
-    [("epidemic", training, {"outbreaks": 20, "epochs": 1}), ("gp", prior, {})],
+    [("epidemic", store, {"outbreaks": 20, "epochs": 1}), ("gp", prior, {})],
 )
 def test_what_was_kept_is_no_training(name, module, quick, tmp_path, monkeypatch):
     grid = get_farm("miniberry-10").grid()
@@ -742,7 +737,7 @@ def test_how_many_of_a_class_fell_ill_since_is_as_the_model_has_it(disease):
     hosts = np.ones((80, 80), bool)
     day = 8
     belief = belief_module.DiseaseBelief(
-        hosts, TrainingTask(disease, day), too_healthy=10.0, too_sick=1.0, misreading_rate=0.0, cache=None
+        TrainingTask(disease, hosts, day), too_healthy=10.0, too_sick=1.0, misreading_rate=0.0, cache=None
     )
     found = belief._since_healthy(day)
     rng = np.random.default_rng(3)
@@ -758,40 +753,38 @@ def test_how_many_of_a_class_fell_ill_since_is_as_the_model_has_it(disease):
 def two_tasks(monkeypatch):
     """Networks for two diseases that are small, but large enough for processes of their own."""
     grid = get_farm("miniberry-10").grid()
-    monkeypatch.setattr(ahead, "_WORTH_A_PROCESS", 1)
-    monkeypatch.setattr(training, "_in_memory", {})
+    monkeypatch.setattr(store, "_WORTH_A_PROCESS", 1)
+    monkeypatch.setattr(store, "_in_memory", {})
     small = {"outbreaks": 15, "epochs": 1, "seed": 9}
-    return [(TrainingTask(TYLCV, 7, **small), grid.tomato), (TrainingTask(CCR, 6, **small), grid.strawberry)]
+    return [TrainingTask(TYLCV, grid.tomato, 7, **small), TrainingTask(CCR, grid.strawberry, 6, **small)]
 
 
 def weights_of(wanted, folder):
-    networks = [
-        training.known_network(training.shared_task(task, hosts), hosts, folder) for task, hosts in wanted
-    ]
+    networks = [store.load_network(store.network_file(task, folder)) for task in wanted]
     return [one for network in networks for part in (network, *network.further) for one in part.weights]
 
 
 def test_networks_trained_in_processes_are_those_trained_here(tmp_path, two_tasks, monkeypatch):
-    monkeypatch.setattr(ahead.os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(store.os, "cpu_count", lambda: 2)
     done = []
-    ahead.learn_all([*two_tasks, two_tasks[0]], tmp_path / "several", done.append)
+    store.learn_all([*two_tasks, two_tasks[0]], tmp_path / "several", done.append)
     assert done == [0.0, 0.5, 1.0]
     several = weights_of(two_tasks, tmp_path / "several")
-    training._in_memory.clear()
-    monkeypatch.setattr(ahead.os, "cpu_count", lambda: 1)
-    ahead.learn_all(two_tasks, tmp_path / "one", done.append)
+    store._in_memory.clear()
+    monkeypatch.setattr(store.os, "cpu_count", lambda: 1)
+    store.learn_all(two_tasks, tmp_path / "one", done.append)
     one = weights_of(two_tasks, tmp_path / "one")
     assert all(np.array_equal(a, b) for a, b in zip(several, one, strict=True))
-    ahead.learn_all(two_tasks, tmp_path / "one", lambda part: pytest.fail(f"trained again: {part}"))
+    store.learn_all(two_tasks, tmp_path / "one", lambda part: pytest.fail(f"trained again: {part}"))
 
 
 def test_a_process_that_dies_costs_time_and_no_network(tmp_path, two_tasks, monkeypatch):
-    monkeypatch.setattr(ahead.os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(store.os, "cpu_count", lambda: 2)
     here = os.getpid()
     monkeypatch.setattr(
-        ahead, "learn", lambda *given: training.learn(*given) if os.getpid() == here else os._exit(9)
+        store, "learn", lambda *given: training.learn(*given) if os.getpid() == here else os._exit(9)
     )
-    ahead.learn_all(two_tasks, tmp_path, lambda part: None)
+    store.learn_all(two_tasks, tmp_path, lambda part: None)
     assert len(weights_of(two_tasks, tmp_path)) == 18
 
 
@@ -801,9 +794,9 @@ def beliefs(cache):
 
     def made():
         hosts = np.ones((27, 27), bool)
-        task = TrainingTask(TYLCV, 6, outbreaks=20, epochs=1)
+        task = TrainingTask(TYLCV, hosts, 6, outbreaks=20, epochs=1)
         return belief_module.DiseaseBelief(
-            hosts, task, too_healthy=10.0, too_sick=1.0, misreading_rate=0.0, cache=cache
+            task, too_healthy=10.0, too_sick=1.0, misreading_rate=0.0, cache=cache
         )
 
     return made
@@ -843,23 +836,27 @@ def test_it_is_doubted_where_the_disease_may_have_come_from_a_sick_plant(beliefs
 
 @settings(max_examples=60, deadline=None)
 @given(
-    st.lists(st.tuples(st.integers(0, 3), st.integers(5, 8), st.sampled_from([0.0, 0.5, 1.0])), max_size=12),
-    st.integers(0, 12),
+    st.lists(st.tuples(st.integers(0, 3), st.integers(5, 8), st.sampled_from([0.0, 0.5, 1.0])), max_size=12)
 )
-def test_of_several_readings_of_a_plant_the_last_one_counts(readings, cut):
-    """Whether they come together or in two parts."""
-    readings = sorted(readings, key=lambda one: one[1])
-    cells = np.array([(one[0], 0) for one in readings], np.int32).reshape(-1, 2)
-    days = np.array([one[1] for one in readings], np.int32)
-    values = np.array([one[2] for one in readings], float)
-    last = belief_module.LastReadings(np.ones((4, 1), bool))
-    for end in (min(cut, len(readings)), len(readings)):
-        last.follow(cells[:end], days[:end], values[:end])
+def test_of_several_readings_of_a_plant_the_last_one_counts(readings):
+    readings = sorted(readings, key=lambda reading: reading[1])
+    cells = np.array([(cell, 0) for cell, _, _ in readings], np.int32).reshape(-1, 2)
+    days = np.array([day for _, day, _ in readings], np.int32)
+    values = np.array([value for _, _, value in readings], float)
+    belief = belief_module.DiseaseBelief(
+        TrainingTask(TYLCV, np.ones((4, 1), bool), 8),
+        too_healthy=10.0,
+        too_sick=1.0,
+        misreading_rate=0.0,
+        cache=None,
+    )
     expected = {cell: (day, value) for cell, day, value in readings}
-    flat, classes, since = last.known()
+    flat, likelihood, ages, exact = belief._evidence(8, cells, days, values)
+    assert exact
     assert flat.tolist() == sorted(expected)
-    assert since.tolist() == [expected[cell][0] for cell in sorted(expected)]
-    assert CLASS_VALUES[classes].tolist() == [expected[cell][1] for cell in sorted(expected)]
+    assert ages.tolist() == [8 - expected[cell][0] for cell in sorted(expected)]
+    today = [value for _, (day, value) in sorted(expected.items()) if day == 8]
+    assert CLASS_VALUES[likelihood[ages == 0].argmax(axis=1)].tolist() == today
 
 
 @pytest.mark.parametrize("farm", FARMS)
@@ -868,18 +865,18 @@ def test_a_miniberry_farm_needs_no_training(farm, tmp_path):
     estimator = EpidemicEstimator(cache=tmp_path).fit(get_farm(farm).grid())
     estimator.prepare(range(DAYS[-1] + 8), lambda *step: steps.append(step))
     assert not steps and not list(tmp_path.iterdir())
-    names = {path.name for path in training.INCLUDED.iterdir()}
+    names = {path.name for path in store.INCLUDED.iterdir()}
     assert len(names) == len(FARMS) * len(PAPER_FIELDS.diseases) * len(DAYS) and all(
-        name.endswith(f"-{training.SUMS}.npz") for name in names
+        name.endswith(f"-{store.SUMS}.npz") for name in names
     )
 
 
 @pytest.mark.slow
 def test_an_included_network_is_the_one_that_training_gives(tmp_path):
     estimator = EpidemicEstimator().fit(get_farm("miniberry-10").grid())
-    task, hosts = estimator._beliefs[1].wanted([8])[0]
-    included = load_network(training.INCLUDED / training.network_file(task, hosts, tmp_path).name)
-    trained = training.learn(task, hosts)
+    (task,) = estimator._beliefs[1].wanted([8])
+    included = load_network(store.INCLUDED / store.network_file(task, tmp_path).name)
+    trained = training.learn(task)
     for one, other in zip((included, *included.further), (trained, *trained.further), strict=True):
         for here, there in zip((*one.weights, *one.biases), (*other.weights, *other.biases), strict=True):
             assert here.tobytes() == there.tobytes()

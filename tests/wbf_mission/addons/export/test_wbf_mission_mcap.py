@@ -15,9 +15,9 @@ from jsonschema import Draft7Validator
 from mcap.reader import make_reader
 
 from sim_vehicle.execution.state import EPOCH_UNIX_S
-from wbf_mission.addons.export import layers
+from wbf_mission.addons.export import scene
 from wbf_mission.addons.export.formats import export
-from wbf_mission.addons.export.rerun import ExportError
+from wbf_mission.addons.export.scene import ExportError
 from wbf_mission.flight import fly
 from wbf_mission.results.result import Result, load_result
 from wbf_mission.scenario import Scenario
@@ -206,7 +206,7 @@ def test_the_layout_names_topics_that_are_there(file: Path) -> None:
 def test_large_farms_are_shown_in_blocks(
     result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(layers, "LONGEST", 4)
+    monkeypatch.setattr(scene, "LONGEST", 4)
     path, _ = export(result, tmp_path / "run.mcap", "mcap")
     assert result.model is not None
     grid = messages(path)["/layers/soil/estimate"][-1][1]

@@ -18,7 +18,7 @@ def _strip(number, y, x=(0.0, 10.0)):
 
 def _bidder(system_id, segments, at, limit=1000.0, takes=None, *, returns=False, until_free=0.0):
     takes = [True] * len(segments) if takes is None else takes
-    return Bidder.of(
+    return Bidder(
         system_id, FARES, segments, takes, np.array(at, float), HOME, until_free, limit, returns=returns
     )
 

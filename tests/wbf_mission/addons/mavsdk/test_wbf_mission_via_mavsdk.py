@@ -263,7 +263,7 @@ class Orders:
         self.notes = []
         link = stack.enter_context(contextlib.closing(MavsdkLink(url)))
         self.kind = (heard.autopilot, heard.vehicle_type)
-        self.orders = MavsdkOrders(link, heard.system_id, *self.kind, self.notes.append)
+        self.orders = MavsdkOrders(link, heard, self.notes.append)
 
     def give(self, command, *params):
         values = [*params, *[0.0] * (7 - len(params))]

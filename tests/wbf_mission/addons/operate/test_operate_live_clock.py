@@ -21,7 +21,7 @@ from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.host.simulation import Simulation
 from wbf_mission.addons.base.links import fitted_to
 from wbf_mission.addons.base.simulator import make_components
-from wbf_mission.addons.operate.hosting import riding_camera
+from wbf_mission.addons.operate.link import riding_camera
 from wbf_mission.events import EventStream, Noted
 from wbf_mission.flight import fly
 from wbf_mission.run import joint_flight

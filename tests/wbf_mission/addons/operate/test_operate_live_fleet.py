@@ -20,7 +20,6 @@ from mission.outcome import Outcome, Phase
 from mission.policies.observation import Status
 from mission.transfer.events import NoVehicleError
 from mission.transfer.vehicles import Vehicle
-from sim_vehicle.host.server import Server
 from wbf_mission.addons.base.links import LinkHost, LiveFlightError, fitted_to, links_of, via_named
 from wbf_mission.addons.operate.link import LiveLink, wanted_vehicles
 from wbf_mission.cli.app import main
@@ -302,15 +301,14 @@ def test_the_senders_whose_datagrams_were_dropped_are_named(monkeypatch):
     """Of two ports: a vehicle's, and one that a stranger floods."""
     monkeypatch.setattr("mission.link.sockets._MOST_BYTES", 32 * 500)
     notes = []
-    server = Server([], ["udpin:127.0.0.1:0"] * 2, at_once=True)
-    host = LinkHost(server, note=notes.append)
+    host = LinkHost([], ["udpin:127.0.0.1:0"] * 2, at_once=True, note=notes.append)
     stranger, vehicle = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
     with stranger, vehicle:
         for sender, count in ((stranger, 40), (vehicle, 1)):
-            for url in server.urls * count:
+            for url in host.urls * count:
                 sender.sendto(bytes(244), ("127.0.0.1", int(url.split(":")[-1])))
         end_s = time.monotonic() + 30.0
-        while server.dropped.total() < 18 and time.monotonic() < end_s:
+        while host.dropped.total() < 18 and time.monotonic() < end_s:
             time.sleep(0.01)
         named = f"127.0.0.1:{stranger.getsockname()[1]} (18)"
     host.close()

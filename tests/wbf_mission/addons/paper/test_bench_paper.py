@@ -135,7 +135,7 @@ def test_a_damaged_map_is_named(folder, tmp_path):
 
 
 def test_the_days_are_those_of_the_environment():
-    dynamics = Dynamics.of(load_scenario("WBF/Miniberry-30-v1"), [0, 1, 2])
+    dynamics = Dynamics(load_scenario("WBF/Miniberry-30-v1"), [0, 1, 2])
     assert dynamics.sick.shape == (3, len(DAYS), 3)
     diseases = dynamics.sick[:, :, :2]
     assert (np.diff(diseases, axis=1) >= 0.0).all()  # nobody recovers

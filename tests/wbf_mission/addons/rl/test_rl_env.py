@@ -119,7 +119,7 @@ def test_paths_of_several_robots_have_the_score_of_their_run_to_the_bit(robots):
 
 
 def test_staying_is_what_the_papers_robot_does_at_a_waypoint_where_it_is():
-    task = SurveyTask.of("WBF/Miniberry-10-v1")
+    task = SurveyTask("WBF/Miniberry-10-v1")
     episode = Episode(task, 0)
     actions = np.random.default_rng(4).integers(0, 5, task.steps - 1)
     cells = [np.array(task.home)]

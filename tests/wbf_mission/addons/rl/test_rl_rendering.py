@@ -50,7 +50,7 @@ def changed(drawing, one, other):
 
 @pytest.fixture(scope="module")
 def drawing():
-    return Drawing(SurveyTask.of(NAME))
+    return Drawing(SurveyTask(NAME))
 
 
 @pytest.mark.parametrize(("panel", "name"), list(enumerate(["truth", "value", "uncertainty"])))
@@ -62,14 +62,14 @@ def test_a_cell_of_a_map_is_drawn_in_its_panel_east_to_the_right_and_north_up(dr
 
 
 def test_only_the_field_that_is_asked_for_is_drawn():
-    soil = Drawing(SurveyTask.of(NAME), "soil")
+    soil = Drawing(SurveyTask(NAME), "soil")
     maps = scene().value.copy()
     maps[0, 7, 8] = 0.0
     assert not changed(soil, scene(), scene(value=maps))
     maps[2, 7, 2] = 0.0
     assert changed(soil, scene(), scene(value=maps)) == {(1, 7, 2)}
     with pytest.raises(TrainingError, match="render_field 'rust': give one of tylcv, ccr, soil"):
-        Drawing(SurveyTask.of(NAME), "rust")
+        Drawing(SurveyTask(NAME), "rust")
 
 
 def test_a_path_is_drawn_in_all_panels_through_its_cells(drawing):
@@ -108,7 +108,7 @@ def test_frames_are_as_gymnasium_wants_them(name):
 
 
 def test_what_is_written_has_room_on_a_narrow_farm():
-    drawing = Drawing(SurveyTask.of("WBF/Field-Strip-v1"))
+    drawing = Drawing(SurveyTask("WBF/Field-Strip-v1"))
     shape = (3, *drawing._task.grid.shape)
     ones = np.ones(shape, np.float32)
     frame = drawing.frame(scene(truth=ones, value=ones, uncertainty=ones, score=-0.1234))

@@ -75,7 +75,7 @@ def test_all_that_gymnasiums_own_vector_environment_gives_is_the_same(name, move
     name=st.sampled_from(["WBF/Miniberry-10-v1"]),
 )
 def test_any_walk_has_the_map_and_the_losses_of_the_estimator_and_the_score(actions, seed, name):
-    task = SurveyTask.of(name)
+    task = SurveyTask(name)
     batch = Batch(task, 2)
     batch.begin(1, seed)
     truth = task.environment(seed).values(6)

@@ -7,7 +7,7 @@ import pytest
 
 from wbf_mission import flight
 from wbf_mission.addons.base import compile_ahead
-from wbf_mission.addons.rl import warm_up
+from wbf_mission.addons.rl import vector_env
 from wbf_mission.cli.app import main
 
 
@@ -24,7 +24,7 @@ def stepped(monkeypatch):
         def step(self, actions):
             steps.append(len(actions))
 
-    monkeypatch.setattr(warm_up, "SurveyVectorEnv", Stepped)
+    monkeypatch.setattr(vector_env, "SurveyVectorEnv", Stepped)
     return steps
 
 

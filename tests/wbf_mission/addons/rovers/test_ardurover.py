@@ -17,7 +17,7 @@ from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import ItemReached
 from sim_vehicle.motion.columns import State
 from sim_vehicle.motion.legs import Leg, Route
-from wbf_mission.addons.rovers.ardurover.kernel import Drive
+from wbf_mission.addons.rovers.motion.ardurover import Drive
 from wbf_mission.addons.rovers.motion.layout import Wheels
 
 FLIGHTS = Path(__file__).parents[3] / "data" / "flights"

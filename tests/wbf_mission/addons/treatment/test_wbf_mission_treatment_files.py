@@ -22,9 +22,9 @@ from sensors.dynamics.continuous import Measured
 from sensors.fields import ALL_CROPS, PAPER_FIELDS, Field, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
-from wbf_mission.addons.treatment.geotiff import NODATA, write_geotiff
 from wbf_mission.addons.treatment.gis import MapError, UtmCells
-from wbf_mission.addons.treatment.treatment_map import TreatmentMap, write_whole_map
+from wbf_mission.addons.treatment.map_files import NODATA, write_geotiff, write_map
+from wbf_mission.addons.treatment.treatment_map import TreatmentMap
 from wbf_mission.addons.treatment.zone_shapes import zones_of
 from wbf_mission.addons.treatment.zones import HEALTHY, LOOK, TREAT, costs_of
 from wbf_mission.progress import silent
@@ -76,7 +76,7 @@ FARMS = {
 def written(request, tmp_path_factory):
     farm, epsg = FARMS[request.param]
     of, folder = treatment_of(farm), tmp_path_factory.mktemp("map")
-    files = write_whole_map(of, folder, silent)
+    files = write_map(of, folder, silent)
     assert sorted(folder.iterdir()) == sorted(files)
     return of, folder, epsg
 
@@ -214,7 +214,7 @@ def test_an_owner_who_grows_nothing_of_it_gets_no_map():
 
 
 def test_zones_across_the_date_line_are_whole(tmp_path):
-    write_whole_map(treatment_of(farm_at(-16.5, 179.9985, 0.0)), tmp_path, silent)
+    write_map(treatment_of(farm_at(-16.5, 179.9985, 0.0)), tmp_path, silent)
     for name in ("zones.gpkg", f"/vsizip/{tmp_path}/prescription_tylcv.zip"):
         _, shapes, _ = read(tmp_path / name if "vsizip" not in name else name)
         west, _, east, _ = shapely.total_bounds(shapes)
@@ -302,7 +302,7 @@ def test_the_page_prints_on_one_sheet(written):
 
 def test_an_estimator_without_a_deviation_is_told(tmp_path):
     of = treatment_of(FARMS["north"][0], states_deviation=False)
-    write_whole_map(of, tmp_path / "map", silent)
+    write_map(of, tmp_path / "map", silent)
     with rasterio.open(tmp_path / "map" / "map_tylcv.tif") as file:
         assert file.descriptions[1] == "TYLCV (tomato): uncertainty (doubt on the estimator's own scale)"
         assert file.units[1] in ("", None)
@@ -313,7 +313,7 @@ def test_an_estimator_without_a_deviation_is_told(tmp_path):
 def test_the_same_map_gives_the_same_files(tmp_path):
     small = farm_at(10.0, 20.0, 5.0, cells=(90, 70))
     for name in ("one", "two"):
-        write_whole_map(treatment_of(small, observations=Observations.empty()), tmp_path / name, silent)
+        write_map(treatment_of(small, observations=Observations.empty()), tmp_path / name, silent)
     names = sorted(path.name for path in (tmp_path / "one").iterdir())
     differ = [
         name
@@ -359,7 +359,7 @@ def test_a_whole_waterberry_takes_seconds(tmp_path):
     farm = get_farm("waterberry")
     of = replace(treatment_of(farm), block_m=None)
     begin = time.perf_counter()
-    write_whole_map(of, tmp_path / "map", silent)
+    write_map(of, tmp_path / "map", silent)
     assert time.perf_counter() - begin < 60.0
     with rasterio.open(tmp_path / "map" / "map_tylcv.tif") as file:
         assert file.shape == (5000, 6000)

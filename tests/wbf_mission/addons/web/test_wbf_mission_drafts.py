@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from geo import get_farm, save_farm
 from geo.errors import FarmError, WbfMissionError
+from geo.geojson import farm_document
 from mission.planners import PlannedPath, PlanningRequest
 from wbf_mission.addons.web.drafts import DraftError, Drafts
 from wbf_mission.addons.web.newest import NewestOnly, SupersededError
@@ -113,8 +114,8 @@ def test_a_file_that_is_opened_is_planned_as_the_command_line_plans_it(
     ]
     path = tmp_path / "mine.kml"
     path.write_bytes(kml({"block": ring}, place if has_home else None))
-    _, document = drafts.farm_of_file(path.read_bytes(), path.name, crop=None, crs=None, repair=False)
-    given_here = body(json.loads(document), budget="4min", **planner)
+    farm = drafts.farm_of_file(path.read_bytes(), path.name, crop=None, crs=None, repair=False)
+    given_here = body(farm_document(farm), budget="4min", **planner)
     here = in_short(lambda: drafts.plan(drafts.draft(given_here)).missions[0].plan)
     assert here == in_short(lambda: plan(Scenario(farm=str(path), budget="4min", **planner)))
 
@@ -130,8 +131,8 @@ def in_short(make: Callable[[], PlanResult]) -> object:
 
 def test_the_example_s_file_is_planned_as_the_command_line_plans_it(drafts: Drafts) -> None:
     path = Path(__file__).parents[4] / "missions" / "strawberry-field.kml"
-    _, document = drafts.farm_of_file(path.read_bytes(), path.name, crop=None, crs=None, repair=False)
-    found = drafts.plan(drafts.draft(body(json.loads(document), planner="lawnmower")))
+    farm = drafts.farm_of_file(path.read_bytes(), path.name, crop=None, crs=None, repair=False)
+    found = drafts.plan(drafts.draft(body(farm_document(farm), planner="lawnmower")))
     wanted = plan(Scenario(farm=str(path), planner="lawnmower"))
     assert found.results[0].length_m == wanted.length_m
     assert np.array_equal(found.results[0].path_m, wanted.path_m)
@@ -222,11 +223,8 @@ def test_a_planner_of_ones_own_is_planned_with() -> None:
 def test_a_farm_file_becomes_what_is_drawn(drafts: Drafts, tmp_path: Path) -> None:
     path = tmp_path / "mine.geojson"
     save_farm(get_farm("miniberry-10"), path)
-    farm, document = drafts.farm_of_file(
-        path.read_bytes(), "../../mine.GeoJSON", crop=None, crs=None, repair=False
-    )
-    assert farm.name == "miniberry-10"
-    assert json.loads(document)["features"][0]["properties"]["crop"] == "strawberry"
+    farm = drafts.farm_of_file(path.read_bytes(), "../../mine.GeoJSON", crop=None, crs=None, repair=False)
+    assert (farm.name, farm.patches[0].crop) == ("miniberry-10", "strawberry")
     with pytest.raises(FarmError, match="no farm file"):
         drafts.farm_of_file(b"", "mine.exe", crop=None, crs=None, repair=False)
     with pytest.raises(FarmError, match=r"^farm file mine\.geojson: feature 1"):

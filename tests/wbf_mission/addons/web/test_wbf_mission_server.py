@@ -42,6 +42,7 @@ from wbf_mission.addons.web.server import LiveServer
 from wbf_mission.addons.web.view import View
 from wbf_mission.run.orders import LIFE_S, Orders
 
+NO_SOCKET: Any = None
 LONG_S = 120.0  # a limit against hanging, not a measure
 PNG = b"\x89PNG\r\n\x1a\n" + b"0" * 20
 
@@ -380,7 +381,7 @@ def test_whatever_the_network_does_nothing_older_than_two_seconds_is_taken(
     beats: list[float], came_s: float, looked_s: float, kept_s: float
 ) -> None:
     clock = Clock()
-    visit = served._Visit(clock)
+    visit = served._Visit(NO_SOCKET, clock)
     for apart_s in beats:
         clock.now_s += apart_s
         beat_s = visit.next_beat()
@@ -515,7 +516,7 @@ JSON = st.recursive(
 def test_whatever_a_page_sends_is_answered(text: str) -> None:
     orders = Taking()
     server = LiveServer(View(), orders=orders)
-    reply = server._ask(text, served._Visit(Clock()))
+    reply = server._ask(text, served._Visit(NO_SOCKET, Clock()))
     Update(0.0, reply=reply).json()
     assert reply.error and "\n" not in reply.error and orders.taken == []
 
@@ -525,7 +526,7 @@ def test_words_that_are_no_text_do_not_reach_the_terminal(order: dict[str, Any],
     orders = Orders(events.EventStream())
     orders.allow(("hold", "set item"), range(256))
     server = LiveServer(View(), orders=orders)
-    visit = served._Visit(Clock())
+    visit = served._Visit(NO_SOCKET, Clock())
     visit.next_beat()
     for name in (order["order"], "hold", "set item"):
         given_ = GIVEN | {"number": visit._number + 1}

@@ -51,7 +51,7 @@ BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 
 def motion_of(spec, wind=None, yaw_rad=0.0):
     procedures = fixed_wing_procedures(spec)
-    return FixedWing(spec, procedures.limits, procedures.control, wind, yaw_rad)
+    return FixedWing(spec, procedures.limits, wind, yaw_rad)
 
 
 def airborne(spec, wind=None, height=60.0, *then):

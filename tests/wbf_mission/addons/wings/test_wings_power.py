@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.power_spec import AIR_DENSITY_KG_M3, GRAVITY_M_S2
 from sim_vehicle.energy.power import flight_power_w, power_coefficients
+from wbf_mission.addons.wings.kind import FixedWingPowerSpec, fixed_wing_power
 from wbf_mission.addons.wings.motion import kernel
-from wbf_mission.addons.wings.power import FixedWingPowerSpec, fixed_wing_power
 
 
 @settings(deadline=None)

@@ -14,10 +14,10 @@ from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import Record
 from sim_vehicle.motion.multirotor.kernel import Floats, Integers, Vector
 from sim_vehicle.motion.stepping import kernel_of, take_velocity
-from wbf_mission.addons.rovers import power as own_power
+from wbf_mission.addons.rovers import kind as own_kind
 from wbf_mission.addons.rovers.motion.layout import AT_ONCE, BRAKE, STOPPED, THROUGH, VELOCITY
 
-rover_power = compiled(allocates=False)(own_power.rover_power)
+rover_power = compiled(allocates=False)(own_kind.rover_power)
 
 CREEP = 0.3
 PATIENCE_S = 60.0

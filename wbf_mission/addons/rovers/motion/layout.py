@@ -100,7 +100,6 @@ Simulated = IntEnum(
 )
 # The energy at which the drive ends, the time step, the vehicle's limits, and PX4's simulated rover.
 OF_ROVER = [each.name for each in fields(RoverLimits) if each.name != "simulated"]
-ENERGY_LIMIT = 0
 LIMITS = record_type(["energy_limit", "step_s", *OF_ROVER], Simulated)
 STATE, LEG = record_type(State, Wheels), record_type(Leg)
 

@@ -1,4 +1,4 @@
-"""Motion model of a ground vehicle: the compiled kernel with its state, route and energy."""
+"""Motion models of ground vehicles: the compiled kernels with state, route and energy."""
 
 from __future__ import annotations
 
@@ -7,16 +7,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim_vehicle.energy.battery import WH_J
-from sim_vehicle.motion.columns import State, record_of, row_of
+from sim_vehicle.motion.arducopter.along_curves import AlongCurves
+from sim_vehicle.motion.arducopter.control import Guide
+from sim_vehicle.motion.columns import State
 from sim_vehicle.motion.compiled_motion import CompiledMotion, Dynamics
 from sim_vehicle.motion.legs import KEEP, LegKind
+from wbf_mission.addons.rovers.motion import ardurover, kernel
 from wbf_mission.addons.rovers.motion import layout as wheels
-from wbf_mission.addons.rovers.motion.kernel import advance
+from wbf_mission.addons.rovers.motion.ardurover import Drive, DriveLaw
 from wbf_mission.addons.rovers.motion.layout import Leg, Wheels
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from numpy.typing import NDArray
 
@@ -42,9 +44,7 @@ class Rover(CompiledMotion):
         Initial heading.
     """
 
-    dynamics = Dynamics(advance, wheels.STATE, wheels.LIMITS)
-    _state_size = len(State) + len(Wheels)
-    _energy_limit = wheels.ENERGY_LIMIT
+    dynamics = Dynamics(kernel.advance, wheels.STATE, wheels.LIMITS)
 
     def __init__(
         self,
@@ -54,7 +54,6 @@ class Rover(CompiledMotion):
         yaw_rad: float = 0.0,
     ) -> None:
         self._limits_of = limits_of
-        self.law = limits_of(spec)
         super().__init__(spec, wind, yaw_rad)
         self.state[Wheels.PAUSE_END] = math.inf
 
@@ -93,8 +92,7 @@ class Rover(CompiledMotion):
                 rows[i, : Leg.KIND] = x, y
             x, y = rows[i, : Leg.KIND].tolist()
         self._corners(rows)
-        self._route = rows.view(wheels.LEG)[:, 0]
-        self._begin()
+        self._begin(rows.view(wheels.LEG)[:, 0])
 
     def _corners(self, rows: NDArray[np.float64]) -> None:
         """Set the radius and end speed of each corner, with braking distance for later corners."""
@@ -139,8 +137,7 @@ class Rover(CompiledMotion):
         row[0, Leg.KIND] = wheels.BRAKE if up < 0.0 and speed == 0.0 else wheels.VELOCITY
         row[0, Leg.SPEED] = min(speed, self.law.speed_max)
         row[0, Leg.HEADING] = math.atan2(east, north) if speed > 0.0 else self.state[State.HEADING]
-        self._route = row.view(wheels.LEG)[:, 0]
-        self._begin()
+        self._begin(row.view(wheels.LEG)[:, 0])
 
     def stopping_point(self) -> Position:
         """Return the position of rest after braking now."""
@@ -151,12 +148,7 @@ class Rover(CompiledMotion):
 
     def lose_power(self) -> None:
         """Stop, as the motor has no power."""
-        record_of(self._limits, wheels.LIMITS).speed_max = 1e-3
-
-    def update_spec(self, spec: VehicleSpec) -> None:
-        """Change defaults and limits, effective from the next route on."""
-        self.law = self._limits_of(spec)
-        super().update_spec(spec)
+        self._limit.speed_max = 1e-3
 
     def touch_down(self) -> None:
         """Set the vehicle to rest."""
@@ -164,13 +156,102 @@ class Rover(CompiledMotion):
         self.state[Wheels.SPEED : Wheels.PIVOTING + 1] = 0.0
         self.state[Wheels.YAW_ASKED :] = 0.0
 
-    def _numbers(self, spec: VehicleSpec) -> NDArray[np.float64]:
-        """Return the limits in the order of the kernel's columns."""
-        law = self.law
-        values = {
-            "step_s": spec.step_s,
-            "energy_limit": math.inf if spec.battery is None else spec.battery.capacity_wh * WH_J,
-            **{name: getattr(law, name) for name in wheels.OF_ROVER},
-            **law.simulated,
-        }
-        return row_of(wheels.LIMITS, values)
+    def _numbers(self, spec: VehicleSpec) -> Mapping[str, float]:
+        """Take the law of a vehicle, and return the kernel's limits besides time step and energy."""
+        law = self.law = self._limits_of(spec)
+        return {**{name: getattr(law, name) for name in wheels.OF_ROVER}, **law.simulated}
+
+
+# Legs followed by pure pursuit: bends of a curve, and repeated position setpoints, for which ArduPilot's
+# Rover uses no S-curves either.
+_PURSUED = (LegKind.ARC, LegKind.SETPOINT)
+
+
+class ArduRover(AlongCurves, Rover):
+    """A wheeled or tracked vehicle under ArduPilot's Rover; velocity setpoints are followed as by `Rover`.
+
+    Parameters
+    ----------
+    limits_of, law_of : callable
+        Functions from a vehicle to its limits and its law, float64[LAW], from its parameters.
+    wind : Wind, optional
+        Affects only the power.
+    yaw_rad : float
+        Initial heading.
+    """
+
+    dynamics = Dynamics(
+        ardurover.advance,
+        wheels.STATE,
+        wheels.LIMITS,
+        (("guide", ardurover.GUIDE), ("numbers", ardurover.LAW), ("heads", None), ("curves", None)),
+        "_rows",
+    )
+    generic = Rover.dynamics
+    # A return starts from the stop of the vehicle.
+    begins_anew = LegKind.HOME
+
+    def __init__(
+        self,
+        spec: VehicleSpec,
+        limits_of: Callable[[VehicleSpec], RoverLimits],
+        law_of: Callable[[VehicleSpec], NDArray[np.float64]],
+        wind: Wind | None = None,
+        yaw_rad: float = 0.0,
+    ) -> None:
+        super().__init__(spec, limits_of, wind, yaw_rad)
+        self._law_of = law_of
+        self._remember(len(Guide) + len(Drive))
+        self.numbers = law_of(spec)
+        self._rest()
+
+    def _rest(self) -> None:
+        """Reset the guidance: no path, at the vehicle's speed."""
+        self._rows = None
+        self.guide[:] = 0.0
+        self.guide[Guide.LEVEL] = self.spec.cruise_speed_m_s
+        self.guide[Guide.RESET] = 1.0
+        self.guide[Drive.SPEED_ASKED] = self.state[Wheels.SPEED]
+
+    def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
+        """Start in motion at time 0, with nothing used, as if driven there.
+
+        If the first leg lies ahead, its speed profile starts at the vehicle's speed.
+        """
+        super().place_in_flight(position_m, velocity_m_s, heading_rad)
+        self.heads[:] = 0.0
+        self._rest()
+        self._under_way = True
+
+    def fly(self, route: Route) -> None:
+        """Start a route from the vehicle's current position and speed."""
+        kind = route.legs["kind"]
+        if np.isin(kind, _PURSUED).any():
+            self._rest()
+            super().fly(route)
+            return
+        if self._rows is None and not self._continues_leg:
+            self._rest()
+        ends = np.column_stack((route.points_m[:, :2], np.zeros(len(kind))))
+        kind = np.where(np.isin(kind, NOT_DRIVEN), ardurover.AT_ONCE, kind)
+        self._set_out(route, self.numbers, ends, kind, self.law.speed_max)
+
+    def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
+        """Drive at a velocity, or stop; a command to descend stops the vehicle for good."""
+        self._rest()
+        super().steer(velocity_m_s, height_m=height_m, heading=heading)
+
+    def lose_power(self) -> None:
+        """Stop, as the motor has no power."""
+        super().lose_power()
+        self.numbers[DriveLaw.TOP_SPEED] = 0.0
+
+    def update_spec(self, spec: VehicleSpec) -> None:
+        """Change defaults and limits, effective from the next route on."""
+        super().update_spec(spec)
+        self.numbers = self._law_of(spec)
+
+    def touch_down(self) -> None:
+        """Set the vehicle to rest."""
+        super().touch_down()
+        self._rest()

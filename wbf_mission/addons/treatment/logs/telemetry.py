@@ -33,9 +33,9 @@ def read_telemetry(path: Path) -> LogTrack:
                 place = message.lat / _E7, message.lon / _E7
                 fixes.setdefault(system, []).append((message.time_boot_ms / 1e3, time_s, *place))
             elif (image := _image(message, time_s)) is not None:
-                known = images.setdefault(system, {})
-                if math.isnan(known.get(int(image[0]), image)[-1]) or int(image[0]) not in known:
-                    known[int(image[0])] = image
+                known, index = images.setdefault(system, {}), int(image[0])
+                if index not in known or math.isnan(known[index][-1]):
+                    known[index] = image
     except LinkError as error:
         raise LogError(str(error)) from None
     if not messages:
@@ -70,10 +70,7 @@ def observations_in(
 ) -> tuple[Observations, tuple[str, ...]]:
     """Return the observations of leaf cameras in a .tlog, and notes on lost images.
 
-    Raises
-    ------
-    LogError
-        If the log cannot be read, or the camera senses other fields.
+    LogError if the log cannot be read, or the camera senses other fields.
     """
     cameras: dict[int, ObservationAssembler] = {}
     try:

@@ -31,26 +31,14 @@ class LogError(WbfMissionError, ValueError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LogImages:
-    """Images of a camera, in the order of the log.
+    """Images of a camera, in the order of the log: arrays of n entries."""
 
-    Parameters
-    ----------
-    index : int64[n]
-        Image numbers of the camera.
-    boot_s, utc_s : float64[n]
-        Times, see `LogTrack`.
-    latitude_deg, longitude_deg : float64[n]
-        Positions; NaN if only the time is known.
-    names : tuple of str
-        File names; empty if the images are not files.
-    """
-
-    index: NDArray[np.int64]
-    boot_s: Floats
+    index: NDArray[np.int64]  # Image numbers of the camera
+    boot_s: Floats  # Times, see `LogTrack`
     utc_s: Floats
-    latitude_deg: Floats
+    latitude_deg: Floats  # NaN if only the time is known
     longitude_deg: Floats
-    names: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()  # File names; empty if the images are not files
 
     @classmethod
     def of(cls, rows: ArrayLike, names: tuple[str, ...] = ()) -> LogImages:
@@ -61,31 +49,15 @@ class LogImages:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LogTrack:
-    """Positions of a vehicle over time.
+    """Positions of a vehicle over time (WGS84): arrays of n entries."""
 
-    Parameters
-    ----------
-    kind : str
-        Kind of the log, for messages.
-    boot_s : float64[n]
-        Seconds since the vehicle booted; NaN if unknown.
-    utc_s : float64[n]
-        Seconds since 1970; NaN if unknown.
-    latitude_deg, longitude_deg : float64[n]
-        WGS84.
-    images : LogImages
-        Images of the camera.
-    notes : tuple of str
-        Notes on the log for the user, one line each.
-    """
-
-    kind: str
-    boot_s: Floats
-    utc_s: Floats
+    kind: str  # Kind of the log, for messages
+    boot_s: Floats  # Seconds since the vehicle booted; NaN if unknown
+    utc_s: Floats  # Seconds since 1970; NaN if unknown
     latitude_deg: Floats
     longitude_deg: Floats
     images: LogImages
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # Notes on the log for the user, one line each
 
     @classmethod
     def of(cls, kind: str, rows: ArrayLike, images: LogImages, notes: tuple[str, ...] = ()) -> LogTrack:
@@ -99,12 +71,8 @@ class LogTrack:
         """Return latitude and longitude at each time, interpolated linearly between fixes.
 
         Times are UTC from `LEAST_UTC_S` on, otherwise since boot. Positions are NaN before the first fix,
-        after the last fix, and in gaps of more than `LONGEST_GAP_S`.
-
-        Raises
-        ------
-        LogError
-            If the log lacks the clock of the times, or the vehicle was rebooted within the log.
+        after the last fix, and in gaps of more than `LONGEST_GAP_S`. LogError if the log lacks the clock of
+        the times, or the vehicle was rebooted within the log.
         """
         found = np.full((2, len(time_s)), np.nan)
         is_utc = time_s >= LEAST_UTC_S

@@ -10,45 +10,12 @@ from __future__ import annotations
 
 from math import asin, atan2, cos, pi, sin, sqrt, tan
 
-import numpy as np
-from numpy.typing import NDArray
-
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion.columns import Record
 from sim_vehicle.motion.stepping import take_velocity
 from wbf_mission.addons.wings.motion.guidance import NPFG
 from wbf_mission.addons.wings.motion.layout import FLARE, FLYING, SHORT
-
-__all__ = [
-    "blow",
-    "brake_rate",
-    "drag",
-    "drop",
-    "energy_rate",
-    "fly",
-    "pitch_up",
-    "roll_on_ground",
-    "take_off",
-]
-
-Floats = NDArray[np.float64]
-_SLOW = 3.0
-
-
-@compiled(allocates=False)
-def drag(limits: Record, airspeed: float, load: float) -> float:
-    """Return drag divided by mass (m/s^2) at a lift of `load` times the weight."""
-    v2 = max(airspeed, _SLOW) ** 2
-    return float(limits.parasitic * v2 + limits.induced * load * load / v2)
-
-
-@compiled(allocates=False)
-def energy_rate(limits: Record, throttle: float, airspeed: float, load: float) -> float:
-    """Return the energy rate divided by weight (m/s): the climb rate at constant airspeed."""
-    force = limits.thrust * throttle - drag(limits, airspeed, load)
-    return float(force * airspeed / GRAVITY_M_S2)
-
 
 CLIMB_LAG_S = 0.5
 ROLL_RATE_S = 0.1
@@ -58,6 +25,20 @@ STEEPEST = 0.8
 SLOW_M_S = 3.0
 FALL_M_S = 18.0
 FALL_S = 2.0
+
+
+@compiled(allocates=False)
+def drag(limits: Record, airspeed: float, load: float) -> float:
+    """Return drag divided by mass (m/s^2) at a lift of `load` times the weight."""
+    v2 = max(airspeed, SLOW_M_S) ** 2
+    return float(limits.parasitic * v2 + limits.induced * load * load / v2)
+
+
+@compiled(allocates=False)
+def energy_rate(limits: Record, throttle: float, airspeed: float, load: float) -> float:
+    """Return the energy rate divided by weight (m/s): the climb rate at constant airspeed."""
+    force = limits.thrust * throttle - drag(limits, airspeed, load)
+    return float(force * airspeed / GRAVITY_M_S2)
 
 
 @compiled(allocates=False)
@@ -206,15 +187,12 @@ def roll_on_ground(state: Record, limits: Record, rate: float, wx: float, wy: fl
     ce, cn = sin(state.course), cos(state.course)
     before = state.velocity_x * ce + state.velocity_y * cn
     speed = max(before + rate * dt, 0.0)
-    state.position_x += 0.5 * (before + speed) * dt * ce
-    state.position_y += 0.5 * (before + speed) * dt * cn
+    way, gain = 0.5 * (before + speed) * dt, (speed - before) / dt
+    state.position_x += way * ce
+    state.position_y += way * cn
     state.position_z = 0.0
-    state.path_length += 0.5 * (before + speed) * dt
-    state.acceleration_x, state.acceleration_y, state.acceleration_z = (
-        (speed - before) / dt * ce,
-        (speed - before) / dt * cn,
-        0.0,
-    )
+    state.path_length += way
+    state.acceleration_x, state.acceleration_y, state.acceleration_z = gain * ce, gain * cn, 0.0
     state.velocity_x, state.velocity_y, state.velocity_z = speed * ce, speed * cn, 0.0
     state.heading, state.heading_rate = state.course % (2.0 * pi), 0.0
     state.airspeed = max(speed - wx * ce - wy * cn, 0.0)

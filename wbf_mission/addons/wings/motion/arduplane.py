@@ -13,8 +13,7 @@ from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion.columns import Record
 from wbf_mission.addons.wings.motion import layout as at
 from wbf_mission.addons.wings.motion import tecs
-
-__all__ = ["ahead_of_landing", "begin_slope", "command_bank", "command_energy"]
+from wbf_mission.addons.wings.motion.guidance import circles, ground_speed, leg_airspeed, steer
 
 # Above this height, climbs also follow the line to the next waypoint.
 _CLIMB_ALONG_M = 20.0
@@ -39,7 +38,7 @@ def begin_slope(state: Record, row: Record, limits: Record) -> None:
 
 
 @compiled(allocates=False)
-def ahead_of_landing(state: Record, row: Record) -> tuple[float, float]:
+def _ahead_of_landing(state: Record, row: Record) -> tuple[float, float]:
     """Return the length of the leg to a landing, and the fraction flown."""
     dx, dy = row.x - state.begin_x, row.y - state.begin_y
     length2 = max(dx * dx + dy * dy, 1.0)
@@ -48,7 +47,7 @@ def ahead_of_landing(state: Record, row: Record) -> tuple[float, float]:
 
 
 @compiled(allocates=False)
-def command_bank(state: Record, limits: Record, lateral: float, takeoff: bool, flaring: bool) -> None:
+def _command_bank(state: Record, limits: Record, lateral: float, takeoff: bool, flaring: bool) -> None:
     """Set the demanded bank for a lateral acceleration, within the limits of height and airspeed."""
     bank = atan(lateral / (GRAVITY_M_S2 * cos(state.pitch)))
     limit = limits.bank_limit
@@ -69,8 +68,7 @@ def command_bank(state: Record, limits: Record, lateral: float, takeoff: bool, f
 def _approach_height(state: Record, limits: Record, length: float, portion: float) -> float:
     """Return the height on the line to the point where the flare should start."""
     top = state.begin_z
-    ve, vn = state.velocity_x, state.velocity_y
-    ground = max(sqrt(ve * ve + vn * vn), 0.5)
+    ground = max(ground_speed(state), 0.5)
     sink = top / max(length / ground, 0.5)
     aim = limits.flare_s * sink
     if aim <= 0.0:
@@ -89,15 +87,13 @@ def _approach_height(state: Record, limits: Record, length: float, portion: floa
 @compiled(allocates=False)
 def _land(state: Record, row: Record, limits: Record, sink: float) -> tuple[float, float, float]:
     """Advance a landing; return the demanded height and airspeed, and the fraction of the leg flown."""
-    length, portion = ahead_of_landing(state, row)
+    length, portion = _ahead_of_landing(state, row)
     height = state.position_z
     straight = row.kind == at.LANDING
     if not straight:
-        ve, vn = state.velocity_x, state.velocity_y
         state.stage = max(state.stage, at.APPROACH)
-        state.target = max(
-            state.target - row.slope * sqrt(ve * ve + vn * vn) * tecs.PERIOD_S, -_LEVEL_OFF_FROM_M
-        )
+        lower = row.slope * ground_speed(state) * tecs.PERIOD_S
+        state.target = max(state.target - lower, -_LEVEL_OFF_FROM_M)
         portion = 0.5
     elif state.stage == at.LINING_UP:
         dx, dy = row.x - state.begin_x, row.y - state.begin_y
@@ -149,20 +145,15 @@ def _least_pitch(state: Record, row: Record, limits: Record, climb: float) -> fl
 
 
 @compiled(allocates=False)
-def command_energy(
-    state: Record,
-    row: Record,
-    limits: Record,
-    arrived: bool,
-    circling: bool,
-    airspeed: float,
-    wx: float,
-    wy: float,
+def arduplane_control(
+    state: Record, row: Record, arrived: bool, limits: Record, wx: float, wy: float
 ) -> None:
-    """Set the demanded pitch and throttle for a leg."""
+    """Set the demanded bank, pitch and throttle for a leg."""
+    lateral, be, bn = steer(state, row, arrived, limits, wx, wy)
     kind = row.kind
+    _command_bank(state, limits, lateral, kind == at.TAKEOFF and not arrived, state.doing == at.FLARE)
+    airspeed = leg_airspeed(row, arrived, limits, be, bn, wx, wy)
     climb = state.velocity_z
-    sinking = limits.throttle_limit == 0.0
     stage, portion, least_pitch = tecs.CRUISE, 0.0, 0.0
     if kind == at.TAKEOFF and not arrived:
         stage = tecs.CLIMB_OUT
@@ -180,9 +171,9 @@ def command_energy(
     else:
         target = row.z
         reached = kind == at.CIRCLE and not isnan(state.bearing)
-        if state.slope != 0.0 and not reached and not (circling and kind == at.LINE):
-            _, flown = ahead_of_landing(state, row)
+        if state.slope != 0.0 and not reached and not (kind == at.LINE and circles(state, row, arrived)):
+            _, flown = _ahead_of_landing(state, row)
             target -= state.slope * (1.0 - min(max(flown, 0.0), 1.0))
-    tecs.control_energy(state, limits, stage, target, airspeed, climb, portion, least_pitch, sinking)
+    tecs.control_energy(state, limits, stage, target, airspeed, portion, least_pitch)
     if stage == tecs.FLARING:
         state.throttle_demand = 0.0

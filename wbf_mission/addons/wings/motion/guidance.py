@@ -14,16 +14,11 @@ from __future__ import annotations
 
 from math import asin, atan2, cos, isnan, pi, sin, sqrt, tan
 
-import numpy as np
-from numpy.typing import NDArray
-
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion.columns import Record
 from wbf_mission.addons.wings.motion import layout as at
 from wbf_mission.addons.wings.motion.tecs import PERIOD_S
-
-Floats = NDArray[np.float64]
 
 NPFG, L1 = 0.0, 1.0
 # Within this margin below the airspeed, NPFG gradually gives up bearings across the wind.
@@ -38,7 +33,8 @@ _NEAR_CIRCLE = 3.0
 
 
 @compiled(inline="always")
-def _ground_speed(state: Record) -> float:
+def ground_speed(state: Record) -> float:
+    """Return the horizontal speed over ground."""
     return sqrt(state.velocity_x * state.velocity_x + state.velocity_y * state.velocity_y)
 
 
@@ -52,7 +48,7 @@ def _error_bound(ground: float, limits: Record) -> float:
 @compiled(allocates=False)
 def _switch_distance(state: Record, limits: Record) -> float:
     """Return the distance to a waypoint at which NPFG turns to the next leg."""
-    return float(min(limits.switch_share * _error_bound(_ground_speed(state), limits), 500.0))
+    return float(min(limits.switch_share * _error_bound(ground_speed(state), limits), 500.0))
 
 
 @compiled(allocates=False)
@@ -79,7 +75,7 @@ def _npfg(
     positive to the right.
     """
     ve, vn = state.velocity_x, state.velocity_y
-    bound = _error_bound(_ground_speed(state), limits)
+    bound = _error_bound(ground_speed(state), limits)
     ae, an = ve - we, vn - wn
     airspeed = max(sqrt(ae * ae + an * an), 1.0)
     wind = sqrt(we * we + wn * wn)
@@ -137,7 +133,7 @@ def _l1_line(
     The vehicle is at (`rx`, `ry`) from the start of a leg with unit direction (`te`, `tn`) and a length.
     """
     ve, vn = state.velocity_x, state.velocity_y
-    ground = max(_ground_speed(state), 0.1)
+    ground = max(ground_speed(state), 0.1)
     distance = _l1_distance(ground, limits)
     k, gain = 4.0 * limits.damping * limits.damping, limits.integral
     away = sqrt(rx * rx + ry * ry)
@@ -176,7 +172,7 @@ def _l1_circle(state: Record, limits: Record, rx: float, ry: float, radius: floa
     `sense` is 1 for clockwise, -1 for anticlockwise.
     """
     ve, vn, damping = state.velocity_x, state.velocity_y, limits.damping
-    ground = max(_ground_speed(state), 1.0)
+    ground = max(ground_speed(state), 1.0)
     omega = 2.0 * pi / limits.period
     distance = _l1_distance(ground, limits)
     away = sqrt(rx * rx + ry * ry)
@@ -210,16 +206,9 @@ def _steer_line(
     rx, ry = state.position_x - state.begin_x, state.position_y - state.begin_y
     goal_x, goal_y = row.x - state.position_x, row.y - state.position_y
     if limits.law != NPFG:
-        if length < at.SHORT or state.direct > 0.0:
-            dx, dy, length, rx, ry = goal_x, goal_y, sqrt(goal_x * goal_x + goal_y * goal_y), 0.0, 0.0
-            if length < 1e-6:
-                dx, dy, length = sin(state.heading), cos(state.heading), 1.0
-        te, tn = dx / length, dy / length
-        if row.kind == at.LANDING:
-            # The line is kept beyond the landing point.
-            length = length + sqrt(rx * rx + ry * ry) + AHEAD_OF_LANDING_M
-        return _l1_line(state, limits, rx, ry, te, tn, length)
-    if length >= at.SHORT and row.kind != at.TAKEOFF:
+        if state.direct > 0.0:
+            length = 0.0
+    elif length >= at.SHORT and row.kind != at.TAKEOFF:
         behind = dx * rx + dy * ry < 0.0
         near = _switch_distance(state, limits)
         if behind and rx * rx + ry * ry > near * near:
@@ -232,7 +221,12 @@ def _steer_line(
         if length < 1e-6:
             dx, dy, length = sin(state.heading), cos(state.heading), 1.0
     te, tn = dx / length, dy / length
-    return _npfg(state, limits, rx * tn - ry * te, te, tn, 0.0, wx, wy)
+    if limits.law == NPFG:
+        return _npfg(state, limits, rx * tn - ry * te, te, tn, 0.0, wx, wy)
+    if row.kind == at.LANDING:
+        # The line is kept beyond the landing point.
+        length = length + sqrt(rx * rx + ry * ry) + AHEAD_OF_LANDING_M
+    return _l1_line(state, limits, rx, ry, te, tn, length)
 
 
 @compiled(allocates=False)
@@ -249,7 +243,7 @@ def _steer_circle(
     if away > 0.1:
         oe, on = rx / away, ry / away
     else:
-        ground = max(_ground_speed(state), 1e-3)
+        ground = max(ground_speed(state), 1e-3)
         oe, on = state.velocity_x / ground, state.velocity_y / ground
     # Clockwise is the outward direction rotated to the right.
     te, tn = sense * on, -sense * oe
@@ -330,7 +324,7 @@ def _acceptance(state: Record, row: Record, limits: Record) -> float:
         return float(limits.acceptance)
     if row.radius > 0.0:
         return float(row.radius)
-    near = min(limits.acceptance, _l1_distance(_ground_speed(state), limits))
+    near = min(limits.acceptance, _l1_distance(ground_speed(state), limits))
     return float(near * min(row.turn_angle / (0.5 * pi), 1.0))
 
 
@@ -359,7 +353,7 @@ def circled(state: Record, row: Record, limits: Record, step: int) -> bool:
     radius = abs(row.circle_radius)
     sense = 1.0 if row.circle_radius > 0.0 else -1.0
     if isnan(state.bearing):
-        ground = _ground_speed(state)
+        ground = ground_speed(state)
         room = radius + min(limits.acceptance, 0.5 * radius)
         if limits.law == NPFG:
             room = radius + max(limits.acceptance, _switch_distance(state, limits))
@@ -384,5 +378,5 @@ def circled(state: Record, row: Record, limits: Record, step: int) -> bool:
     if isnan(row.exit_x) or state.turned > 2.0 * pi * (row.turns + 2.0):
         return True
     ex, ey = row.exit_x - state.position_x, row.exit_y - state.position_y
-    size = sqrt(ex * ex + ey * ey) * _ground_speed(state)
+    size = sqrt(ex * ex + ey * ey) * ground_speed(state)
     return size < 1.0 or ex * state.velocity_x + ey * state.velocity_y > ALIGNED * size

@@ -13,9 +13,9 @@ from math import atan2, cos, inf, isnan, pi, sqrt
 from geo.compiled import compiled
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import Record
-from sim_vehicle.motion.multirotor.kernel import Integers, Vector
+from sim_vehicle.motion.multirotor.kernel import Floats, Integers, Vector
 from sim_vehicle.motion.stepping import kernel_of
-from wbf_mission.addons.wings import power as own_power
+from wbf_mission.addons.wings import kind as own_kind
 from wbf_mission.addons.wings.motion import arduplane
 from wbf_mission.addons.wings.motion import layout as at
 from wbf_mission.addons.wings.motion.air import (
@@ -28,20 +28,10 @@ from wbf_mission.addons.wings.motion.air import (
     roll_on_ground,
     take_off,
 )
-from wbf_mission.addons.wings.motion.guidance import (
-    NPFG,
-    Floats,
-    circled,
-    circles,
-    leg_airspeed,
-    passed,
-    steer,
-)
+from wbf_mission.addons.wings.motion.guidance import NPFG, circled, passed
 from wbf_mission.addons.wings.motion.px4 import px4_control
 
-__all__ = ["advance"]
-
-fixed_wing_power = compiled(allocates=False)(own_power.fixed_wing_power)
+fixed_wing_power = compiled(allocates=False)(own_kind.fixed_wing_power)
 
 # A leg times out after this time plus the time that it takes at a slow speed.
 PATIENCE_S = 120.0
@@ -101,18 +91,6 @@ def _enter(state: Record, counters: Integers, route: Record, limits: Record, own
 
 
 @compiled(allocates=False)
-def _arduplane_control(
-    state: Record, row: Record, arrived: bool, limits: Record, wx: float, wy: float
-) -> None:
-    """Set ArduPlane's demanded bank, pitch and throttle."""
-    lateral, be, bn = steer(state, row, arrived, limits, wx, wy)
-    takeoff = row.kind == at.TAKEOFF and not arrived
-    arduplane.command_bank(state, limits, lateral, takeoff, state.doing == at.FLARE)
-    airspeed = leg_airspeed(row, arrived, limits, be, bn, wx, wy)
-    arduplane.command_energy(state, row, limits, arrived, circles(state, row, arrived), airspeed, wx, wy)
-
-
-@compiled(allocates=False)
 def _move(state: Record, counters: Integers, route: Record, limits: Record, own: tuple[()]) -> bool:
     """Move one step and return whether the leg is done."""
     step, arrived = counters[col.STEP], counters[col.ARRIVED] != 0
@@ -138,7 +116,7 @@ def _move(state: Record, counters: Integers, route: Record, limits: Record, own:
         bank, climb, rate = px4_control(state, row, arrived, limits, wx, wy)
     else:
         if step % col.GRID == 0 or state.running == 0.0:
-            _arduplane_control(state, row, arrived, limits, wx, wy)
+            arduplane.arduplane_control(state, row, arrived, limits, wx, wy)
         bank = state.bank_demand
         state.throttle = min(state.throttle_demand, limits.throttle_limit)
         rate = energy_rate(limits, state.throttle, state.airspeed, 1.0 / cos(state.bank))
@@ -171,15 +149,14 @@ def _feel(
     if wx != state.wind_east or wy != state.wind_north or up != state.wind_up:
         blow(state, wx, wy, up)
         state.wind_east, state.wind_north, state.wind_up = wx, wy, up
+    v, rate, load = 0.0, 0.0, 1.0
     if state.doing == at.FLYING or state.doing == at.FLARE:
         load = 1.0 / cos(state.bank)
-        v = state.airspeed
-        rate = energy_rate(limits, state.throttle, v, load)
-        state.power = fixed_wing_power(power, v if state.throttle > 1e-3 else 0.0, rate, load)
+        rate = energy_rate(limits, state.throttle, state.airspeed, load)
+        v = state.airspeed if state.throttle > 1e-3 else 0.0
     elif state.doing == at.ON_GROUND:
-        state.power = fixed_wing_power(power, limits.airspeed_trim, limits.climb_max, 1.0)
-    else:
-        state.power = fixed_wing_power(power, 0.0, 0.0, 1.0)
+        v, rate = limits.airspeed_trim, limits.climb_max
+    state.power = fixed_wing_power(power, v, rate, load)
     return bool(counters[col.ARRIVED] == 0 and counters[col.STEP] > state.give_up_step)
 
 

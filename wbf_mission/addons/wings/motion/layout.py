@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from enum import IntEnum
 
-from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
+from sim_vehicle.autopilot.procedures import FixedWingBounds
 from sim_vehicle.motion.columns import State, record_type
 
 # State beyond the columns shared by all vehicles.
@@ -88,16 +89,13 @@ Leg = IntEnum(
 LINE, CIRCLE, TAKEOFF, LANDING, CIRCULAR_LANDING, FALL = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
 
 
-@dataclass(frozen=True, slots=True)
-class FixedWingLimits:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FixedWingLimits(FixedWingBounds):
     """Flight limits of a fixed wing set by an autopilot's parameters; SI units, radians."""
 
     law: float
     """Guidance law: `wbf_mission.addons.wings.motion.guidance.NPFG` or `L1`."""
-    airspeed_min: float
-    airspeed_trim: float
     airspeed_max: float
-    bank_limit: float
     # Time constant and maximum rate of the roll, and maximum rate of its setpoint.
     roll_s: float
     roll_rate_max: float
@@ -115,14 +113,14 @@ class FixedWingLimits:
     # Guidance parameters.
     period: float
     damping: float
-    integral: float
-    switch_share: float
+    integral: float = 0.0
+    switch_share: float = 0.0
     """NPFG's distance for joining a line before its start or reaching a circle, as a share of the track
     error bound."""
     # Distance and height tolerances of waypoints; an infinite height tolerance disables the check.
     acceptance: float
-    height_acceptance: float
-    landing_height_acceptance: float
+    height_acceptance: float = math.inf
+    landing_height_acceptance: float = math.inf
     """Height tolerance of the waypoint before a landing."""
     ground_min: float
     """Minimum ground speed; the airspeed is raised to reach it."""
@@ -132,17 +130,13 @@ class FixedWingLimits:
     rotation: float
     launch: float
     # Height below which `level_bank` limits the bank.
-    level_height: float
+    level_height: float = 0.0
     level_bank: float
     landing_airspeed: float
     # Height or time above ground at which the flare starts, and its sink rate.
     flare_height: float
     flare_s: float
     flare_sink: float
-    landing_slope: float
-    """Sink over path length on a circle down to the ground."""
-    loiter_radius: float
-    """Default radius of circles; positive for clockwise."""
     # Throttle ramp of a take-off roll: its duration and final throttle; time from lift-off to the full climb.
     ramp_s: float = 0.0
     ramp_throttle: float = 1.0
@@ -158,12 +152,11 @@ class FixedWingLimits:
     total_damping: float = 0.0
     total_s: float = 0.0
     total_for_load: float = 0.0
-
-    def tightest_m(self, airspeed_m_s: float) -> float:
-        """Return the radius of a level turn at the bank limit (m)."""
-        return airspeed_m_s * airspeed_m_s / (GRAVITY_M_S2 * math.tan(self.bank_limit))
+    control: Mapping[str, float] = field(default_factory=dict)
+    """ArduPlane's energy control, landing and take-off, by columns of `Limits`; empty for PX4."""
 
 
+OF_WING = [each.name for each in fields(FixedWingLimits) if each.name != "control"]
 # Limits beyond those of `FixedWingLimits`.
 Limits = IntEnum(
     "Limits",
@@ -186,7 +179,7 @@ Limits = IntEnum(
     "LAND_S LAND_DAMPING LAND_SPEED_WEIGHT LAND_PITCH LAND_PITCH_MAX HOLD_OFF_HEIGHT FLARE_AIM "
     "PREFLARE_HEIGHT PREFLARE_S PREFLARE_AIRSPEED HEAD_WIND_SHARE LEVEL_OFF_S TAKEOFF_THROTTLE "
     "TAKEOFF_DELAY THROTTLE_EASE",
-    start=len(fields(FixedWingLimits)),
+    start=len(OF_WING),
 )
 STATE, LEG = record_type(State, Wing), record_type(Leg)
-LIMITS = record_type([field.name for field in fields(FixedWingLimits)], Limits)
+LIMITS = record_type(OF_WING, Limits)

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sim_vehicle.airframe.power_spec import DRAG, GRAVITY_M_S2, OWN_DRAG
-from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.energy.power import power_coefficients
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion import columns as col
@@ -17,12 +15,12 @@ from sim_vehicle.motion.columns import State, record_of, row_of
 from sim_vehicle.motion.compiled_motion import CompiledMotion, Dynamics
 from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.weather.wind import Wind
+from wbf_mission.addons.wings.kind import FixedWingAirframe, FixedWingPowerSpec
 from wbf_mission.addons.wings.motion import layout as wing
 from wbf_mission.addons.wings.motion.air import drag
 from wbf_mission.addons.wings.motion.guidance import NPFG
 from wbf_mission.addons.wings.motion.kernel import advance
-from wbf_mission.addons.wings.motion.layout import Leg, Limits, Wing
-from wbf_mission.addons.wings.power import FixedWingAirframe, FixedWingPowerSpec
+from wbf_mission.addons.wings.motion.layout import Leg, Wing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -52,37 +50,26 @@ class FixedWing(CompiledMotion):
         Function from a vehicle to the limits set by its autopilot's parameters.
     yaw_rad : float
         Initial heading.
-    control_of : callable
-        Function from a vehicle to further columns of `Limits` by name.
     """
 
     dynamics = Dynamics(advance, wing.STATE, wing.LIMITS)
-    _state_size = len(State) + len(Wing)
-    _energy_limit = Limits.ENERGY_LIMIT
 
     def __init__(
         self,
         spec: VehicleSpec,
         limits_of: Callable[[VehicleSpec], FixedWingLimits],
-        control_of: Callable[[VehicleSpec], Mapping[str, float]],
         wind: Wind | None = None,
         yaw_rad: float = 0.0,
     ) -> None:
         self._limits_of = limits_of
-        self._control_of = control_of
-        self.law = limits_of(spec)
         super().__init__(spec, wind, yaw_rad)
         self.state[Wing.BEARING] = math.nan
 
     def attitude(self) -> tuple[float, float, float, float]:
         """Return roll (right), pitch (up), true airspeed and throttle."""
-        state = self.state
-        return (
-            float(state[Wing.BANK]),
-            float(state[Wing.PITCH]),
-            float(state[Wing.AIRSPEED]),
-            float(state[Wing.THROTTLE]),
-        )
+        columns = [Wing.BANK, Wing.PITCH, Wing.AIRSPEED, Wing.THROTTLE]
+        bank, pitch, airspeed, throttle = self.state[columns].tolist()
+        return bank, pitch, airspeed, throttle
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
         """Start in steady flight at time 0, with nothing used, as if flown there."""
@@ -97,34 +84,28 @@ class FixedWing(CompiledMotion):
         state[Wing.BEGIN_X] = state[Wing.BEARING] = math.nan
         state[Wing.DOING] = wing.FLYING
         speed = max(float(state[Wing.AIRSPEED]), 3.0)
-        level = self._limits[Limits.LIFT_LEVEL] * speed * speed
-        attack = (GRAVITY_M_S2 - level) / (self._limits[Limits.LIFT_SLOPE] * speed * speed)
+        level = self._limit.lift_level * speed * speed
+        attack = (GRAVITY_M_S2 - level) / (self._limit.lift_slope * speed * speed)
         state[Wing.PITCH] = math.asin(min(max(up / speed, -0.5), 0.5)) + min(attack, 0.3)
 
     def fly(self, route: Route) -> None:
         """Start a route from the vehicle's current position and speed."""
-        before = None if self._route is None else self._route.view(np.float64).reshape(-1, len(Leg))
-        target = None if before is None else before[self.leg, : Leg.Z].copy()
-        rows = self._rows(route)
-        follows = (
-            target is not None
-            and rows[0, Leg.KIND] == wing.LINE
-            and math.hypot(rows[0, Leg.X] - target[0], rows[0, Leg.Y] - target[1]) < 1.0
-            and self.counters[col.ARRIVED] == 0
-        )
+        before, first, arrived = self._route, self.leg, self.counters[col.ARRIVED] != 0
+        legs = self._legs(route).view(wing.LEG)[:, 0]
         # A replanned leg to the same waypoint keeps its line.
-        if not follows:
-            self._begin_at(before)
-        self._route = rows.view(wing.LEG)[:, 0]
-        self._begin()
+        if (
+            before is None
+            or arrived
+            or legs[0].kind != wing.LINE
+            or not math.hypot(legs[0].x - before[first].x, legs[0].y - before[first].y) < 1.0
+        ):
+            # The first leg starts at the last waypoint reached, otherwise at the vehicle's position.
+            self.state[Wing.BEGIN_X] = math.nan
+            if before is not None and arrived and before[-1].kind == wing.LINE:
+                self.state[Wing.BEGIN_X : Wing.BEGIN_X + 3] = before[-1].x, before[-1].y, before[-1].z
+        self._begin(legs)
 
-    def _begin_at(self, before: NDArray[np.float64] | None) -> None:
-        """Set the start of the first leg: the last waypoint reached, otherwise the vehicle's position."""
-        self.state[Wing.BEGIN_X] = math.nan
-        if before is not None and self.counters[col.ARRIVED] and before[-1, Leg.KIND] == wing.LINE:
-            self.state[Wing.BEGIN_X : Wing.BEGIN_X + 3] = before[-1, : Leg.KIND]
-
-    def _rows(self, route: Route) -> NDArray[np.float64]:
+    def _legs(self, route: Route) -> NDArray[np.float64]:
         law = self.law
         legs, n = route.legs, len(route.legs)
         rows = np.zeros((n, len(Leg)))
@@ -202,8 +183,7 @@ class FixedWing(CompiledMotion):
         row[0, : Leg.KIND] = self.state[col.POSITION]
         row[0, Leg.KIND] = wing.FALL
         row[0, Leg.CIRCLE_RADIUS] = self.law.loiter_radius
-        self._route = row.view(wing.LEG)[:, 0]
-        self._begin()
+        self._begin(row.view(wing.LEG)[:, 0])
 
     def stopping_point(self) -> Position:
         """Return the centre of a hold: that of the current circle, or else the vehicle's position."""
@@ -220,21 +200,19 @@ class FixedWing(CompiledMotion):
 
     def lose_power(self) -> None:
         """Stop the motor, so that the vehicle glides."""
-        self._limits[Limits.THROTTLE_LIMIT] = 0.0
+        self._limit.throttle_limit = 0.0
 
     def update_spec(self, spec: VehicleSpec) -> None:
         """Change defaults and limits at once; those of legs take effect from the next route on."""
-        throttle = self._limits[Limits.THROTTLE_LIMIT]
-        self.law = self._limits_of(spec)
+        throttle = self._limit.throttle_limit
         super().update_spec(spec)
-        self._limits[Limits.THROTTLE_LIMIT] = throttle
+        self._limit.throttle_limit = throttle
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
         """Set the maximum climb and descent rates; None restores the autopilot's own."""
-        law = self.law
-        limits = record_of(self._limits, wing.LIMITS)
-        limits.climb_rate = min(climb_m_s or law.climb_rate, law.climb_max)
-        limits.sink_rate = min(descent_m_s or law.sink_rate, law.sink_max)
+        law, limit = self.law, self._limit
+        limit.climb_rate = min(climb_m_s or law.climb_rate, law.climb_max)
+        limit.sink_rate = min(descent_m_s or law.sink_rate, law.sink_max)
 
     def touch_down(self) -> None:
         """Set the vehicle to rest on the ground."""
@@ -244,9 +222,9 @@ class FixedWing(CompiledMotion):
         self.state[Wing.DOING] = wing.ON_GROUND
         self.state[Wing.BEGIN_X] = math.nan
 
-    def _numbers(self, spec: VehicleSpec) -> NDArray[np.float64]:
-        """Return the limits in the order of the kernel's columns."""
-        law = self.law
+    def _numbers(self, spec: VehicleSpec) -> Mapping[str, float]:
+        """Take the law of a vehicle, and return the kernel's limits besides time step and energy."""
+        law = self.law = self._limits_of(spec)
         power = spec.power if isinstance(spec.power, FixedWingPowerSpec) else _TYPICAL
         frame = FixedWingAirframe() if spec.airframe is None else spec.airframe
         coefficients = power_coefficients(power)
@@ -254,8 +232,7 @@ class FixedWing(CompiledMotion):
         # rho S / (2 m): multiplied by a coefficient and V^2 it is an acceleration.
         per_coefficient = coefficients[DRAG] / (mass * power.parasitic_drag)
         values = {
-            **asdict(law),
-            "step_s": spec.step_s,
+            **{name: getattr(law, name) for name in wing.OF_WING},
             "wing_span": power.wing_span_m,
             "ground_drag": frame.ground_drag_1_s or 0.0,
             "braking": 0.0 if frame.ground_drag_1_s else _BRAKE_M_S2,
@@ -265,11 +242,9 @@ class FixedWing(CompiledMotion):
             "lift_slope": per_coefficient * frame.lift_slope,
             "turn_share": frame.turn_share,
             "trim_change": _ELEVATOR_RAD * frame.elevator_per_lift / per_coefficient,
-            "energy_limit": math.inf if spec.battery is None else spec.battery.capacity_wh * WH_J,
             "throttle_limit": 1.0,
+            **law.control,
         }
-        row = row_of(wing.LIMITS, values | dict(self._control_of(spec)))
-        trim = law.airspeed_trim
-        climbing = drag(record_of(row, wing.LIMITS), trim, 1.0) + GRAVITY_M_S2 * law.climb_max / trim
-        row[Limits.THRUST] = climbing if frame.thrust_n is None else frame.thrust_n / mass
-        return row
+        trim, limits = law.airspeed_trim, record_of(row_of(wing.LIMITS, values), wing.LIMITS)
+        climbing = drag(limits, trim, 1.0) + GRAVITY_M_S2 * law.climb_max / trim
+        return {**values, "thrust": climbing if frame.thrust_n is None else frame.thrust_n / mass}

@@ -8,10 +8,8 @@ from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion.columns import Record
 from wbf_mission.addons.wings.motion.air import energy_rate
-from wbf_mission.addons.wings.motion.guidance import circles, leg_airspeed, steer
+from wbf_mission.addons.wings.motion.guidance import circles, ground_speed, leg_airspeed, steer
 from wbf_mission.addons.wings.motion.layout import CIRCULAR_LANDING, FLARE, LANDING, LINE, SHORT, TAKEOFF
-
-__all__ = ["px4_control"]
 
 THROTTLE_S = 0.4
 
@@ -115,7 +113,6 @@ def _energy(
 @compiled(allocates=False)
 def _approach(state: Record, row: Record, limits: Record) -> float:
     """Return the demanded height of an approach, and start the flare when low."""
-    ground = sqrt(state.velocity_x * state.velocity_x + state.velocity_y * state.velocity_y)
     if row.kind == LANDING:
         dx, dy = row.x - state.begin_x, row.y - state.begin_y
         length = max(sqrt(dx * dx + dy * dy), 1e-3)
@@ -125,7 +122,7 @@ def _approach(state: Record, row: Record, limits: Record) -> float:
         height = min(slope * to_go, max(state.begin_z, 0.0))
     else:
         # Circular descent: the demanded height is below the vehicle, by an offset for the slope's sink rate.
-        height = state.position_z - row.slope * ground * limits.height_s
+        height = state.position_z - row.slope * ground_speed(state) * limits.height_s
     if state.position_z <= max(limits.flare_height, limits.flare_s * max(-state.velocity_z, 0.0)):
         state.doing = FLARE
         state.since = 0.0

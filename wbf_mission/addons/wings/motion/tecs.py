@@ -16,8 +16,6 @@ from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion.columns import Record
 
-__all__ = ["CLIMB_OUT", "CRUISE", "FLARING", "LAND", "PERIOD_S", "control_energy"]
-
 PERIOD_S = 0.1
 CRUISE, CLIMB_OUT, LAND, FLARING = 0.0, 1.0, 2.0, 3.0
 _SATURATION = 0.1
@@ -150,28 +148,40 @@ def _notice_underspeed(state: Record, slowest: float, v: float, stage: float) ->
 
 
 @compiled(allocates=False)
+def _speed_weight(state: Record, limits: Record, stage: float, portion: float, sinking: bool) -> float:
+    """Return the weight of the airspeed in pitch control, 0 to 2; the height has the rest of 2."""
+    if state.underspeed > 0.0 or stage == CLIMB_OUT or sinking:
+        return 2.0
+    weight = _clip(limits.speed_weight, 0.0, 2.0)
+    if stage in (LAND, FLARING):
+        if limits.land_speed_weight >= 0.0:
+            return _clip(limits.land_speed_weight, 0.0, 2.0)
+        weight *= 1.0 - _clip(portion, 0.0, 1.0)
+    return weight
+
+
+@compiled(allocates=False)
 def control_energy(
     state: Record,
     limits: Record,
     stage: float,
     target: float,
     airspeed: float,
-    climb: float,
     portion: float,
     least_pitch: float,
-    sinking: bool,
 ) -> None:
     """Set the demanded pitch and throttle for a height and an airspeed; call every `PERIOD_S`.
 
-    `stage` is CRUISE, CLIMB_OUT, LAND or FLARING. `climb` is the climb rate over ground. `portion` is the
-    fraction of the leg flown, which reduces the speed weight in a landing. `least_pitch` is the minimum pitch
-    of a take-off. `sinking`: the motor is dead, so pitch holds the airspeed alone.
+    `stage` is CRUISE, CLIMB_OUT, LAND or FLARING. `portion` is the fraction of the leg flown, which reduces
+    the speed weight in a landing. `least_pitch` is the minimum pitch of a take-off. With a dead motor, pitch
+    holds the airspeed alone.
     """
     if state.running == 0.0:
         _begin(state, limits)
     landing = stage in (LAND, FLARING)
     time_s = max(limits.land_s if landing else limits.time_s, 0.1)
-    height = state.position_z
+    height, climb = state.position_z, state.velocity_z
+    sinking = limits.throttle_limit == 0.0
     v = max(state.airspeed, _SLOWEST)
     acceleration = (v - state.last_speed) / PERIOD_S
     state.last_speed = v
@@ -227,11 +237,41 @@ def control_energy(
     kinetic_rate = v * (acceleration - state.acceleration_filter)
     potential_rate = GRAVITY_M_S2 * climb
 
-    _pitch(
-        state, limits, stage, portion, time_s, pitch_min, pitch_max, v, sinking,
-        wanted_potential - potential, wanted_kinetic - kinetic, GRAVITY_M_S2 * rate, potential_rate,
-        kinetic_rate,
-    )  # fmt: skip
+    # Pitch, from the balance of potential and kinetic energy.
+    weight = _speed_weight(state, limits, stage, portion, sinking)
+    of_height, of_speed = min(2.0 - weight, 1.0), min(weight, 1.0)
+    kinetic_error = wanted_kinetic - kinetic
+    error = (wanted_potential - potential) * of_height - kinetic_error * of_speed
+    wanted = GRAVITY_M_S2 * rate * of_height + error / time_s
+    least, most = -limits.tecs_sink_max * GRAVITY_M_S2, limits.tecs_climb * GRAVITY_M_S2
+    state.balance_clip = -1.0 if wanted < least else (1.0 if wanted > most else 0.0)
+    wanted = _clip(wanted, least, most)
+    missing = wanted - (potential_rate * of_height - kinetic_rate * of_speed)
+    damping = limits.land_damping if stage == FLARING else limits.pitch_damping
+    total = wanted + missing * damping
+    per_radian = v * GRAVITY_M_S2
+    if stage == CLIMB_OUT:
+        total += pitch_min * per_radian
+    low = per_radian * (pitch_min - _PITCH_MARGIN) - total
+    high = per_radian * (pitch_max + _PITCH_MARGIN) - total
+    tenth = 0.1 * (high - low)
+    delta = _clip(missing * limits.integrator * PERIOD_S, -tenth, tenth)
+    free = (total + state.balance_integral + delta + state.speed_integral) / per_radian
+    if (free > pitch_max and delta > 0.0) or (free < pitch_min and delta < 0.0):
+        keep = 1.0 - PERIOD_S / (PERIOD_S + time_s)
+        state.balance_integral *= keep
+        state.speed_integral *= keep
+    else:
+        state.balance_integral += delta
+        state.speed_integral -= kinetic_error * of_speed * PERIOD_S / time_s
+    state.balance_integral = _clip(state.balance_integral, low, high)
+    bound = 0.25 * (pitch_max - pitch_min) * per_radian
+    state.speed_integral = _clip(state.speed_integral, -bound, bound)
+    free = (total + state.balance_integral + state.speed_integral) / per_radian
+    state.pitch_free = free
+    change = PERIOD_S * limits.vertical_acceleration / v
+    last = state.pitch_demand
+    state.pitch_demand = _clip(_clip(free, pitch_min, pitch_max), last - change, last + change)
 
     # Throttle.
     most = limits.tecs_climb * state.climb_scale * GRAVITY_M_S2
@@ -281,63 +321,3 @@ def control_energy(
     falls = error > _BAD_DESCENT and losing and throttle >= 0.9 * throttle_max
     stays = state.bad_descent > 0.0 and error > 0.0
     state.bad_descent = 1.0 if state.underspeed == 0.0 and not sinking and (falls or stays) else 0.0
-
-
-@compiled(allocates=False)
-def _pitch(
-    state: Record,
-    limits: Record,
-    stage: float,
-    portion: float,
-    time_s: float,
-    pitch_min: float,
-    pitch_max: float,
-    v: float,
-    sinking: bool,
-    potential_error: float,
-    kinetic_error: float,
-    wanted_potential_rate: float,
-    potential_rate: float,
-    kinetic_rate: float,
-) -> None:
-    """Set the demanded pitch from the balance of potential and kinetic energy."""
-    weight = _clip(limits.speed_weight, 0.0, 2.0)
-    if state.underspeed > 0.0 or stage == CLIMB_OUT or sinking:
-        weight = 2.0
-    elif stage in (LAND, FLARING):
-        if limits.land_speed_weight < 0.0:
-            weight *= 1.0 - _clip(portion, 0.0, 1.0)
-        else:
-            weight = _clip(limits.land_speed_weight, 0.0, 2.0)
-    of_height, of_speed = min(2.0 - weight, 1.0), min(weight, 1.0)
-    error = potential_error * of_height - kinetic_error * of_speed
-    wanted = wanted_potential_rate * of_height + error / time_s
-    least, most = -limits.tecs_sink_max * GRAVITY_M_S2, limits.tecs_climb * GRAVITY_M_S2
-    state.balance_clip = -1.0 if wanted < least else (1.0 if wanted > most else 0.0)
-    wanted = _clip(wanted, least, most)
-    missing = wanted - (potential_rate * of_height - kinetic_rate * of_speed)
-    damping = limits.land_damping if stage == FLARING else limits.pitch_damping
-    total = wanted + missing * damping
-    per_radian = v * GRAVITY_M_S2
-    if stage == CLIMB_OUT:
-        total += pitch_min * per_radian
-    low = per_radian * (pitch_min - _PITCH_MARGIN) - total
-    high = per_radian * (pitch_max + _PITCH_MARGIN) - total
-    tenth = 0.1 * (high - low)
-    delta = _clip(missing * limits.integrator * PERIOD_S, -tenth, tenth)
-    free = (total + state.balance_integral + delta + state.speed_integral) / per_radian
-    if (free > pitch_max and delta > 0.0) or (free < pitch_min and delta < 0.0):
-        keep = 1.0 - PERIOD_S / (PERIOD_S + time_s)
-        state.balance_integral *= keep
-        state.speed_integral *= keep
-    else:
-        state.balance_integral += delta
-        state.speed_integral -= kinetic_error * of_speed * PERIOD_S / time_s
-    state.balance_integral = _clip(state.balance_integral, low, high)
-    bound = 0.25 * (pitch_max - pitch_min) * per_radian
-    state.speed_integral = _clip(state.speed_integral, -bound, bound)
-    free = (total + state.balance_integral + state.speed_integral) / per_radian
-    state.pitch_free = free
-    change = PERIOD_S * limits.vertical_acceleration / v
-    last = state.pitch_demand
-    state.pitch_demand = _clip(_clip(free, pitch_min, pitch_max), last - change, last + change)

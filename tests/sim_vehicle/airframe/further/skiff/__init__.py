@@ -5,7 +5,7 @@ from importlib import resources
 from types import MappingProxyType
 
 from sim_vehicle.airframe.kind import Movement, VehicleKind
-from wbf_mission.addons.rovers.power import RoverPowerSpec
+from wbf_mission.addons.rovers.kind import RoverPowerSpec
 
 
 @dataclass(frozen=True, slots=True)

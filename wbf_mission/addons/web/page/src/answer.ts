@@ -9,6 +9,11 @@ import { capital, duration, metres } from "./text.js";
 
 const MOST_FINDINGS = 50;
 
+/** A finding with the name of its mission. */
+interface Named extends Finding {
+  name: string;
+}
+
 export class Answer {
   readonly cards = element("dl", { class: "figures" });
   readonly findings = element("ul", { class: "findings" });
@@ -28,16 +33,19 @@ export class Answer {
   show(planned: Planned): void {
     this.frame = new Frame(planned.farm.georeference);
     this.draw(planned);
-    this.cards.replaceChildren(...figures(planned).map(([name, value, more]) =>
-      element("div", {}, element("dt", {}, name), element("dd", {}, value, ...(more ? [element("small", {}, more)] : [])))));
-    const found = planned.missions.flatMap(({ name, findings, warnings }) => [
-      ...warnings.map((text): [string, Finding] => [name, { severity: "warning", code: "", where: "", text, told: text, fix: null, place_m: null }]),
-      ...findings.map((finding): [string, Finding] => [name, finding]),
+    const cards = figures(planned).map(([name, value, more]) => {
+      const figure = element("dd", {}, value, more ? element("small", {}, more) : null);
+      return element("div", {}, element("dt", {}, name), figure);
+    });
+    this.cards.replaceChildren(...cards);
+    const found = planned.missions.flatMap(({ name, findings, warnings }): Named[] => [
+      ...warnings.map((told): Named => ({ name, severity: "warning", told })),
+      ...findings.map((finding) => ({ name, ...finding })),
     ]);
-    const notes = planned.notes.map((text): [string, Finding] => ["farm", { severity: "note", code: "", where: "", text, told: text, fix: null, place_m: null }]);
+    const notes = planned.notes.map((told): Named => ({ name: "farm", severity: "note", told }));
     const rank = ["error", "warning", "note"];
-    const sorted = [...found, ...notes].sort(([, a], [, b]) => rank.indexOf(a.severity) - rank.indexOf(b.severity));
-    this.findings.replaceChildren(...sorted.slice(0, MOST_FINDINGS).map(([name, finding]) => this.row(name, finding)));
+    const sorted = [...found, ...notes].sort((a, b) => rank.indexOf(a.severity) - rank.indexOf(b.severity));
+    this.findings.replaceChildren(...sorted.slice(0, MOST_FINDINGS).map((finding) => this.row(finding)));
     if (sorted.length > MOST_FINDINGS) this.findings.append(element("li", {}, `and ${sorted.length - MOST_FINDINGS} more`));
   }
 
@@ -48,18 +56,20 @@ export class Answer {
     this.findings.replaceChildren();
   }
 
-  private row(name: string, finding: Finding): HTMLElement {
-    const text = [name, finding.told].filter(Boolean).join(": ");
-    const place = finding.place_m;
-    const told = place ? button(text, () => this.point(place), { title: "Show it on the map" }) : element("span", {}, text);
-    const code = finding.code ? [element("code", {}, finding.code)] : [];
-    return element("li", { class: finding.severity }, element("b", {}, capital(finding.severity)), told, ...code);
+  private row({ name, severity, told, code, place_m }: Named): HTMLElement {
+    const text = [name, told].filter(Boolean).join(": ");
+    const what = place_m
+      ? button(text, () => this.point(place_m), { title: "Show it on the map" })
+      : element("span", {}, text);
+    const grade = element("b", {}, capital(severity));
+    return element("li", { class: severity }, grade, what, code ? element("code", {}, code) : null);
   }
 
   private point([x, y]: [number, number]): void {
     const place = this.frame!.latLng(x, y);
     this.spot.clearLayers();
-    L.circleMarker(place, { radius: 16, weight: 4, color: themed("danger"), fill: false, pane: "plans", interactive: false }).addTo(this.spot);
+    const ring = { radius: 16, weight: 4, color: themed("danger"), fill: false, pane: "plans", interactive: false };
+    L.circleMarker(place, ring).addTo(this.spot);
     this.map.panTo(place);
   }
 
@@ -69,8 +79,8 @@ export class Answer {
 
   /** Thin lines where rows are close together, so that the field stays visible between them. */
   private weigh(): void {
-    const [origin, up] = [this.frame?.latLng(0, 0), this.frame?.latLng(0, this.spacing_m ?? 0)];
-    const apart_px = origin && up && this.spacing_m ? this.map.latLngToLayerPoint(origin).distanceTo(this.map.latLngToLayerPoint(up)) : Infinity;
+    const place = (y_m: number): L.Point => this.map.latLngToLayerPoint(this.frame!.latLng(0, y_m));
+    const apart_px = this.frame && this.spacing_m ? place(0).distanceTo(place(this.spacing_m)) : Infinity;
     const weight = Math.min(2.5, Math.max(0.8, apart_px / 4));
     for (const { halo, line } of this.paths) {
       halo.setStyle({ weight: 2 * weight, stroke: apart_px >= 8 });
@@ -86,34 +96,39 @@ export class Answer {
     const shared = { pane: "plans", interactive: false };
     for (const [k, { plan }] of planned.missions.entries()) {
       const path = this.latLngs(plan.path);
-      const [home] = [this.frame!.latLng(...planned.farm.home_m)];
+      const home = this.frame!.latLng(...planned.farm.home_m);
       const halo = L.polyline(path, { ...shared, color: "#ffffff", opacity: 0.75 }).addTo(this.lines);
       const line = L.polyline(path, { ...shared, color: vehicleColour(k) }).addTo(this.lines);
       this.paths.push({ halo, line });
-      for (const end of [path[0], path.at(-1)])
-        if (end && home) L.polyline([home, end], { ...shared, color: vehicleColour(k), weight: 1.5, dashArray: "2 6" }).addTo(this.lines);
-      for (const fence of plan.fence)
-        for (const ring of fence.rings) L.polygon(this.latLngs(ring), { ...shared, color: themed("fence"), weight: 1.5, dashArray: "8 5", fill: false }).addTo(this.lines);
+      const way = { ...shared, color: vehicleColour(k), weight: 1.5, dashArray: "2 6" };
+      for (const end of [path[0], path.at(-1)]) if (end) L.polyline([home, end], way).addTo(this.lines);
+      const fence = { ...shared, color: themed("fence"), weight: 1.5, dashArray: "8 5", fill: false };
+      for (const ring of plan.fence.flatMap(({ rings }) => rings))
+        L.polygon(this.latLngs(ring), fence).addTo(this.lines);
     }
     this.weigh();
   }
 }
 
 /** Figures of a plan: name, value, and details. */
-function figures(planned: Planned): [string, string, string][] {
-  const sum = (part: (one: Planned["vehicles"][number]) => number): number => planned.vehicles.reduce((all, one) => all + part(one), 0);
-  const { vehicles, missions } = planned;
+function figures({ vehicles, missions, coverage }: Planned): [string, string, string][] {
+  const sum = (part: (one: Planned["vehicles"][number]) => number): number =>
+    vehicles.reduce((all, one) => all + part(one), 0);
   const longest_s = Math.max(...vehicles.map((one) => one.time_with_changes_s ?? one.predicted_time_s));
   const changes = vehicles.some((one) => one.time_with_changes_s !== undefined);
+  const air = duration(sum((one) => one.predicted_time_s));
   const used = Math.max(...vehicles.map((one) => one.battery_used ?? 0));
-  const batteries = vehicles.some((one) => one.batteries === null) ? null : sum((one) => one.batteries ?? 0);
-  const spacing = vehicles[0]?.spacing_m;
+  const needed = `${(100 * used).toFixed(0)} % of one ${used > 1 ? "needed" : "at most"}`;
+  const isEnough = vehicles.every((one) => one.batteries !== null);
+  const batteries = isEnough ? String(sum((one) => one.batteries ?? 0)) : "never enough";
+  const spacing_m = vehicles[0]?.spacing_m;
+  const flights = missions.map((one) => duration(one.plan.duration_s ?? 0)).slice(0, 8);
   const lines: [string, string, string][] = [
-    ["Time", duration(longest_s), changes ? `${duration(sum((one) => one.predicted_time_s))} in the air, the rest for batteries` : "from take-off to landing"],
+    ["Time", duration(longest_s), changes ? `${air} in the air, the rest for batteries` : "from take-off to landing"],
     ["Distance", metres(sum((one) => one.length_m)), `${sum((one) => one.waypoints)} waypoints`],
-    ["Batteries", batteries === null ? "never enough" : String(batteries), `${(100 * used).toFixed(0)} % of one ${used > 1 ? "needed" : "at most"}, ${sum((one) => one.predicted_energy_wh).toFixed(1)} Wh`],
-    ["Coverage", `${(100 * planned.coverage).toFixed(2)} %`, spacing ? `rows ${metres(spacing)} apart` : "of the land to be seen"],
+    ["Batteries", batteries, `${needed}, ${sum((one) => one.predicted_energy_wh).toFixed(1)} Wh`],
+    ["Coverage", `${(100 * coverage).toFixed(2)} %`, spacing_m ? `rows ${metres(spacing_m)} apart` : "of the land to be seen"],
   ];
-  if (missions.length > 1) lines.splice(2, 0, ["Flights", String(missions.length), missions.map((one) => duration(one.plan.duration_s ?? 0)).slice(0, 8).join(" + ")]);
+  if (missions.length > 1) lines.splice(2, 0, ["Flights", String(missions.length), flights.join(" + ")]);
   return lines;
 }

@@ -1,79 +1,127 @@
 // Report of a benchmark. `wbf_mission/addons/web/bench_page.py` makes its tables. This script makes them
 // sortable, and adds filters and scores by seed to the table of all standings. The choices are kept behind
 // the # of the address, so that a link restores them.
-import { button, element, setText, svg } from "./dom.js";
-import { detailOf, mainRows, sortable, type Order } from "./sorting.js";
+import { button, element, options, setText, svg, table as tableOf } from "./dom.js";
 
 /** Seed, score over the run, final score (for a failed run: as counted), failure, start of the key. */
 type Run = [seed: number | string, run: number, end: number, failed: string, key: string];
 
-const FILTERS: [key: string, label: string, column: number][] = [
-  ["scenario", "Scenario", 0],
-  ["planner", "Planner or policy", 1],
-  ["estimator", "Estimator", 2],
-];
+interface Order {
+  column: number;
+  down: boolean;
+}
+
+const FILTERS = ["scenario", "planner", "estimator"];
+const LABELS = ["Scenario", "Planner or policy", "Estimator"];
 const WIDTH = 480;
 const HEIGHT = 34;
 const EDGE = 10;
 
-function show(table: HTMLTableElement, seeds: Run[][]): void {
+/** Make a table sortable by its headings; returns a sort function, and calls `chosen` with each order. */
+function sortable(table: HTMLTableElement, chosen: (order: Order) => void = () => undefined): (order: Order) => void {
+  const headings = [...(table.tHead?.rows[0]?.cells ?? [])];
+  let now: Order | null = null;
+  const sort = (order: Order): void => {
+    if (!headings[order.column]) return;
+    now = order;
+    for (const heading of headings) heading.removeAttribute("aria-sort");
+    headings[order.column]!.setAttribute("aria-sort", order.down ? "descending" : "ascending");
+    arrange(table, order);
+  };
+  headings.forEach((heading, column) => {
+    const choose = (): void => {
+      const order = { column, down: now?.column === column && !now.down };
+      sort(order);
+      chosen(order);
+    };
+    heading.replaceChildren(button(heading.textContent ?? "", choose));
+  });
+  return sort;
+}
+
+function arrange(table: HTMLTableElement, { column, down }: Order): void {
+  const rows = mainRows(table);
+  // A column of numbers may contain dashes, and words after a number.
+  const numeric = rows.every((row) => /^[-+]?[\d.]|^-?$/.test(text(row, column)));
+  const sign = down ? -1 : 1;
+  rows.sort((one, two) => {
+    const [a, b] = [text(one, column), text(two, column)];
+    if (!numeric) return sign * a.localeCompare(b, "en", { numeric: true });
+    const [x, y] = [parseFloat(a), parseFloat(b)];
+    if (Number.isNaN(x) || Number.isNaN(y)) return Number(Number.isNaN(x)) - Number(Number.isNaN(y));
+    return sign * (x - y);
+  });
+  table.tBodies[0]?.append(...rows.flatMap((row) => [row, detailOf(row)].filter((one) => one !== null)));
+}
+
+/** Rows of a table without their opened details. */
+function mainRows(table: HTMLTableElement): HTMLTableRowElement[] {
+  return [...(table.tBodies[0]?.rows ?? [])].filter((row) => !row.classList.contains("detail"));
+}
+
+/** Opened details of a row. */
+function detailOf(row: HTMLTableRowElement): HTMLElement | null {
+  const next = row.nextElementSibling;
+  return next instanceof HTMLElement && next.classList.contains("detail") ? next : null;
+}
+
+/** Add filters and scores by seed to the table of all standings. */
+function addFilters(table: HTMLTableElement, seeds: Run[][]): void {
   const rows = mainRows(table);
   const runs = new Map(rows.map((row, k) => [row, seeds[k] ?? []]));
-  let order: Order | null = null;
-  const sort = sortable(table, (chosen) => {
-    order = chosen;
+  let sorted = "";
+  const sort = sortable(table, ({ column, down }) => {
+    sorted = `${column}${down ? " down" : ""}`;
     remember();
   });
-  const selects = FILTERS.map(([key, label, column]) => {
-    const names = [...new Set(rows.map((row) => text(row, column)))].sort((a, b) => a.localeCompare(b, "en", { numeric: true }));
-    const select = element("select", { name: key }, element("option", { value: "" }, "all"));
-    select.append(...names.map((name) => element("option", { value: name }, name)));
-    return { key, label, column, select };
+  const selects = FILTERS.map((name, column) => {
+    const values = [...new Set(rows.map((row) => text(row, column)))];
+    values.sort((a, b) => a.localeCompare(b, "en", { numeric: true }));
+    const all: [string, string][] = [["", "all"], ...values.map((value): [string, string] => [value, value])];
+    return element("select", { name }, ...options(all));
   });
   const search = element("input", { type: "search", name: "text" });
   const count = element("p", { role: "status" });
-  const filters = element("form", { class: "filters", role: "search" });
-  filters.append(...selects.map((one) => element("label", {}, one.label, one.select)), element("label", {}, "Text", search), count);
-  filters.addEventListener("input", () => {
+  const input = (): void => {
     filter();
     remember();
-  });
+  };
+  const filters = element(
+    "form",
+    { class: "filters", role: "search", oninput: input },
+    ...selects.map((select, k) => element("label", {}, LABELS[k]!, select)),
+    element("label", {}, "Text", search),
+    count,
+  );
   filters.addEventListener("submit", (event) => event.preventDefault());
   table.parentElement?.before(filters);
 
   const filter = (): void => {
     const words = search.value.toLowerCase().split(/\s+/).filter(Boolean);
-    let shown = 0;
     for (const row of rows) {
       const all = (row.textContent ?? "").toLowerCase();
-      const fits =
-        selects.every((one) => !one.select.value || text(row, one.column) === one.select.value) &&
-        words.every((word) => all.includes(word));
-      row.hidden = !fits;
+      row.hidden = !(
+        selects.every(({ value }, column) => !value || text(row, column) === value) &&
+        words.every((word) => all.includes(word))
+      );
       const detail = detailOf(row);
-      if (detail) detail.hidden = !fits;
-      shown += Number(fits);
+      if (detail) detail.hidden = row.hidden;
     }
-    setText(count, `${shown} of ${rows.length} rows`);
+    setText(count, `${rows.filter((row) => !row.hidden).length} of ${rows.length} rows`);
   };
   const remember = (): void => {
-    const state = new URLSearchParams();
-    for (const one of selects) if (one.select.value) state.set(one.key, one.select.value);
-    if (search.value) state.set("text", search.value);
-    if (order) state.set("sort", `${order.column}${order.down ? " down" : ""}`);
+    const chosen: [string, string][] = [...selects, search].map(({ name, value }) => [name, value]);
+    const state = new URLSearchParams([...chosen, ["sort", sorted]].filter(([, value]) => value) as [string, string][]);
     history.replaceState(null, "", `#${state}`);
   };
   const restore = (): void => {
     const state = new URLSearchParams(location.hash.slice(1));
-    for (const one of selects) {
-      const wanted = state.get(one.key) ?? "";
-      one.select.value = [...one.select.options].some((option) => option.value === wanted) ? wanted : "";
-    }
-    search.value = state.get("text") ?? "";
+    for (const input of [...selects, search]) input.value = state.get(input.name) ?? "";
+    for (const select of selects) if (select.selectedIndex < 0) select.value = "";
     const [column, down] = (state.get("sort") ?? "").split(" ");
     if (column) {
-      order = { column: Number(column), down: down === "down" };
-      sort(order);
+      sorted = state.get("sort")!;
+      sort({ column: Number(column), down: down === "down" });
     }
     filter();
   };
@@ -91,10 +139,11 @@ function show(table: HTMLTableElement, seeds: Run[][]): void {
       detail.remove();
       return;
     }
-    const scenario = text(row, 0);
-    const others = rows.filter((one) => one !== row && text(one, 0) === scenario).flatMap((one) => runs.get(one) ?? []);
+    const own = runs.get(row) ?? [];
+    const peers = rows.filter((one) => one !== row && text(one, 0) === text(row, 0));
+    const others = peers.flatMap((one) => runs.get(one) ?? []);
     const cell = element("td", { colspan: String(row.cells.length) });
-    cell.append(strip(runs.get(row) ?? [], others), seedTable(runs.get(row) ?? []));
+    cell.append(strip(own, others), seedTable(own));
     row.after(element("tr", { class: "detail" }, cell));
   };
   addEventListener("hashchange", restore);
@@ -139,15 +188,17 @@ function strip(own: Run[], others: Run[]): SVGElement {
 }
 
 function seedTable(runs: Run[]): HTMLElement {
-  const row = (tag: "td" | "th", ...cells: string[]): HTMLElement =>
-    element("tr", {}, ...cells.map((cell) => element(tag, {}, cell)));
-  const body = element("tbody", {});
-  body.append(...runs.map(([seed, run, end, failed, key]) => row("td", String(seed), told(run), told(end), key, failed)));
-  return element("table", { class: "seeds" }, element("thead", {}, row("th", "seed", "run", "end", "key", "why it failed")), body);
+  const rows = runs.map(([seed, run, end, failed, key]) => {
+    const cells = [String(seed), told(run), told(end), key, failed];
+    return element("tr", {}, ...cells.map((cell) => element("td", {}, cell)));
+  });
+  const made = tableOf(["seed", "run", "end", "key", "why it failed"], rows);
+  made.className = "seeds";
+  return made;
 }
 
 for (const table of document.querySelectorAll("table")) {
   const seeds = document.getElementById("seeds");
-  if (table.id === "standings" && seeds) show(table, JSON.parse(seeds.textContent ?? "[]") as Run[][]);
+  if (table.id === "standings" && seeds) addFilters(table, JSON.parse(seeds.textContent ?? "[]") as Run[][]);
   else sortable(table);
 }

@@ -36,7 +36,7 @@ export function toPixels({ matrix: [a, b, c, d, e, f] }: View, x: number, y: num
 }
 
 /** Current view of a frame on a map. */
-export function viewOf(map: L.Map, frame: Frame): View {
+function viewOf(map: L.Map, frame: Frame): View {
   const shift = L.DomUtil.getPosition(map.getPane("mapPane")!).subtract(map.getPixelOrigin());
   const place = (x: number, y: number): L.Point => map.project(frame.latLng(x, y)).add(shift);
   const far = 1000;

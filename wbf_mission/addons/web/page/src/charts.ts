@@ -2,7 +2,7 @@
 import uPlot from "uplot";
 import { themed, lifted } from "./colours.js";
 import { element } from "./dom.js";
-import { between, upTo, type Model, type Moment } from "./model.js";
+import { between, upTo, type Model } from "./model.js";
 import { clock, fixed, percent } from "./text.js";
 
 /** Maximum number of points of a chart. */
@@ -14,21 +14,20 @@ const MARKS_S = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 
 interface Line {
   label: string;
   colour: string;
-  dash: number[];
   values: (number | null)[];
+  /** Number of the run; lines of the second one are dashed. */
+  run?: number;
 }
 
 interface Kind {
   name: string;
   write: (value: number) => string;
   range: [number | null, number | null];
-  lines: (model: Model, times: number[], run: number) => Line[];
+  lines: (model: Model, times: number[]) => Line[];
 }
 
-const DASH = [5, 4];
-
-function states(of: keyof Moment & ("battery" | "speed_m_s" | "height_m")): Kind["lines"] {
-  return (model, times, run) =>
+function states(of: "battery" | "speed_m_s" | "height_m"): Kind["lines"] {
+  return (model, times) =>
     (model.run?.vehicles ?? []).flatMap((info, k) => {
       const columns = model.states[info.system_id];
       if (!columns) return [];
@@ -36,7 +35,7 @@ function states(of: keyof Moment & ("battery" | "speed_m_s" | "height_m")): Kind
         const last = upTo(columns.time_s, time_s) - 1;
         return last < 0 || time_s > columns.time_s.at(-1)! + MOST ? null : between(columns, of, last, time_s);
       });
-      return [{ label: model.nameOf(info.system_id), colour: lifted(k), dash: run ? DASH : [], values }];
+      return [{ label: model.nameOf(info.system_id), colour: lifted(k), values }];
     });
 }
 
@@ -45,11 +44,9 @@ const KINDS: Kind[] = [
     name: "Score",
     write: (value) => fixed(value, 3),
     range: [null, null],
-    lines: (model, times, run) => {
-      const { time_s, score } = model.scores;
-      if (!time_s.length) return [];
-      const values = times.map((time) => score[upTo(time_s, time) - 1] ?? null);
-      return [{ label: "score", colour: themed("accent"), dash: run ? DASH : [], values }];
+    lines: (model, times) => {
+      const values = times.map((time_s) => model.scoreAt(time_s));
+      return model.scores.time_s.length ? [{ label: "score", colour: themed("accent"), values }] : [];
     },
   },
   { name: "Battery", write: percent, range: [0, 1], lines: states("battery") },
@@ -58,8 +55,7 @@ const KINDS: Kind[] = [
 ];
 
 class Chart {
-  readonly element = element("figure", { class: "chart" });
-  private readonly caption = element("figcaption");
+  readonly element: HTMLElement;
   private readonly value = element("span", { class: "value" });
   private readonly room = element("div", { class: "room" });
   private plot: uPlot | null = null;
@@ -72,15 +68,15 @@ class Chart {
     private readonly kind: Kind,
     private readonly seek: (time_s: number) => void,
   ) {
-    this.caption.append(element("span", {}, kind.name), this.value);
-    this.element.append(this.caption, this.room);
+    const caption = element("figcaption", {}, element("span", {}, kind.name), this.value);
+    this.element = element("figure", { class: "chart" }, caption, this.room);
   }
 
   show(models: Model[], times: number[], time_s: number, fresh: boolean): void {
     this.time_s = time_s;
     if (fresh) {
       this.times = times;
-      this.lines = models.flatMap((model, run) => this.kind.lines(model, times, run));
+      this.lines = models.flatMap((model, run) => this.kind.lines(model, times).map((line) => ({ ...line, run })));
       this.draw();
     } else this.plot?.redraw(false);
     this.tell(upTo(this.times, time_s) - 1);
@@ -111,11 +107,10 @@ class Chart {
   }
 
   private options(width: number): uPlot.Options {
-    const [ink, grid] = [themed("muted"), themed("line")];
     const axis = {
-      stroke: ink,
+      stroke: themed("muted"),
       font: `11px ${themed("font")}`,
-      grid: { stroke: grid, width: 1 },
+      grid: { stroke: themed("line"), width: 1 },
       ticks: { show: false },
       gap: 4,
     };
@@ -142,7 +137,9 @@ class Chart {
       ],
       series: [
         {},
-        ...this.lines.map(({ colour, dash }) => ({ stroke: colour, width: 1.6, dash, points: { show: false } })),
+        ...this.lines.map(({ colour, run }) => {
+          return { stroke: colour, width: 1.6, dash: run ? [5, 4] : [], points: { show: false } };
+        }),
       ],
       hooks: {
         draw: [(plot) => this.drawNow(plot)],
@@ -169,13 +166,9 @@ class Chart {
   /** Show the values at the cursor or now; for more than two lines only their range. */
   private tell(index: number): void {
     const values = this.lines.map((line) => line.values[index]).filter((value) => typeof value === "number");
-    const [low, high] = [Math.min(...values), Math.max(...values)];
+    const ends = [Math.min(...values), Math.max(...values)];
     const { write } = this.kind;
-    this.value.textContent = !values.length
-      ? ""
-      : values.length > 2
-        ? `${write(low)} – ${write(high)}`
-        : values.map(write).join(" / ");
+    this.value.textContent = values.length > 2 ? ends.map(write).join(" – ") : values.map(write).join(" / ");
   }
 }
 

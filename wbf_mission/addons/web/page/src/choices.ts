@@ -1,5 +1,5 @@
 // Form for the options of a plan, built from their descriptions.
-import { checkbox, element } from "./dom.js";
+import { checkbox, datalist, element, options } from "./dom.js";
 import { capital } from "./text.js";
 
 export interface OptionInfo {
@@ -45,18 +45,19 @@ export class Choices {
   /** Show other values. */
   take(values: Values): void {
     this.values = values;
-    this.element.replaceChildren();
     this.build();
   }
 
   private build(): void {
-    const { options } = this;
-    const panels = [...new Set(options.map(({ panel }) => panel))];
-    this.element.append(...options.filter(({ first }) => first).map((one) => this.row(one)));
-    for (const panel of panels) {
-      const rows = options.filter((one) => !one.first && one.panel === panel).map((one) => this.row(one));
-      if (rows.length) this.element.append(element("details", {}, element("summary", {}, `More: ${panel.toLowerCase()}`), ...rows));
-    }
+    const rows = (isIn: (one: OptionInfo) => boolean): HTMLElement[] =>
+      this.options.filter(isIn).map((one) => this.row(one));
+    const first = rows((one) => one.first);
+    const panels = [...new Set(this.options.filter((one) => !one.first).map(({ panel }) => panel))];
+    const more = panels.map((panel) => {
+      const summary = element("summary", {}, `More: ${panel.toLowerCase()}`);
+      return element("details", {}, summary, ...rows((one) => !one.first && one.panel === panel));
+    });
+    this.element.replaceChildren(...first, ...more);
     this.fit();
   }
 
@@ -68,49 +69,60 @@ export class Choices {
   }
 
   private row(one: OptionInfo): HTMLElement {
+    const label = capital(one.label);
     if (one.type === "flag") {
-      const box = checkbox(capital(one.label), Boolean(this.values[one.key] ?? one.default === "yes"), (on) => this.set(one.key, on));
+      const on = Boolean(this.values[one.key] ?? one.default === "yes");
+      const box = checkbox(label, on, (now) => this.set(one.key, now));
       const row = element("div", { class: "choice flag" }, box, element("small", {}, one.help));
       this.rows.set(one.key, { row, input: box.querySelector("input")! });
       return row;
     }
     const id = `choice-${one.key}`;
-    const input = one.choices.length && !one.several ? this.select(one, id) : this.input(one, id);
-    const list = input instanceof HTMLInputElement && one.choices.length ? [element("datalist", { id: `${id}-list` }, ...one.choices.map((value) => element("option", { value })))] : [];
-    if (list.length) input.setAttribute("list", `${id}-list`);
-    const unit = one.unit ? `, ${one.unit}` : "";
-    const row = element("div", { class: "choice" }, element("label", { for: id }, capital(one.label) + unit), input, ...list, element("small", { id: `${id}-help` }, one.help));
+    const isSelect = one.choices.length > 0 && !one.several;
+    const input = isSelect ? this.select(one, id) : this.input(one, id);
     input.setAttribute("aria-describedby", `${id}-help`);
-    if (one.kind in this.parameters) row.append(element("div", { class: "parameters" }));
+    const row = element(
+      "div",
+      { class: "choice" },
+      element("label", { for: id }, one.unit ? `${label}, ${one.unit}` : label),
+      input,
+      one.several && one.choices.length ? datalist(`${id}-list`, one.choices) : null,
+      element("small", { id: `${id}-help` }, one.help),
+      one.kind in this.parameters ? element("div", { class: "parameters" }) : null,
+    );
     this.rows.set(one.key, { row, input });
     return row;
   }
 
   private select(one: OptionInfo, id: string): HTMLSelectElement {
-    const given = String(this.values[one.key] ?? "");
-    const [name] = given.split(":");
-    const none = element("option", { value: "" }, one.choices.includes(one.default) ? `${one.default} (default)` : one.default.slice(0, LIST_AT_MOST) || "none");
-    const names = one.choices.includes(name!) || !name ? one.choices : [...one.choices, name];
-    const select = element("select", { id }, none, ...names.map((choice) => element("option", { value: choice }, choice)));
-    select.value = name ?? "";
-    select.addEventListener("change", () => this.set(one.key, select.value));
+    const name = String(this.values[one.key] ?? "").split(":")[0]!;
+    const known = one.choices.includes(one.default);
+    const none = known ? `${one.default} (default)` : one.default.slice(0, LIST_AT_MOST) || "none";
+    const names = one.choices.includes(name) || !name ? one.choices : [...one.choices, name];
+    const choices = options([["", none], ...names.map((choice): [string, string] => [choice, choice])]);
+    const select = element("select", { id, onchange: ({ value }) => this.set(one.key, value) }, ...choices);
+    select.value = name;
     return select;
   }
 
   private input(one: OptionInfo, id: string): HTMLInputElement {
     const numeric = one.type !== "text";
-    const input = element("input", { id, type: numeric ? "number" : "text", placeholder: one.default, autocomplete: "off" });
-    if (numeric) {
-      if (one.low !== null) input.min = String(one.low);
-      if (one.high !== null) input.max = String(one.high);
-      input.step = one.type === "whole" ? "1" : "any";
-    }
-    input.value = String(this.values[one.key] ?? "");
-    input.addEventListener("input", () => {
-      // The program refuses a value out of range, with a message.
-      if (input.validity.badInput) return;
-      this.set(one.key, numeric && input.value !== "" ? Number(input.value) : input.value.trim());
+    const input = element("input", {
+      id,
+      type: numeric ? "number" : "text",
+      placeholder: one.default,
+      autocomplete: "off",
+      step: one.type === "whole" ? "1" : "any",
+      min: String(one.low ?? ""),
+      max: String(one.high ?? ""),
+      list: one.choices.length > 0 && `${id}-list`,
+      oninput: ({ value, validity }) => {
+        // The program refuses a value out of range, with a message.
+        if (validity.badInput) return;
+        this.set(one.key, numeric && value !== "" ? Number(value) : value.trim());
+      },
     });
+    input.value = String(this.values[one.key] ?? "");
     return input;
   }
 
@@ -138,21 +150,23 @@ export class Choices {
   private showParameters(one: OptionInfo, room: HTMLElement, off: boolean): void {
     const chosen = String(this.values[one.key] ?? one.default);
     const name = chosen.split(":")[0]!;
-    const known = off ? {} : (this.parameters[one.kind]?.[name] ?? {});
     if (room.dataset["of"] === `${name} ${off}`) return;
     room.dataset["of"] = `${name} ${off}`;
-    const given = new Map(chosen.slice(name.length + 1).split(",").filter(Boolean).map((pair) => pair.split("=") as [string, string]));
-    const inputs = Object.entries(known).map(([parameter, usual]) => {
-      const input = element("input", { type: "text", placeholder: usual, autocomplete: "off" });
-      input.value = given.get(parameter) ?? "";
-      input.addEventListener("change", () => {
-        if (input.value.trim()) given.set(parameter, input.value.trim());
+    const pairs = chosen.slice(name.length + 1).split(",").filter(Boolean);
+    const given = new Map(pairs.map((pair) => pair.split("=") as [string, string]));
+    const known = off ? {} : (this.parameters[one.kind]?.[name] ?? {});
+    const inputs = Object.entries(known).map(([parameter, placeholder]) => {
+      const take = ({ value }: HTMLInputElement): void => {
+        if (value.trim()) given.set(parameter, value.trim());
         else given.delete(parameter);
-        const pairs = [...given].map(([key, value]) => `${key}=${value}`).join(",");
-        this.set(one.key, pairs ? `${name}:${pairs}` : name);
-      });
+        const now = [...given].map((pair) => pair.join("=")).join(",");
+        this.set(one.key, now ? `${name}:${now}` : name);
+      };
+      const value = given.get(parameter) ?? "";
+      const input = element("input", { type: "text", placeholder, autocomplete: "off", value, onchange: take });
       return element("label", {}, parameter.replaceAll("_", " "), input);
     });
-    room.replaceChildren(...(inputs.length ? [element("details", {}, element("summary", {}, `Parameters of ${name}`), ...inputs)] : []));
+    const summary = element("summary", {}, `Parameters of ${name}`);
+    room.replaceChildren(...(inputs.length ? [element("details", {}, summary, ...inputs)] : []));
   }
 }

@@ -59,7 +59,7 @@ export function ramp(layer: LayerName, field: FieldInfo | undefined): string[] {
   return field?.kind === "disease" ? HEALTH : field?.kind === "measured" ? MEASURED : WATER;
 }
 
-export type Rgb = [number, number, number];
+type Rgb = [number, number, number];
 
 function rgb(colour: string): Rgb {
   const number = parseInt(colour.slice(1), 16);
@@ -79,20 +79,9 @@ export function css([red, green, blue]: Rgb): string {
   return `rgb(${red} ${green} ${blue})`;
 }
 
-const looked = new Map<string, string>();
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => looked.clear());
+const theme = getComputedStyle(document.documentElement);
 
-/** Drop the cached variables after a change of the theme. */
-export function forgetTheme(): void {
-  looked.clear();
-}
-
-/** Variable of page.css, in the reader's dark or light theme. */
+/** Variable of page.css, in the reader's present dark or light theme. */
 export function themed(name: string): string {
-  let value = looked.get(name);
-  if (value === undefined) {
-    value = getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
-    looked.set(name, value);
-  }
-  return value;
+  return theme.getPropertyValue(`--${name}`).trim();
 }

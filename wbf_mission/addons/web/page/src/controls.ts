@@ -1,5 +1,5 @@
 // Orders to vehicles, if allowed to this page, and answers to questions to the operator.
-import { button, element, setText } from "./dom.js";
+import { ask, button, element, options, setText, type Child } from "./dom.js";
 import type { Model } from "./model.js";
 import type { Said } from "./schema.js";
 import type { Send, Wish } from "./source.js";
@@ -17,8 +17,7 @@ const GROUPS = [["start", "arm", "takeoff"], ["hold", "resume", "set item"], ["r
 /** Orders with a fixed place from the start, so that no button appears under a finger. */
 const OF_A_FLIGHT = ["start", "hold", "resume", "set item", "return", "land"];
 const ALL = "all";
-/** Return values of a dialog that was not cancelled. */
-const SENT = "sent";
+/** Return value of a dialog whose order is no longer allowed. */
 const OVER = "over";
 const REPLY_SHOWN_MS = 8000;
 /** Timeout of an answer: the program ignores requests older than 2 s. */
@@ -32,9 +31,15 @@ export class Controls {
   readonly became = element("p", { class: "became", role: "status" });
   /** Reason why no order can be given. */
   readonly why = element("p", { class: "why", id: "why-no-order", role: "status" });
-  private readonly target = element("select", { "aria-label": "Orders go to" });
+  private readonly target = element("select", {
+    "aria-label": "Orders go to",
+    onchange: ({ value }) => {
+      if (value !== ALL) this.choose(value ? Number(value) : null);
+      this.show();
+    },
+  });
   private readonly buttons = element("div", { class: "orders" });
-  private readonly dialog = element("dialog", { "aria-labelledby": "confirm-title" });
+  private dialog: HTMLDialogElement | null = null;
   /** Whether the order of the open dialog is still allowed. */
   private stillMay = (): boolean => true;
   private readonly known = new Set<string>(OF_A_FLIGHT);
@@ -55,21 +60,14 @@ export class Controls {
     private readonly isFresh: () => boolean,
     private readonly choose: (system_id: number | null) => void,
   ) {
-    this.target.addEventListener("change", () => {
-      if (this.target.value !== ALL) this.choose(this.target.value ? Number(this.target.value) : null);
-      this.show();
-    });
-    this.element.append(
-      element("label", {}, element("span", { class: "hidden" }, "Orders go to"), this.target),
-      this.buttons,
-      this.dialog,
-    );
+    const label = element("span", { class: "hidden" }, "Orders go to");
+    this.element.append(element("label", {}, label, this.target), this.buttons);
   }
 
   /** Select the target of orders; null with several vehicles selects none. */
   aim(system_id: number | null): void {
     if (system_id !== null) this.target.value = String(system_id);
-    else if (this.vehicles.length > 1) this.target.value = "";
+    else if (this.ids.length > 1) this.target.value = "";
   }
 
   /** Show the outcome of an order. */
@@ -79,22 +77,20 @@ export class Controls {
     this.say(error ? `${what}: not done: ${error}` : `${what}: sent`, error !== "");
   }
 
-  /** Drop pending requests and old messages after the loss of the program. */
-  private lose(): void {
-    this.say("", false);
-    for (const number of [...this.open.keys()]) this.giveUp(number);
-  }
-
   show(): void {
     const orders = this.model.status?.orders ?? [];
     const isFresh = this.isFresh();
-    if (this.wasFresh && !isFresh) this.lose();
+    if (this.wasFresh && !isFresh) {
+      // The program is lost: old messages are cleared, and pending requests are not answered.
+      this.say("", false);
+      for (const number of [...this.open.keys()]) this.giveUp(number);
+    }
     this.wasFresh = isFresh;
     // The buttons keep their places until the end of the run.
     this.appeared ||= orders.length > 0 || !!this.model.status?.question;
     this.element.hidden = !this.appeared || !this.model.runs;
     for (const order of orders) this.known.add(order);
-    const shape = JSON.stringify([[...this.known], this.vehicles]);
+    const shape = JSON.stringify([[...this.known], this.model.run?.vehicles]);
     if (shape !== this.shape) {
       this.shape = shape;
       this.build();
@@ -104,7 +100,7 @@ export class Controls {
     for (const one of this.buttons.querySelectorAll("button"))
       one.disabled = !may || !orders.includes(one.dataset["order"]!);
     for (const one of this.question.querySelectorAll("button")) one.disabled = !isFresh;
-    if (this.dialog.open && !this.stillMay()) {
+    if (this.dialog?.open && !this.stillMay()) {
       this.dialog.close(OVER);
       this.say("Nothing was sent: what was asked about is over", true);
     }
@@ -123,29 +119,29 @@ export class Controls {
 
   private reason(orders: string[]): string {
     if (!orders.length) return "The program takes no orders now.";
-    if (!this.vehicles.length) return "No vehicle has been heard yet: orders have nowhere to go.";
+    if (!this.ids.length) return "No vehicle has been heard yet: orders have nowhere to go.";
     return this.meant.length ? "" : "Choose a vehicle: until then orders go to none.";
   }
 
-  private get vehicles(): { system_id: number }[] {
-    return this.model.run?.vehicles ?? [];
+  /** System ids of all vehicles. */
+  private get ids(): number[] {
+    return (this.model.run?.vehicles ?? []).map(({ system_id }) => system_id);
   }
 
   /** System ids of the vehicles that an order is for. */
   private get meant(): number[] {
     const { value } = this.target;
-    if (value === ALL) return this.vehicles.map(({ system_id }) => system_id);
+    if (value === ALL) return this.ids;
     return value ? [Number(value)] : [];
   }
 
   /** Rebuild the buttons; each order keeps its place, so that nothing moves under a finger. */
   private build(): void {
     const before = this.target.value;
-    const several = this.vehicles.length > 1;
-    const option = (value: string, text: string): HTMLElement => element("option", { value }, text);
-    const ones = this.vehicles.map(({ system_id }) => option(String(system_id), this.model.nameOf(system_id)));
-    const all = [option("", "Choose a vehicle …"), ...ones, option(ALL, `All ${ones.length} vehicles`)];
-    this.target.replaceChildren(...(several ? all : ones));
+    const several = this.ids.length > 1;
+    const ones = this.ids.map((id): [string, string] => [String(id), this.model.nameOf(id)]);
+    const choices: typeof ones = [["", "Choose a vehicle …"], ...ones, [ALL, `All ${ones.length} vehicles`]];
+    this.target.replaceChildren(...options(several ? choices : ones));
     if ([...this.target.options].some(({ value }) => value === before)) this.target.value = before;
     const others = [...this.known].filter((order) => !GROUPS.flat().includes(order));
     const groups = GROUPS.map((group, k) => group.filter((order) => this.known.has(order)).concat(k === 1 ? others : []));
@@ -179,38 +175,35 @@ export class Controls {
 
   private answer(answer: string, question: number): void {
     const what = `Answer “${answer}”`;
-    const act = (): void => this.tell(what, { answer, question });
-    if (!ENDS_FLIGHT.has(answer) || this.vehicles.length < 2) act();
-    else
-      this.ask(what, `${capital(answer)}: all vehicles`, this.toSeveral(this.vehicles), null, act, () =>
-        this.model.status?.question?.number === question);
+    const tell = (): void => this.tell(what, { answer, question });
+    if (!ENDS_FLIGHT.has(answer) || this.ids.length < 2) return tell();
+    const stillMay = (): boolean => this.model.status?.question?.number === question;
+    this.ask(what, `${capital(answer)}: all vehicles`, this.toSeveral(this.ids), null, tell, stillMay);
   }
 
   private give(order: string): void {
     const system_ids = this.meant;
     const who = this.target.selectedOptions[0]?.textContent ?? "";
-    const what = this.vehicles.length > 1 ? `${capital(order)}, ${who}` : capital(order);
-    const [starts, value] = [STARTS_MOTORS.has(order), VALUES[order]];
+    const what = this.ids.length > 1 ? `${capital(order)}, ${who}` : capital(order);
+    const [starts, label] = [STARTS_MOTORS.has(order), VALUES[order]];
     const several = system_ids.length > 1 && (starts || ENDS_FLIGHT.has(order));
     const text = [
       starts ? "Motors may turn. Is everybody clear of the vehicle?" : "",
-      several ? this.toSeveral(system_ids.map((system_id) => ({ system_id }))) : "",
-    ].filter(Boolean);
-    const act = (given: string | null): void =>
-      this.tell(what, {
-        order,
-        system_ids,
-        ...(given === null ? {} : { value: given }),
-        ...(text.length ? { confirmed: true } : {}),
-      });
-    if (!text.length && !value) act(null);
-    else
-      this.ask(what, `${capital(order)}: ${who}`, text.join(" "), value ?? null, act, () =>
-        (this.model.status?.orders ?? []).includes(order));
+      several ? this.toSeveral(system_ids) : "",
+    ].filter(Boolean).join(" ");
+    const input = element("input", { type: "number", min: "1", step: "any", required: true });
+    const tell = (): void => {
+      const value = label ? { value: input.value } : {};
+      this.tell(what, { order, system_ids, ...value, ...(text ? { confirmed: true } : {}) });
+    };
+    if (!text && !label) return tell();
+    const stillMay = (): boolean => (this.model.status?.orders ?? []).includes(order);
+    const value = label ? element("label", {}, `${label} `, input) : null;
+    this.ask(what, `${capital(order)}: ${who}`, text, value, tell, stillMay);
   }
 
-  private toSeveral(vehicles: { system_id: number }[]): string {
-    return `It goes to ${vehicles.length} vehicles: ${vehicles.map((one) => this.model.nameOf(one.system_id)).join(", ")}.`;
+  private toSeveral(system_ids: number[]): string {
+    return `It goes to ${system_ids.length} vehicles: ${system_ids.map((id) => this.model.nameOf(id)).join(", ")}.`;
   }
 
   /** Send a request once, or show that it was not sent. */
@@ -243,28 +236,15 @@ export class Controls {
     what: string,
     title: string,
     text: string,
-    value: string | null,
-    act: (value: string | null) => void,
-    may: () => boolean,
+    value: Child,
+    act: () => void,
+    stillMay: () => boolean,
   ): void {
-    const heading = element("h2", { id: "confirm-title" }, title);
-    const input = element("input", { type: "number", min: "1", step: "any", required: "" });
-    const form = element("form", { method: "dialog" }, heading);
-    if (text) form.append(element("p", {}, text));
-    if (value) form.append(element("label", {}, `${value} `, input));
-    const cancel = button("Cancel", () => this.dialog.close());
-    const confirm = element("button", { type: "submit", class: "starts", value: SENT }, text ? "Yes, go on" : "Send");
-    form.append(element("div", { class: "orders" }, cancel, confirm));
-    form.addEventListener("submit", () => act(value ? input.value : null));
-    this.stillMay = () => this.isFresh() && may();
+    this.stillMay = () => this.isFresh() && stillMay();
     // Clear the message of the previous order.
     this.say("", false);
-    this.dialog.returnValue = "";
-    this.dialog.onclose = () => {
-      if (!this.dialog.returnValue) this.say(`${what}: not sent`, false);
-    };
-    this.dialog.replaceChildren(form);
-    this.dialog.showModal();
-    (value ? input : cancel).focus();
+    const parts = [text ? element("p", {}, text) : null, value];
+    const cancelled = (): void => this.say(`${what}: not sent`, false);
+    this.dialog = ask(title, parts, text ? "Yes, go on" : "Send", act, cancelled);
   }
 }

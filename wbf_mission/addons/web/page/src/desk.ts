@@ -1,42 +1,33 @@
-// Requests of the studio page to the program, and the answers.
+// Requests of the studio page to the program, and the parts of the answers that the page reads.
+import { element } from "./dom.js";
 import type { OptionInfo, Parameters, Values } from "./choices.js";
 import type { FarmShape, Plan, Update } from "./schema.js";
 
 export interface Finding {
   severity: "error" | "warning" | "note";
-  code: string;
-  where: string;
-  text: string;
+  code?: string;
   told: string;
-  fix: string | null;
-  place_m: [number, number] | null;
+  place_m?: [number, number] | null;
 }
 
-export interface PlannedMission {
+interface PlannedMission {
   /** Distinguishes several missions; empty for a single one. */
   name: string;
   plan: Plan;
-  battery_used: number | null;
-  energy_wh: number;
   warnings: string[];
   findings: Finding[];
 }
 
 /** Totals of one vehicle over all its sorties. */
-export interface Summary {
-  vehicle: string;
-  planner: string | null;
-  budget: string;
+interface Summary {
   predicted_time_s: number;
   time_with_changes_s?: number;
   length_m: number;
-  coverage: number;
   predicted_energy_wh: number;
   battery_used: number | null;
   batteries: number | null;
   spacing_m: number | null;
   waypoints: number;
-  warnings: string[];
 }
 
 export interface Planned {
@@ -54,13 +45,13 @@ export interface Planned {
 }
 
 /** State of the latest flight: "none", "preparing", "flying" or an outcome, also in words. */
-export interface FlightState {
+interface FlightState {
   outcome: string;
   words: string;
 }
 
 /** Possible remedy for a refused farm. */
-export type Remedy = "" | "repair" | "crop" | "crs";
+type Remedy = "" | "repair" | "crop" | "crs";
 
 export interface Options {
   options: OptionInfo[];
@@ -73,7 +64,6 @@ export interface Options {
 }
 
 export interface FarmAnswer {
-  farm: FarmShape;
   document: Record<string, unknown>;
   notes: string[];
 }
@@ -84,7 +74,6 @@ export interface Uploaded {
   verified: boolean;
   accepted: boolean | null;
   texts: string[];
-  findings: string[];
 }
 
 /** Input of the planner: a farm by name or as GeoJSON, and options. */
@@ -100,66 +89,70 @@ export class Refused extends Error {
   }
 }
 
-async function ask(path: string, init: RequestInit = {}): Promise<Response> {
+type Query = Record<string, string>;
+
+/** Ask the program; with a body, which may be null, by POST. */
+async function ask(path: string, query: Query, more: RequestInit): Promise<Response> {
+  const address = new URL(`api/${path}`, location.href);
+  address.search = new URLSearchParams(query).toString();
   try {
-    return await fetch(path, init);
+    return await fetch(address, "body" in more ? { method: "POST", ...more } : {});
   } catch (error) {
     if (error instanceof DOMException && error.name === "AbortError") throw new Refused("superseded", "here");
     throw new Refused("The program does not answer: is it still running?");
   }
 }
 
-async function json<T>(asked: Promise<Response>): Promise<T> {
-  const response = await asked;
+async function json<T>(path: string, query: Query = {}, more: RequestInit = {}): Promise<T> {
+  return told(await ask(path, query, more));
+}
+
+async function told<T>(response: Response): Promise<T> {
   const text = await response.text();
-  let told: T & { error?: string; superseded?: "given up" | "another page"; remedy?: Remedy };
+  let answer: T & { error?: string; superseded?: "given up" | "another page"; remedy?: Remedy };
   try {
-    told = JSON.parse(text) as typeof told;
+    answer = JSON.parse(text) as typeof answer;
   } catch {
     throw new Refused(text || response.statusText);
   }
-  if (told.superseded === "another page") throw new Refused("another page of the studio took over: ask again here", told.superseded);
-  if (told.error !== undefined) throw new Refused(told.error, told.superseded, told.remedy);
-  return told;
+  const { error, superseded, remedy } = answer;
+  if (superseded === "another page")
+    throw new Refused("another page of the studio took over: ask again here", superseded);
+  if (error !== undefined) throw new Refused(error, superseded, remedy);
+  return answer;
 }
 
-const query = (given: Record<string, string>): string => new URLSearchParams(given).toString();
-const post = (draft: Draft, signal?: AbortSignal): RequestInit => ({
-  method: "POST",
-  headers: { "Content-Type": "application/json" },
-  body: JSON.stringify(draft),
-  ...(signal ? { signal } : {}),
-});
+const bodyOf = (draft: Draft): Blob => new Blob([JSON.stringify(draft)], { type: "application/json" });
 
 export const desk = {
-  options: (): Promise<Options> => json(ask("api/options")),
-  farm: (name: string): Promise<FarmAnswer> => json(ask(`api/farm?${query({ name })}`)),
-  read: (file: File, how: Record<string, string> = {}): Promise<FarmAnswer> =>
-    json(ask(`api/farm?${query({ name: file.name, ...how })}`, { method: "POST", body: file })),
+  options: () => json<Options>("options"),
+  farm: (name: string) => json<FarmAnswer>("farm", { name }),
+  read: (file: File, how: Query = {}) =>
+    json<FarmAnswer>("farm", { name: file.name, ...how }, { body: file }),
   /** Repair a drawn farm. */
-  mend: (document: Record<string, unknown>): Promise<FarmAnswer> =>
-    json(ask(`api/farm?${query({ repair: "true" })}`, { method: "POST", body: JSON.stringify(document) })),
-  plan: (draft: Draft, signal: AbortSignal): Promise<Planned> => json(ask("api/plan", post(draft, signal))),
-  cancel: (): Promise<unknown> => json(ask("api/cancel", { method: "POST" })),
+  mend: (document: Record<string, unknown>) =>
+    json<FarmAnswer>("farm", { repair: "true" }, { body: JSON.stringify(document) }),
+  plan: (draft: Draft, signal: AbortSignal) => json<Planned>("plan", {}, { body: bodyOf(draft), signal }),
+  cancel: () => json("cancel", {}, { body: null }),
   file: async (draft: Draft, mission: number, format: string): Promise<{ name: string; content: Blob }> => {
-    const response = await ask(`api/export?${query({ mission: String(mission), format })}`, post(draft));
-    if (!response.headers.has("Content-Disposition")) return json(Promise.resolve(response));
-    const name = /filename\*=UTF-8''(.+)/.exec(response.headers.get("Content-Disposition") ?? "")?.[1];
+    const response = await ask("export", { mission: String(mission), format }, { body: bodyOf(draft) });
+    const disposition = response.headers.get("Content-Disposition");
+    if (disposition === null) return told(response);
+    const name = /filename\*=UTF-8''(.+)/.exec(disposition)?.[1];
     return { name: decodeURIComponent(name ?? `mission${format}`), content: await response.blob() };
   },
-  upload: (draft: Draft, mission: number, link: string, system_id: string): Promise<Uploaded> =>
-    json(ask(`api/upload?${query({ mission: String(mission), link, system_id, confirmed: "true" })}`, post(draft))),
-  fly: (draft: Draft, pace: string): Promise<unknown> => json(ask(`api/fly?${query({ pace })}`, post(draft))),
-  flight: (): Promise<FlightState> => json(ask("api/flight")),
-  stop: (): Promise<{ stopped: boolean }> => json(ask("api/stop", { method: "POST" })),
+  upload: (draft: Draft, mission: number, link: string, system_id: string) => {
+    const query = { mission: String(mission), link, system_id, confirmed: "true" };
+    return json<Uploaded>("upload", query, { body: bodyOf(draft) });
+  },
+  fly: (draft: Draft, pace: string) => json("fly", { pace }, { body: bodyOf(draft) }),
+  flight: () => json<FlightState>("flight"),
+  stop: () => json<{ stopped: boolean }>("stop", {}, { body: null }),
 };
 
 /** Save a file in the browser. */
 export function keep(name: string, content: Blob): void {
-  const address = URL.createObjectURL(content);
-  const link = document.createElement("a");
-  link.href = address;
-  link.download = name;
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(address), 10_000);
+  const href = URL.createObjectURL(content);
+  element("a", { href, download: name }).click();
+  setTimeout(() => URL.revokeObjectURL(href), 10_000);
 }

@@ -1,34 +1,52 @@
 // HTML elements. Texts are inserted as text only, so names from files and vehicles never become markup.
 
-type Child = Node | string;
+/** Null stands for no child. */
+export type Child = Node | string | null;
+/** Values by name: text, whether a boolean attribute is set, or what to do at an event, such as `onclick`. */
+type Attributes<Made> = Record<string, string | boolean | ((made: Made) => void)>;
 
 export function element<K extends keyof HTMLElementTagNameMap>(
   tag: K,
-  attributes: Record<string, string> = {},
+  attributes: Attributes<HTMLElementTagNameMap[K]> = {},
   ...children: Child[]
 ): HTMLElementTagNameMap[K] {
   const made = document.createElement(tag);
-  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
-  made.append(...children);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (typeof value === "function") made.addEventListener(name.slice("on".length), () => value(made));
+    else if (value !== false) made.setAttribute(name, value === true ? "" : value);
+  }
+  made.append(...children.filter((child) => child !== null));
   return made;
 }
 
-export function svg(tag: string, attributes: Record<string, string>, ...children: Child[]): SVGElement {
+export function svg(tag: string, attributes: Record<string, string>, ...children: (Node | string)[]): SVGElement {
   const made = document.createElementNS("http://www.w3.org/2000/svg", tag);
   for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
   made.append(...children);
   return made;
 }
 
-export function button(label: string, act: () => void, attributes: Record<string, string> = {}): HTMLButtonElement {
-  const made = element("button", { type: "button", ...attributes }, label);
-  made.addEventListener("click", act);
-  return made;
+export function button(
+  label: string,
+  act: () => void,
+  attributes: Attributes<HTMLButtonElement> = {},
+): HTMLButtonElement {
+  return element("button", { type: "button", onclick: act, ...attributes }, label);
 }
 
 /** Set a text only if it differs, to keep selections and avoid repeated announcements. */
 export function setText(node: Node, text: string): void {
   if (node.textContent !== text) node.textContent = text;
+}
+
+/** Options of a `select`. */
+export function options(choices: [value: string, label: string][]): HTMLElement[] {
+  return choices.map(([value, label]) => element("option", { value }, label));
+}
+
+/** Suggestions for a text input. */
+export function datalist(id: string, values: string[]): HTMLElement {
+  return element("datalist", { id }, ...values.map((value) => element("option", { value })));
 }
 
 /** Radio buttons that look like one switch. */
@@ -39,19 +57,52 @@ export function segments(
   act: (value: string) => void,
 ): HTMLElement {
   const name = `choice-${Math.random().toString(36).slice(2)}`;
-  const group = element("fieldset", { class: "segments" }, element("legend", { class: "hidden" }, label));
-  for (const [value, text] of choices) {
-    const input = element("input", { type: "radio", name, value });
-    input.checked = value === chosen;
-    input.addEventListener("change", () => act(value));
-    group.append(element("label", {}, input, element("span", {}, text)));
-  }
-  return group;
+  const buttons = choices.map(([value, text]) => {
+    const checked = value === chosen;
+    const input = element("input", { type: "radio", name, value, checked, onchange: () => act(value) });
+    return element("label", {}, input, element("span", {}, text));
+  });
+  return element("fieldset", { class: "segments" }, element("legend", { class: "hidden" }, label), ...buttons);
 }
 
 export function checkbox(label: string, checked: boolean, act: (on: boolean) => void): HTMLElement {
-  const input = element("input", { type: "checkbox" });
-  input.checked = checked;
-  input.addEventListener("change", () => act(input.checked));
+  const input = element("input", { type: "checkbox", checked, onchange: (made) => act(made.checked) });
   return element("label", { class: "check" }, input, element("span", {}, label));
+}
+
+export function panel(label: string, attributes: Record<string, string>, ...children: Node[]): HTMLElement {
+  return element("section", { "aria-label": label, ...attributes }, element("h2", {}, label), ...children);
+}
+
+/** Table of texts, whose column headings are empty for columns without one. */
+export function table(headings: string[], rows: HTMLElement[]): HTMLElement {
+  const cells = headings.map((text) => (text ? element("th", { scope: "col" }, text) : element("td")));
+  return element("table", {}, element("thead", {}, element("tr", {}, ...cells)), element("tbody", {}, ...rows));
+}
+
+/** Open a dialog; exactly one of `act` and `cancelled` is called, or none if it is closed with a return value. */
+export function ask(
+  title: string,
+  parts: Child[],
+  confirm: string,
+  act: () => void,
+  cancelled: () => void,
+): HTMLDialogElement {
+  const closed = (made: HTMLDialogElement): void => {
+    made.remove();
+    if (!made.returnValue) cancelled();
+  };
+  const cancel = button("Cancel", () => dialog.close());
+  const send = element("button", { type: "submit", class: "starts", value: "sent" }, confirm);
+  const form = element(
+    "form",
+    { method: "dialog", onsubmit: act },
+    element("h2", { id: "dialog-title" }, title),
+    ...parts,
+    element("div", { class: "orders" }, cancel, send),
+  );
+  const dialog = element("dialog", { "aria-labelledby": "dialog-title", onclose: closed }, form);
+  document.body.append(dialog);
+  dialog.showModal();
+  return dialog;
 }

@@ -1,8 +1,8 @@
 // Drawing on the map's canvases.
 import { toPixels, type View } from "./canvas.js";
 import { cropColour, themed } from "./colours.js";
-import { upTo, type Model, type Moment } from "./model.js";
-import type { FarmShape, Plan, Ring, States } from "./schema.js";
+import { upTo, type Moment } from "./model.js";
+import type { Decision, FarmShape, Plan, Ring, States } from "./schema.js";
 import type { Picture } from "./tiles.js";
 
 type Context = CanvasRenderingContext2D;
@@ -18,6 +18,18 @@ function trace(context: Context, view: View, ring: Ring, closed: boolean): void 
     else context.moveTo(x, y);
   }
   if (closed) context.closePath();
+}
+
+/** Draw the current path as a line. */
+function stroke(context: Context, colour: string, width: number, alpha = 1, dash: number[] = []): void {
+  context.save();
+  context.strokeStyle = colour;
+  context.lineWidth = width;
+  context.lineJoin = "round";
+  context.globalAlpha = alpha;
+  context.setLineDash(dash);
+  context.stroke();
+  context.restore();
 }
 
 function shape(context: Context, view: View, rings: Ring[]): void {
@@ -57,31 +69,22 @@ export function drawFarm(context: Context, view: View, farm: FarmShape): void {
 }
 
 export function drawBorders(context: Context, view: View, farm: FarmShape): void {
-  context.lineWidth = 1;
-  context.strokeStyle = themed("border-line");
-  context.setLineDash([5, 4]);
   for (const patch of farm.patches.filter((one) => one.own)) {
     shape(context, view, patch.rings);
-    context.stroke();
+    stroke(context, themed("border-line"), 1, 1, [5, 4]);
   }
-  context.setLineDash([]);
   const line = themed("obstacle");
   for (const obstacle of farm.obstacles) {
     shape(context, view, obstacle.rings);
     context.fillStyle = hatch(context, line, obstacle.height_m === null);
     context.fill("evenodd");
-    context.strokeStyle = line;
-    context.lineWidth = 1.2;
-    context.stroke();
+    stroke(context, line, 1.2);
     const ring = obstacle.rings[0] ?? [];
     const name = [obstacle.name, obstacle.height_m === null ? "" : `${obstacle.height_m} m`].filter(Boolean);
-    const width = Math.max(...ring.filter((_, k) => k % 2 === 0)) - Math.min(...ring.filter((_, k) => k % 2 === 0));
-    if (width * view.scale > 24) label(context, name.join(", "), ...middle(view, ring));
+    const x = ring.filter((_, k) => k % 2 === 0);
+    if ((Math.max(...x) - Math.min(...x)) * view.scale > 24) label(context, name.join(", "), ...middle(view, ring));
   }
-  for (const [x, y] of farm.rally_m) {
-    const [left, top] = toPixels(view, x, y);
-    mark(context, left, top, "R");
-  }
+  for (const place of farm.rally_m) mark(context, ...toPixels(view, ...place), "R");
   mark(context, ...toPixels(view, ...farm.home_m), "H");
 }
 
@@ -108,9 +111,7 @@ function mark(context: Context, x: number, y: number, letter: string): void {
   context.arc(x, y, 8, 0, 2 * Math.PI);
   context.fillStyle = themed("ink");
   context.fill();
-  context.strokeStyle = themed("halo");
-  context.lineWidth = 1.5;
-  context.stroke();
+  stroke(context, themed("halo"), 1.5);
   context.font = `700 10px ${themed("font")}`;
   context.textAlign = "center";
   context.textBaseline = "middle";
@@ -118,8 +119,9 @@ function mark(context: Context, x: number, y: number, letter: string): void {
   context.fillText(letter, x, y + 0.5);
 }
 
-/** Draw a layer's picture; `from` and `to` limit it to one side of a comparison. */
-export function drawPicture(context: Context, view: View, picture: Picture, pixel_m: number, from = 0, to = 1): void {
+/** Draw a layer's picture between two parts of the view's width. */
+export function drawPicture(context: Context, view: View, picture: Picture, from: number, to: number): void {
+  const { pixel_m } = picture.raster;
   const [a, b, c, d, e, f] = view.matrix;
   context.save();
   context.beginPath();
@@ -135,17 +137,11 @@ export function drawPicture(context: Context, view: View, picture: Picture, pixe
 /** Draw the line between estimate and truth. */
 export function drawSplit(context: Context, view: View, split: number, names: [string, string]): void {
   const left = split * view.width;
-  for (const [colour, width] of [
-    [themed("halo"), 5],
-    [themed("ink"), 1.5],
-  ] as const) {
-    context.beginPath();
-    context.moveTo(left, 0);
-    context.lineTo(left, view.height);
-    context.strokeStyle = colour;
-    context.lineWidth = width;
-    context.stroke();
-  }
+  context.beginPath();
+  context.moveTo(left, 0);
+  context.lineTo(left, view.height);
+  stroke(context, themed("halo"), 5);
+  stroke(context, themed("ink"), 1.5);
   context.font = `600 12px ${themed("font")}`;
   const [before, after] = names.map((name) => context.measureText(name).width / 2 + 12);
   label(context, names[0], left - before!, view.height / 2 - 34);
@@ -153,27 +149,15 @@ export function drawSplit(context: Context, view: View, split: number, names: [s
 }
 
 export function drawPlan(context: Context, view: View, plan: Plan, colour: string, fence: boolean): void {
-  context.lineJoin = "round";
   if (fence)
     for (const { rings, inclusion } of plan.fence) {
       shape(context, view, rings);
-      context.strokeStyle = themed(inclusion ? "fence" : "danger");
-      context.lineWidth = 1.8;
-      context.setLineDash([10, 5]);
-      context.stroke();
-      context.setLineDash([]);
+      stroke(context, themed(inclusion ? "fence" : "danger"), 1.8, 1, [10, 5]);
     }
   context.beginPath();
   trace(context, view, plan.path, false);
-  context.strokeStyle = themed("halo");
-  context.globalAlpha = 0.4;
-  context.lineWidth = 2.4;
-  context.stroke();
-  context.strokeStyle = colour;
-  context.globalAlpha = 0.55;
-  context.lineWidth = 0.9;
-  context.stroke();
-  context.globalAlpha = 1;
+  stroke(context, themed("halo"), 2.4, 0.4);
+  stroke(context, colour, 0.9, 0.55);
 }
 
 /** Time until which a trail is thin; it changes in steps, because long trails are slow to draw. */
@@ -185,12 +169,7 @@ export function oldUntil(time_s: number): number {
 export function drawOldTrail(context: Context, view: View, states: States, time_s: number, colour: string): void {
   const count = upTo(states.time_s, time_s);
   trail(context, view, states, 0, Math.min(upTo(states.time_s, oldUntil(time_s)) + 1, count), count);
-  context.lineJoin = "round";
-  context.strokeStyle = colour;
-  context.globalAlpha = 0.5;
-  context.lineWidth = 1.2;
-  context.stroke();
-  context.globalAlpha = 1;
+  stroke(context, colour, 1.2, 0.5);
 }
 
 /** Draw the recent part of a vehicle's track. */
@@ -205,72 +184,43 @@ export function drawTrail(
   const count = upTo(states.time_s, time_s);
   trail(context, view, states, upTo(states.time_s, oldUntil(time_s)), count, count);
   context.lineTo(...toPixels(view, now.x, now.y));
-  context.lineJoin = "round";
-  context.strokeStyle = themed("halo");
-  context.lineWidth = 5;
-  context.globalAlpha = 0.8;
-  context.stroke();
-  context.globalAlpha = 1;
-  context.strokeStyle = colour;
-  context.lineWidth = 2.6;
-  context.stroke();
+  stroke(context, themed("halo"), 5, 0.8);
+  stroke(context, colour, 2.6);
 }
 
 function trail(context: Context, view: View, { x, y, flight }: States, from: number, to: number, count: number): void {
-  const [a, b, c, d, e, f] = view.matrix;
-  const flown = flight[count - 1];
   let [lastX, lastY, begun] = [-Infinity, -Infinity, false];
   context.beginPath();
   for (let k = from; k < to; k++) {
-    if (flight[k] !== flown) continue;
-    const left = a * x[k]! + c * y[k]! + e;
-    const top = b * x[k]! + d * y[k]! + f;
+    if (flight[k] !== flight[count - 1]) continue;
+    const [left, top] = toPixels(view, x[k]!, y[k]!);
     if (Math.abs(left - lastX) + Math.abs(top - lastY) < SEEN_PX && k < to - 1) continue;
     if (begun) context.lineTo(left, top);
     else context.moveTo(left, top);
-    lastX = left;
-    lastY = top;
-    begun = true;
+    [lastX, lastY, begun] = [left, top, true];
   }
 }
 
 /** Draw the paths considered by a policy, better ones stronger, and the chosen ones solid. */
-export function drawDecision(
-  context: Context,
-  view: View,
-  decision: Model["decisions"][number],
-  colour: (id: number) => string,
-): void {
+export function drawDecision(context: Context, view: View, decision: Decision, colour: (id: number) => string): void {
   const values = decision.candidates.map((one) => one.value);
   const [low, high] = [Math.min(...values), Math.max(...values)];
-  context.lineJoin = "round";
   for (const { path, value, system_id } of decision.candidates) {
+    const alpha = 0.25 + 0.5 * (high > low ? (value - low) / (high - low) : 1);
     context.beginPath();
     trace(context, view, path, false);
-    context.globalAlpha = 0.25 + 0.5 * (high > low ? (value - low) / (high - low) : 1);
-    context.setLineDash([3, 4]);
-    context.lineWidth = 1.6;
-    context.strokeStyle = colour(system_id);
-    context.stroke();
+    stroke(context, colour(system_id), 1.6, alpha, [3, 4]);
     // Some candidates have only an end point.
     const [x, y] = path.slice(-2);
     if (x === undefined || y === undefined) continue;
-    const [a, b, c, d, e, f] = view.matrix;
     context.beginPath();
-    context.setLineDash([]);
-    context.arc(a * x + c * y + e, b * x + d * y + f, 4, 0, 2 * Math.PI);
-    context.stroke();
+    context.arc(...toPixels(view, x, y), 4, 0, 2 * Math.PI);
+    stroke(context, colour(system_id), 1.6, alpha);
   }
-  context.setLineDash([]);
-  context.globalAlpha = 1;
   for (const { path, system_id } of decision.changes) {
     context.beginPath();
     trace(context, view, path, false);
-    context.lineWidth = 4.5;
-    context.strokeStyle = themed("halo");
-    context.stroke();
-    context.lineWidth = 2;
-    context.strokeStyle = colour(system_id);
-    context.stroke();
+    stroke(context, themed("halo"), 4.5);
+    stroke(context, colour(system_id), 2);
   }
 }

@@ -1,14 +1,12 @@
 // Editor of a farm's shapes on a map, by pointer or keyboard.
 import * as L from "leaflet";
-import { crossings } from "./crossings.js";
 import { cropColour, themed } from "./colours.js";
 import { element } from "./dom.js";
 import {
-  changed, fieldAt, freeName, withoutCorner, withRing, withShape, type Kind, type Position, type Shape, type Sketch,
+  changed, cornersOf, cropsOf, crossings, fieldAt, freeName, middleOf, withoutCorner, withRing, withShape,
+  type Kind, type Position, type Shape, type Sketch,
 } from "./sketch.js";
-
-/** Tools of the editor. */
-export type Tool = "select" | "field" | "hole" | "pond" | "obstacle" | "no-fly" | "home" | "rally";
+import type { Studio } from "./studio.page.js";
 
 /** Distance from the first corner within which a click closes a ring (pixels). */
 const CLOSE_PX = 14;
@@ -22,25 +20,22 @@ const LONG_PRESS_MS = 650;
 const MOST_MARKS = 50;
 const CROSSES = "The border crosses itself at the mark";
 
-export interface EditorHost {
-  readonly sketch: Sketch;
-  /** Take over a finished edit. */
-  edit(sketch: Sketch, told: string): void;
-  selected: number | null;
-  select(number: number | null): void;
-  /** Show a hint. */
-  tell(text: string): void;
-  /** Called when the tool has finished. */
-  toolDone(): void;
-  crop: string;
-}
+const RING = "click its corners, then the first one again, a double click or Enter; Backspace takes one back, Escape ends";
+/** Tools of the editor: label and hint. */
+export const TOOLS = {
+  select: ["Select", ""],
+  field: ["Field", `Field: ${RING}`],
+  hole: ["Hole", `Hole in a field: ${RING}`],
+  pond: ["Pond", `Pond: ${RING}`],
+  obstacle: ["Obstacle", `Obstacle: ${RING}`],
+  "no-fly": ["No-fly zone", `No-fly zone: ${RING}`],
+  home: ["Home", "Home: click where the vehicle takes off and lands"],
+  rally: ["Rally point", "Rally point: click where a vehicle may land when it cannot come home"],
+} as const;
+export type Tool = keyof typeof TOOLS;
 
 const latLng = ([lon, lat]: Position): L.LatLng => L.latLng(lat, lon);
 const position = ({ lat, lng }: L.LatLng): Position => [Number(lng.toFixed(9)), Number(lat.toFixed(9))];
-
-export function crops(sketch: Sketch): string[] {
-  return [...new Set(sketch.shapes.filter(({ kind }) => kind === "field").map(({ crop }) => crop))];
-}
 
 export class Editor {
   private tool: Tool = "select";
@@ -52,7 +47,7 @@ export class Editor {
   private readonly rubber = L.polyline([], { className: "rubber", interactive: false, dashArray: "6 5", weight: 2 });
   private polygons: L.Polygon[] = [];
 
-  constructor(private readonly map: L.Map, private readonly host: EditorHost) {
+  constructor(private readonly map: L.Map, private readonly studio: Studio) {
     this.shapes.addTo(map);
     this.rubber.addTo(map);
     this.handles.addTo(map);
@@ -72,15 +67,15 @@ export class Editor {
     this.tool = tool;
     this.drawn = [];
     this.map.getContainer().classList.toggle("draws", tool !== "select");
-    this.host.tell(HINTS[tool]);
+    this.studio.tell(TOOLS[tool][1]);
     this.show();
   }
 
   /** Draw the current sketch. */
   show(): void {
-    const { sketch, selected } = this.host;
+    const { sketch, selected } = this.studio;
     this.shapes.clearLayers();
-    const names = crops(sketch);
+    const names = cropsOf(sketch);
     this.polygons = sketch.shapes.map((shape, number) => {
       const own = shape.kind === "field" && shape.owner === sketch.owner;
       const colour = shape.kind === "field" ? cropColour(shape.crop, names) : themed("obstacle");
@@ -94,7 +89,7 @@ export class Editor {
       polygon.on("click", (event) => {
         if (this.tool !== "select") return;
         L.DomEvent.stopPropagation(event);
-        this.host.select(number);
+        this.studio.select(number);
       });
       return polygon.addTo(this.shapes);
     });
@@ -109,22 +104,23 @@ export class Editor {
   }
 
   /** Mark the self-intersections of borders and of the line being drawn. */
-  private markAll(rings = this.host.sketch.shapes.flatMap((shape) => shape.rings)): void {
+  private markAll(rings = this.studio.sketch.shapes.flatMap((shape) => shape.rings)): void {
     this.standing = rings.flatMap((ring) => crossings(ring, true));
     this.mark(this.drawn);
   }
 
   private mark(line: Position[]): void {
     this.crossed.clearLayers();
+    const mark = { radius: 9, weight: 3, color: themed("danger"), fill: false, interactive: false, className: "crossing" };
     for (const place of [...this.standing, ...crossings(line, false)].slice(0, MOST_MARKS))
-      L.circleMarker(latLng(place), { radius: 9, weight: 3, color: themed("danger"), fill: false, interactive: false, className: "crossing" }).addTo(this.crossed);
+      L.circleMarker(latLng(place), mark).addTo(this.crossed);
   }
 
   /** Space sets a corner at the map's centre, Enter closes, Backspace removes a corner, Escape cancels. */
   key(event: KeyboardEvent): void {
     if (event.key === "Escape" && (this.drawing || this.tool !== "select")) {
       if (this.drawing) this.take(this.tool);
-      else this.host.toolDone();
+      else this.studio.take("select");
     } else if (event.key === "Enter" && this.drawing) this.close();
     else if (event.key === "Backspace" && this.drawing) this.setDrawn(this.drawn.slice(0, -1));
     else if (event.key === " " && this.tool !== "select" && event.target === this.map.getContainer())
@@ -140,19 +136,19 @@ export class Editor {
   }
 
   private movePoint(from: Position, to: Position): void {
-    const { sketch } = this.host;
-    if (sketch.home === from) this.host.edit(changed(sketch, { home: to }), "Home moved");
-    else this.host.edit(changed(sketch, { rally: sketch.rally.map((one) => (one === from ? to : one)) }), "Rally point moved");
+    const { sketch } = this.studio;
+    if (sketch.home === from) this.studio.edit(changed(sketch, { home: to }), "Home moved");
+    else this.studio.edit(changed(sketch, { rally: sketch.rally.map((one) => (one === from ? to : one)) }), "Rally point moved");
   }
 
   private click(place: L.LatLng): void {
-    const { sketch } = this.host;
-    if (this.tool === "select") return this.host.select(null);
+    const { sketch } = this.studio;
+    if (this.tool === "select") return this.studio.select(null);
     if (this.tool === "home" || this.tool === "rally") {
       const isHome = this.tool === "home";
-      this.host.toolDone();
+      this.studio.take("select");
       const change = isHome ? { home: position(place) } : { rally: [...sketch.rally, position(place)] };
-      return this.host.edit(changed(sketch, change), isHome ? "Home placed" : "Rally point placed");
+      return this.studio.edit(changed(sketch, change), isHome ? "Home placed" : "Rally point placed");
     }
     const [first, last] = [this.drawn[0], this.drawn.at(-1)];
     const near = first && this.distance_px(first, place) <= CLOSE_PX;
@@ -167,8 +163,9 @@ export class Editor {
 
   private setDrawn(ring: Position[]): void {
     this.drawn = ring;
-    const count = ring.length < 3 ? `${ring.length} of at least 3 corners` : `${ring.length} corners; Enter, a double click or the first corner closes`;
-    this.host.tell(crossings(ring, false).length ? `${CROSSES}: Backspace takes the corner back` : count);
+    const closes = "corners; Enter, a double click or the first corner closes";
+    const count = `${ring.length} ${ring.length < 3 ? "of at least 3 corners" : closes}`;
+    this.studio.tell(crossings(ring, false).length ? `${CROSSES}: Backspace takes the corner back` : count);
     this.show();
   }
 
@@ -179,55 +176,55 @@ export class Editor {
   }
 
   private close(): void {
-    const [ring, { sketch }] = [this.drawn, this.host];
-    if (ring.length < 3) return this.host.tell("A shape has at least 3 corners");
+    const [ring, { sketch }] = [this.drawn, this.studio];
+    if (ring.length < 3) return this.studio.tell("A shape has at least 3 corners");
     this.drawn = [];
     if (this.tool === "hole") {
       const number = fieldAt(sketch, ring[0]!);
       if (number === null) {
         this.show();
-        return this.host.tell("A hole begins on a field: there is none at its first corner");
+        return this.studio.tell("A hole begins on a field: there is none at its first corner");
       }
-      this.host.toolDone();
-      this.host.edit(withShape(sketch, number, { rings: [...sketch.shapes[number]!.rings, ring] }), "Hole drawn");
-      this.host.select(number);
+      this.studio.take("select");
+      this.studio.edit(withShape(sketch, number, { rings: [...sketch.shapes[number]!.rings, ring] }), "Hole drawn");
+      this.studio.select(number);
     } else {
       const shape = this.shapeOf(ring);
       const told = crossings(ring, true).length ? `${CROSSES}: move a corner, or Undo` : `${shape.name} drawn`;
-      this.host.toolDone();
-      this.host.edit(changed(sketch, { shapes: [...sketch.shapes, shape] }), told);
-      this.host.select(sketch.shapes.length);
+      this.studio.take("select");
+      this.studio.edit(changed(sketch, { shapes: [...sketch.shapes, shape] }), told);
+      this.studio.select(sketch.shapes.length);
     }
   }
 
   private shapeOf(ring: Position[]): Shape {
-    const { sketch, crop } = this.host;
+    const { sketch, crop } = this.studio;
     const kind: Kind = this.tool === "obstacle" || this.tool === "no-fly" ? this.tool : "field";
     const grown = this.tool === "pond" ? "pond" : crop;
     const name = freeName(sketch, this.tool === "no-fly" ? "no-fly zone" : this.tool);
-    const owner = kind === "field" ? sketch.owner : "";
-    return { name, kind, crop: kind === "field" ? grown : "", owner, height_m: kind === "obstacle" ? 5 : null, margin_m: null, rings: [ring] };
+    const land = kind === "field" ? { crop: grown, owner: sketch.owner } : { crop: "", owner: "" };
+    return { name, kind, ...land, height_m: kind === "obstacle" ? 5 : null, margin_m: null, rings: [ring] };
   }
 
   private showRubber(): void {
     this.rubber.setStyle({ color: themed("accent") });
     this.rubber.setLatLngs(this.drawn.map(latLng));
+    const shared = { color: themed("accent"), interactive: false };
     for (const [k, place] of this.drawn.entries())
-      L.circleMarker(latLng(place), { radius: k ? 4 : 7, color: themed("accent"), fillOpacity: k ? 1 : 0.3, interactive: false }).addTo(this.handles);
+      L.circleMarker(latLng(place), { ...shared, radius: k ? 4 : 7, fillOpacity: k ? 1 : 0.3 }).addTo(this.handles);
   }
 
   private showHandles(): void {
     this.handles.clearLayers();
-    const { sketch, selected } = this.host;
+    const { sketch, selected } = this.studio;
     const shape = selected === null ? undefined : sketch.shapes[selected];
     if (selected === null || !shape || this.tool !== "select") return;
-    const count = shape.rings.reduce((sum, ring) => sum + ring.length, 0);
-    if (count > MOST_CORNERS) return this.host.tell(`${count} corners are too many to move one by one: the table has them`);
+    const count = cornersOf(shape);
+    if (count > MOST_CORNERS) return this.studio.tell(`${count} corners are too many to move one by one: the table has them`);
     for (const [r, ring] of shape.rings.entries())
-      for (const [k, corner] of ring.entries()) {
-        this.corner(selected, r, k, corner);
-        const next = ring[(k + 1) % ring.length]!;
-        if (count <= MOST_MIDDLES) this.middle(selected, r, k, [(corner[0] + next[0]) / 2, (corner[1] + next[1]) / 2]);
+      for (const k of ring.keys()) {
+        this.corner(selected, r, k);
+        if (count <= MOST_MIDDLES) this.middle(selected, r, k);
       }
   }
 
@@ -238,13 +235,14 @@ export class Editor {
     return marker.addTo(this.handles);
   }
 
-  private corner(number: number, r: number, k: number, corner: Position): void {
-    const ring = this.host.sketch.shapes[number]!.rings[r]!;
-    const marker = this.handle(corner, "corner", `Corner ${k + 1}`);
-    const moved = (place: L.LatLng): Position[] => ring.map((one, n) => (n === k ? position(place) : one));
-    const remove = (): void => this.host.edit(withoutCorner(this.host.sketch, number, r, k), "Corner deleted");
+  private corner(number: number, r: number, k: number): void {
+    const { rings } = this.studio.sketch.shapes[number]!;
+    const ring = rings[r]!;
+    const marker = this.handle(ring[k]!, "corner", `Corner ${k + 1}`);
+    const moved = (place: L.LatLng): Position[] => ring.with(k, position(place));
+    const remove = (): void => this.studio.edit(withoutCorner(this.studio.sketch, number, r, k), "Corner deleted");
     marker.on("drag", () => this.preview(number, r, moved(marker.getLatLng())));
-    marker.on("dragend", () => this.host.edit(withRing(this.host.sketch, number, r, moved(marker.getLatLng())), "Corner moved"));
+    marker.on("dragend", () => this.studio.edit(withRing(this.studio.sketch, number, r, moved(marker.getLatLng())), "Corner moved"));
     marker.on("contextmenu", remove);
     let timer = 0;
     const dom = marker.getElement()!;
@@ -256,32 +254,28 @@ export class Editor {
       const step = ARROWS[event.key];
       if (step) {
         const to = this.map.latLngToContainerPoint(marker.getLatLng()).add(L.point(step).multiplyBy(STEP_PX));
-        this.host.edit(withRing(this.host.sketch, number, r, moved(this.map.containerPointToLatLng(to))), "Corner moved");
+        this.studio.edit(withRing(this.studio.sketch, number, r, moved(this.map.containerPointToLatLng(to))), "Corner moved");
       } else if (event.key === "Delete" || event.key === "Backspace") remove();
       else return;
       event.preventDefault();
       event.stopPropagation();
       const corners = this.map.getContainer().querySelectorAll<HTMLElement>(".corner");
-      corners[Math.min(this.cornersBefore(number, r) + k, corners.length - 1)]?.focus();
+      const before = rings.slice(0, r).flat().length;
+      corners[Math.min(before + k, corners.length - 1)]?.focus();
     });
   }
 
-  private cornersBefore(number: number, r: number): number {
-    return this.host.sketch.shapes[number]?.rings.slice(0, r).reduce((sum, ring) => sum + ring.length, 0) ?? 0;
-  }
-
-  private middle(number: number, r: number, k: number, place: Position): void {
-    const ring = this.host.sketch.shapes[number]!.rings[r]!;
-    const marker = this.handle(place, "middle", `New corner after corner ${k + 1}`);
-    const inserted = (): Position[] => [...ring.slice(0, k + 1), position(marker.getLatLng()), ...ring.slice(k + 1)];
-    const insert = (): void => this.host.edit(withRing(this.host.sketch, number, r, inserted()), "Corner added");
+  private middle(number: number, r: number, k: number): void {
+    const ring = this.studio.sketch.shapes[number]!.rings[r]!;
+    const marker = this.handle(middleOf(ring, k), "middle", `New corner after corner ${k + 1}`);
+    const inserted = (): Position[] => ring.toSpliced(k + 1, 0, position(marker.getLatLng()));
     marker.on("drag", () => this.preview(number, r, inserted()));
-    marker.on("dragend click", insert);
+    marker.on("dragend click", () => this.studio.edit(withRing(this.studio.sketch, number, r, inserted()), "Corner added"));
   }
 
   /** Show a ring while it is being dragged. */
   private preview(number: number, r: number, ring: Position[]): void {
-    const rings = this.host.sketch.shapes[number]!.rings.map((one, k) => (k === r ? ring : one));
+    const rings = this.studio.sketch.shapes[number]!.rings.with(r, ring);
     this.polygons[number]?.setLatLngs(rings.map((one) => one.map(latLng)));
     this.markAll(rings);
   }
@@ -289,16 +283,4 @@ export class Editor {
 
 const ARROWS: Record<string, L.PointTuple> = {
   ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1],
-};
-
-const RING = "click its corners, then the first one again, a double click or Enter; Backspace takes one back, Escape ends";
-const HINTS: Record<Tool, string> = {
-  select: "",
-  field: `Field: ${RING}`,
-  hole: `Hole in a field: ${RING}`,
-  pond: `Pond: ${RING}`,
-  obstacle: `Obstacle: ${RING}`,
-  "no-fly": `No-fly zone: ${RING}`,
-  home: "Home: click where the vehicle takes off and lands",
-  rally: "Rally point: click where a vehicle may land when it cannot come home",
 };

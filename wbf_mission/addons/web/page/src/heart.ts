@@ -3,9 +3,7 @@ import type { Beat, Given } from "./schema.js";
 
 /** Age from which the page shows it, and from which data is old and no orders are given (s). */
 export const TOLD_S = 2;
-export const OLD_S = 3;
-/** Interval of checks. */
-export const LOOK_MS = 250;
+const OLD_S = 3;
 /** Minimum duration of a reported connection loss. */
 const LOST_MS = 600;
 /** Maximum relative drift between the clocks of two machines. */

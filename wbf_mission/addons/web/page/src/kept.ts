@@ -8,7 +8,7 @@ const FORM = 1;
 const MOST_CORNERS = 100_000;
 const KINDS: Kind[] = ["field", "obstacle", "no-fly"];
 
-export interface Kept {
+interface Kept {
   sketch: Sketch;
   values: Values;
   /** Initial options of the program. */

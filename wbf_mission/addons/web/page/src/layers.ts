@@ -1,24 +1,20 @@
 // Layer panel of the map: field, layer, overlays, and the colour key.
-import { RING, colourAt, cropColour, css, ramp } from "./colours.js";
+import { RING, cropColour, ramp } from "./colours.js";
 import { checkbox, element, segments } from "./dom.js";
-import { figureOf, layerName, layerTitle, type Choice } from "./map.js";
+import { layerName, type Choice } from "./map.js";
 import type { Model } from "./model.js";
-import type { Picture } from "./tiles.js";
+import { capital } from "./text.js";
+import { kindName, type Picture } from "./tiles.js";
 
-const KINDS: [Choice["kind"], string][] = [
-  ["value", "Estimate"],
-  ["uncertainty", "Uncertainty"],
-  ["truth", "Truth"],
-  ["acquisition", "Acquisition"],
-  ["none", "None"],
-];
-const DRAWN: ["crops" | "plans" | "trails" | "readings" | "decisions", string][] = [
-  ["crops", "Crops"],
-  ["plans", "Plans and fences"],
-  ["trails", "Trails"],
-  ["readings", "Camera readings"],
-  ["decisions", "Decisions"],
-];
+const KINDS: Choice["kind"][] = ["value", "uncertainty", "truth", "acquisition", "none"];
+const OVERLAYS = {
+  crops: "Crops",
+  plans: "Plans and fences",
+  trails: "Trails",
+  readings: "Camera readings",
+  decisions: "Decisions",
+};
+type Overlay = keyof typeof OVERLAYS;
 
 export class LayerPanel {
   readonly element = element("div", { class: "layer-panel" });
@@ -40,70 +36,54 @@ export class LayerPanel {
       const name = layerName({ ...this.choice, kind });
       return !name || this.models.some((one) => one.tiles.has(name));
     };
-    const kinds = KINDS.filter(([kind]) => has(kind));
-    const there = {
+    const kinds = KINDS.filter(has);
+    const there: Record<Overlay, boolean> = {
       crops: !!model.run?.farm,
       plans: true,
       trails: true,
       readings: fields.length > 0,
       decisions: this.models.some((one) => one.decisions.length),
     };
-    const drawn = DRAWN.filter(([name]) => there[name]);
-    const shape = [fields.map((field) => field.name), kinds, drawn, this.choice.field, this.choice.compare].join();
-    if (shape !== this.shape) this.build(kinds, drawn);
+    const overlays = (Object.keys(OVERLAYS) as Overlay[]).filter((name) => there[name]);
+    const shape = [fields.map((field) => field.name), kinds, overlays, this.choice.field, this.choice.compare].join();
+    if (shape !== this.shape) this.build(kinds, overlays);
     this.shape = shape;
     this.showLegend(picture);
   }
 
-  private build(kinds: [Choice["kind"], string][], drawn: typeof DRAWN): void {
-    const { choice, changed } = this;
+  private build(kinds: Choice["kind"][], overlays: Overlay[]): void {
+    const { choice } = this;
+    const change = (part: Partial<Choice>): void => {
+      Object.assign(choice, part);
+      this.changed();
+    };
     const focused = (document.activeElement as HTMLInputElement | null)?.value;
     const fields = this.models[0]!.fields.map(({ name, title }): [string, string] => [name, title]);
     const parts: HTMLElement[] = [];
-    if (fields.length)
-      parts.push(
-        segments("Field", fields, choice.field, (value) => {
-          choice.field = value;
-          changed();
-        }),
-      );
+    if (fields.length) parts.push(segments("Field", fields, choice.field, (field) => change({ field })));
     if (kinds.length > 1) {
-      parts.push(
-        segments("Layer", kinds, kinds.some(([kind]) => kind === choice.kind) ? choice.kind : "none", (value) => {
-          choice.kind = value as Choice["kind"];
-          changed();
-        }),
-      );
+      const names = kinds.map((kind): [string, string] => [kind, capital(kindName(kind))]);
+      const kind = kinds.includes(choice.kind) ? choice.kind : "none";
+      parts.push(segments("Layer", names, kind, (chosen) => change({ kind: chosen as Choice["kind"] })));
       const opacity = element("input", {
         type: "range",
         min: "0.1",
         max: "1",
         step: "0.05",
         value: String(choice.opacity),
-      });
-      opacity.addEventListener("input", () => {
-        choice.opacity = Number(opacity.value);
-        changed();
+        oninput: ({ value }) => change({ opacity: Number(value) }),
       });
       parts.push(element("label", { class: "opacity" }, element("span", {}, "Opacity"), opacity));
     }
-    const boxes = element("div", { class: "checks" });
-    if (kinds.some(([kind]) => kind === "truth"))
-      boxes.append(
-        checkbox("Compare with truth", choice.compare, (on) => {
-          choice.compare = on;
-          if (on && (choice.kind === "truth" || choice.kind === "none")) choice.kind = "value";
-          changed();
+    const boxes = overlays.map((name) => checkbox(OVERLAYS[name], choice[name], (on) => change({ [name]: on })));
+    if (kinds.includes("truth"))
+      boxes.unshift(
+        checkbox("Compare with truth", choice.compare, (compare) => {
+          const alone = choice.kind === "truth" || choice.kind === "none";
+          change({ compare, ...(compare && alone ? { kind: "value" } : {}) });
         }),
       );
-    for (const [name, label] of drawn)
-      boxes.append(
-        checkbox(label, choice[name], (on) => {
-          choice[name] = on;
-          changed();
-        }),
-      );
-    parts.push(boxes);
+    parts.push(element("div", { class: "checks" }, ...boxes));
     const inside = this.element.contains(document.activeElement);
     this.element.replaceChildren(...parts);
     if (inside) for (const input of this.element.querySelectorAll("input")) if (input.value === focused) input.focus();
@@ -111,36 +91,12 @@ export class LayerPanel {
 
   private showLegend(picture: Picture | null): void {
     const { crops, readings, field } = this.choice;
-    const key = JSON.stringify([
-      picture?.layer,
-      picture?.scale,
-      crops,
-      readings,
-      field,
-      this.models[0]?.run?.farm?.name,
-    ]);
+    const farm = this.models[0]?.run?.farm?.name;
+    const key = JSON.stringify([picture?.layer, picture?.scale, crops, readings, field, farm]);
     if (key === this.told) return;
     this.told = key;
-    const parts = [...(picture ? this.scaleOf(picture) : []), this.keys()];
-    this.legend.replaceChildren(...parts);
+    this.legend.replaceChildren(...(picture ? scaleOf(picture) : []), this.keys());
     this.legend.hidden = !picture && !this.legend.querySelector(".key");
-  }
-
-  /** Colour key of a layer. */
-  private scaleOf({ layer, scale }: Picture): HTMLElement[] {
-    const model = this.models[0]!;
-    const field = model.fieldOf(layer);
-    const colours = ramp(layer, field);
-    const stops = Array.from({ length: 13 }, (_, k) => css(colourAt(colours, k / 12)));
-    const bar = element("div", { class: "ramp", "aria-hidden": "true" });
-    bar.style.background = `linear-gradient(to right, ${stops.join(", ")})`;
-    const sick = field?.kind === "disease" && !layer.startsWith("uncertainty/");
-    const words = sick
-      ? ["lost", "infected", "healthy"]
-      : [0, 0.5, 1].map((part) => figureOf(model, layer, part * scale));
-    const title = element("div", { class: "title" }, layerTitle(model, layer));
-    if (field?.unit && !sick) title.append(element("span", { class: "unit" }, ` in ${field.unit}`));
-    return [title, bar, element("div", { class: "ends" }, ...words.map((word) => element("span", {}, word)))];
   }
 
   /** Keys of crops, and of the rings around sick plants. */
@@ -158,4 +114,16 @@ export class LayerPanel {
     if (choice.readings && this.models[0]?.field(choice.field)?.kind === "disease") add("seen sick", RING, "ring");
     return keys;
   }
+}
+
+/** Colour key of a layer. */
+function scaleOf(picture: Picture): HTMLElement[] {
+  const { layer, field, scale, title } = picture;
+  const bar = element("div", { class: "ramp", "aria-hidden": "true" });
+  bar.style.background = `linear-gradient(to right, ${ramp(layer, field).join(", ")})`;
+  const sick = field?.kind === "disease" && !layer.startsWith("uncertainty/");
+  const words = sick ? ["lost", "infected", "healthy"] : [0, 0.5, 1].map((part) => picture.figure(part * scale));
+  const unit = field?.unit && !sick ? element("span", { class: "unit" }, ` in ${field.unit}`) : null;
+  const ends = words.map((word) => element("span", {}, word));
+  return [element("div", { class: "title" }, title, unit), bar, element("div", { class: "ends" }, ...ends)];
 }

@@ -1,15 +1,14 @@
 // Page of a live run, or of recordings of one or two runs.
 import { Charts } from "./charts.js";
-import { forgetTheme } from "./colours.js";
 import { Controls } from "./controls.js";
-import { button, element, setText } from "./dom.js";
-import { Heart, LOOK_MS, TOLD_S, type Link } from "./heart.js";
+import { button, element, panel, setText } from "./dom.js";
+import { Heart, TOLD_S, type Link } from "./heart.js";
 import { LayerPanel } from "./layers.js";
 import { MapView, type Choice } from "./map.js";
 import { Decisions, Messages } from "./messages.js";
 import { Model } from "./model.js";
 import type { Update } from "./schema.js";
-import { open } from "./source.js";
+import { open, type Receiver } from "./source.js";
 import { capital, clock, percent } from "./text.js";
 import { Time } from "./time.js";
 import { scoreLine, Vehicles } from "./vehicles.js";
@@ -25,20 +24,10 @@ const LINKS: Record<Link, string> = {
   recording: "Recording",
 };
 
-interface Parts {
-  time: Time;
-  vehicles: Vehicles;
-  messages: Messages;
-  decisions: Decisions;
-  charts: Charts;
-  layers: LayerPanel;
-  controls: Controls | null;
-}
-
-class App {
+class App implements Receiver {
   private models: Model[] = [];
   private maps: MapView[] = [];
-  private parts: Parts | null = null;
+  private parts: ReturnType<App["build"]> | null = null;
   private readonly root = document.getElementById("app")!;
   private readonly title = element("h1");
   private readonly link = element("span", { class: "pill connection" });
@@ -47,14 +36,7 @@ class App {
   private readonly lost = element("p", { class: "lost", role: "alert" });
   private readonly under = element("output", { class: "under-pointer", "aria-live": "off" });
   private readonly heart = new Heart();
-  private readonly send = open(
-    {
-      begin: (runs) => this.begin(runs),
-      take: (update, run) => this.take(update, run),
-      linked: () => this.look(),
-    },
-    this.heart,
-  );
+  private readonly send = open(this, this.heart);
   private readonly choice: Choice = {
     field: "",
     kind: "value",
@@ -79,38 +61,35 @@ class App {
     requestAnimationFrame((now_ms) => this.frame(now_ms));
     // A report opens at its summary, also after a reload.
     if (!this.send && !location.hash) history.scrollRestoration = "manual";
-    if (this.send) setInterval(() => this.look(), LOOK_MS);
   }
 
   /** Lay out for printing: maps and charts are redrawn at the size on paper. */
   private print(begins: boolean): void {
     document.documentElement.classList.toggle("printing", begins);
-    forgetTheme();
     for (const map of this.maps) map.print(begins);
     this.parts?.charts.redraw();
   }
 
   /** Start over with new data; the reader's choices are kept. */
-  private begin(runs: number): void {
+  begin(runs: number): void {
     const isBuilt = this.models.length === runs;
     if (isBuilt) for (const model of this.models) Object.assign(model, new Model(model.letter));
     else this.models = Array.from({ length: runs }, (_, k) => new Model(runs > 1 ? String.fromCharCode(65 + k) : ""));
     if (this.send) this.models[0]?.follow(() => this.heart.age_s ?? 0);
-    if (!isBuilt) this.build();
+    if (!isBuilt) this.parts = this.build();
   }
 
-  private take(update: Update, run: number): void {
+  take(update: Update, run: number): void {
     const model = this.models[run];
     model?.take(update);
     // Show the first field until the reader chooses.
     const fields = this.models[0]?.fields ?? [];
     if (!fields.some((one) => one.name === this.choice.field)) this.choice.field = fields[0]?.name ?? "";
     if (update.reply) this.parts?.controls?.reply(update.reply);
-    if (update.beat) this.look();
     this.dirty = this.stale = true;
   }
 
-  private build(): void {
+  private build() {
     const { models, choice } = this;
     const changed = (): void => {
       this.dirty = true;
@@ -144,16 +123,10 @@ class App {
             (id) => vehicles.choose(models[0]!, id),
           )
         : null;
-    this.parts = { time, vehicles, messages, decisions, charts, layers, controls };
-
     const stage = element("div", { class: "stage" });
-    const layerBox = element(
-      "details",
-      { class: "layer-box", open: "" },
-      element("summary", {}, "Layers"),
-      layers.element,
-    );
-    if (models.length > 1 || matchMedia("(max-width: 60rem)").matches) layerBox.open = false;
+    const roomy = models.length === 1 && !matchMedia("(max-width: 60rem)").matches;
+    const summary = element("summary", {}, "Layers");
+    const layerBox = element("details", { class: "layer-box", open: roomy }, summary, layers.element);
     const covered = (): number =>
       layerBox.open && models.length === 1 && stage.clientWidth > 800 ? layerBox.offsetWidth : 0;
     this.maps = models.map((model, k) => {
@@ -185,26 +158,22 @@ class App {
       step: "0.005",
       value: String(choice.split),
       "aria-label": "Estimate left, truth right of here",
-    });
-    split.addEventListener("input", () => {
-      choice.split = Number(split.value);
-      changed();
+      oninput: ({ value }) => {
+        choice.split = Number(value);
+        changed();
+      },
     });
     const fit = button("Show all", () => this.maps.forEach((map) => map.fit()), { class: "fit" });
     stage.append(split, fit, layers.legend, this.under, layerBox);
 
-    const panel = (name: string, label: string, ...children: Node[]): HTMLElement =>
-      element(
-        "section",
-        { class: `panel ${name}`, "data-panel": name, "aria-label": label },
-        element("h2", {}, label),
-        ...children,
-      );
-    const side = element("aside", { class: "side", "aria-label": "Vehicles and messages" });
-    side.append(
-      panel("vehicles", "Vehicles", vehicles.element),
-      panel("decisions", "Decisions", decisions.element),
-      panel("messages", "Messages", messages.element),
+    const panelOf = (name: string, child: Node): HTMLElement =>
+      panel(capital(name), { class: `panel ${name}`, "data-panel": name }, child);
+    const side = element(
+      "aside",
+      { class: "side", "aria-label": "Vehicles and messages" },
+      panelOf("vehicles", vehicles.element),
+      panelOf("decisions", decisions.element),
+      panelOf("messages", messages.element),
     );
     const header = element("header", { class: "top" }, this.title, this.outcome, this.progress, this.link);
     const urgent = element(
@@ -215,37 +184,30 @@ class App {
       this.lost,
       ...(controls ? [controls.why, controls.became] : []),
     );
-    const main = element(
-      "main",
-      { class: "middle" },
-      stage,
-      time.element,
-      this.tabs(),
-      panel("charts", "Charts", charts.element),
-    );
+    const below = [time.element, this.tabs(), panelOf("charts", charts.element)];
+    const main = element("main", { class: "middle" }, stage, ...below);
     this.root.classList.toggle("two", models.length > 1);
     this.root.dataset["tab"] = "vehicles";
     this.root.replaceChildren(header, urgent, main, side, messages.aloud);
     this.dirty = this.stale = true;
+    return { time, vehicles, messages, decisions, charts, layers, controls };
   }
 
   /** Tabs for phones, which show one panel at a time. */
   private tabs(): HTMLElement {
-    const names = ["vehicles", "charts", "messages", "decisions"];
-    const tabs = element("nav", { class: "tabs", "aria-label": "Panels" });
-    for (const name of names) {
-      const tab = button(
-        capital(name),
-        () => {
-          this.root.dataset["tab"] = name;
-          for (const one of tabs.children) one.setAttribute("aria-pressed", String(one === tab));
-          this.dirty = this.stale = true;
-        },
-        { "aria-pressed": String(name === "vehicles"), class: `tab-${name}` },
-      );
-      tabs.append(tab);
-    }
-    return tabs;
+    const tabs = ["vehicles", "charts", "messages", "decisions"].map((name) => {
+      const choose = (): void => {
+        this.root.dataset["tab"] = name;
+        for (const one of tabs) one.setAttribute("aria-pressed", String(one === tab));
+        this.dirty = this.stale = true;
+      };
+      const tab = button(capital(name), choose, {
+        "aria-pressed": String(name === "vehicles"),
+        class: `tab-${name}`,
+      });
+      return tab;
+    });
+    return element("nav", { class: "tabs", "aria-label": "Panels" }, ...tabs);
   }
 
   /** Keep the views of two maps equal. */
@@ -261,8 +223,8 @@ class App {
       });
   }
 
-  /** Show the age of the data; called by a timer, as no data may arrive. */
-  private look(): void {
+  /** Show the age of the data. */
+  linked(): void {
     const { link: state, isLost, age_s } = this.heart;
     const model = this.models[0];
     const ended = model?.status && !model.runs;
@@ -313,7 +275,7 @@ class App {
       parts.time.show();
       this.stale = true;
     }
-    const scale = this.maps[0]?.shown?.scale;
+    const scale = this.maps[0]?.picture?.scale;
     if (scale !== this.scale) {
       this.scale = scale; // Layers are decoded asynchronously, and the legend follows
       this.stale = true;
@@ -329,13 +291,13 @@ class App {
     }
   }
 
-  private showPanels(parts: Parts): void {
+  private showPanels(parts: NonNullable<App["parts"]>): void {
     const time_s = parts.time.time_s;
     const model = this.models[0]!;
     parts.vehicles.show(time_s);
     parts.messages.show(time_s);
     parts.decisions.show(time_s);
-    parts.layers.show(this.maps[0]!.shown);
+    parts.layers.show(this.maps[0]!.picture);
     parts.controls?.show();
     this.root.classList.toggle("decides", parts.decisions.any);
     this.root.classList.toggle("compares", this.choice.compare);

@@ -15,10 +15,9 @@ import {
   oldUntil,
 } from "./draw.js";
 import { upTo, type Model, type Moment } from "./model.js";
-import type { Decision, FieldInfo, Run, States, Update, VehicleInfo } from "./schema.js";
+import type { Decision, Run, States, Update, VehicleInfo } from "./schema.js";
 import { drawReadings } from "./readings.js";
-import { figure } from "./text.js";
-import { Picture } from "./tiles.js";
+import { kindName, Picture } from "./tiles.js";
 
 /** Displayed parts of a run; chosen by the reader in `layers.ts`. */
 export interface Choice {
@@ -41,7 +40,7 @@ export function layerName(choice: Choice): string | null {
 }
 
 const NOWHERE = new Frame({ lat: 0, lon: 0, lat_x: 0, lat_y: 9e-6, lon_x: 9e-6, lon_y: 0 });
-const CLOSEST = 27;
+export const CLOSEST = 27;
 /** Maximum number of vehicles whose fences are all drawn; above it, only the selected one's. */
 const FEW = 3;
 const SHAPES: Record<string, string> = {
@@ -77,6 +76,15 @@ class VehicleMark {
   }
 }
 
+/** Map with zoom buttons and a scale. */
+export function mapIn(room: HTMLElement, options: L.MapOptions = {}): L.Map {
+  const shared = { attributionControl: false, zoomControl: false, zoomSnap: 0.25, wheelPxPerZoomLevel: 90 };
+  const map = L.map(room, { ...shared, maxZoom: CLOSEST, ...options });
+  L.control.zoom({ position: "topright" }).addTo(map);
+  L.control.scale({ position: "bottomright", imperial: false }).addTo(map);
+  return map;
+}
+
 /** Show the user's map tiles as the background. */
 export function showTiles(map: L.Map, tiles: NonNullable<Update["background"]>): L.TileLayer {
   const note = L.control.attribution({ position: "bottomright", prefix: false }).addTo(map);
@@ -92,7 +100,8 @@ export class MapView {
   readonly map: L.Map;
   private frame = NOWHERE;
   private run: Run | null = null;
-  private picture: Picture | null = null;
+  /** Displayed layer. */
+  picture: Picture | null = null;
   private truth: Picture | null = null;
   private readonly marks = new Map<number, VehicleMark>();
   private readonly layers: Record<"ground" | "values" | "readings" | "trails" | "lines", CanvasLayer>;
@@ -116,57 +125,33 @@ export class MapView {
     private readonly covered_px: () => number,
     animated: boolean,
   ) {
-    const still = !animated || matchMedia("(prefers-reduced-motion: reduce)").matches;
-    this.map = L.map(container, {
-      attributionControl: false,
-      zoomControl: false,
-      zoomSnap: 0.25,
-      zoomDelta: 1,
-      maxZoom: CLOSEST,
-      zoomAnimation: !still,
-      fadeAnimation: !still,
-      inertia: !still,
-      wheelPxPerZoomLevel: 90,
-    });
-    L.control.zoom({ position: "topright" }).addTo(this.map);
-    L.control.scale({ position: "bottomright", imperial: false }).addTo(this.map);
+    const moves = animated && !matchMedia("(prefers-reduced-motion: reduce)").matches;
+    this.map = mapIn(container, { zoomAnimation: moves, fadeAnimation: moves, inertia: moves });
     this.map.setView([0, 0], 18, { animate: false });
     const frame = (): Frame => this.frame;
-    const canvas = (name: string, order: number, draw: Draw, heavy = false): CanvasLayer => {
+    const canvas = (name: string, order: number, heavy: boolean, draw: Draw): CanvasLayer => {
       this.map.createPane(name).style.zIndex = String(order);
       return new CanvasLayer(name, frame, draw, heavy).addTo(this.map);
     };
     this.layers = {
-      ground: canvas("ground", 250, (context, view) => {
+      ground: canvas("ground", 250, false, (context, view) => {
         if (this.run?.farm && this.choice.crops) drawFarm(context, view, this.run.farm);
       }),
-      values: canvas("values", 300, (context, view) => {
-        const pixel_m = this.run?.raster?.pixel_m;
-        const { compare, split } = this.choice;
-        if (!pixel_m) return;
-        if (this.picture) drawPicture(context, view, this.picture, pixel_m, 0, compare && this.truth ? split : 1);
-        if (compare && this.truth) drawPicture(context, view, this.truth, pixel_m, split, 1);
+      values: canvas("values", 300, false, (context, view) => {
+        const split = this.truth ? this.choice.split : 1;
+        if (this.picture) drawPicture(context, view, this.picture, 0, split);
+        if (this.truth) drawPicture(context, view, this.truth, split, 1);
       }),
-      readings: canvas(
-        "readings",
-        350,
-        (context, view) => {
-          const [field, raster] = [this.field, this.run?.raster];
-          if (!this.choice.readings || !field || !raster) return;
-          drawReadings(context, view, this.model, field, this.time_s, raster.pixel_m / raster.cells);
-        },
-        true,
-      ),
-      trails: canvas(
-        "trails",
-        375,
-        (context, view) => {
-          if (this.choice.trails)
-            for (const [id, states] of this.states()) drawOldTrail(context, view, states, this.time_s, this.colour(id));
-        },
-        true,
-      ),
-      lines: canvas("lines", 400, (context, view) => this.drawLines(context, view)),
+      readings: canvas("readings", 350, true, (context, view) => {
+        const [field, raster] = [this.model.field(this.choice.field), this.run?.raster];
+        if (!this.choice.readings || !field || !raster) return;
+        drawReadings(context, view, this.model, field, this.time_s, raster.pixel_m / raster.cells);
+      }),
+      trails: canvas("trails", 375, true, (context, view) => {
+        if (this.choice.trails)
+          for (const [id, states] of this.states()) drawOldTrail(context, view, states, this.time_s, this.colour(id));
+      }),
+      lines: canvas("lines", 400, false, (context, view) => this.drawLines(context, view)),
     };
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.redraw());
     for (const kind of ["pointerdown", "wheel", "keydown"])
@@ -179,31 +164,14 @@ export class MapView {
     this.map.on("mouseout", () => this.read(null));
   }
 
-  private get field(): FieldInfo | undefined {
-    return this.model.field(this.choice.field);
-  }
-
-  /** Displayed layer, for the legend. */
-  get shown(): Picture | null {
-    return this.picture;
-  }
-
   /** Show the whole farm, or without a farm all vehicle positions. */
   fit(): void {
     this.touched = false;
     const farm = this.run?.farm;
     const [width, height] = [farm?.width_m ?? 0, farm?.height_m ?? 0];
-    const corners = farm
-      ? [
-          [0, 0],
-          [width, 0],
-          [0, height],
-          [width, height],
-        ]
-      : [];
-    const places = corners.map(([x, y]) => this.frame.latLng(x!, y!));
-    if (!farm)
-      for (const [, { x, y }] of this.states()) x.forEach((left, k) => places.push(this.frame.latLng(left, y[k]!)));
+    const corners = [[0, 0], [width, 0], [0, height], [width, height]] as const;
+    const flown = this.states().flatMap(([, { x, y }]) => x.map((left, k) => [left, y[k]!] as const));
+    const places = (farm ? corners : flown).map(([x, y]) => this.frame.latLng(x, y));
     if (!places.length) return;
     this.map.fitBounds(L.latLngBounds(places), {
       paddingTopLeft: [28 + this.covered_px(), 28],
@@ -248,8 +216,11 @@ export class MapView {
   show(time_s: number): void {
     this.time_s = time_s;
     if (this.model.run !== this.run) this.takeRun(this.model.run);
-    this.takeBackground();
-    this.showPictures();
+    if (this.model.background) this.background ??= showTiles(this.map, this.model.background);
+    this.picture = this.pictureOf(layerName(this.choice), this.picture);
+    this.truth = this.choice.compare ? this.pictureOf(`truth/${this.choice.field}`, this.truth) : null;
+    void this.picture?.show(time_s);
+    void this.truth?.show(time_s);
     let away = false;
     for (const [k, info] of (this.run?.vehicles ?? []).entries()) {
       const moment = this.model.vehicleAt(info.system_id, time_s);
@@ -284,20 +255,6 @@ export class MapView {
     this.redraw();
   }
 
-  private takeBackground(): void {
-    const tiles = this.model.background;
-    if (!tiles || this.background) return;
-    this.background = showTiles(this.map, tiles);
-  }
-
-  private showPictures(): void {
-    const name = layerName(this.choice);
-    this.picture = this.pictureOf(name, this.picture);
-    this.truth = this.choice.compare ? this.pictureOf(`truth/${this.choice.field}`, this.truth) : null;
-    void this.picture?.show(this.time_s);
-    void this.truth?.show(this.time_s);
-  }
-
   private pictureOf(name: string | null, old: Picture | null): Picture | null {
     const raster = this.run?.raster;
     if (!name || !raster || !this.model.tiles.has(name)) {
@@ -310,7 +267,8 @@ export class MapView {
       if (this.pointer) this.read(this.pointer);
     };
     redraw();
-    return new Picture(name, raster, this.model.fieldOf(name), this.model.tiles, redraw);
+    const field = this.model.field(name.slice(name.indexOf("/") + 1));
+    return new Picture(name, raster, field, this.model.tiles, redraw);
   }
 
   private colour(system_id: number): string {
@@ -338,7 +296,7 @@ export class MapView {
       }
     if (this.choice.decisions && this.decision) drawDecision(context, view, this.decision, (id) => this.colour(id));
     if (this.picture && this.truth)
-      drawSplit(context, view, this.choice.split, [KINDS[this.choice.kind] ?? this.choice.kind, KINDS["truth"]!]);
+      drawSplit(context, view, this.choice.split, [kindName(this.choice.kind), "truth"]);
   }
 
   /** Report the values under the pointer. */
@@ -349,37 +307,14 @@ export class MapView {
       return;
     }
     const [x, y] = this.frame.metres(place);
-    const raster = this.run?.raster;
     const parts: string[] = [];
-    const where = [`x ${x.toFixed(1)} m, y ${y.toFixed(1)} m`];
-    if (this.run?.farm) where.push(`${place.lat.toFixed(7)}, ${place.lng.toFixed(7)}`);
-    for (const picture of [this.picture, this.truth])
-      if (picture && raster) {
-        const value = picture.valueAt(Math.floor(x / raster.pixel_m), Math.floor(y / raster.pixel_m));
-        if (!Number.isNaN(value))
-          parts.push(`${layerTitle(this.model, picture.layer)} ${inUnit(this.model, picture.layer, value)}`);
-      }
-    this.told([...parts, ...where].join("  ·  "));
+    for (const picture of [this.picture, this.truth]) {
+      const value = picture?.valueAt(x, y) ?? NaN;
+      const unit = picture?.field?.unit ?? "";
+      if (!Number.isNaN(value)) parts.push(`${picture!.title} ${picture!.figure(value)} ${unit}`.trimEnd());
+    }
+    parts.push(`x ${x.toFixed(1)} m, y ${y.toFixed(1)} m`);
+    if (this.run?.farm) parts.push(`${place.lat.toFixed(7)}, ${place.lng.toFixed(7)}`);
+    this.told(parts.join("  ·  "));
   }
-}
-
-const KINDS: Record<string, string> = { value: "estimate", uncertainty: "uncertainty", truth: "truth" };
-
-export function layerTitle(model: Model, layer: string): string {
-  const field = model.fieldOf(layer);
-  return field ? `${field.title}, ${KINDS[layer.split("/")[0]!] ?? ""}` : "Acquisition";
-}
-
-/** Value of a layer in the field's unit, with the digits of a hundredth of its range. */
-export function figureOf(model: Model, layer: string, value: number): string {
-  const field = model.fieldOf(layer);
-  if (!field) return figure(value);
-  const [low, high] = field.range;
-  const span = high - low;
-  const digits = Math.min(6, Math.max(0, Math.ceil(2 - Math.log10(span))));
-  return layer.startsWith("uncertainty/") ? figure(value * span) : (low + value * span).toFixed(digits);
-}
-
-function inUnit(model: Model, layer: string, value: number): string {
-  return `${figureOf(model, layer, value)} ${model.fieldOf(layer)?.unit ?? ""}`.trimEnd();
 }

@@ -1,6 +1,6 @@
 // Panels of messages and of policy decisions.
 import { SICK } from "./colours.js";
-import { button, element, setText } from "./dom.js";
+import { button, element, setText, table } from "./dom.js";
 import { upTo, type Model } from "./model.js";
 import type { Decision, Said } from "./schema.js";
 import { capital, clock, figure, fixed, metres } from "./text.js";
@@ -13,6 +13,11 @@ const SEVERITIES = ["Emergency", "Alert", "Critical", "Error", "Warning", "Notic
 
 function speaker(model: Model, said: Said): string {
   return said.system_id ? model.nameOf(said.system_id) : "";
+}
+
+/** Show items in reverse order, or why there is none. */
+function fill(list: HTMLElement, items: HTMLElement[], empty: string): void {
+  list.replaceChildren(...(items.length ? items.toReversed() : [element("li", { class: "empty" }, empty)]));
 }
 
 /** Messages, newest first; warnings are also read aloud. */
@@ -31,24 +36,14 @@ export class Messages {
     const key = `${said.length} ${said.at(-1)?.one.text ?? ""}`;
     if (key === this.shown) return;
     this.shown = key;
-    const lines = said
-      .slice(-SHOWN)
-      .reverse()
-      .map(({ model, one }) => {
-        const who = speaker(model, one);
-        const grade = one.severity <= 3 ? "error" : one.severity === WARNS ? "warning" : "plain";
-        const name = SEVERITIES[one.severity] ?? "";
-        const words = grade === "plain" ? "" : `${name}: `;
-        return element(
-          "li",
-          { class: grade },
-          element("time", {}, clock(one.time_s)),
-          element("span", { class: "text" }, ...(who ? [element("b", {}, `${who} `)] : []), words + one.text),
-        );
-      });
-    this.element.replaceChildren(
-      ...(lines.length ? lines : [element("li", { class: "empty" }, "Nothing was said yet.")]),
-    );
+    const lines = said.slice(-SHOWN).map(({ model, one }) => {
+      const who = speaker(model, one);
+      const grade = one.severity < WARNS ? "error" : one.severity === WARNS ? "warning" : "plain";
+      const words = grade === "plain" ? "" : `${SEVERITIES[one.severity] ?? ""}: `;
+      const text = element("span", { class: "text" }, who ? element("b", {}, `${who} `) : null, words + one.text);
+      return element("li", { class: grade }, element("time", {}, clock(one.time_s)), text);
+    });
+    fill(this.element, lines, "Nothing was said yet.");
     const last = said.at(-1);
     if (last && last.one.severity <= WARNS)
       setText(this.aloud, `${speaker(last.model, last.one)} ${SEVERITIES[last.one.severity] ?? ""}: ${last.one.text}`);
@@ -68,15 +63,11 @@ export class Decisions {
     private readonly open: (model: Model, decision: Decision | null) => void,
     private readonly time: Time | null,
   ) {
-    if (time)
-      this.element.append(
-        element(
-          "div",
-          { class: "steps", role: "group", "aria-label": "Go through the decisions" },
-          button("Previous", () => this.step(-1)),
-          button("Next", () => this.step(1)),
-        ),
-      );
+    if (time) {
+      const buttons = [button("Previous", () => this.step(-1)), button("Next", () => this.step(1))];
+      const group = { class: "steps", role: "group", "aria-label": "Go through the decisions" };
+      this.element.append(element("div", group, ...buttons));
+    }
     this.element.append(this.note, this.list);
   }
 
@@ -117,41 +108,36 @@ export class Decisions {
       .join();
     if (key === this.shown) return;
     this.shown = key;
-    const items = told
-      .slice(-SHOWN)
-      .reverse()
-      .map(({ model, decision }) => this.item(model, decision));
-    this.list.replaceChildren(
-      ...(items.length ? items : [element("li", { class: "empty" }, "Nothing was decided yet.")]),
-    );
+    const items = told.slice(-SHOWN).map(({ model, decision }) => this.item(model, decision));
+    fill(this.list, items, "Nothing was decided yet.");
   }
 
   private item(model: Model, decision: Decision): HTMLElement {
     const { number, changes, refused, candidates } = decision;
     const outcomes = [...new Set(changes.map((one) => one.outcome).filter(Boolean))];
     const outcome = refused ? "refused" : outcomes.join(", ") || "as it was";
-    const title = element(
-      "summary",
-      {},
-      element("time", {}, clock(decision.time_s)),
-      ` ${capital(decision.event)} `,
-      element("span", { class: "outcome" }, outcome),
-    );
-    const details = element("details", {}, title);
-    details.open = number === this.chosen;
-    details.addEventListener("toggle", () => {
+    const came = outcomeOf(model, decision);
+    const toggled = (details: HTMLDetailsElement): void => {
       if (details.open) {
         this.chosen = number;
         for (const other of this.list.querySelectorAll("details")) if (other !== details) other.open = false;
         this.open(model, decision);
       } else if (this.chosen === number) this.chosen = null;
-    });
-    if (decision.reason) details.append(element("p", {}, capital(decision.reason)));
-    if (refused) details.append(element("p", { class: "refused" }, `Refused: ${refused}`));
-    if (candidates.length) details.append(table(model, decision));
-    const came = outcomeOf(model, decision);
-    if (came) details.append(element("p", { class: "came" }, came));
-    details.append(
+    };
+    const details = element(
+      "details",
+      { open: number === this.chosen, ontoggle: toggled },
+      element(
+        "summary",
+        {},
+        element("time", {}, clock(decision.time_s)),
+        ` ${capital(decision.event)} `,
+        element("span", { class: "outcome" }, outcome),
+      ),
+      decision.reason ? element("p", {}, capital(decision.reason)) : null,
+      refused ? element("p", { class: "refused" }, `Refused: ${refused}`) : null,
+      candidates.length ? considered(model, decision) : null,
+      came ? element("p", { class: "came" }, came) : null,
       element("p", { class: "small" }, `Decision ${number}, thought of for ${figure(decision.compute_s)} s`),
     );
     return element("li", {}, details);
@@ -168,15 +154,14 @@ function outcomeOf(model: Model, { number, time_s }: Decision): string {
   const [from, to] = [upTo(times, time_s), upTo(times, end_s)];
   const diseases = (model.run?.fields ?? []).filter((field) => field.kind === "disease");
   let sick = 0;
-  for (let k = from; k < to; k++)
-    if (diseases.some(({ name }) => (values[name]?.[k] ?? 1) < SICK)) sick++;
+  for (let k = from; k < to; k++) if (diseases.some(({ name }) => (values[name]?.[k] ?? 1) < SICK)) sick++;
   const [before, after] = [model.scoreAt(time_s), model.scoreAt(end_s)];
   const score = after === null ? "" : `; score ${before === null ? "" : `${fixed(before, 4)} to `}${fixed(after, 4)}`;
   const until = next ? "Until the next decision" : "Until the end";
   return `${until}: ${to - from} ${to - from === 1 ? "reading" : "readings"}, ${sick} sick${score}`;
 }
 
-function table(model: Model, { candidates, changes }: Decision): HTMLElement {
+function considered(model: Model, { candidates, changes }: Decision): HTMLElement {
   const rows = [...candidates]
     .sort((a, b) => b.value - a.value)
     .slice(0, 12)
@@ -186,8 +171,7 @@ function table(model: Model, { candidates, changes }: Decision): HTMLElement {
       const cells = [`${model.nameOf(one.system_id)}${taken ? " ✓" : ""}`, figure(one.value), figure(one.cost), length];
       return element("tr", taken ? { class: "taken" } : {}, ...cells.map((text) => element("td", {}, text)));
     });
-  const heads = ["Vehicle", "Value", "Cost", "Path"].map((text) => element("th", { scope: "col" }, text));
-  return element("table", {}, element("thead", {}, element("tr", {}, ...heads)), element("tbody", {}, ...rows));
+  return table(["Vehicle", "Value", "Cost", "Path"], rows);
 }
 
 function lengthOf(path: number[]): number {

@@ -15,7 +15,7 @@ import type {
 import { Tiles } from "./tiles.js";
 
 /** Age from which a vehicle counts as silent (s). */
-export const SILENT_S = 3;
+const SILENT_S = 3;
 
 /** Number of ascending times that are not after a time. */
 export function upTo(times: number[], time_s: number): number {
@@ -28,28 +28,23 @@ export function upTo(times: number[], time_s: number): number {
   return low;
 }
 
-type Columns = Record<string, unknown>;
+type Table = { time_s: number[] };
+type Columns = Record<string, unknown[] | Record<string, unknown[]>>;
 
-/** Append columns to columns. */
-function extend(old: Columns, added: Columns): void {
-  for (const [name, column] of Object.entries(added)) {
-    if (Array.isArray(column)) {
-      const held = (old[name] ??= []) as unknown[];
-      for (const value of column) held.push(value);
+/** Append the rows of a table; columns by field that one of the tables lacks are filled with null. */
+function extend<T extends Table>(table: T, added: T): void {
+  const [known, fresh] = [table.time_s.length, added.time_s.length];
+  const columns = table as unknown as Columns;
+  for (const [name, column] of Object.entries(added as unknown as Columns)) {
+    const held = columns[name]!;
+    if (Array.isArray(column)) for (const value of column) (held as unknown[]).push(value);
+    else {
+      const byField = held as Record<string, unknown[]>;
+      for (const field of new Set([...Object.keys(byField), ...Object.keys(column)])) {
+        const values = (byField[field] ??= new Array<null>(known).fill(null));
+        for (let k = 0; k < fresh; k++) values.push(column[field]?.[k] ?? null);
+      }
     }
-  }
-}
-
-function extendByField(
-  old: Record<string, unknown[]>,
-  added: Record<string, unknown[]>,
-  known: number,
-  fresh: number,
-): void {
-  for (const name of new Set([...Object.keys(old), ...Object.keys(added)])) {
-    const held = (old[name] ??= new Array<null>(known).fill(null));
-    const column = added[name];
-    for (let k = 0; k < fresh; k++) held.push(column ? column[k] : null);
   }
 }
 
@@ -66,27 +61,13 @@ export function between(states: States, name: (typeof BETWEEN)[number], last: nu
 }
 
 /** State of a vehicle at a time. */
-export interface Moment {
-  x: number;
-  y: number;
-  time_s: number;
-  day: number;
-  flight: number;
-  height_m: number | null;
-  speed_m_s: number | null;
-  heading_deg: number | null;
-  battery: number | null;
-  link: number | null;
-  item: number | null;
-  items: number | null;
-  mode: string;
-  phase: string;
-  armed: boolean;
-  silent_s: number;
+export interface Moment extends Row<States> {
   silent: boolean;
   /** Whether the state is the present one. */
   present: boolean;
 }
+
+type Row<T> = { [Name in keyof T]: T[Name] extends (infer Value)[] ? Value : never };
 
 export class Model {
   run: Run | null = null;
@@ -102,22 +83,21 @@ export class Model {
   tiles = new Tiles();
   /** Time of the newest data. */
   end_s = 0;
-  /** Age of each vehicle's newest state at the program's last beat, and the age of that beat. */
+  /** Age of each vehicle's newest state at the program's last beat, and the age of that beat in a live run. */
   private beat_s: Record<string, number> = {};
-  private age_s: () => number = () => 0;
-  private isLive = false;
+  private age_s: (() => number) | null = null;
 
   /** `letter` distinguishes several runs. */
   constructor(readonly letter = "") {}
 
   /** Whether the run is live, so that its newest data is the present. */
   get runs(): boolean {
-    return this.isLive && this.status?.outcome === "running";
+    return this.age_s !== null && this.status?.outcome === "running";
   }
 
   /** Make the run live; `age_s` returns the age of the newest data. */
   follow(age_s: () => number): void {
-    [this.isLive, this.age_s] = [true, age_s];
+    this.age_s = age_s;
   }
 
   take(update: Update): void {
@@ -128,13 +108,11 @@ export class Model {
     if (update.background !== undefined) this.background = update.background;
     this.plans.push(...(update.plans ?? []));
     for (const [id, states] of Object.entries(update.states ?? {}))
-      extend((this.states[id] ??= {} as States) as unknown as Columns, states as unknown as Columns);
+      if (this.states[id]) extend(this.states[id], states);
+      else this.states[id] = states;
     if (update.beat) this.beat_s = update.beat.silent_s;
     if (update.readings) this.takeReadings(update.readings);
-    if (update.scores) {
-      extendByField(this.scores.losses, update.scores.losses, this.scores.time_s.length, update.scores.time_s.length);
-      extend(this.scores as unknown as Columns, update.scores as unknown as Columns);
-    }
+    if (update.scores) extend(this.scores, update.scores);
     for (const decision of update.decisions ?? []) this.takeDecision(decision);
     this.said.push(...(update.said ?? []));
     Object.assign(this.scales, update.scales);
@@ -165,40 +143,17 @@ export class Model {
     return [name ?? "vehicle", several || !name ? system_id : "", this.letter].filter(Boolean).join(" ");
   }
 
-  /** Field of a layer; undefined for a layer without one. */
-  fieldOf(layer: string): FieldInfo | undefined {
-    return this.field(layer.slice(layer.indexOf("/") + 1));
-  }
-
   vehicleAt(system_id: number, time_s: number): Moment | null {
     const states = this.states[system_id];
     const last = states ? upTo(states.time_s, time_s) - 1 : -1;
     if (!states || last < 0) return null;
-    const at = <T>(column: T[]): T => column[last]!;
-    const since_s = time_s - at(states.time_s);
+    const row = Object.fromEntries(Object.entries(states).map(([name, column]) => [name, column[last]]));
+    const moment = row as unknown as Moment;
+    const since_s = time_s - moment.time_s;
     const present = this.runs && time_s >= this.end_s;
-    const now_s = present ? (this.beat_s[system_id] ?? 0) + this.age_s() : 0;
-    const silent_s = Math.max(at(states.silent_s) + (this.status?.outcome === "running" ? since_s : 0), now_s);
-    const moment: Moment = {
-      x: at(states.x),
-      y: at(states.y),
-      time_s: at(states.time_s),
-      day: at(states.day),
-      flight: at(states.flight),
-      height_m: at(states.height_m),
-      speed_m_s: at(states.speed_m_s),
-      heading_deg: at(states.heading_deg),
-      battery: at(states.battery),
-      link: at(states.link),
-      item: at(states.item),
-      items: at(states.items),
-      mode: at(states.mode),
-      phase: at(states.phase),
-      armed: at(states.armed),
-      silent_s,
-      silent: silent_s > SILENT_S,
-      present,
-    };
+    const now_s = present ? (this.beat_s[system_id] ?? 0) + (this.age_s?.() ?? 0) : 0;
+    const silent_s = Math.max(moment.silent_s + (this.status?.outcome === "running" ? since_s : 0), now_s);
+    Object.assign(moment, { silent_s, silent: silent_s > SILENT_S, present });
     const flown = states.flight[last + 1] === moment.flight;
     for (const name of BETWEEN) {
       const value = between(states, name, last, time_s);
@@ -234,17 +189,15 @@ export class Model {
 
   /** Append readings and keep them in order of time; they may arrive late. */
   private takeReadings(readings: Readings): void {
-    const ordered = readings.time_s.every((time, k) => k === 0 || readings.time_s[k - 1]! <= time);
-    const late = (readings.time_s[0] ?? 0) < (this.readings.time_s.at(-1) ?? -Infinity);
-    extendByField(this.readings.values, readings.values, this.readings.time_s.length, readings.time_s.length);
-    extend(this.readings as unknown as Columns, readings as unknown as Columns);
-    if (ordered && !late) return;
-    const order = this.readings.time_s.map((_, k) => k);
-    order.sort((a, b) => this.readings.time_s[a]! - this.readings.time_s[b]!);
+    const known = this.readings.time_s.length;
+    extend(this.readings, readings);
+    const { time_s, x, y, values } = this.readings;
+    const fresh = time_s.slice(Math.max(0, known - 1));
+    if (fresh.every((time, k) => k === 0 || fresh[k - 1]! <= time)) return;
+    const order = [...time_s.keys()].sort((a, b) => time_s[a]! - time_s[b]!);
     const sorted = <T>(column: T[]): T[] => order.map((k) => column[k]!);
-    const values = Object.entries(this.readings.values).map(([name, column]) => [name, sorted(column)]);
-    const { time_s, x, y } = this.readings;
-    this.readings = { time_s: sorted(time_s), x: sorted(x), y: sorted(y), values: Object.fromEntries(values) };
+    const byField = Object.entries(values).map(([name, column]) => [name, sorted(column)]);
+    this.readings = { time_s: sorted(time_s), x: sorted(x), y: sorted(y), values: Object.fromEntries(byField) };
   }
 
   /** Add a decision, or replace its older version. */

@@ -1,9 +1,11 @@
 // List of a farm's shapes, with properties and corners of the selected one; usable without a map.
-import { button, element } from "./dom.js";
-import type { EditorHost } from "./editor.js";
-import { crops } from "./editor.js";
+import { button, datalist, element, table } from "./dom.js";
 import { capital } from "./text.js";
-import { changed, withoutCorner, withoutShape, withRing, withShape, type Position, type Shape } from "./sketch.js";
+import {
+  changed, cornersOf, cropsOf, middleOf, withoutCorner, withoutShape, withRing, withShape,
+  type Position, type Shape,
+} from "./sketch.js";
+import type { Studio } from "./studio.page.js";
 
 const MOST_ROWS = 500;
 
@@ -11,64 +13,67 @@ export class Outline {
   readonly element = element("div", { class: "outline" });
   private tableOpen = false;
 
-  constructor(private readonly host: EditorHost, private readonly crops: string[]) {}
+  constructor(private readonly studio: Studio, private readonly crops: string[]) {}
 
   show(): void {
-    const { sketch, selected } = this.host;
+    const { sketch, selected } = this.studio;
     const focus = (document.activeElement as HTMLElement | null)?.dataset["focus"];
     const list = element("ul", { class: "shapes" });
     for (const [k, shape] of sketch.shapes.entries()) {
       const what = shape.kind === "field" ? shape.crop : shape.kind;
-      const label = button("", () => this.host.select(k === selected ? null : k), { "aria-pressed": String(k === selected), "data-focus": `shape-${k}` });
+      const label = button("", () => this.studio.select(k === selected ? null : k), { "aria-pressed": String(k === selected), "data-focus": `shape-${k}` });
       label.append(element("span", { class: "name" }, shape.name || "(no name)"), element("span", { class: "what" }, what));
       list.append(element("li", {}, label));
     }
     const shape = selected === null ? undefined : sketch.shapes[selected];
-    const places = this.places();
+    const empty = "Nothing is drawn yet: choose Field above, and click its corners on the map.";
     this.element.replaceChildren(
-      sketch.shapes.length ? list : element("p", { class: "empty" }, "Nothing is drawn yet: choose Field above, and click its corners on the map."),
+      sketch.shapes.length ? list : element("p", { class: "empty" }, empty),
       ...(selected !== null && shape ? [this.properties(selected, shape), this.table(selected, shape)] : []),
-      ...(places ? [places] : []),
+      ...this.places(),
     );
     if (focus) this.element.querySelector<HTMLElement>(`[data-focus="${CSS.escape(focus)}"]`)?.focus();
   }
 
   private properties(number: number, shape: Shape): HTMLElement {
-    const change = (part: Partial<Shape>, told: string): void => this.host.edit(withShape(this.host.sketch, number, part), told);
-    const text = (label: string, value: string, take: (text: string) => void, more: Record<string, string> = {}): HTMLElement => {
-      const input = element("input", { type: "text", maxlength: "200", "data-focus": label, ...more });
-      input.value = value;
-      input.addEventListener("change", () => take(input.value.trim()));
-      return element("label", {}, label, input);
+    const change = (part: Partial<Shape>, told: string): void => this.studio.edit(withShape(this.studio.sketch, number, part), told);
+    const input = (label: string, attributes: Record<string, string>, take: (text: string) => void): HTMLElement => {
+      const onchange = (made: HTMLInputElement): void => {
+        if (made.checkValidity()) take(made.value.trim());
+      };
+      return element("label", {}, label, element("input", { "data-focus": label, onchange, ...attributes }));
     };
-    const metres = (label: string, value: number | null, take: (metres: number | null) => void): HTMLElement => {
-      const input = element("input", { type: "number", min: "0", max: "1000", step: "any", "data-focus": label });
-      input.value = value === null ? "" : String(value);
-      input.addEventListener("change", () => input.checkValidity() && take(input.value === "" ? null : Number(input.value)));
-      return element("label", {}, label, input);
+    const text = (value: string): Record<string, string> => ({ type: "text", maxlength: "200", value });
+    const metres = (value: number | null): Record<string, string> => {
+      return { type: "number", min: "0", max: "1000", step: "any", value: String(value ?? "") };
     };
-    const fields = [text("Name", shape.name, (name) => change({ name: name || shape.name }, "Renamed"))];
-    if (shape.kind === "field") {
-      const names = [...new Set([...this.crops, ...crops(this.host.sketch)])];
-      const list = element("datalist", { id: "crops" }, ...names.map((name) => element("option", { value: name })));
-      const take = (crop: string): void => change({ crop: crop.toLowerCase() || shape.crop }, "Crop changed");
-      fields.push(text("Crop", shape.crop, take, { list: "crops" }), list);
-      fields.push(text("Owner", shape.owner, (owner) => change({ owner: owner || shape.owner }, "Owner changed")));
+    const { name, kind, crop, owner, height_m, margin_m } = shape;
+    const fields = [input("Name", text(name), (to) => change({ name: to || name }, "Renamed"))];
+    if (kind === "field") {
+      const ofCrop = { ...text(crop), list: "crops" };
+      fields.push(
+        input("Crop", ofCrop, (to) => change({ crop: to.toLowerCase() || crop }, "Crop changed")),
+        datalist("crops", [...new Set([...this.crops, ...cropsOf(this.studio.sketch)])]),
+        input("Owner", text(owner), (to) => change({ owner: to || owner }, "Owner changed")),
+      );
     }
-    if (shape.kind === "obstacle") fields.push(metres("Height, m", shape.height_m, (height_m) => change({ height_m: height_m ?? 0 }, "Height changed")));
-    if (shape.kind !== "field") fields.push(metres("Margin, m", shape.margin_m, (margin_m) => change({ margin_m }, "Margin changed")));
+    if (kind === "obstacle")
+      fields.push(input("Height, m", metres(height_m), (to) => change({ height_m: Number(to) }, "Height changed")));
+    if (kind !== "field") {
+      const take = (to: string): void => change({ margin_m: to ? Number(to) : null }, "Margin changed");
+      fields.push(input("Margin, m", metres(margin_m), take));
+    }
     const remove = button("Delete", () => {
-      this.host.select(null);
-      this.host.edit(withoutShape(this.host.sketch, number), `${shape.name} deleted`);
+      this.studio.select(null);
+      this.studio.edit(withoutShape(this.studio.sketch, number), `${shape.name} deleted`);
     }, { class: "starts" });
     const legend = element("legend", {}, capital(shape.kind === "no-fly" ? "no-fly zone" : shape.kind));
     return element("fieldset", { class: "properties" }, legend, ...fields, remove);
   }
 
   private table(number: number, shape: Shape): HTMLElement {
-    const count = shape.rings.reduce((sum, ring) => sum + ring.length, 0);
-    const box = element("details", { class: "corners" }, element("summary", {}, `${count} corners as numbers`));
-    box.open = this.tableOpen;
+    const summary = element("summary", {}, `${cornersOf(shape)} corners as numbers`);
+    const box = element("details", { class: "corners", open: this.tableOpen }, summary);
     const fill = (): void => {
       if (box.childElementCount > 1) return;
       box.append(...shape.rings.map((ring, r) => this.ring(number, ring, r)));
@@ -83,50 +88,81 @@ export class Outline {
 
   private ring(number: number, ring: Position[], r: number): HTMLElement {
     const name = r === 0 ? "Outline" : `Hole ${r}`;
+    const edit = (moved: Position[], told: string): void =>
+      this.studio.edit(withRing(this.studio.sketch, number, r, moved), told);
+    const small = (sign: string, label: string, act: () => void): HTMLElement =>
+      button(sign, act, { class: "small", "aria-label": label, "data-focus": `${name}: ${label}` });
     const rows = ring.slice(0, MOST_ROWS).map((corner, k) => {
-      const set = (part: 0 | 1, value: number): void => {
-        const moved = ring.map((one, n): Position => (n === k ? (part === 0 ? [value, one[1]] : [one[0], value]) : one));
-        this.host.edit(withRing(this.host.sketch, number, r, moved), "Corner moved");
-      };
-      const next = ring[(k + 1) % ring.length]!;
-      const middle: Position = [(corner[0] + next[0]) / 2, (corner[1] + next[1]) / 2];
-      const add = (): void => this.host.edit(withRing(this.host.sketch, number, r, [...ring.slice(0, k + 1), middle, ...ring.slice(k + 1)]), "Corner added");
-      const remove = (): void => this.host.edit(withoutCorner(this.host.sketch, number, r, k), "Corner deleted");
-      return element("tr", {},
-        element("th", { scope: "row" }, String(k + 1)),
-        element("td", {}, degrees(corner[1], 75, `${name}, latitude of corner ${k + 1}`, `lat-${r}-${k}`, (value) => set(1, value))),
-        element("td", {}, degrees(corner[0], 180, `${name}, longitude of corner ${k + 1}`, `lon-${r}-${k}`, (value) => set(0, value))),
-        element("td", {},
-          button("+", add, { class: "small", "aria-label": `Add a corner after corner ${k + 1}`, "data-focus": `add-${r}-${k}` }),
-          button("−", remove, { class: "small", "aria-label": `Delete corner ${k + 1}`, "data-focus": `del-${r}-${k}` })),
+      const add = (): void => edit(ring.toSpliced(k + 1, 0, middleOf(ring, k)), "Corner added");
+      const remove = (): void => this.studio.edit(withoutCorner(this.studio.sketch, number, r, k), "Corner deleted");
+      return row(
+        String(k + 1),
+        corner,
+        (part) => `${name}, ${part} of corner ${k + 1}`,
+        (to) => edit(ring.with(k, to), "Corner moved"),
+        small("+", `Add a corner after corner ${k + 1}`, add),
+        small("−", `Delete corner ${k + 1}`, remove),
       );
     });
-    const head = element("tr", {}, ...["", "Latitude", "Longitude", ""].map((title) => (title ? element("th", { scope: "col" }, title) : element("td"))));
-    const more = ring.length > MOST_ROWS ? [element("p", { class: "empty" }, `and ${ring.length - MOST_ROWS} more`)] : [];
-    return element("div", {}, element("table", {}, element("caption", {}, name), element("thead", {}, head), element("tbody", {}, ...rows)), ...more);
+    const made = table(["", "Latitude", "Longitude", ""], rows);
+    made.prepend(element("caption", {}, name));
+    const more = ring.length - MOST_ROWS;
+    return element("div", {}, made, more > 0 ? element("p", { class: "empty" }, `and ${more} more`) : null);
   }
 
   /** Table of home and rally points. */
-  private places(): HTMLElement | null {
-    const { home, rally } = this.host.sketch;
-    if (!home && !rally.length) return null;
-    const row = (name: string, place: Position, set: (place: Position) => void, remove: () => void): HTMLElement =>
-      element("tr", {}, element("th", { scope: "row" }, name),
-        element("td", {}, degrees(place[1], 75, `${name}, latitude`, `${name}-lat`, (lat) => set([place[0], lat]))),
-        element("td", {}, degrees(place[0], 180, `${name}, longitude`, `${name}-lon`, (lon) => set([lon, place[1]]))),
-        element("td", {}, button("−", remove, { class: "small", "aria-label": `Delete ${name}` })));
-    const edit = (change: Parameters<typeof changed>[1], told: string): void => this.host.edit(changed(this.host.sketch, change), told);
-    const rows = rally.map((place, k) =>
-      row(`Rally point ${k + 1}`, place, (to) => edit({ rally: rally.map((one, n) => (n === k ? to : one)) }, "Rally point moved"),
-        () => edit({ rally: rally.filter((_, n) => n !== k) }, "Rally point deleted")));
-    if (home) rows.unshift(row("Home", home, (to) => edit({ home: to }, "Home moved"), () => edit({ home: null }, "Home deleted")));
-    return element("details", { class: "corners" }, element("summary", {}, "Home and rally points"), element("table", {}, element("tbody", {}, ...rows)));
+  private places(): HTMLElement[] {
+    const { home, rally } = this.studio.sketch;
+    if (!home && !rally.length) return [];
+    const edit = (change: Parameters<typeof changed>[1], told: string): void =>
+      this.studio.edit(changed(this.studio.sketch, change), told);
+    const place = (name: string, at: Position, set: (place: Position) => void, remove: () => void): HTMLElement => {
+      const without = button("−", remove, { class: "small", "aria-label": `Delete ${name}` });
+      return row(name, at, (part) => `${name}, ${part}`, set, without);
+    };
+    const rows = rally.map((at, k) => {
+      const set = (to: Position): void => edit({ rally: rally.with(k, to) }, "Rally point moved");
+      const remove = (): void => edit({ rally: rally.toSpliced(k, 1) }, "Rally point deleted");
+      return place(`Rally point ${k + 1}`, at, set, remove);
+    });
+    const setHome = (to: Position | null): void => edit({ home: to }, to ? "Home moved" : "Home deleted");
+    if (home) rows.unshift(place("Home", home, setHome, () => setHome(null)));
+    const summary = element("summary", {}, "Home and rally points");
+    const made = element("table", {}, element("tbody", {}, ...rows));
+    return [element("details", { class: "corners" }, summary, made)];
   }
 }
 
-function degrees(value: number, most: number, label: string, focus: string, take: (value: number) => void): HTMLInputElement {
-  const input = element("input", { type: "number", step: "any", min: String(-most), max: String(most), "aria-label": label, "data-focus": focus, required: "" });
-  input.value = String(Number(value.toFixed(8)));
-  input.addEventListener("change", () => input.checkValidity() && take(Number(input.value)));
-  return input;
+/** Row of a position: its name, latitude and longitude to change, and buttons. */
+function row(
+  name: string,
+  [lon, lat]: Position,
+  labelOf: (part: string) => string,
+  set: (place: Position) => void,
+  ...buttons: HTMLElement[]
+): HTMLElement {
+  const degrees = (part: string, value: number, most: number, take: (value: number) => void): HTMLElement => {
+    const input = element("input", {
+      type: "number",
+      step: "any",
+      min: String(-most),
+      max: String(most),
+      required: true,
+      value: String(Number(value.toFixed(8))),
+      "aria-label": labelOf(part),
+      "data-focus": labelOf(part),
+      onchange: (made) => {
+        if (made.checkValidity()) take(Number(made.value));
+      },
+    });
+    return element("td", {}, input);
+  };
+  return element(
+    "tr",
+    {},
+    element("th", { scope: "row" }, name),
+    degrees("latitude", lat, 75, (to) => set([lon, to])),
+    degrees("longitude", lon, 180, (to) => set([to, lat])),
+    element("td", {}, ...buttons),
+  );
 }

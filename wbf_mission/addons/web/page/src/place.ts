@@ -1,6 +1,6 @@
 // Parser of geographic positions in common notations.
 
-export interface Place {
+interface Place {
   lat: number;
   lon: number;
 }
@@ -21,7 +21,8 @@ const SPELLINGS: [RegExp, string][] = [
   [/(seconds?|sec)(?![a-z])/gi, '"'],
   [/([nsew])(orth|outh|ast|est)(?![a-z])/gi, "$1"],
 ];
-const TOKEN = /[+-]?\d+(\.\d+)?|[°'"NSEWXY,;]/gy;
+/** A number or a mark; any other text is found without a group. */
+const TOKEN = /([+-]?\d+(?:\.\d+)?|[°'"NSEWXY,;])|\S/g;
 const MARKS = ["°", "'", '"'];
 const SIZES = [1, 60, 3600];
 
@@ -55,19 +56,10 @@ function tokensOf(text: string): string[] {
     if (/\d,\d+,\d/.test(plain)) throw new Unread("its commas may be decimal ones or stand between numbers; write points");
     plain = plain.replace(/(\d),(?=\d)/g, "$1.");
   }
-  const tokens: string[] = [];
-  TOKEN.lastIndex = 0;
-  for (let at = 0; at < plain.length; ) {
-    const space = /^\s+/.exec(plain.slice(at));
-    if (space) at += space[0].length;
-    if (at >= plain.length) break;
-    TOKEN.lastIndex = at;
-    const found = TOKEN.exec(plain);
-    if (!found) throw new Unread(`“${plain.slice(at).trim().slice(0, 12)}” is not understood`);
-    tokens.push(found[0]);
-    at = TOKEN.lastIndex;
-  }
-  return tokens;
+  return [...plain.matchAll(TOKEN)].map(({ 1: token, index }) => {
+    if (token === undefined) throw new Unread(`“${plain.slice(index).trim().slice(0, 12)}” is not understood`);
+    return token;
+  });
 }
 
 const isNumber = (token: string | undefined): boolean => token !== undefined && /\d/.test(token);
@@ -118,7 +110,8 @@ function angleOf(tokens: string[]): Angle {
   for (let k = 0; k < parts.length; place++) {
     const text = parts[k++]!;
     if (place > 2 || !isNumber(text)) throw new Unread(`“${text}” is at a wrong place`);
-    if (parts[k] !== undefined && !isNumber(parts[k]) && parts[k++] !== MARKS[place]) throw new Unread(`degrees, minutes (') and seconds (") follow each other`);
+    if (parts[k] !== undefined && !isNumber(parts[k]) && parts[k++] !== MARKS[place])
+      throw new Unread(`degrees, minutes (') and seconds (") follow each other`);
     if (place && (/[+-]/.test(text) || Number(text) >= 60)) throw new Unread(`minutes and seconds are 0 to 60, not ${text}`);
     if (k < parts.length && text.includes(".")) throw new Unread(`${text} has decimals before further numbers`);
     value += Math.abs(Number(text)) / SIZES[place]!;

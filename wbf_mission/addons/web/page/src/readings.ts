@@ -12,15 +12,10 @@ const LARGE_PX = 6;
 const SMALLEST_PX = 1.4;
 
 /** Visible part of the frame: minimum x and y, maximum x and y. */
-function seen({ matrix: [a, b, c, d, e, f], width, height }: View): [number, number, number, number] {
-  const turn = a * d - b * c;
-  const corners = [
-    [0, 0],
-    [width, 0],
-    [0, height],
-    [width, height],
-  ].map(([left, top]) => [(d * (left! - e) - c * (top! - f)) / turn, (a * (top! - f) - b * (left! - e)) / turn]);
-  const [x, y] = [0, 1].map((k) => corners.map((corner) => corner[k]!)) as [number[], number[]];
+function seen({ matrix, width, height }: View): [number, number, number, number] {
+  const inverse = new DOMMatrix(matrix).inverse();
+  const corners = [{}, { x: width }, { y: height }, { x: width, y: height }].map((at) => inverse.transformPoint(at));
+  const [x, y] = [corners.map((corner) => corner.x), corners.map((corner) => corner.y)];
   return [Math.min(...x), Math.min(...y), Math.max(...x), Math.max(...y)];
 }
 
@@ -114,19 +109,17 @@ function dots(levels: Uint8Array, columns: number, rows: number, table: [number,
 
 function drawRings(context: Context, places: number[], radius: number): void {
   const [half, density] = [Math.ceil(radius + 3), 2];
-  const one = document.createElement("canvas");
-  one.width = one.height = 2 * half * density;
-  const pen = one.getContext("2d")!;
+  const ring = document.createElement("canvas");
+  ring.width = ring.height = 2 * half * density;
+  const pen = ring.getContext("2d")!;
   pen.scale(density, density);
   pen.arc(half, half, radius, 0, 2 * Math.PI);
-  for (const [colour, width] of [
-    ["#ffffff", 4],
-    [RING, 2],
-  ] as const) {
-    pen.strokeStyle = colour;
-    pen.lineWidth = width;
-    pen.stroke();
-  }
+  pen.strokeStyle = "#ffffff";
+  pen.lineWidth = 4;
+  pen.stroke();
+  pen.strokeStyle = RING;
+  pen.lineWidth = 2;
+  pen.stroke();
   for (let k = 0; k + 1 < places.length; k += 2)
-    context.drawImage(one, places[k]! - half, places[k + 1]! - half, 2 * half, 2 * half);
+    context.drawImage(ring, places[k]! - half, places[k + 1]! - half, 2 * half, 2 * half);
 }

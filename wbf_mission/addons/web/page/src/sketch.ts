@@ -35,6 +35,8 @@ export interface Sketch {
 /** Members that place the grid of cells, valid only for the original outlines. */
 const OF_GRID = ["origin", "size_cells"];
 const OWNER = "owner";
+/** Maximum number of corners checked here; the program checks longer borders. */
+const MOST_CHECKED = 1000;
 
 type Json = Record<string, unknown>;
 
@@ -93,26 +95,38 @@ export function changed(sketch: Sketch, change: Partial<Sketch>): Sketch {
 }
 
 export function withShape(sketch: Sketch, number: number, change: Partial<Shape>): Sketch {
-  const shapes = sketch.shapes.map((shape, k) => (k === number ? { ...shape, ...change } : shape));
-  return changed(sketch, { shapes });
+  return changed(sketch, { shapes: sketch.shapes.with(number, { ...sketch.shapes[number]!, ...change }) });
 }
 
 export function withRing(sketch: Sketch, number: number, ring: number, positions: Position[]): Sketch {
-  const rings = sketch.shapes[number]!.rings.map((one, k) => (k === ring ? positions : one));
-  return withShape(sketch, number, { rings });
+  return withShape(sketch, number, { rings: sketch.shapes[number]!.rings.with(ring, positions) });
+}
+
+/** Position of a new corner between a corner and the next one. */
+export function middleOf(ring: Position[], corner: number): Position {
+  const [[ax, ay], [bx, by]] = [ring[corner]!, ring[(corner + 1) % ring.length]!];
+  return [(ax + bx) / 2, (ay + by) / 2];
 }
 
 /** Remove a corner; a ring of two is removed: a hole alone, an outline with its whole shape. */
 export function withoutCorner(sketch: Sketch, number: number, ring: number, corner: number): Sketch {
   const shape = sketch.shapes[number]!;
-  const positions = shape.rings[ring]!.filter((_, k) => k !== corner);
+  const positions = shape.rings[ring]!.toSpliced(corner, 1);
   if (positions.length >= 3) return withRing(sketch, number, ring, positions);
-  if (ring > 0) return withShape(sketch, number, { rings: shape.rings.filter((_, k) => k !== ring) });
+  if (ring > 0) return withShape(sketch, number, { rings: shape.rings.toSpliced(ring, 1) });
   return withoutShape(sketch, number);
 }
 
+export function cropsOf(sketch: Sketch): string[] {
+  return [...new Set(sketch.shapes.filter(({ kind }) => kind === "field").map(({ crop }) => crop))];
+}
+
+export function cornersOf({ rings }: Shape): number {
+  return rings.reduce((sum, ring) => sum + ring.length, 0);
+}
+
 export function withoutShape(sketch: Sketch, number: number): Sketch {
-  return changed(sketch, { shapes: sketch.shapes.filter((_, k) => k !== number) });
+  return changed(sketch, { shapes: sketch.shapes.toSpliced(number, 1) });
 }
 
 /** First unused name. */
@@ -121,7 +135,7 @@ export function freeName(sketch: Sketch, what: string): string {
   for (let number = 1; ; number++) if (!taken.has(`${what} ${number}`)) return `${what} ${number}`;
 }
 
-export function isInside([x, y]: Position, ring: Position[]): boolean {
+function isInside([x, y]: Position, ring: Position[]): boolean {
   let inside = false;
   for (let k = 0, before = ring.length - 1; k < ring.length; before = k++) {
     const [[ax, ay], [bx, by]] = [ring[k]!, ring[before]!];
@@ -139,43 +153,74 @@ export function fieldAt(sketch: Sketch, place: Position): number | null {
   return found < 0 ? null : found;
 }
 
+/** Points where sides that are no neighbours cross or touch, and spikes; the last side closes a ring. */
+export function crossings(line: Position[], isClosed: boolean): Position[] {
+  const count = isClosed ? line.length : line.length - 1;
+  if (line.length > MOST_CHECKED) return [];
+  const found: Position[] = [];
+  const end = (k: number): Position => line[(k + 1) % line.length]!;
+  for (let i = 0; i < count; i++)
+    for (let j = i + 1; j < count; j++) {
+      const before = j === i + 1;
+      const around = isClosed && i === 0 && j === count - 1;
+      if (before || around) {
+        const [corner, one, other] = before ? [end(i), line[i]!, end(j)] : [line[0]!, end(0), line[j]!];
+        if (turn(corner, one, other) === 0 && along(corner, one, other) > 0) found.push(corner);
+        continue;
+      }
+      const place = meeting(line[i]!, end(i), line[j]!, end(j));
+      if (place) found.push(place);
+    }
+  return found;
+}
+
+const turn = (a: Position, b: Position, c: Position): number => Math.sign((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]));
+const along = (a: Position, b: Position, c: Position): number => (b[0] - a[0]) * (c[0] - a[0]) + (b[1] - a[1]) * (c[1] - a[1]);
+const within = (a: Position, b: Position, c: Position): boolean =>
+  Math.min(a[0], b[0]) <= c[0] && c[0] <= Math.max(a[0], b[0]) && Math.min(a[1], b[1]) <= c[1] && c[1] <= Math.max(a[1], b[1]);
+
+/** Point where two sides meet, or null. */
+function meeting(a: Position, b: Position, c: Position, d: Position): Position | null {
+  const [c1, d1, a1, b1] = [turn(a, b, c), turn(a, b, d), turn(c, d, a), turn(c, d, b)];
+  if (c1 * d1 < 0 && a1 * b1 < 0) {
+    const [ux, uy, vx, vy] = [b[0] - a[0], b[1] - a[1], d[0] - c[0], d[1] - c[1]];
+    const part = ((c[0] - a[0]) * vy - (c[1] - a[1]) * vx) / (ux * vy - uy * vx);
+    return [a[0] + part * ux, a[1] + part * uy];
+  }
+  if (c1 === 0 && within(a, b, c)) return c;
+  if (d1 === 0 && within(a, b, d)) return d;
+  if (a1 === 0 && within(c, d, a)) return a;
+  return b1 === 0 && within(c, d, b) ? b : null;
+}
+
 /** Sketches for undo and redo. */
 export class History {
-  private past: Sketch[] = [];
-  private future: Sketch[] = [];
+  private steps: Sketch[];
+  private at = 0;
 
-  constructor(public now: Sketch) {}
+  constructor(first: Sketch) {
+    this.steps = [first];
+  }
+
+  get now(): Sketch {
+    return this.steps[this.at]!;
+  }
 
   /** Drop all undo and redo steps. */
   forget(): void {
-    [this.past, this.future] = [[], []];
+    [this.steps, this.at] = [[this.now], 0];
   }
 
   push(sketch: Sketch): void {
-    if (sketch === this.now) return;
-    this.past.push(this.now);
-    [this.future, this.now] = [[], sketch];
+    if (sketch !== this.now) this.steps.splice(++this.at, Infinity, sketch);
   }
 
-  get canUndo(): boolean {
-    return this.past.length > 0;
+  /** Whether there is a step before (-1) or after (1) the present one. */
+  can(go: -1 | 1): boolean {
+    return this.at + go in this.steps;
   }
 
-  get canRedo(): boolean {
-    return this.future.length > 0;
-  }
-
-  undo(): void {
-    const before = this.past.pop();
-    if (!before) return;
-    this.future.push(this.now);
-    this.now = before;
-  }
-
-  redo(): void {
-    const after = this.future.pop();
-    if (!after) return;
-    this.past.push(this.now);
-    this.now = after;
+  travel(go: -1 | 1): void {
+    if (this.can(go)) this.at += go;
   }
 }

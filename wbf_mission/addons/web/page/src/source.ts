@@ -13,12 +13,14 @@ import type { Answer, Order, Recording, Update } from "./schema.js";
 import { inflate } from "./tiles.js";
 
 const LONGEST_WAIT_MS = 5000;
+/** Interval at which the age of the data is shown, as no data may arrive. */
+const LOOK_MS = 250;
 
 export interface Receiver {
   /** Start over: forget all data. */
   begin(runs: number): void;
   take(update: Update, run: number): void;
-  /** Called when the connection has changed (`Heart.link`). */
+  /** Called when the connection has changed, and again and again, as the age of the data changes (`Heart`). */
   linked(): void;
 }
 
@@ -45,7 +47,8 @@ export function open(receiver: Receiver, heart: Heart): Send | null {
 
 /** Receive only the program's heartbeat. */
 export function listen(heart: Heart, changed: () => void): void {
-  connect("beats", { begin: changed, take: changed, linked: changed }, heart);
+  const nothing = (): void => undefined;
+  connect("beats", { begin: nothing, take: nothing, linked: changed }, heart);
 }
 
 async function read(kept: HTMLElement): Promise<Recording[]> {
@@ -76,7 +79,8 @@ function connect(path: "live" | "beats", receiver: Receiver, heart: Heart): Send
       const update = JSON.parse(message.data) as Update;
       if (update.beat) heart.beat(update.beat);
       receiver.take(update, 0);
-      if (first) linked("live");
+      if (first) heart.link = "live";
+      if (first || update.beat) receiver.linked();
       first = false;
     };
     socket.onclose = () => {
@@ -86,6 +90,7 @@ function connect(path: "live" | "beats", receiver: Receiver, heart: Heart): Send
     };
   };
   linked("connecting");
+  setInterval(() => receiver.linked(), LOOK_MS);
   begin();
   return (wish) => {
     if (socket.readyState !== WebSocket.OPEN || !heart.isFresh) return null;

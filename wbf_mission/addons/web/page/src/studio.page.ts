@@ -3,12 +3,12 @@ import * as L from "leaflet";
 import { Answer } from "./answer.js";
 import { Choices } from "./choices.js";
 import { desk, keep, Refused, type Draft, type FarmAnswer, type Options, type Planned } from "./desk.js";
-import { button, element, setText } from "./dom.js";
-import { Heart, LOOK_MS } from "./heart.js";
+import { button, datalist, element, options, panel, setText } from "./dom.js";
+import { Heart } from "./heart.js";
 import { keepDraft, keptDraft } from "./kept.js";
 import { placeOf } from "./place.js";
-import { Editor, type EditorHost, type Tool } from "./editor.js";
-import { showTiles } from "./map.js";
+import { Editor, TOOLS, type Tool } from "./editor.js";
+import { CLOSEST, mapIn, showTiles } from "./map.js";
 import { Outline } from "./outline.js";
 import { documentOf, emptySketch, History, sketchOf, type Sketch } from "./sketch.js";
 import { listen } from "./source.js";
@@ -17,16 +17,13 @@ import { capital } from "./text.js";
 
 /** Delay of planning after a change, so that fast changes are planned together. */
 const WAIT_MS = 150;
-const CLOSEST = 27;
 /** Duration of planning from which the user may cancel it (s). */
 const LONG_S = 3;
-const TOOLS: [Tool, string][] = [
-  ["select", "Select"], ["field", "Field"], ["hole", "Hole"], ["pond", "Pond"], ["obstacle", "Obstacle"],
-  ["no-fly", "No-fly zone"], ["home", "Home"], ["rally", "Rally point"],
-];
+const MAP =
+  "Map of the farm; arrow keys move it, plus and minus zoom, with a tool the space bar sets a corner in its middle";
 const FILES = ".geojson,.json,.kml,.kmz,.shp,.zip,.gpkg,.gpx";
 
-class Studio implements EditorHost {
+export class Studio {
   selected: number | null = null;
   crop = "strawberry";
   private readonly history = new History(emptySketch("new farm"));
@@ -44,8 +41,8 @@ class Studio implements EditorHost {
   private readonly lost = element("p", { class: "lost", role: "alert" });
   private readonly heart = new Heart();
   private wasLost = false;
-  private readonly mend = button("Mend it", () => void this.mendDrawn(), { class: "mend", hidden: "" });
-  private readonly again = button("Plan here", () => void this.plan(), { hidden: "" });
+  private readonly mend = button("Mend it", () => void this.mendDrawn(), { class: "mend", hidden: true });
+  private readonly again = button("Plan here", () => void this.plan(), { hidden: true });
   /** Error and remedies of a file or farm that could not be opened; the open farm stays. */
   private readonly unopened = element("div", { class: "unopened", role: "alert" });
   /** Latest sketch that is saved in a file or was not drawn. */
@@ -54,57 +51,78 @@ class Studio implements EditorHost {
   private begun = false;
   private readonly results = element("section", { class: "results", "aria-label": "The plan" });
   private readonly tools = new Map<Tool, HTMLButtonElement>();
-  private readonly undoButton = button("Undo", () => this.travel("undo"), { title: "Ctrl+Z" });
-  private readonly redoButton = button("Redo", () => this.travel("redo"), { title: "Ctrl+Shift+Z" });
+  private readonly undoButton = button("Undo", () => this.travel(-1), { title: "Ctrl+Z" });
+  private readonly redoButton = button("Redo", () => this.travel(1), { title: "Ctrl+Shift+Z" });
   private readonly farms: HTMLSelectElement;
+  private readonly file = element("input", {
+    type: "file",
+    accept: FILES,
+    class: "hidden",
+    "aria-label": "Farm file",
+    tabindex: "-1",
+    onchange: (made) => {
+      const [chosen] = made.files ?? [];
+      made.value = "";
+      if (chosen) this.read(chosen);
+    },
+  });
   private timer = 0;
   private asking: AbortController | null = null;
-  private readonly giveUp = button("Give up", () => void desk.cancel(), { hidden: "", title: "End the planning" });
+  private readonly giveUp = button("Give up", () => void desk.cancel(), { hidden: true, title: "End the planning" });
 
-  constructor(private readonly root: HTMLElement, private readonly options: Options) {
-    const room = element("div", { class: "map", tabindex: "0", role: "application", "aria-label": "Map of the farm; arrow keys move it, plus and minus zoom, with a tool the space bar sets a corner in its middle" });
+  constructor(private readonly root: HTMLElement, private readonly given: Options) {
+    const room = element("div", { class: "map", tabindex: "0", role: "application", "aria-label": MAP });
     const stage = element("div", { class: "stage" }, room, this.hint);
-    this.results.append(this.unopened, this.problem, this.mend);
     this.saved = this.sketch;
-    this.choices = new Choices(options.options, options.parameters, { ...options.start.options }, () => this.planSoon());
-    this.takeaway = new Takeaway(() => this.draft, options);
-    this.outline = new Outline(this, options.crops);
-    this.farms = element("select", { id: "farms" }, element("option", { value: "", hidden: "" }, "drawn or opened here"), ...options.farms.map((name) => element("option", { value: name }, name)));
-    const file = this.filePicker();
-    const side = element("aside", { class: "side", "aria-label": "Farm, options and what to do with the plan" },
-      panel("Farm", this.farmLine(file), this.toolbar(), this.outline.element),
-      panel("Plan", this.choices.element),
-      panel("Take it along", this.takeaway.element));
+    this.choices = new Choices(given.options, given.parameters, { ...given.start.options }, () => this.planSoon());
+    this.takeaway = new Takeaway(() => this.draft, given);
+    this.outline = new Outline(this, given.crops);
+    this.farms = element(
+      "select",
+      { id: "farms", onchange: ({ value }) => void this.open(() => desk.farm(value), value) },
+      element("option", { value: "", hidden: true }, "drawn or opened here"),
+      ...options(given.farms.map((name) => [name, name])),
+    );
+    const side = element(
+      "aside",
+      { class: "side", "aria-label": "Farm, options and what to do with the plan" },
+      panel("Farm", { class: "panel" }, this.farmLine(), this.toolbar(), this.outline.element),
+      panel("Plan", { class: "panel" }, this.choices.element),
+      panel("Take it along", { class: "panel" }, this.takeaway.element),
+    );
     root.replaceChildren(
       element("header", { class: "top" }, this.title, this.undoButton, this.redoButton, this.giveUp, this.again, this.state),
       element("div", { class: "urgent" }, this.lost),
       element("main", { class: "middle" }, stage, this.results),
       side,
     );
-    this.map = L.map(room, { attributionControl: false, zoomControl: false, zoomSnap: 0.25, maxZoom: CLOSEST, wheelPxPerZoomLevel: 90 });
-    L.control.zoom({ position: "topright" }).addTo(this.map);
-    L.control.scale({ position: "bottomright", imperial: false }).addTo(this.map);
+    this.map = mapIn(room);
     this.map.setView([28.05, -82.15], 16, { animate: false });
-    if (options.background) showTiles(this.map, options.background);
+    if (given.background) showTiles(this.map, given.background);
     this.answer = new Answer(this.map);
-    this.results.append(this.answer.cards, this.answer.findings);
+    this.results.append(this.unopened, this.problem, this.mend, this.answer.cards, this.answer.findings);
     this.editor = new Editor(this.map, this);
     document.addEventListener("keydown", (event) => this.key(event));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.editor.show());
-    this.dropping();
+    root.addEventListener("dragover", (event) => event.preventDefault());
+    root.addEventListener("drop", (event) => {
+      event.preventDefault();
+      const chosen = event.dataTransfer?.files[0];
+      if (chosen) this.read(chosen);
+    });
     new ResizeObserver(() => this.map.invalidateSize({ animate: false })).observe(room);
     this.take("select");
     window.addEventListener("beforeunload", (event) => this.unsaved && event.preventDefault());
     window.addEventListener("pagehide", () => this.keep());
     listen(this.heart, () => this.look());
-    setInterval(() => this.look(), LOOK_MS);
     void this.begin();
   }
 
-  /** Show whether the program responds; called by a timer. */
+  /** Show whether the program responds. */
   private look(): void {
     const { isOld, isLost } = this.heart;
-    setText(this.lost, isOld ? `${this.heart.trouble}: it plans, saves and flies nothing. What is drawn stays in this browser. Trying again …` : "");
+    const rest = "it plans, saves and flies nothing. What is drawn stays in this browser. Trying again …";
+    setText(this.lost, isOld ? `${this.heart.trouble}: ${rest}` : "");
     this.root.classList.toggle("old", isOld);
     // Requests during the loss of the connection got no answer.
     if (this.wasLost && this.heart.isFresh) this.planSoon();
@@ -113,8 +131,8 @@ class Studio implements EditorHost {
 
   /** Open the initial farm, and restore an earlier drawing on top of it. */
   private async begin(): Promise<void> {
-    const kept = keptDraft(this.options.options);
-    await this.open(() => desk.farm(this.options.start.farm), this.options.start.farm);
+    const kept = keptDraft(this.given.options);
+    await this.open(() => desk.farm(this.given.start.farm), this.given.start.farm);
     this.history.forget();
     this.saved = this.sketch;
     this.begun = true;
@@ -130,7 +148,7 @@ class Studio implements EditorHost {
 
   /** Initial options of the program. */
   private get start(): string {
-    return JSON.stringify(this.options.start);
+    return JSON.stringify(this.given.start);
   }
 
   private get unsaved(): boolean {
@@ -144,12 +162,13 @@ class Studio implements EditorHost {
     this.keeps = kept;
   }
 
-  // --- Interface of the editor and the list of shapes ---
+  // --- For the editor and the list of shapes ---
 
   get sketch(): Sketch {
     return this.history.now;
   }
 
+  /** Take over a finished edit. */
   edit(sketch: Sketch, told: string): void {
     this.unopened.replaceChildren();
     this.history.push(sketch);
@@ -163,32 +182,48 @@ class Studio implements EditorHost {
     this.show();
   }
 
+  /** Show a hint. */
   tell(text: string): void {
     setText(this.hint, text);
   }
 
-  toolDone(): void {
-    this.take("select");
+  take(tool: Tool): void {
+    for (const [name, one] of this.tools) one.setAttribute("aria-pressed", String(name === tool));
+    if (tool !== "select") this.selected = null;
+    this.editor.take(tool);
+    this.show();
   }
 
   // --- The farm ---
 
-  private farmLine(file: HTMLInputElement): HTMLElement {
-    this.farms.addEventListener("change", () => void this.open(() => desk.farm(this.farms.value), this.farms.value));
-    const fresh = button("New farm", () => this.goOn(emptySketch("new farm"), true, ""), { title: "Begin with an empty map, here" });
-    const load = button("Open file …", () => file.click());
+  private farmLine(): HTMLElement {
+    const fresh = button("New farm", () => this.goOn(emptySketch("new farm"), true, ""), {
+      title: "Begin with an empty map, here",
+    });
+    const load = button("Open file …", () => this.file.click());
     const save = button("Save farm", () => {
       const text = JSON.stringify(documentOf(this.sketch), null, 1);
-      keep(`${this.sketch.name.replace(/[^\p{L}\p{N}-]+/gu, "-") || "farm"}.geojson`, new Blob([text], { type: "application/geo+json" }));
+      const name = this.sketch.name.replace(/[^\p{L}\p{N}-]+/gu, "-") || "farm";
+      keep(`${name}.geojson`, new Blob([text], { type: "application/geo+json" }));
       this.saved = this.sketch;
       this.keep();
     });
-    const place = element("input", { type: "text", id: "go-to", placeholder: "28.05, -82.15", autocomplete: "off" });
-    place.addEventListener("change", () => this.goTo(place.value));
-    return element("div", { class: "farm" },
-      element("label", { for: "farms", class: "hidden" }, "Farm"), this.farms,
-      element("div", { class: "line" }, fresh, load, save), file,
-      element("label", { for: "go-to", class: "crop" }, "Go to latitude, longitude", place));
+    const place = element("input", {
+      type: "text",
+      id: "go-to",
+      placeholder: "28.05, -82.15",
+      autocomplete: "off",
+      onchange: ({ value }) => this.goTo(value),
+    });
+    return element(
+      "div",
+      { class: "farm" },
+      element("label", { for: "farms", class: "hidden" }, "Farm"),
+      this.farms,
+      element("div", { class: "line" }, fresh, load, save),
+      this.file,
+      element("label", { for: "go-to", class: "crop" }, "Go to latitude, longitude", place),
+    );
   }
 
   private goTo(text: string): void {
@@ -197,25 +232,6 @@ class Studio implements EditorHost {
     if (typeof place === "string") return this.tell(place);
     this.map.setView([place.lat, place.lon], 17, { animate: false });
     this.tell(`${Number(place.lat.toFixed(7))}, ${Number(place.lon.toFixed(7))}`);
-  }
-
-  private filePicker(): HTMLInputElement {
-    const file = element("input", { type: "file", accept: FILES, class: "hidden", "aria-label": "Farm file", tabindex: "-1" });
-    file.addEventListener("change", () => {
-      const [chosen] = file.files ?? [];
-      file.value = "";
-      if (chosen) this.read(chosen);
-    });
-    return file;
-  }
-
-  private dropping(): void {
-    this.root.addEventListener("dragover", (event) => event.preventDefault());
-    this.root.addEventListener("drop", (event) => {
-      event.preventDefault();
-      const chosen = event.dataTransfer?.files[0];
-      if (chosen) this.read(chosen);
-    });
   }
 
   private read(file: File): void {
@@ -267,53 +283,53 @@ class Studio implements EditorHost {
     this.planSoon();
   }
 
-  private fit(): void {
-    const corners = this.sketch.shapes.flatMap(({ rings }) => rings[0]!.map(([lon, lat]) => L.latLng(lat, lon)));
-    if (corners.length) this.map.fitBounds(L.latLngBounds(corners), { padding: [30, 30], maxZoom: CLOSEST - 2, animate: false });
+  /** Corners of all outlines. */
+  private get corners(): L.LatLng[] {
+    return this.sketch.shapes.flatMap(({ rings }) => rings[0]!.map(([lon, lat]) => L.latLng(lat, lon)));
   }
 
-  private fitIfAway(): void {
-    const seen = this.map.getBounds();
-    const corners = this.sketch.shapes.flatMap(({ rings }) => rings[0]!);
-    if (!corners.some(([lon, lat]) => seen.contains([lat, lon]))) this.fit();
+  private fit(): void {
+    const bounds = L.latLngBounds(this.corners);
+    if (bounds.isValid()) this.map.fitBounds(bounds, { padding: [30, 30], maxZoom: CLOSEST - 2, animate: false });
   }
 
   private toolbar(): HTMLElement {
-    const bar = element("div", { class: "tools", role: "toolbar", "aria-label": "Draw" });
-    for (const [tool, label] of TOOLS) {
-      const one = button(label, () => this.take(tool), { "aria-pressed": "false" });
-      this.tools.set(tool, one);
-      bar.append(one);
-    }
-    const crop = element("input", { type: "text", id: "new-crop", list: "new-crops", maxlength: "40" });
-    crop.value = this.crop;
-    crop.addEventListener("change", () => (this.crop = crop.value.trim().toLowerCase() || this.crop));
-    const names = element("datalist", { id: "new-crops" }, ...this.options.crops.map((name) => element("option", { value: name })));
-    return element("div", {}, bar, element("label", { class: "crop", for: "new-crop" }, "Crop of new fields", crop), names);
+    for (const tool of Object.keys(TOOLS) as Tool[])
+      this.tools.set(tool, button(TOOLS[tool][0], () => this.take(tool), { "aria-pressed": "false" }));
+    const crop = element("input", {
+      type: "text",
+      id: "new-crop",
+      list: "new-crops",
+      maxlength: "40",
+      value: this.crop,
+      onchange: ({ value }) => (this.crop = value.trim().toLowerCase() || this.crop),
+    });
+    return element(
+      "div",
+      {},
+      element("div", { class: "tools", role: "toolbar", "aria-label": "Draw" }, ...this.tools.values()),
+      element("label", { class: "crop", for: "new-crop" }, "Crop of new fields", crop),
+      datalist("new-crops", this.given.crops),
+    );
   }
 
-  private take(tool: Tool): void {
-    for (const [name, one] of this.tools) one.setAttribute("aria-pressed", String(name === tool));
-    if (tool !== "select") this.selected = null;
-    this.editor.take(tool);
-    this.show();
-  }
-
-  private travel(way: "undo" | "redo"): void {
-    this.history[way]();
+  private travel(go: -1 | 1): void {
+    this.history.travel(go);
     if (this.selected !== null && this.selected >= this.sketch.shapes.length) this.selected = null;
-    this.tell(way === "undo" ? "Undone" : "Done again");
+    this.tell(go < 0 ? "Undone" : "Done again");
     this.unopened.replaceChildren();
     this.show();
-    this.fitIfAway();
+    const seen = this.map.getBounds();
+    if (!this.corners.some((corner) => seen.contains(corner))) this.fit();
     this.planSoon();
   }
 
   private key(event: KeyboardEvent): void {
     const typing = event.target instanceof HTMLInputElement && event.target.type !== "checkbox";
     if (typing) return;
-    if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z") this.travel(event.shiftKey ? "redo" : "undo");
-    else if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "y") this.travel("redo");
+    const letter = event.ctrlKey || event.metaKey ? event.key.toLowerCase() : "";
+    if (letter === "z") this.travel(event.shiftKey ? 1 : -1);
+    else if (letter === "y") this.travel(1);
     else return this.editor.key(event);
     event.preventDefault();
   }
@@ -321,10 +337,10 @@ class Studio implements EditorHost {
   private show(): void {
     this.editor.show();
     this.outline.show();
-    this.undoButton.disabled = !this.history.canUndo;
-    this.redoButton.disabled = !this.history.canRedo;
+    this.undoButton.disabled = !this.history.can(-1);
+    this.redoButton.disabled = !this.history.can(1);
     const { known } = this.sketch;
-    this.farms.value = known !== null && this.options.farms.includes(known) ? known : "";
+    this.farms.value = known !== null && this.given.farms.includes(known) ? known : "";
     setText(this.title, `Studio: ${this.sketch.name}`);
     document.title = `${this.sketch.name} · studio`;
   }
@@ -380,7 +396,8 @@ class Studio implements EditorHost {
     this.answer.show(planned);
     this.takeaway.show(planned);
     setText(this.state, `planned in ${(planned.plan_s + planned.check_s).toFixed(1)} s`);
-    this.state.dataset["state"] = planned.missions.some(({ findings }) => findings.some(({ severity }) => severity === "error")) ? "bad" : "good";
+    const findings = planned.missions.flatMap((mission) => mission.findings);
+    this.state.dataset["state"] = findings.some(({ severity }) => severity === "error") ? "bad" : "good";
   }
 
   private solved(): void {
@@ -400,10 +417,6 @@ class Studio implements EditorHost {
     setText(this.problem, capital(error.message));
     this.mend.hidden = error.remedy !== "repair";
   }
-}
-
-function panel(title: string, ...children: Node[]): HTMLElement {
-  return element("section", { class: "panel", "aria-label": title }, element("h2", {}, title), ...children);
 }
 
 const root = document.getElementById("studio")!;

@@ -1,35 +1,45 @@
 // Uses of a plan: files, upload to a vehicle, flight in the simulator.
 import { desk, keep, Refused, type Draft, type Options, type Planned } from "./desk.js";
-import { button, element, setText } from "./dom.js";
+import { ask, button, element, options, setText } from "./dom.js";
 import { capital } from "./text.js";
 
 const FOLLOW_MS = 500;
+const PACES: [string, string][] = [
+  ["1", "real time"], ["10", "10 times as fast"], ["60", "60 times as fast"], ["", "as fast as it goes"],
+];
+const CHECKED = "It is asked and checked before, and read back afterwards. Nothing starts.";
 const LINK = "udpin:127.0.0.1:14550";
 
 export class Takeaway {
   readonly element = element("div", { class: "takeaway" });
   private readonly mission = element("select", { "aria-label": "Which flight" });
   private readonly format: HTMLSelectElement;
-  private readonly pace = element("select", { id: "pace" });
+  private readonly pace = element("select", { id: "pace" }, ...options(PACES));
   private readonly told = element("p", { class: "told", role: "status" });
   private readonly buttons: HTMLButtonElement[];
-  private readonly watch = element("a", { class: "watch", href: "live", target: "wbf-mission-live", hidden: "" }, "Watch the flight");
-  private readonly stop = button("Stop", () => void this.act("", async () => ((await desk.stop()).stopped ? "The flight is being stopped …" : "Nothing flies")), { hidden: "" });
-  private readonly flyButton = button("Fly it in the simulator", () => void this.act("Preparing the flight …", () => this.fly()), { class: "main" });
+  private readonly watch = element(
+    "a",
+    { class: "watch", href: "live", target: "wbf-mission-live", hidden: true },
+    "Watch the flight",
+  );
+  private readonly stop = button("Stop", () => void this.act("", () => this.end()), { hidden: true });
+  private readonly flyButton = button(
+    "Fly it in the simulator",
+    () => void this.act("Preparing the flight …", () => this.fly()),
+    { class: "main", "aria-describedby": "how-flown" },
+  );
   private readonly how = element("p", { class: "how", id: "how-flown" });
   private planned: Planned | null = null;
   private following = 0;
   private followed = "";
 
   constructor(private readonly draft: () => Draft, { formats }: Options) {
-    this.format = element("select", { "aria-label": "Format of the file" }, ...formats.map(({ name, suffix }) => element("option", { value: suffix }, `${name} (${suffix})`)));
-    for (const [value, label] of [["1", "real time"], ["10", "10 times as fast"], ["60", "60 times as fast"], ["", "as fast as it goes"]])
-      this.pace.append(element("option", { value: value! }, label!));
+    const suffixes = formats.map(({ name, suffix }): [string, string] => [suffix, `${name} (${suffix})`]);
+    this.format = element("select", { "aria-label": "Format of the file" }, ...options(suffixes));
     this.pace.value = "10";
     const save = button("Save file", () => void this.act("", () => this.save()));
     const upload = button("Upload to a vehicle …", () => this.askUpload());
     this.buttons = [save, upload];
-    this.flyButton.setAttribute("aria-describedby", this.how.id);
     this.element.append(
       element("div", { class: "line" }, this.mission, this.format, save),
       element("div", { class: "line" }, upload),
@@ -43,9 +53,10 @@ export class Takeaway {
   show(planned: Planned | null): void {
     this.planned = planned;
     const chosen = this.mission.value;
-    this.mission.replaceChildren(...(planned?.missions ?? []).map(({ name }, k) => element("option", { value: String(k) }, capital(name) || "Mission")));
-    if (Number(chosen) < (planned?.missions.length ?? 0)) this.mission.value = chosen;
-    this.mission.hidden = (planned?.missions.length ?? 0) < 2;
+    const missions = planned?.missions ?? [];
+    this.mission.replaceChildren(...options(missions.map(({ name }, k) => [String(k), capital(name) || "Mission"])));
+    if (Number(chosen) < missions.length) this.mission.value = chosen;
+    this.mission.hidden = missions.length < 2;
     for (const one of this.buttons) one.disabled = planned === null;
     this.flyButton.disabled = planned === null || planned.not_flown !== "";
     setText(this.how, capital(planned?.not_flown || planned?.flown_note || ""));
@@ -86,6 +97,10 @@ export class Takeaway {
     return "Preparing the flight …";
   }
 
+  private async end(): Promise<string> {
+    return (await desk.stop()).stopped ? "The flight is being stopped …" : "Nothing flies";
+  }
+
   /** Show the state of the flight. */
   private async follow(): Promise<void> {
     let told: string;
@@ -113,34 +128,27 @@ export class Takeaway {
     if (!mission) return;
     // Clear the message of the previous action.
     this.say("");
-    const link = element("input", { type: "text", required: "", autocomplete: "off" });
-    link.value = LINK;
+    const link = element("input", { type: "text", required: true, autocomplete: "off", value: LINK });
     const system = element("input", { type: "number", min: "1", max: "255", placeholder: "the first one heard" });
-    const sure = element("input", { type: "checkbox", required: "" });
-    const items = mission.plan.items.length;
-    const title = element("h2", { id: "upload-title" }, "Upload to a vehicle");
-    const form = element("form", { method: "dialog" }, title,
-      element("p", {}, `${items} mission items${mission.plan.fence.length ? " and the fence" : ""} replace what the vehicle holds. It is asked and checked before, and read back afterwards. Nothing starts.`),
+    const sure = element("input", { type: "checkbox", required: true });
+    const held = `${mission.plan.items.length} mission items${mission.plan.fence.length ? " and the fence" : ""}`;
+    const parts = [
+      element("p", {}, `${held} replace what the vehicle holds. ${CHECKED}`),
       element("label", {}, "Link (udpin:, udpout:, tcp:, tcpin: or serial:)", link),
       element("label", {}, "System id", system),
-      element("label", { class: "check" }, sure, "Replace the vehicle's mission"));
-    const cancel = button("Cancel", () => dialog.close());
-    const send = element("button", { type: "submit", class: "starts", value: "sent" }, "Upload");
-    form.append(element("div", { class: "orders" }, cancel, send));
-    const dialog = element("dialog", { "aria-labelledby": "upload-title" }, form);
-    form.addEventListener("submit", () => void this.act("Waiting for the vehicle …", () => this.upload(link.value.trim(), system.value)));
-    dialog.addEventListener("close", () => {
-      dialog.remove();
-      if (!dialog.returnValue) this.say("Nothing was uploaded");
-    });
-    document.body.append(dialog);
-    dialog.showModal();
+      element("label", { class: "check" }, sure, "Replace the vehicle's mission"),
+    ];
+    const upload = (): Promise<string> => this.upload(link.value.trim(), system.value);
+    const send = (): void => void this.act("Waiting for the vehicle …", upload);
+    ask("Upload to a vehicle", parts, "Upload", send, () => this.say("Nothing was uploaded"));
   }
 
   private async upload(link: string, system_id: string): Promise<string> {
     const report = await desk.upload(this.draft(), this.number, link, system_id);
     const counts = Object.entries(report.items).map(([name, count]) => `${name} ${count}`).join(", ");
-    const rejected = report.accepted === false ? ` The vehicle holds it but would not fly it: ${report.texts.at(-1) ?? "it says no reason"}.` : "";
-    return `Uploaded to ${report.vehicle} (${counts} items) and read back: ${report.verified ? "equal" : "not equal"}.${rejected}`;
+    const reason = report.texts.at(-1) ?? "it says no reason";
+    const rejected = report.accepted === false ? ` The vehicle holds it but would not fly it: ${reason}.` : "";
+    const equal = report.verified ? "equal" : "not equal";
+    return `Uploaded to ${report.vehicle} (${counts} items) and read back: ${equal}.${rejected}`;
   }
 }

@@ -1,5 +1,6 @@
 // Layer values: received tiles with earlier versions, and pictures of them at a time.
 import { colourAt, ramp } from "./colours.js";
+import { figure } from "./text.js";
 import type { FieldInfo, LayerName, Raster, Tile } from "./schema.js";
 
 /** Total characters of tiles from which earlier versions are thinned out. */
@@ -7,9 +8,8 @@ const MOST_KEPT = 48e6;
 const NOTHING = 255;
 const TOP = 254;
 
-interface Version {
+interface Version extends Tile {
   time_s: number;
-  data: string;
   scale: number;
 }
 
@@ -20,49 +20,44 @@ export async function inflate(base64: string): Promise<Uint8Array<ArrayBuffer>> 
 }
 
 export class Tiles {
-  private readonly layers = new Map<LayerName, Map<string, Version[]>>();
+  /** Versions by layer and place, in order of time. */
+  private readonly layers: Record<LayerName, Record<string, Version[]>> = {};
   private kept = 0;
 
   add(tiles: Tile[], time_s: number, scales: Record<LayerName, number>): void {
-    for (const { layer, x, y, data } of tiles) {
-      const places = this.layers.get(layer) ?? new Map<string, Version[]>();
-      this.layers.set(layer, places);
-      const versions = places.get(`${x},${y}`) ?? [];
-      places.set(`${x},${y}`, versions);
-      versions.push({ time_s, data, scale: scales[layer] ?? 1 });
-      this.kept += data.length;
+    for (const tile of tiles) {
+      const places = (this.layers[tile.layer] ??= {});
+      const versions = (places[`${tile.x},${tile.y}`] ??= []);
+      versions.push({ ...tile, time_s, scale: scales[tile.layer] ?? 1 });
+      this.kept += tile.data.length;
     }
     if (this.kept > MOST_KEPT) this.thin();
   }
 
   has(layer: LayerName): boolean {
-    return this.layers.has(layer);
+    return layer in this.layers;
   }
 
   /** Each tile of a layer at a time, or its first version if that is later. */
-  at(layer: LayerName, time_s: number): Map<string, Version> {
-    const shown = new Map<string, Version>();
-    for (const [place, versions] of this.layers.get(layer) ?? []) {
-      let [low, high] = [0, versions.length - 1];
-      while (low < high) {
-        const middle = (low + high + 1) >> 1;
-        if (versions[middle]!.time_s <= time_s) low = middle;
-        else high = middle - 1;
-      }
-      shown.set(place, versions[low]!);
-    }
-    return shown;
+  at(layer: LayerName, time_s: number): Version[] {
+    const places = Object.values(this.layers[layer] ?? {});
+    return places.map((versions) => versions.findLast((one) => one.time_s <= time_s) ?? versions[0]!);
   }
 
   private thin(): void {
     this.kept = 0;
-    for (const places of this.layers.values())
-      for (const [place, versions] of places) {
+    for (const places of Object.values(this.layers))
+      for (const [place, versions] of Object.entries(places)) {
         const left = versions.filter((_, k) => k % 2 === 0 || k === versions.length - 1);
-        places.set(place, left);
+        places[place] = left;
         for (const { data } of left) this.kept += data.length;
       }
   }
+}
+
+/** Name of a kind of layer, in words. */
+export function kindName(kind: string): string {
+  return kind === "value" ? "estimate" : kind;
 }
 
 /** A layer as a picture with the raster's pixels, row 0 at the frame's origin. */
@@ -70,7 +65,7 @@ export class Picture {
   readonly canvas = document.createElement("canvas");
   scale = 0;
   private readonly values: Float32Array;
-  private readonly shown = new Map<string, Version>();
+  private shown = new Set<Version>();
   private readonly colours: string[];
   private table = new Uint8ClampedArray(0);
   private wanted: number | null = null;
@@ -79,7 +74,7 @@ export class Picture {
   constructor(
     readonly layer: LayerName,
     readonly raster: Raster,
-    field: FieldInfo | undefined,
+    readonly field: FieldInfo | undefined,
     readonly tiles: Tiles,
     private readonly changed: () => void,
   ) {
@@ -89,10 +84,25 @@ export class Picture {
     this.colours = ramp(layer, field);
   }
 
-  /** Value at a pixel of the raster; NaN without one. */
-  valueAt(x: number, y: number): number {
-    const inside = x >= 0 && y >= 0 && x < this.raster.width && y < this.raster.height;
-    return inside ? (this.values[y * this.raster.width + x] ?? NaN) : NaN;
+  get title(): string {
+    return this.field ? `${this.field.title}, ${kindName(this.layer.split("/")[0]!)}` : "Acquisition";
+  }
+
+  /** Value in the field's unit, with the digits of a hundredth of its range. */
+  figure(value: number): string {
+    if (!this.field) return figure(value);
+    const [low, high] = this.field.range;
+    const span = high - low;
+    const digits = Math.min(6, Math.max(0, Math.ceil(2 - Math.log10(span))));
+    return this.layer.startsWith("uncertainty/") ? figure(value * span) : (low + value * span).toFixed(digits);
+  }
+
+  /** Value at a place (m); NaN without one. */
+  valueAt(x_m: number, y_m: number): number {
+    const { width, height, pixel_m } = this.raster;
+    const [x, y] = [Math.floor(x_m / pixel_m), Math.floor(y_m / pixel_m)];
+    const inside = x >= 0 && y >= 0 && x < width && y < height;
+    return inside ? this.values[y * width + x]! : NaN;
   }
 
   /** Show the layer at a time; only changed tiles are decoded. */
@@ -103,17 +113,14 @@ export class Picture {
     while (this.wanted !== null) {
       const at = this.tiles.at(this.layer, this.wanted);
       this.wanted = null;
-      const fresh = [...at].filter(([place, version]) => this.shown.get(place) !== version);
-      const decoded = await Promise.all(fresh.map(([, version]) => inflate(version.data)));
-      const scale = Math.max(...[...at.values()].map((version) => version.scale), 1e-9);
+      const fresh = at.filter((version) => !this.shown.has(version));
+      const decoded = await Promise.all(fresh.map(({ data }) => inflate(data)));
+      fresh.forEach((version, k) => this.keep(version, decoded[k]!));
+      this.shown = new Set(at);
+      const scale = Math.max(...at.map((version) => version.scale), 1e-9);
       const all = scale !== this.scale;
       if (all) this.setScale(scale);
-      fresh.forEach(([place, version], k) => {
-        this.shown.set(place, version);
-        this.keep(place, decoded[k]!, version.scale);
-        if (!all) this.paint(place);
-      });
-      if (all) for (const place of this.shown.keys()) this.paint(place);
+      for (const version of all ? at : fresh) this.paint(version);
       if (all || fresh.length) this.changed();
     }
     this.busy = false;
@@ -126,24 +133,23 @@ export class Picture {
   }
 
   /** First column and row of a tile, and its numbers of columns and rows. */
-  private box(place: string): [number, number, number, number] {
+  private box({ x, y }: Tile): [number, number, number, number] {
     const { tile, width, height } = this.raster;
-    const [x, y] = place.split(",").map((part) => Number(part) * tile) as [number, number];
-    return [x, y, Math.min(tile, width - x), Math.min(tile, height - y)];
+    return [x * tile, y * tile, Math.min(tile, width - x * tile), Math.min(tile, height - y * tile)];
   }
 
-  private keep(place: string, bytes: Uint8Array, scale: number): void {
-    const [left, bottom, columns, rows] = this.box(place);
+  private keep(version: Version, bytes: Uint8Array): void {
+    const [left, bottom, columns, rows] = this.box(version);
     for (let row = 0; row < rows; row++)
       for (let column = 0; column < columns; column++) {
         const byte = bytes[row * columns + column] ?? NOTHING;
-        const value = byte === NOTHING ? NaN : (byte / TOP) * scale;
+        const value = byte === NOTHING ? NaN : (byte / TOP) * version.scale;
         this.values[(bottom + row) * this.raster.width + left + column] = value;
       }
   }
 
-  private paint(place: string): void {
-    const [left, bottom, columns, rows] = this.box(place);
+  private paint(tile: Tile): void {
+    const [left, bottom, columns, rows] = this.box(tile);
     const image = new ImageData(columns, rows);
     for (let row = 0; row < rows; row++)
       for (let column = 0; column < columns; column++) {

@@ -1,5 +1,5 @@
 // Displayed time: the present or an earlier time, with a slider and playback.
-import { button, element, setText } from "./dom.js";
+import { button, element, options, setText } from "./dom.js";
 import { clock } from "./text.js";
 
 const SPEEDS = [1, 2, 5, 10, 30, 100, 300];
@@ -21,19 +21,21 @@ export class Time {
   private readonly play = button("", () => this.toggle(), { class: "play", "aria-label": "Play" });
   private readonly now = button("Latest", () => this.follow(), { class: "now" });
   private readonly text = element("output", { class: "clock" });
-  private readonly speeds = element("select", { "aria-label": "Speed of playing" });
+  private readonly speeds = element(
+    "select",
+    { "aria-label": "Speed of playing", onchange: ({ value }) => (this.speed = Number(value)) },
+    ...options(SPEEDS.map((speed) => [String(speed), `${speed}×`])),
+  );
 
   constructor(
     private readonly live: boolean,
     private readonly changed: () => void,
   ) {
     this.follows = live;
-    for (const speed of SPEEDS) this.speeds.append(element("option", { value: String(speed) }, `${speed}×`));
-    this.speeds.addEventListener("change", () => (this.speed = Number(this.speeds.value)));
     this.slider.addEventListener("input", () => this.seek(Number(this.slider.value)));
     this.slider.addEventListener("keydown", (event) => this.step(event));
-    this.element = element("div", { class: "time", role: "group", "aria-label": "Time" });
-    this.element.append(this.play, this.slider, this.text, this.speeds, ...(live ? [this.now] : []));
+    const parts = [this.play, this.slider, this.text, this.speeds, live ? this.now : null];
+    this.element = element("div", { class: "time", role: "group", "aria-label": "Time" }, ...parts);
     document.addEventListener("keydown", (event) => {
       const taken = (event.target as Element).closest(
         "input, select, button, textarea, summary, dialog, [role=button]",

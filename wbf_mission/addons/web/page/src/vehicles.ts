@@ -1,17 +1,18 @@
 // Card of each vehicle, with its most important values.
 import { vehicleColour } from "./colours.js";
-import { element, setText } from "./dom.js";
+import { button, element, setText } from "./dom.js";
 import { TOLD_S } from "./heart.js";
-import type { Model, Moment } from "./model.js";
-import type { VehicleInfo } from "./schema.js";
-import { clock, fixed, metres, percent } from "./text.js";
+import type { Model } from "./model.js";
+import type { Plan, VehicleInfo } from "./schema.js";
+import { capital, clock, fixed, metres, percent } from "./text.js";
 
 const LOW_BATTERY = 0.25;
 const POOR_LINK = 0.8;
 /** Maximum number of vehicles with open cards; above it, only the selected one's is open. */
 const FEW = 2;
 
-type Figures = Record<"height" | "speed" | "heading" | "item" | "link" | "heard" | "flight" | "plan", HTMLElement>;
+const FIGURES = ["height", "speed", "heading", "item", "link", "heard", "flight", "plan"] as const;
+type Figures<Value> = Record<(typeof FIGURES)[number], Value>;
 
 class Card {
   readonly element: HTMLElement;
@@ -21,44 +22,32 @@ class Card {
   private readonly battery = element("span", { class: "battery" });
   private readonly bar = element("span", { class: "bar", "aria-hidden": "true" });
   private readonly doing = element("p", { class: "doing" });
-  private readonly figures: Figures;
+  private readonly head: HTMLElement;
+  private readonly figures = Object.fromEntries(FIGURES.map((name) => [name, element("dd")])) as Figures<HTMLElement>;
 
   constructor(
-    private readonly model: Model,
+    readonly model: Model,
     readonly info: VehicleInfo,
     number: number,
     chosen: () => void,
   ) {
     const dot = element("span", { class: "dot", "aria-hidden": "true" });
     dot.style.setProperty("--vehicle", vehicleColour(number));
-    const names = {
-      height: "Height",
-      speed: "Speed",
-      heading: "Heading",
-      item: "Item",
-      link: "Link",
-      heard: "Heard",
-      flight: "Flight",
-      plan: "Plan",
-    };
-    const list = element("dl");
-    this.figures = Object.fromEntries(
-      Object.entries(names).map(([name, label]) => {
-        const value = element("dd");
-        list.append(element("div", { class: name }, element("dt", {}, label), value));
-        return [name, value];
-      }),
-    ) as Figures;
-    const head = element("button", { type: "button", class: "head", "aria-pressed": "false" });
-    head.append(dot, this.name, this.mode, this.battery, this.bar, this.phase);
-    head.addEventListener("click", chosen);
-    this.element = element("li", { class: "card" }, head, element("div", { class: "body" }, this.doing, list));
+    this.head = button("", chosen, { class: "head", "aria-pressed": "false" });
+    this.head.append(dot, this.name, this.mode, this.battery, this.bar, this.phase);
+    const list = FIGURES.map((name) =>
+      element("div", { class: name }, element("dt", {}, capital(name)), this.figures[name]),
+    );
+    const body = element("div", { class: "body" }, this.doing, element("dl", {}, ...list));
+    this.element = element("li", { class: "card" }, this.head, body);
   }
 
-  show(moment: Moment | null, time_s: number, selected: boolean): void {
-    setText(this.name, this.model.nameOf(this.info.system_id));
+  show(time_s: number, selected: boolean): void {
+    const { system_id } = this.info;
+    const moment = this.model.vehicleAt(system_id, time_s);
+    setText(this.name, this.model.nameOf(system_id));
     this.element.classList.toggle("selected", selected);
-    this.element.firstElementChild!.setAttribute("aria-pressed", String(selected));
+    this.head.setAttribute("aria-pressed", String(selected));
     this.element.classList.toggle("silent", !!moment?.silent);
     this.element.classList.toggle("low", (moment?.battery ?? 1) < LOW_BATTERY);
     if (!moment) {
@@ -70,29 +59,34 @@ class Card {
     setText(this.mode, moment.mode && `${moment.mode} · ${moment.armed ? "armed" : "disarmed"}`);
     setText(this.battery, moment.battery === null ? "" : percent(moment.battery));
     this.bar.style.setProperty("--part", `${100 * (moment.battery ?? 0)}%`);
-    const plan = this.model.planAt(this.info.system_id, time_s);
+    const plan = this.model.planAt(system_id, time_s);
     const { item, items } = moment;
     setText(this.doing, item === null ? "" : (plan?.items[item] ?? ""));
-    const { height, speed, heading, item: at, link, heard, flight, plan: planned } = this.figures;
-    setText(height, moment.height_m === null ? "–" : `${fixed(moment.height_m, 1)} m`);
-    setText(speed, moment.speed_m_s === null ? "–" : `${moment.speed_m_s.toFixed(1)} m/s`);
-    setText(heading, moment.heading_deg === null ? "–" : `${Math.round(moment.heading_deg)}°`);
-    setText(at, item === null ? "–" : `${item + 1}${items === null ? "" : ` of ${items}`}`);
-    setText(link, percent(moment.link));
-    link.classList.toggle("bad", (moment.link ?? 1) < POOR_LINK);
     const ago = `${Math.round(moment.silent_s)} s`;
-    if (moment.present) setText(heard, moment.silent_s < TOLD_S ? "now" : `${ago} ago`);
-    else setText(heard, moment.silent_s < TOLD_S ? "–" : `${ago} before`);
-    setText(flight, `${moment.day ? `day ${moment.day}, ` : ""}no. ${moment.flight}`);
-    const parts =
-      plan &&
-      [
-        plan.length_m !== null && metres(plan.length_m),
-        plan.duration_s !== null && clock(plan.duration_s),
-        plan.coverage !== null && `sees ${percent(plan.coverage)}`,
-      ].filter(Boolean);
-    setText(planned, parts?.join(", ") || "–");
+    const known = (value: number | null, words: (value: number) => string): string =>
+      value === null ? "–" : words(value);
+    const told: Figures<string> = {
+      height: known(moment.height_m, (height_m) => `${fixed(height_m, 1)} m`),
+      speed: known(moment.speed_m_s, (speed_m_s) => `${speed_m_s.toFixed(1)} m/s`),
+      heading: known(moment.heading_deg, (heading_deg) => `${Math.round(heading_deg)}°`),
+      item: known(item, (number) => `${number + 1}${items === null ? "" : ` of ${items}`}`),
+      link: percent(moment.link),
+      heard: moment.silent_s < TOLD_S ? (moment.present ? "now" : "–") : `${ago} ${moment.present ? "ago" : "before"}`,
+      flight: `${moment.day ? `day ${moment.day}, ` : ""}no. ${moment.flight}`,
+      plan: plan ? planned(plan) : "–",
+    };
+    for (const name of FIGURES) setText(this.figures[name], told[name]);
+    this.figures.link.classList.toggle("bad", (moment.link ?? 1) < POOR_LINK);
   }
+}
+
+function planned({ length_m, duration_s, coverage }: Plan): string {
+  const parts = [
+    length_m !== null && metres(length_m),
+    duration_s !== null && clock(duration_s),
+    coverage !== null && `sees ${percent(coverage)}`,
+  ];
+  return parts.filter(Boolean).join(", ") || "–";
 }
 
 export class Vehicles {
@@ -118,18 +112,16 @@ export class Vehicles {
 
   show(time_s: number): void {
     const all = this.models.flatMap((model) => (model.run?.vehicles ?? []).map((info, k) => ({ model, info, k })));
-    if (
-      all.length !== this.cards.length ||
-      all.some(({ info }, k) => this.cards[k]!.info.system_id !== info.system_id)
-    ) {
+    const ids = (vehicles: { info: VehicleInfo }[]): string => vehicles.map(({ info }) => info.system_id).join();
+    if (ids(all) !== ids(this.cards)) {
       this.cards = all.map(({ model, info, k }) => new Card(model, info, k, () => this.select(model, info.system_id)));
       this.element.replaceChildren(...this.cards.map((card) => card.element));
       this.element.classList.toggle("many", all.length > FEW);
     }
-    all.forEach(({ model, info }, k) => {
-      const selected = this.selected?.model === model && this.selected.system_id === info.system_id;
-      this.cards[k]!.show(model.vehicleAt(info.system_id, time_s), time_s, selected);
-    });
+    for (const card of this.cards) {
+      const { model, system_id } = this.selected ?? {};
+      card.show(time_s, card.model === model && card.info.system_id === system_id);
+    }
     if (!all.length && !this.element.firstChild)
       this.element.append(element("li", { class: "empty" }, "No vehicle has been heard yet."));
   }

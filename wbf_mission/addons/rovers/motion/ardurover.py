@@ -11,9 +11,6 @@ from __future__ import annotations
 from enum import IntEnum
 from math import atan2, cos, inf, pi, radians, sin, sqrt
 
-import numpy as np
-from numpy.typing import NDArray
-
 from geo.compiled import compiled
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.arducopter import control as at
@@ -22,7 +19,7 @@ from sim_vehicle.motion.arducopter.guidance import end_of, lead_legs, make, take
 from sim_vehicle.motion.arducopter.kernel import Own, chain
 from sim_vehicle.motion.arducopter.scurve import TIME, change_speed
 from sim_vehicle.motion.columns import Record, record_type
-from sim_vehicle.motion.multirotor.kernel import Vector
+from sim_vehicle.motion.multirotor.kernel import Floats, Integers, Vector
 from sim_vehicle.motion.stepping import kernel_of, take_velocity
 from wbf_mission.addons.rovers.motion.kernel import PATIENCE_S, SLOW_SHARE, rover_power
 from wbf_mission.addons.rovers.motion.layout import STOPPED
@@ -57,9 +54,6 @@ DriveLaw = IntEnum(
     start=len(Law),
 )
 GUIDE, LAW = record_type(Guide, Drive), record_type(Law, DriveLaw)
-Floats = NDArray[np.float64]
-Position = tuple[float, float, float]
-Integers = NDArray[np.int64]
 
 AT_ONCE = -1
 """Kind of a leg without effect on the ground."""

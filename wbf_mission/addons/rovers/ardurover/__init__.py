@@ -1,1 +1,0 @@
-"""Ground vehicles under ArduPilot's Rover."""

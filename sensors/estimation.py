@@ -105,7 +105,7 @@ class RunEstimate:
         self._waiting: deque[Future[Any]] = deque()
 
     def add(self, parts: Sequence[Observations], offset_s: float = 0.0) -> None:
-        """Add observations, which are learned once all up to the next scored time have arrived."""
+        """Add observations; they are learned once all those up to the next scored time have arrived."""
         while self._waiting and self._waiting[0].done():
             self._waiting.popleft().result()
         for part in parts:

@@ -198,8 +198,8 @@ class Environment:
     def status(self, disease: str, day: int) -> NDArray[np.int8]:
         """Return the SIRV status on a kept day, int8[W, H], a new array.
 
-        0 is susceptible, k > 0 infected with k days remaining, -1 removed, -2 immune. EnvironmentDataError if
-        the disease is unknown or the day is not kept.
+        0 is susceptible, k > 0 infected with k days remaining, -1 removed, -2 immune. Raises
+        EnvironmentDataError if the disease is unknown or the day is not kept.
         """
         layer = self._onset_of(disease)
         self._check_day(day)

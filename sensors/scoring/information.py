@@ -225,8 +225,8 @@ class InformationModel:
 
         The loss is the squared error times the cost of estimates that are too healthy or too sick, without
         the weights of the fields. Cells that are not scored have an expected loss too. The mean over a
-        field's mask is the expected loss of that field. The loss is valid as long as `value`. EstimatorError
-        if the array has another shape or type, or the estimator has learned further observations.
+        field's mask is the expected loss of that field. The loss is valid for as long as `value` is. Raises
+        EstimatorError if the array has another shape or type, or the estimator has learned more observations.
         """
         if callable(self.loss_map):
             loss: NDArray[np.float32] = self.loss_map()

@@ -73,7 +73,7 @@ class VehicleKind:
     """
 
     name: str
-    """Name in vehicle files and autopilots, and name of the entry point."""
+    """Name of the entry point; also used in vehicle files and by autopilots."""
     movement: Movement
     base: str
     """Name of the vehicle that supplies values missing from a vehicle file of this kind."""

@@ -101,7 +101,7 @@ class Autopilot:
     """An autopilot, registered by name in the entry point group ``wbf_mission.autopilots``."""
 
     name: str
-    """Name on the command line, in scenarios and in vehicle files, and name of the entry point."""
+    """Name of the entry point; also used on the command line, in scenarios and in vehicle files."""
     title: str
     """Name for messages and reports."""
     firmwares: Mapping[str, Firmware]

@@ -179,7 +179,7 @@ class FixedWingBounds:
     """Cruise airspeed."""
     bank_limit: float
     landing_slope: float
-    """Descent over path length of an approach."""
+    """Slope of an approach: descent divided by path length."""
     loiter_radius: float
     """Default radius of circles; positive for clockwise."""
 

@@ -128,7 +128,7 @@ class Server(Closing):
             raise VehicleError(f"server: speed {speed} is not positive; 1 is real time")
         addresses = [(c.system_id, c.component_id) for c in components]
         if len(set(addresses)) < len(addresses):
-            msg = f"server: two components have the same address in {addresses}; give each a different address"
+            msg = f"server: two components share an address in {addresses}; give each a different address"
             raise VehicleError(msg)
         self.now_s = 0.0
         self.frames = 0

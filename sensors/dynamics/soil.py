@@ -84,7 +84,7 @@ class SoilParameters(ContinuousDynamics):
             raise EnvironmentDataError(f"soil: spread {self.spread} is not a positive number")
 
     def hump_sides(self, shape: tuple[int, int]) -> tuple[int, int]:
-        """Return the sides of a hump on a farm of this shape, cells."""
+        """Return the side lengths of a hump on a farm of this shape (cells)."""
         return (min(shape), min(shape)) if self.square_humps else shape
 
     def course(self, shape: tuple[int, int], last_day: int, rng: Generator) -> SoilCourse:

@@ -9,8 +9,8 @@ is a TOML file with a table for each changed field::
     seeds = { one_of = [1, 6, 12] }         # one of these values, with equal probabilities
     kernel_shape = "exponential"            # this value
 
-A drawn value uses the random stream ``"world", field, parameter`` of the run's seed. A further drawn value
-changes neither the other values nor other draws of the environment.
+A drawn value uses the random stream ``"world", field, parameter`` of the run's seed, so drawing one
+more value changes neither the other values nor other draws of the environment.
 
 >>> world_names()
 ('wrong-kernel', 'wrong-rates', 'wrong-seeds', 'wrong-soil')

@@ -283,7 +283,7 @@ class MissionSequencer:
         """
         self.flight.ready("go around")
         able = self.lands and self.flight.landed is not LandedState.ON_GROUND
-        require(able, "cannot go around: no landing of the mission is flown")
+        require(able, "cannot go around: the vehicle is not flying a landing of the mission")
         leg = climb_leg(
             self.items, self.current_seq, self._motion.position_m, self.settings.speed_m_s, height_m
         )

@@ -1,6 +1,6 @@
 """Parameters of the vehicle in the parameter protocol.
 
-The table holds all parameters of the autopilot, by its own names and units. Parameters with an effect act on
+The table holds all parameters of the autopilot, with the autopilot's names and units. Parameters with an effect act on
 the vehicle through `RuntimeParameters`; the others are only stored.
 """
 

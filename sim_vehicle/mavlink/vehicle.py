@@ -327,7 +327,7 @@ class SimVehicle:
             self._schedules[name] = self._default_schedule(name)
 
     def streamed(self) -> list[tuple[str, list[Message]]]:
-        """Return the telemetry of each link that was due at the last `poll`."""
+        """Return, for each link, the telemetry that was due at the last `poll`."""
         if len(self._schedules) == 1:
             return []
         due = ((link, self._due(schedule)) for link, schedule in self._schedules.items())

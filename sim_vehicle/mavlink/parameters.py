@@ -1,7 +1,7 @@
 """Parameters of the vehicle in the parameter protocol.
 
-The table holds all parameters of the autopilot, with the autopilot's names and units. Parameters with an effect act on
-the vehicle through `RuntimeParameters`; the others are only stored.
+The table holds all parameters of the autopilot, with the autopilot's names and units. Parameters with an
+effect act on the vehicle through `RuntimeParameters`; the others are only stored.
 """
 
 from __future__ import annotations

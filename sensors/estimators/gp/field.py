@@ -299,7 +299,7 @@ class FieldProcess:
     ) -> NDArray[np.bool_]:
         """Update the changed cells of two arrays, the same at each call, and return the written tiles.
 
-        The posterior must not be exact.
+        Call it only if the posterior is not exact.
         """
         posterior = self._posterior
         assert posterior is not None

@@ -217,7 +217,7 @@ class FieldSet:
             raise FieldError(f"fields: {len(self.fields)} fields, expected 1 to {MAX_FIELDS}")
         twice = [name for name in self.names if self.names.count(name) > 1]
         if twice:
-            raise FieldError(f"fields: {twice[0]!r} is given twice; every field needs a name of its own")
+            raise FieldError(f"fields: {twice[0]!r} is given twice; every field needs a different name")
 
     def __repr__(self) -> str:
         return f"FieldSet({', '.join(self.names)})"

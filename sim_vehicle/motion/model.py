@@ -125,7 +125,7 @@ class MotionModel(ABC):
         """Begin a route."""
 
     def interrupt(self) -> None:
-        """Abort the present leg, so that the next route starts anew, if the autopilot does that."""
+        """Abort the present leg if the autopilot does so; the next route then starts anew."""
         return
 
     @abstractmethod

@@ -299,7 +299,7 @@ class Failsafe:
 class ArmingChecks:
     """Pre-arm checks.
 
-    The owner may assign two attributes: `block`, a further reason against arming, and `custom_mode`, a
+    The owner may assign two attributes: `block`, one more reason against arming, and `custom_mode`, a
     function that returns the custom mode number.
     """
 

@@ -14,6 +14,7 @@ import pickle
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from multiprocessing.connection import Connection
@@ -131,16 +132,19 @@ class Apart(Closing):
         """Call a method in the other process; its error is raised as PlanningError or `_OwnCodeError`."""
         import cloudpickle
 
+        # The limit holds for the whole answer: hostile code may begin one and stop in the middle.
+        limit = threading.Timer(_MOST_S, self._process.kill)
+        limit.start()
         try:
             self._pipe.send_bytes(cloudpickle.dumps((method, given)))
-            if not self._pipe.poll(_MOST_S):
-                raise TimeoutError(f"no answer in {_MOST_S:g} s")
             said = _decoder.decode(self._pipe.recv_bytes(_MOST_BYTES))
-        except (OSError, EOFError, TimeoutError, msgspec.MsgspecError) as error:
+        except (OSError, EOFError, msgspec.MsgspecError) as error:
             self._process.kill()  # A late answer would be taken for the answer to the next call.
             raise _LostError(
                 f"{self.name}: its process ended or answers no more ({one_line(repr(error))})"
             ) from None
+        finally:
+            limit.cancel()
         if said.error:
             raise (PlanningError if said.planning else _OwnCodeError)(one_line(said.error, 300))
         return said

@@ -49,6 +49,11 @@ class Simulated:
         """All components that a host has to run."""
         return [*self.vehicles, *self.cameras]
 
+    @property
+    def images(self) -> int:
+        """Number of images taken."""
+        return sum(camera.image_count for camera in self.cameras)
+
 
 def parse_home(text: str) -> tuple[GeoPoint, float]:
     """Read ``LAT,LON[,ALT[,HEADING]]``.

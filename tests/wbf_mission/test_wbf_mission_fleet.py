@@ -224,7 +224,18 @@ def test_plans_of_a_fleet_are_those_that_it_flies(tmp_path, capsys):
 
 
 def test_the_terminal_tells_of_each_vehicle(capsys):
-    code = run("fly", "--farm", "miniberry-10", "--vehicle", "quad,ideal", "--budget", "80m", "--no-files")
+    code = run(
+        "fly",
+        "--farm",
+        "miniberry-10",
+        "--vehicle",
+        "quad,ideal",
+        "--budget",
+        "80m",
+        "--estimator",
+        "point",
+        "--no-files",
+    )
     shown = capsys.readouterr().out
     assert code == 0 and "Fleet" in shown and "ideal" in shown and "most battery" in shown
 

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 import zarr
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from sweeps import sweep
 
 from geo.errors import WbfMissionError
 from geo.farms import get_farm
@@ -104,7 +105,7 @@ def test_a_day_is_one_file(folder: Path) -> None:
 # Chunks
 
 
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@sweep(few=10, many=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.lists(st.tuples(st.integers(0, 29), st.integers(0, 29)), max_size=60),
     st.tuples(st.integers(0, 29), st.integers(0, 29), st.integers(1, 30), st.integers(1, 30)),

@@ -196,11 +196,7 @@ def rings(draw: st.DrawFn) -> list[tuple[float, float]]:
 )
 @settings(max_examples=40)
 @given(
-    rings(),
-    st.sampled_from([" ", "\t", "  "]),
-    st.sampled_from(["\n", "\r\n"]),
-    st.booleans(),
-    st.booleans(),
+    rings(), st.sampled_from([" ", "\t", "  "]), st.sampled_from(["\n", "\r\n"]), st.booleans(), st.booleans()
 )
 def test_a_polygon_of_mission_planner(
     ring: list[tuple[float, float]], space: str, end: str, comma: bool, closed: bool

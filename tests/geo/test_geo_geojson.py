@@ -85,10 +85,7 @@ def test_rotated_farms_round_trip(rotation: float, latitude: float, longitude: f
         LocalFrame(latitude, longitude, 12.0, rotation),
         30,
         25,
-        (
-            Patch("a", Crop.TOMATO, "me", holed),
-            Patch("b", "sweet potato", "you", shapely.box(20, 0, 30, 10)),
-        ),
+        (Patch("a", Crop.TOMATO, "me", holed), Patch("b", "sweet potato", "you", shapely.box(20, 0, 30, 10))),
         "me",
         (3.25, 1.5),
         1.0,

@@ -8,14 +8,7 @@ from hypothesis import strategies as st
 from sweeps import sweep
 
 from geo.errors import WbfMissionError
-from geo.named import (
-    Parameter,
-    ParameterError,
-    check_parameters,
-    format_named,
-    parse_named,
-    split_named,
-)
+from geo.named import Parameter, ParameterError, check_parameters, format_named, parse_named, split_named
 
 SCALARS = st.one_of(
     st.booleans(),

@@ -15,14 +15,7 @@ from sweeps import sweep
 from geo.farms import get_farm
 from geo.grid import Crop
 from mission.errors import PlanningError
-from mission.planners import (
-    CropArea,
-    LengthBudget,
-    PlanningRequest,
-    StepBudget,
-    make_planner,
-    path_length,
-)
+from mission.planners import CropArea, LengthBudget, PlanningRequest, StepBudget, make_planner, path_length
 from mission.planners.lawnmower import adaptive_lawnmower, lawnmower
 from mission.planners.random_waypoint import random_waypoint
 from mission.planners.spiral import SPACING_RATIO, rectangle_spiral, ring_from, spiral, spiral_pieces

@@ -31,11 +31,7 @@ from mission.transfer import (
 RECORDED = Path(__file__).parents[2] / "data" / "px4_upload_given_up.csv"
 ERROR, CANCELLED = m.MAV_MISSION_ERROR, m.MAV_MISSION_OPERATION_CANCELLED
 # Some report of a real PX4 has an ACK with its "Operation timeout", the recorded one has none.
-PERSONAS = {
-    "px4": PX4,
-    "px4 that answers": replace(PX4, abort_result=ERROR),
-    "ardupilot": ARDUPILOT,
-}
+PERSONAS = {"px4": PX4, "px4 that answers": replace(PX4, abort_result=ERROR), "ardupilot": ARDUPILOT}
 
 
 def from_vehicle(message, system_id=1):

@@ -585,8 +585,7 @@ any_message = st.one_of(
 
 @sweep(few=100, many=600)
 @given(
-    st.lists(st.tuples(any_message, st.floats(0, 3)), max_size=60),
-    st.sampled_from([PX4, ARDUPILOT, GENERIC]),
+    st.lists(st.tuples(any_message, st.floats(0, 3)), max_size=60), st.sampled_from([PX4, ARDUPILOT, GENERIC])
 )
 def test_random_messages_never_raise_and_are_never_broadcast(steps, profile):
     server = MissionServer(1, profile=profile, capacity={MISSION: 4})

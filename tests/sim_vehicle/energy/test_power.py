@@ -6,12 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.airframe.power_spec import (
-    AIR_DENSITY_KG_M3,
-    GRAVITY_M_S2,
-    BatterySpec,
-    PowerSpec,
-)
+from sim_vehicle.airframe.power_spec import AIR_DENSITY_KG_M3, GRAVITY_M_S2, BatterySpec, PowerSpec
 from sim_vehicle.energy.power import (
     REGAINED,
     flight_power_w,

@@ -111,7 +111,7 @@ def test_cells_count_once(cells):
 def test_a_plan_counts_the_images_that_the_trigger_takes(tmp_path, autopilot, metres):
     """Orders for each row, an image at once: rows are about as long as a whole number of distances."""
     flies = {"farm": "miniberry-30", "autopilot": autopilot, "estimate_errors": False}
-    rows = plan(Scenario(**flies, planner="lawnmower", budget="70m")).mission
+    rows = plan(Scenario(**flies, planner="lawnmower", budget="120m")).mission
     items, ends = [], itertools.cycle([by_distance(metres), by_distance(0.0, 0.0)])
     for item in rows.items:
         if item.command != Command.DO_SET_CAM_TRIGG_DIST:

@@ -13,6 +13,7 @@ import pytest
 import shapely
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from geo import Crop, Farm, FarmError, LocalFrame, Obstacle, Patch, get_farm, load_farm, save_farm
 
@@ -84,10 +85,7 @@ def test_rotated_farms_round_trip(rotation: float, latitude: float, longitude: f
         LocalFrame(latitude, longitude, 12.0, rotation),
         30,
         25,
-        (
-            Patch("a", Crop.TOMATO, "me", holed),
-            Patch("b", "sweet potato", "you", shapely.box(20, 0, 30, 10)),
-        ),
+        (Patch("a", Crop.TOMATO, "me", holed), Patch("b", "sweet potato", "you", shapely.box(20, 0, 30, 10))),
         "me",
         (3.25, 1.5),
         1.0,
@@ -118,7 +116,7 @@ def coordinates_of(farm: Farm) -> list[Any]:
 )
 @example(28.03, -82.11, 0.0, [1.0, 0.5, 0.8, 1.0], True, False, False, 16)
 @example(0.0, 0.0, 0.0, [1.0, 0.5, 0.8, 1.0], False, False, False, 16)
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@sweep(few=10, many=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_file_s_farm_saved_is_the_same_to_the_last_bit(
     tmp_path: Path,
     latitude: float,

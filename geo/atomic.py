@@ -38,7 +38,7 @@ DISK_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
 @contextlib.contextmanager
 def disk_errors_named(path: Path, temporary: Path | None = None) -> Iterator[None]:
-    """Make an OSError of a full disk or of the file `temporary` name the target `path`."""
+    """Name `path` in an OSError that comes from a full disk or names the file `temporary`."""
     try:
         yield
     except OSError as error:
@@ -147,7 +147,7 @@ _UNSUPPORTED = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
 def lock_file(descriptor: int, *, wait: bool) -> bool:
     """Lock an open file; return False if another process holds the lock and `wait` is false.
 
-    On a disk without locks the result is always True, also for several processes at a time.
+    On a disk without locks the result is always True, even if several processes lock the file.
     """
     from filelock import lock_descriptor
 
@@ -230,8 +230,8 @@ class AtomicFolder:
     >>> [path.name for path in target.parent.iterdir()], (target / "mark").read_text()
     (['result'], 'whole')
 
-    A lock keeps other processes from entering a ``with`` block for the same folder. The lock ends with the
-    process, however that ends.
+    A lock keeps other processes from entering a ``with`` block for the same folder. The lock ends when the
+    process ends, even if the process is killed.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ class AtomicFolder:
     is_part : callable
         Returns whether a file of this name belongs to the replaced content; other files are kept.
     rescue : callable
-        Called on entering if a killed process left files in `filled`, before they are removed.
+        Called on entering, before files that a killed process left in `filled` are removed.
 
     Raises
     ------
@@ -291,7 +291,7 @@ class AtomicFolder:
             try:
                 self._held.enter_context(lock_held(self._lock_path))
             except BlockingIOError:
-                msg = "another run writes into this folder; wait for it, or give another one"
+                msg = "another run writes into this folder; wait for it, or give another folder"
                 raise FolderError(msg) from None
             self.settle()
             if self.filled.is_dir():
@@ -311,7 +311,7 @@ class AtomicFolder:
         self._held.close()
 
     def commit(self, filled: Path | None = None) -> None:
-        """Replace the folder's content by that of `filled` (default: `self.filled`), on the same disk."""
+        """Replace the folder's content by that of `filled` on the same disk (default: `self.filled`)."""
         filled = filled or self.filled
         for entry in filled.iterdir():
             to_disk(entry)

@@ -35,8 +35,8 @@ from geo.imports import entry_points, load_named
 from geo.texts import FOOT_M, one_line
 
 FORMATS_GROUP = "wbf_mission.farm_formats"
-"""Group of entry points, named by suffix without the dot: functions from a path, a layer and a coordinate
-system (both None if not given) to a `geo.features.Document`. They raise FarmError for an unusable file."""
+"""Group of entry points. Each is named by a suffix without the dot and is a function of a path, a layer and a
+coordinate system (both may be None). It returns a `geo.features.Document`, or raises FarmError."""
 REPAIRS_GROUP = "wbf_mission.farm_repairs"
 """Group of entry points; ``mended`` returns the repaired parts of a feature, and adds notes to a list."""
 _GEOJSON = (".geojson", ".json", ".geojsonl", ".geojsons", ".ndjson", ".jsonl")
@@ -236,7 +236,7 @@ def _contents(document: Document, *, repair: bool) -> tuple[list[Feature], list[
 
 
 def _completed(features: list[Feature], crop: str | None, notes: list[str]) -> list[Feature]:
-    """Return features with default crops and owners if no patch has any; FarmError if only some have one."""
+    """Return the features with the default crop or owner if no patch names any; FarmError if only some do."""
     patches = [feature for feature in features if not feature.obstacle]
     given = {"crop": crop, "owner": None}
     for key, default in (("crop", DEFAULT_CROP), ("owner", DEFAULT_OWNER)):
@@ -249,7 +249,7 @@ def _completed(features: list[Feature], crop: str | None, notes: list[str]) -> l
         if given[key] is None and without:
             given[key] = default
             if key == "crop":
-                notes.append(f"no patch names its crop: it is called {default!r}; --crop names it")
+                notes.append(f"no patch names its crop: the crop is called {default!r}; --crop gives a name")
     return [
         replace(
             feature,
@@ -305,8 +305,8 @@ def _near(
 ) -> list[Feature]:
     """Return the features if all are near `home` (default: near the first feature); else raise FarmError.
 
-    `repair`: swapped latitudes and longitudes are exchanged; without a home, features then must be near the
-    feature closest to the median of all.
+    With `repair`, swapped latitudes and longitudes are exchanged. If there is no home either, the features
+    must be near the feature that is closest to the median position.
     """
     anchor, is_sure = ('the farm\'s "home"', True) if home is not None else ("the first feature", False)
     longitude_deg, latitude_deg = features[0].rings[0][0] if home is None else home

@@ -58,9 +58,10 @@ def interrupts_noted(
 ) -> Iterator[Callable[[], None]]:
     """Defer the KeyboardInterrupt of the first signal to the end of the block.
 
-    The yielded function raises a deferred interrupt earlier. An exception raised in a signal handler can be
-    lost: compiled extensions drop some, for example in `hasattr` of the C API. The second signal raises
-    immediately; signals within a second count as one. Outside the main thread nothing is deferred.
+    The yielded function raises a deferred interrupt before the end. Interrupts are deferred because an
+    exception raised in a signal handler can be lost: compiled extensions drop some, for example in `hasattr`
+    of the C API. The second signal raises immediately; signals within a second count as one. Outside the main
+    thread nothing is deferred.
 
     Parameters
     ----------
@@ -119,7 +120,7 @@ def interrupts_held() -> Iterator[None]:
         with interrupts_noted():
             yield
         return
-    # The tracker starts with the first worker and would unblock the signals.
+    # The resource tracker would start with the first worker and unblock the signals.
     resource_tracker.ensure_running()
     # The mask holds for this thread and its processes only: another thread may receive the signal.
     with interrupts_noted():

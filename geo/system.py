@@ -81,7 +81,7 @@ def use_memory_again() -> None:
 
 
 def free_unused_memory() -> None:
-    """Return free memory to the system; the C library of Linux keeps that of threads."""
+    """Return free memory to the system; on Linux the C library keeps the free memory of threads."""
     _call_c("malloc_trim", (0,))
 
 
@@ -131,7 +131,7 @@ def available_memory(root: Path = Path("/")) -> AvailableMemory | None:
 
 @contextlib.contextmanager
 def memory_bounded(more: int) -> Iterator[None]:
-    """Limit later allocations of this process to `more` bytes in total; beyond, MemoryError is raised.
+    """Limit later allocations of this process to `more` bytes in total; MemoryError if they exceed the limit.
 
     The limit is meant for reading untrusted files, which may declare any size. Systems other than Linux and
     FreeBSD have no such limit.

@@ -401,7 +401,7 @@ def test_a_file_without_crops_or_owners(tmp_path: Path) -> None:
     farm = load_farm(write(tmp_path, document(*bare)))
     assert {(one.crop, one.owner) for one in farm.patches} == {("crop", "owner")}
     assert farm.owner == "owner"
-    assert farm.notes == ("no patch names its crop: it is called 'crop'; --crop names it",)
+    assert farm.notes == ("no patch names its crop: the crop is called 'crop'; --crop gives a name",)
     named = load_farm(tmp_path / "farm.geojson", crop="sugar beet")
     assert ({one.crop for one in named.patches}, named.notes) == ({"sugar beet"}, ())
     mixed = load_farm(write(tmp_path, document(bare[0], feature(owner=None))), crop="oats")

@@ -169,8 +169,7 @@ class Farm:
         return tuple(crop for crop in own if crop not in NOT_GROWN)
 
     def scouting(self, crops: Iterable[str]) -> Farm:
-        """Return the farm with only these crops to be scouted, or with all if the owner grows none of
-        them."""
+        """Return the farm with only these crops to be scouted; with all crops if the owner grows none."""
         wanted = set(crops)
         scouted = tuple(crop for crop in self.grown if crop in wanted)
         if len(scouted) in (0, len(self.grown)):

@@ -133,7 +133,7 @@ class StateBefore:
         return monitor.mode_heard_s > self.given_s
 
     def is_overruled(self, monitor: VehicleMonitor, expected: Collection[str] = ()) -> bool:
-        """Whether a pilot or a failsafe has acted since the order, so that repeating it would overrule them.
+        """Whether a pilot or a failsafe has acted since the order; repeating the order would overrule them.
 
         ``expected`` are further flight modes in which the order still holds.
         """

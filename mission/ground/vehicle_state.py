@@ -17,7 +17,7 @@ from mission.link.codec.typed import handler
 from mission.model import DEGREES_E7
 
 _RESTART_MS = 5000
-"""Backward step of the time since boot that means a reboot (ms); smaller: a delayed message."""
+"""Backward step of the time since boot that means a reboot (ms). A smaller step is a delayed message."""
 
 
 class BootClock:
@@ -281,7 +281,7 @@ class VehicleMonitor:
 
     @property
     def left_mission(self) -> bool:
-        """Whether the vehicle reports its mission as suspended, in any other mode."""
+        """Whether the vehicle reports its mission as suspended, as it does outside the mission mode."""
         current = self._current
         return current is not None and current.mission_mode == _SUSPENDED
 

@@ -51,8 +51,8 @@ def densest_feasible(
     evaluated and is within the limit.
 
     A `BatchBudget` evaluates candidates in rounds. The first round tests a guess and a larger index; after a
-    good guess the last feasible index lies between them. Further rounds narrow this interval, and the last
-    round tests all candidates of `look_ahead`.
+    good guess, the last feasible index lies between the two. Further rounds narrow this interval, and the
+    last round tests all candidates of `look_ahead`.
 
     The cost should be roughly linear in `density(index)`. If even the sparsest candidates cost more than the
     limit, PlanningError names them (`what`, such as ``lawnmower with 2 rows``) and the least budget.
@@ -164,7 +164,7 @@ def _last_below(density: Callable[[int], float], wanted: float, first: int, last
 
 
 def cannot_be_flown(request: PlanningRequest, points_m: Points, what: str) -> PlanningError:
-    """Return the error for a sparsest path of infinite cost; `what` names the path."""
+    """Return the error if even the sparsest path has infinite cost; `what` names this path."""
     budget = request.budget
     reason = request.reason(points_m) or "the vehicle cannot come back from it"
     return PlanningError(

@@ -127,7 +127,7 @@ def atomic_write(
 def atomic_write(
     path: str | os.PathLike[str], mode: Literal["w", "wb"] = "w", *, newline: str | None = None
 ) -> Iterator[IO[str] | IO[bytes]]:
-    """Open a file for writing that appears under its name when the block ends without an exception.
+    """Open a file for writing; it appears under its name when the block ends without an exception.
 
     Text is encoded as UTF-8. The ``filename`` of an OSError is `path`.
     """
@@ -160,7 +160,7 @@ def lock_file(descriptor: int, *, wait: bool) -> bool:
 
 
 def unlock_file(descriptor: int) -> None:
-    """Unlock an open file, also for processes forked since it was locked."""
+    """Unlock an open file, also in processes that were forked since the file was locked."""
     from filelock import unlock_descriptor
 
     with contextlib.suppress(OSError):  # a disk without locks
@@ -219,7 +219,7 @@ class AtomicFolder:
 
     New content is written into a hidden folder beside the target. `commit` renames the hidden folder to mark
     it complete, moves the older content aside, moves the new content into place and removes the older
-    content. A process killed at any step leaves the older content or the new content complete. The next
+    content. If the process is killed at any step, either the older or the new content is complete. The next
     process that opens the folder, or `settle`, completes a commit that was interrupted.
 
     >>> import tempfile
@@ -324,7 +324,7 @@ class AtomicFolder:
             raise
 
     def settle(self) -> None:
-        """Complete an interrupted commit, whichever step it had reached. The caller holds the lock."""
+        """Complete an interrupted commit from the step that it had reached. The caller holds the lock."""
         target, ready, older = self.target, self._ready, self._older
         if ready.is_dir():
             none_placed = (ready / self._mark).is_file()

@@ -28,7 +28,7 @@ _IMPORT = re.compile(
     r"^(?:from[ ]+([\w.]+)[ ]+import[ ]+(\([^)]*\)|[^\n]*)|import[ ]+([\w.]+))", re.MULTILINE
 )
 
-_VERSIONS_KEPT = 8  # Cached versions per module, so that changing between branches does not recompile
+_VERSIONS_KEPT = 8  # Cached versions per module, so that a change of the branch needs no recompilation
 
 _INTERNALS = {
     "numba.core.caching": "_CacheLocator CompileResultCacheImpl._locator_classes FunctionCache._impl_class "
@@ -241,7 +241,7 @@ def _cache_class() -> Any:
             return signature, codegen.magic_tuple(), names
 
         def path_of_function(self) -> Path:
-            with suppress(OSError):  # save_overload warns about it later
+            with suppress(OSError):  # save_overload warns of the error later
                 self._impl.locator.ensure_cache_path()
             return Path(self.cache_path, self._py_func.__qualname__)
 

@@ -104,7 +104,7 @@ def _document(file: Path, layer: str | None, crs: str | None) -> Document:
 
 
 def farm_suffixes() -> tuple[str, ...]:
-    """Return the suffixes of farm files: GeoJSON's, then those of packages.
+    """Return the suffixes of farm files: first those of GeoJSON, then those of packages.
 
     >>> farm_suffixes()[:2]
     ('.geojson', '.json')
@@ -271,7 +271,7 @@ def _home(document: Document, places: list[Place]) -> tuple[float, float] | None
 
 
 def _cell_size(members: dict[str, Any], bounds: Any, notes: list[str]) -> float:
-    """Return the cell size (m): that of the file, else one foot, or more if that makes too many cells."""
+    """Return the file's cell size (m); by default one foot, or more if one foot makes too many cells."""
     if members.get("cell_size_m") is not None or members.get("size_cells") is not None:
         return number_member(members, "cell_size_m", FOOT_M, _MIN_CELL_M, _MAX_CELL_M)
     area_m2 = float(bounds[2] * bounds[3])
@@ -346,7 +346,7 @@ def _reach_m(frame: LocalFrame, latitude_deg: Any, longitude_deg: Any) -> float:
 
 
 def _frame(document: Document, patches: list[Feature]) -> tuple[LocalFrame, bool]:
-    """Return the frame, and whether the file gives the origin (else it is the corner of the patches)."""
+    """Return the frame, and whether the file gives its origin (default: the corner of the patches)."""
     members = document.members
     altitude_m = number_member(members, "ground_altitude_m", 0.0, -1000.0, 9000.0)
     rotation_deg = number_member(members, "rotation_deg", 0.0, -360.0, 360.0)
@@ -412,7 +412,7 @@ def _size(members: dict[str, Any], right: float, top: float, cell_size_m: float)
 
 
 def _check_detail(polygons: list[shapely.Polygon], cell_size_m: float) -> None:
-    """Refuse polygons with edges across too many columns of cells: painting would take minutes."""
+    """Refuse polygons whose edges cross too many columns of cells: painting them would take minutes."""
     columns = (np.abs(np.diff(shapely.get_coordinates(polygon)[:, 0])).sum() for polygon in polygons)
     steps = float(sum(columns)) / cell_size_m
     if steps > _MAX_RASTER_STEPS:

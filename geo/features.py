@@ -243,7 +243,7 @@ def _flag(properties: dict[str, Any], key: str, kind: str, where: str) -> bool:
 
 
 def _members(geometry: dict[str, Any]) -> list[dict[str, Any]] | None:
-    """Return the geometries of a collection and of collections in it; None if it is no collection."""
+    """Return the geometries of a collection and of nested collections; None for another geometry."""
     found, left = [], [geometry]
     while left:
         member = left.pop()

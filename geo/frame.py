@@ -138,7 +138,7 @@ _CODE = re.compile(
     re.IGNORECASE,
 )
 _WGS84 = re.compile(r"(OGC:CRS84|EPSG:4326)|WGS ?84", re.IGNORECASE)
-# Borders drawn from aerial pictures are no more accurate, so a smaller error of a conversion is not reported.
+# Borders drawn from aerial pictures have errors of this size, so smaller conversion errors are not reported.
 _BORDER_ACCURACY_M = 1.5
 
 

@@ -135,7 +135,7 @@ class Processes:
     """A pool of worker processes.
 
     The workers ignore Ctrl-C, end soon after this process is killed, and do not run the caller's script
-    again, unlike those of the standard library.
+    again, unlike workers of the standard library.
 
     At most `most` calls may be pending: with more, loky prints a traceback when the pool is closed.
     """
@@ -166,7 +166,7 @@ class Processes:
 
 
 class CallsAhead(Generic[_T]):
-    """Calls that run ahead in worker processes, by default one per core, before their results are needed.
+    """Calls that run in worker processes (by default one per core) before their results are needed.
 
     If Ctrl-C arrives while the processes start, the constructor ends them and raises KeyboardInterrupt.
     """

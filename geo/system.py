@@ -155,8 +155,8 @@ def memory_bounded(more: int) -> Iterator[None]:
 def require_memory(what: str, parts: Mapping[str, int], *, available: AvailableMemory | None = None) -> None:
     """Raise NotEnoughMemoryError if the sum of `parts` (bytes) exceeds the available memory.
 
-    `what` is the subject of the error's sentence, which lists the parts of at least a tenth of the sum. If
-    the available memory is unknown, nothing is checked.
+    The error's text begins with `what`, and lists the parts of at least a tenth of the sum. If the available
+    memory is unknown, nothing is checked.
 
     Examples
     --------

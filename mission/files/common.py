@@ -302,7 +302,7 @@ def home_from_file(
 
 
 def file_parameters(item: MissionItem, firmware: Firmware) -> Parameters:
-    """Return parameters 1 to 4 for a file. An unset one is None, or 0 for ArduPilot, which refuses NaN."""
+    """Return parameters 1 to 4 for a file. An unset value is None, or 0 for ArduPilot, which refuses NaN."""
     default = 0.0 if firmware == Firmware.ARDUPILOT else None
     first, second, third, fourth = (
         default if value is None else float(value)

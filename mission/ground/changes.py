@@ -56,7 +56,7 @@ class MissionChanges:
         item = contact.monitor.state.item
         needed = contact.profile.change_failsafe.get(contact.monitor.vehicle_type, ())
         if self._guard is None and needed:
-            # One guard for the whole flight.
+            # One guard serves the whole flight.
             self._guard = FailsafeGuard(needed, contact, self.parameters_set)
         request = ChangeRequest(
             old=held,

@@ -218,7 +218,7 @@ class Contact:
 
     @property
     def clears(self) -> bool:
-        """Whether the transfers support clearing a plan; MAVSDK has its own handling of clears."""
+        """Whether an upload may clear the old mission first; transfers by MAVSDK do not."""
         return self._maker is OWN_TRANSFERS
 
     def order(self, command: int, *params: float, **options: Any) -> Order:

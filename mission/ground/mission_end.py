@@ -102,7 +102,7 @@ class PilotWatch:
         """Record that items remain to fly, which cancels an earlier report of the mission's end.
 
         Messages sent before the end may arrive later. If a new mission arrives just after the end of the old
-        one, PX4 reports the new mission as active although the vehicle returns.
+        mission, PX4 reports the new mission as active although the vehicle returns.
         """
         if self._shows_mission and now_s > self._over_s + _DOUBT_S:
             self.mission_over = False

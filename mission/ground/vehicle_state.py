@@ -90,7 +90,7 @@ class Battery:
             return None
         else:
             used = before.remaining - self.remaining
-        # Rounding and a real capacity above the nominal one can give values outside 0 to 1.
+        # Rounding, or a real capacity above the nominal capacity, can give values outside 0 to 1.
         return min(max(used, 0.0), 1.0)
 
 
@@ -226,7 +226,7 @@ class VehicleMonitor:
         self.lowest_battery = self.lowest_battery.drained(reading, armed=self.is_armed)
 
     def begin_flight(self) -> None:
-        """Reset the lowest battery reading to the present one."""
+        """Reset the lowest battery reading to the present reading."""
         self.lowest_battery = self.battery
 
     @property

@@ -86,7 +86,7 @@ class WaitingDatagrams:
         self._held_bytes += more_bytes
 
     def _admit(self, peer: Any) -> _Share:
-        """Return the share of a new sender: a share of its own, or the common share."""
+        """Return the share of a new sender: an individual share, or the common share."""
         if len(self._shares) >= _SHARES - 1:
             weakest = min(self._shares, key=lambda known: self._shares[known].taken)
             if self._shares[weakest].waiting:

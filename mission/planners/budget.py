@@ -124,7 +124,7 @@ class StepBudget:
     """A budget of timesteps of the paper's robot, which moves at most one cell per timestep.
 
     The robot starts a new step at every waypoint. A leg therefore costs its length in cells, rounded up, and
-    a waypoint at the robot's own position also costs one step.
+    a waypoint at the robot's present position also costs one step.
 
     Parameters
     ----------

@@ -88,7 +88,7 @@ class Cornering:
         if self.overshoot_m > 0.0 and len(points):
             places, overshot = self._overshot(points, start_m, avoid)
             kept = distinct(overshot)
-            # If a path point has several waypoints, only the last one has the loiter.
+            # If a path point has several waypoints, only the last of these has the loiter.
             last = np.diff(places[kept], append=len(of_point)) > 0
             points, of_point, loiters = (
                 overshot[kept],

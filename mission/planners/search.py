@@ -18,7 +18,7 @@ from mission.planners.terrain import area_of, parts_of, polygons_of
 LOOK_AHEAD = (1, 2, 3)
 # The second guess of a round is the midpoint between the first guess and the upper bound.
 _APART = 2
-_SLOPE_OVER = 0.9  # Cost slopes are measured over densities at least 10 % apart: closer ones are noisy
+_SLOPE_OVER = 0.9  # Cost slopes are measured over densities at least 10 % apart: other slopes are noisy
 _LEAST_SHARE = 1e-6  # Smaller gaps are artefacts of rounding (fraction of the area)
 _WORTH = 1.05  # Vehicles fly turns worse than rows: a path with more turns must be denser by this factor
 
@@ -47,8 +47,8 @@ def densest_feasible(
 
     The cost grows only roughly with the index: rows that end on the far side have a longer return. The search
     therefore brackets the last feasible index by interpolation and bisection, then tries a few candidates
-    beyond it (`look_ahead`), and continues from a feasible one. The cost of the returned candidate has been
-    evaluated and is within the limit.
+    beyond it (`look_ahead`), and continues from a feasible candidate. The cost of the returned candidate has
+    been evaluated and is within the limit.
 
     A `BatchBudget` evaluates candidates in rounds. The first round tests a guess and a larger index; after a
     good guess, the last feasible index lies between the two. Further rounds narrow this interval, and the

@@ -1,4 +1,4 @@
-"""The planner spiral: from the border inwards, as tight as the budget allows."""
+"""The planner spiral: rings from the border inwards, as tight as the budget allows."""
 
 from __future__ import annotations
 

@@ -61,14 +61,14 @@ class Swath:
         return _LEAST_UNSEEN * max(self.across_m, self.spacing_m) * max(self.along_m, self.spacing_m)
 
     def seen_from(self, path: Points) -> shapely.Geometry:
-        """Return the area seen from a path with square images; too small at turns sharper than 97 degrees."""
+        """Return the area of square images along a path; too small at turns sharper than 97 degrees."""
         line = shapely.LineString(path) if path_length(path) > TOLERANCE_M else shapely.Point(path[0])
         return shapely.buffer(
             line, 0.5 * self.across_m, cap_style="square", join_style="mitre", mitre_limit=1.5
         )
 
     def seen_along(self, left: float, right: float, y: float) -> Polygon:
-        """Return the area seen along a horizontal row, at least one row spacing wide."""
+        """Return the area covered along a horizontal row, at least one row spacing wide."""
         ahead, aside = max(0.5 * self.along_m, self.end_m), 0.5 * max(self.across_m, self.spacing_m)
         return shapely.box(left - ahead, y - aside, right + ahead, y + aside)
 
@@ -77,9 +77,9 @@ def rows_that_see(part: Polygon, room: Area, swath: Swath, angle_rad: float) -> 
     """Return rows that cover a part of the area, grouped into cells that no border splits.
 
     The rows have the angle `angle_rad`, anticlockwise from x. The outermost rows lie half a footprint inside
-    the part, the others at equal distances between them. A row is as long as its strip of land: at an oblique
-    border the row extends beyond the border, but not beyond `room`. Pieces of a strip that the row does not
-    cover get additional rows. A cell is float64[n, 2, 2]: row, end, (x, y).
+    the part, the other rows at equal distances between them. A row is as long as its strip of land: at an
+    oblique border the row extends beyond the border, but not beyond `room`. Pieces of a strip that the row
+    does not cover get additional rows. A cell is float64[n, 2, 2]: row, end, (x, y).
     """
     turn = rotation(angle_rad)
     turned, turned_room = (shapely.transform(land, lambda xy: product(xy, turn.T)) for land in (part, room))

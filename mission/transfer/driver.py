@@ -276,7 +276,7 @@ class TransferDriver(Closing):
             refuse_errors(rendered)
         chosen_kinds = [kind for kind in _ORDER if kind in chosen]
         costs: list[TransferStatistics] = []
-        # MAVSDK has its own handling of clears.
+        # Transfers by MAVSDK do not clear the old mission first.
         cleared = (
             self._maker is OWN_TRANSFERS
             and gives_up_mission(rendered.mission, chosen, vehicle.profile, armed=False)

@@ -279,7 +279,7 @@ def _cell_size(members: dict[str, Any], bounds: Any, notes: list[str]) -> float:
     size_m = next(fitting, _ROUND_CELLS_M[-1])
     if size_m != FOOT_M:
         notes.append(
-            f"cells are {size_m:g} m, as cells of one foot would be {area_m2 / FOOT_M**2 / 1e6:.1f} million"
+            f"cells are {size_m:g} m, as there would be {area_m2 / FOOT_M**2 / 1e6:.1f} million of one foot"
         )
     return size_m
 

@@ -286,5 +286,5 @@ def warn_of_cache(folder: Path, error: Exception) -> None:
     reason = str(error)
     if isinstance(error, OSError) and error.strerror:
         reason = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-    msg = f"{folder}: cannot keep anything in this cache ({reason}); it is made anew in every run"
+    msg = f"{folder}: cannot keep anything in this cache ({reason}); every run makes the content anew"
     warnings.warn(msg, CacheWarning, stacklevel=3)

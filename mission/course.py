@@ -316,7 +316,7 @@ def unrolled(mission: Mission) -> Mission:
             continue
         target, repeat = item.param1, item.param2 or 0.0
         if repeat < 0.0:
-            msg = f"item {k + 1} (DO_JUMP): it is repeated without end; give it a number of times"
+            msg = f"item {k + 1} (DO_JUMP): it repeats without end; give a number of repetitions"
             raise MissionError(msg)
         if target is None or not 0 <= target < len(items):
             msg = f"item {k + 1} (DO_JUMP): there is no item {target if target is None else int(target) + 1}"

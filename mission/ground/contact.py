@@ -28,7 +28,7 @@ _DOUBLINGS = 3
 class Answer(Enum):
     """Meaning of a COMMAND_ACK for an order."""
 
-    NONE = "no answer to this order, or not the last one"
+    NONE = "no answer to this order, or a preliminary answer"
     ACCEPTED = "accepted"
     REFUSED = "refused"
 

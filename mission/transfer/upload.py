@@ -319,7 +319,7 @@ class MissionClear(ClientTransfer):
         return PlanState.UNKNOWN if self._openings else PlanState.OLD
 
 
-NO_MISSION_LEFT = "the old mission was cleared before: the vehicle holds none"
+NO_MISSION_LEFT = "the old mission was cleared before: the vehicle holds no mission"
 """Message text for a vehicle with a mission that was cleared before a failed upload."""
 
 

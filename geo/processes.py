@@ -58,10 +58,9 @@ def interrupts_noted(
 ) -> Iterator[Callable[[], None]]:
     """Defer the KeyboardInterrupt of the first signal to the end of the block.
 
-    The yielded function raises a deferred interrupt before the end. Interrupts are deferred because an
-    exception raised in a signal handler can be lost: compiled extensions drop some, for example in `hasattr`
-    of the C API. The second signal raises immediately; signals within a second count as one. Outside the main
-    thread nothing is deferred.
+    The yielded function raises a deferred interrupt before the end. An exception raised in a signal handler
+    may be lost: compiled extensions drop some, for example in `hasattr` of the C API. The second signal
+    raises immediately; signals within a second count as one. Outside the main thread nothing is deferred.
 
     Parameters
     ----------

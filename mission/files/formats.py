@@ -259,8 +259,8 @@ def read_mission(
     Parameters
     ----------
     path : path-like
-        ``.plan`` (QGroundControl), ``.waypoints``, ``.wpl``, ``.txt`` (QGC WPL 110), ``.json`` (native), or
-        the suffix of another format (`mission_formats`).
+        ``.plan`` (QGroundControl), ``.waypoints``, ``.wpl``, ``.txt`` (QGC WPL 110), ``.json`` (native), or a
+        suffix from `mission_formats`.
     altitude_m : float or None
         Altitude above home for the waypoints of a drawn path; it overrides the altitudes in the file.
     drawn_path : str or None
@@ -344,8 +344,7 @@ def write_mission(
     ----------
     mission : Mission
     path : path-like
-        ``.plan``, ``.waypoints``, ``.wpl``, ``.txt``, ``.json``, or the suffix of another format
-        (`mission_formats`).
+        ``.plan``, ``.waypoints``, ``.wpl``, ``.txt``, ``.json``, or a suffix from `mission_formats`.
     firmware : Firmware
         Autopilot that a ``.plan`` or waypoint list is written for.
 

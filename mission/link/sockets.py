@@ -385,8 +385,7 @@ class Stream(ABC):
     def __init__(self, name: str, most_bytes: int) -> None:
         self.name = name
         self.dropped = 0
-        # Frames with the time of `send`. The rest of a partly sent frame is not dropped: its time is
-        # infinite.
+        # Frames with the time of `send`; infinite for the rest of a partly sent frame, which is not dropped.
         self._backlog: deque[tuple[float, bytes]] = deque()
         self._backlog_bytes, self._most_bytes = 0, most_bytes
 

@@ -41,8 +41,7 @@ class Budget(Protocol):
 
     The cost need not be a length: the application predicts seconds or watt hours with the vehicle's model. A
     planner assumes only that denser paths usually cost more, and checks the cost of each path that it
-    returns. A budget may also be a `BatchBudget`, if it evaluates several paths together faster than one by
-    one.
+    returns. A budget that evaluates paths faster together than one by one may also be a `BatchBudget`.
     """
 
     @property

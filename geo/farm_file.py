@@ -359,7 +359,7 @@ def _frame(document: Document, patches: list[Feature]) -> tuple[LocalFrame, bool
         return frame, True
     points = np.concatenate([patch.rings[0] for patch in patches])
     frame = LocalFrame(float(points[0, 1]), float(points[0, 0]), altitude_m, rotation_deg)
-    # North depends on the origin (meridian convergence), and the corner on north: four iterations converge.
+    # The corner depends on north, and north on the origin (meridian convergence): four iterations converge.
     for _ in range(4):
         x_m, y_m = frame.from_wgs84(points[:, 1], points[:, 0])
         latitude_deg, longitude_deg = frame.to_wgs84(float(x_m.min()), float(y_m.min()))

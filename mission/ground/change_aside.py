@@ -1,4 +1,4 @@
-"""Change of a mission in flight on autopilots that overwrite missions in place (ArduPilot), in guided mode.
+"""Change of a mission in flight, in guided mode, on autopilots that overwrite missions in place (ArduPilot).
 
 During the upload the stored mission is a mixture of old and new items. Meanwhile the vehicle flies to a
 position in guided mode. It resumes the mission only after the whole mission was acknowledged and read back.
@@ -374,7 +374,7 @@ class AsideChange(ChangeSession):
         return out
 
     def _on_failure(self, text: str, now_s: float, *, refused: bool) -> list[Message]:
-        """Repeat the upload, then restore the old mission, then return home."""
+        """Repeat the upload; if that fails, restore the old mission; if that fails too, return home."""
         if self._leg.plan is self.request.new:
             self._why, self._refused = text, refused
         if now_s - self._heard_s > _SILENT_S:

@@ -71,7 +71,7 @@ class MissionChanges:
         return self._noted(self._session.start(now_s))
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Handle a message of the vehicle, after its monitor; an ended session still handles messages."""
+        """Handle a message that the monitor has handled; an ended session still handles messages."""
         return [] if self._session is None else self._noted(self._session.receive(message, now_s))
 
     def poll(self, now_s: float) -> list[Message]:

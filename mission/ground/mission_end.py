@@ -187,7 +187,7 @@ class PilotWatch:
             return
         if self.ordered is not None:
             modes = VehicleModes(message.autopilot, message.type).shows(self.ordered)
-            # An order to resume counts as obeyed with the mission mode, as handled above.
+            # An order to resume counts as obeyed in the mission mode, as handled above.
             if self.ordered is not Maneuver.RESUME and (not modes or self.mode in modes):
                 self.obeyed = f"{_SHOWS[self.ordered]} (mode {self.mode})"
             # During a change or a return home, another mode does not mean that the mission was left.

@@ -75,7 +75,7 @@ class Battery:
         return Battery(min(known, default=None), max(used, default=None))
 
     def used_since(self, before: Battery, capacity_wh: float) -> float | None:
-        """Return the fraction used since an earlier state, from the energy or else the remaining fraction.
+        """Return the fraction used since an earlier state, by the energy or else by the remaining fraction.
 
         >>> Battery(0.9, 10.0).used_since(Battery(1.0, 2.0), 80.0)
         0.1

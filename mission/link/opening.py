@@ -76,7 +76,7 @@ class SerialLink(Stream):
 
 
 def _serial_reason(error: BaseException) -> str:
-    """Return why a device cannot be opened, with advice, from the error number in the exception chain."""
+    """Return the reason why a device cannot be opened, by the error number in the exception chain."""
     cause: BaseException | None = error
     while cause is not None:
         number = getattr(cause, "errno", None)

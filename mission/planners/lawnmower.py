@@ -28,7 +28,7 @@ def lawnmower(
     The number of rows is any number from two up to rows a footprint apart (the paper's implementation has
     only odd numbers). An area narrower than the footprint has one row. A non-convex area is decomposed into
     boustrophedon cells, flown in nearest-first order. Rows cross passable land between the parts of the area,
-    unless rows that do not cross it are at least 5 % closer.
+    unless rows that do not cross it lie at least 5 % closer together.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ def spiral(
     An axis-aligned rectangle gets the paper's spiral, see `rectangle_spiral`, from the corner nearest to the
     start. Any other area gets rings at inward offsets of the spacing, also round holes, and in each piece
     where an offset splits the area. Rings cross passable land between the parts of the area, unless rings
-    that do not cross it are at least 5 % closer.
+    that do not cross it lie at least 5 % closer together.
 
     The search tries spacings in steps of 0.1 % down to the footprint: a spacing 0.1 % smaller would exceed
     the budget.

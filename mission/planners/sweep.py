@@ -162,7 +162,7 @@ def row_chains(
 def order_cells(
     cells: Sequence[NDArray[np.float64]], owners: Sequence[int], start: NDArray[np.float64]
 ) -> list[Points]:
-    """Return the cells as to-and-fro paths, part by part, the cell with the nearest entry corner next."""
+    """Return the cells as to-and-fro paths, part by part; the cell with the nearest corner comes next."""
     # Entry corners of each cell, in this order: first row left and right, last row left and right.
     entries = np.array([[cell[0, 0], cell[0, 1], cell[-1, 0], cell[-1, 1]] for cell in cells])
     owner = np.asarray(owners)

@@ -48,7 +48,7 @@ def shared(vehicles: Sequence[VehicleReport], partition: str) -> dict[int, Area]
     Vehicles of equal reach get strips of equal area; the first vehicle gets the outer strip nearer to home.
     Otherwise, and always with Voronoi cells, each vehicle's rows, approach and return use the same fraction
     of its reach (`mission.planners.partition.balanced`). Vehicles that already have different areas keep
-    them.
+    these areas.
     """
     check_partition(partition)
     area = vehicles[0].request.area
@@ -75,7 +75,7 @@ def shared(vehicles: Sequence[VehicleReport], partition: str) -> dict[int, Area]
 
 # Half the width of the land along a row, in row spacings: slightly more than half avoids gaps.
 _OF_SPACING = 0.55
-# A vehicle plans all its unseen land again if rows over added land would be wider apart by this factor.
+# A vehicle plans all its unseen land again if rows over added land would be farther apart by this factor.
 _COARSER = 1.5
 
 

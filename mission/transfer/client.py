@@ -313,7 +313,7 @@ class ClientTransfer(ABC):
         return _I.RETRY
 
     def _opening_limit_s(self) -> float:
-        """Return the time at which repeating the opening message ends."""
+        """Return the time until which the opening message is repeated."""
         timers = self.timers
         each_s = self.round_trip.wait(timers.reply_s, timers.reply_s, timers.reply_s)
         tries = (timers.retries + 1) * (MORE_OPENINGS if self.round_trip.is_lossy else 1)

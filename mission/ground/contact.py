@@ -28,7 +28,7 @@ _DOUBLINGS = 3
 class Answer(Enum):
     """Meaning of a COMMAND_ACK for an order."""
 
-    NONE = "no answer to this order, or not the last one"
+    NONE = "no answer to this order, or a preliminary answer"
     ACCEPTED = "accepted"
     REFUSED = "refused"
 
@@ -133,7 +133,7 @@ class StateBefore:
         return monitor.mode_heard_s > self.given_s
 
     def is_overruled(self, monitor: VehicleMonitor, expected: Collection[str] = ()) -> bool:
-        """Whether a pilot or a failsafe has acted since the order, so that repeating it would overrule them.
+        """Whether a pilot or a failsafe has acted since the order; repeating the order would overrule them.
 
         ``expected`` are further flight modes in which the order still holds.
         """
@@ -218,7 +218,7 @@ class Contact:
 
     @property
     def clears(self) -> bool:
-        """Whether the transfers support clearing a plan; MAVSDK has its own handling of clears."""
+        """Whether an upload may clear the old mission first; transfers by MAVSDK do not."""
         return self._maker is OWN_TRANSFERS
 
     def order(self, command: int, *params: float, **options: Any) -> Order:

@@ -20,7 +20,7 @@ from geo import Farm, FarmError, get_farm
 
 FOREIGN = Path(__file__).parents[1] / "data" / "foreign"
 LON, LAT = 10.0, 50.0
-CROP_NOTE = "no patch names its crop: it is called 'crop'; --crop names it"
+CROP_NOTE = "no patch names its crop: the crop is called 'crop'; --crop gives a name"
 
 
 def square(x: float = 0.0) -> list[list[float]]:

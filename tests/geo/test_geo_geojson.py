@@ -399,7 +399,7 @@ def test_a_file_without_crops_or_owners(tmp_path: Path) -> None:
     farm = load_farm(write(tmp_path, document(*bare)))
     assert {(one.crop, one.owner) for one in farm.patches} == {("crop", "owner")}
     assert farm.owner == "owner"
-    assert farm.notes == ("no patch names its crop: it is called 'crop'; --crop names it",)
+    assert farm.notes == ("no patch names its crop: the crop is called 'crop'; --crop gives a name",)
     named = load_farm(tmp_path / "farm.geojson", crop="sugar beet")
     assert ({one.crop for one in named.patches}, named.notes) == ({"sugar beet"}, ())
     mixed = load_farm(write(tmp_path, document(bare[0], feature(owner=None))), crop="oats")
@@ -413,7 +413,7 @@ def test_large_farms_get_larger_cells_unless_the_file_says_otherwise(tmp_path: P
     farm = load_farm(write(tmp_path, large))
     assert farm.cell_size_m == 0.5
     assert farm.width_cells * farm.height_cells <= 4_000_000
-    assert farm.notes == ("cells are 0.5 m, as cells of one foot would be 7.5 million",)
+    assert farm.notes == ("cells are 0.5 m, as there would be 7.5 million of one foot",)
     said = load_farm(write(tmp_path, {**large, "cell_size_m": 0.3048}))
     assert (said.cell_size_m, said.notes) == (0.3048, ())
 

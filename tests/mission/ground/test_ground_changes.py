@@ -346,8 +346,8 @@ def test_a_mission_that_must_not_be_flown_is_refused_before_anything_is_sent(aut
     home, there = MissionItem(Command.NAV_RETURN_TO_LAUNCH), MissionItem.waypoint(28.0502, -82.15, 12.0)
     bad = [
         ((there,), 0, "leads home"),
-        ((there, home), 2, "item 3 to go on with does not exist"),
-        ((MissionItem(178), there, home), 0, "is no position"),
+        ((there, home), 2, "item 3, at which to resume, does not exist"),
+        ((MissionItem(178), there, home), 0, "has no position"),
         ((there, MissionItem.waypoint(30.0, -82.15, 12.0), home), 0, "from home"),
         ((there, MissionItem.waypoint(28.05, -82.15, 20_000.0), home), 0, "20000 m high"),
     ]

@@ -187,7 +187,7 @@ def test_nothing_is_ordered_while_it_is_not_known_who_chose_the_mode():
     ground.receive(from_vehicle(current(2, ACTIVE)), 11.1)
     ground.receive(from_vehicle(beat(RTL)), 20.0)
     assert ground.pilot.taken_out and not ground.pilot.somebody_else_flies
-    with pytest.raises(NotFlyingError, match=r"left its mission \(mode RTL\).*shows within 5 s"):
+    with pytest.raises(NotFlyingError, match=r"left its mission \(mode RTL\).*wait 5 s"):
         ground.maneuver(Maneuver.HOLD, 20.5)
     ground.receive(from_vehicle(m.MAVLink_mission_item_reached_message(4)), 21.0)
     assert not ground.pilot.taken_out and ground.flies_home

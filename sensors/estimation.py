@@ -48,7 +48,7 @@ class ScoreHistory:
 
     @property
     def score(self) -> float | None:
-        """The paper's score of the run, the mean over the scored times; None before the first."""
+        """The paper's score of the run, the mean over the scored times; None before the first scored time."""
         return float(np.mean(self.scores)) if self.entries else None
 
     def of_day(self, day: int) -> ScoreHistory:
@@ -65,9 +65,9 @@ class RunEstimate:
     results depend neither on the speed of the threads nor on the parts in which observations arrive. An error
     of the estimator is raised by a later call. The caller ends the thread with `close`.
 
-    Scored times are after each `every` observations of a flight and at its end; on later days also before the
-    first observation. For a cancelled flight, `hold` scores the present estimate as often as the flight would
-    have been scored. `ready` is called in the thread before observations are learned, and may wait.
+    The estimate is scored after every `every` observations of a flight and at the flight's end, on later days
+    also before the first observation. For a cancelled flight, `hold` scores the present estimate as often as
+    the flight would have been scored. The thread calls `ready`, which may wait, before it learns.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class RunEstimate:
         self._waiting: deque[Future[Any]] = deque()
 
     def add(self, parts: Sequence[Observations], offset_s: float = 0.0) -> None:
-        """Add observations, which are learned as soon as those up to the next scored time are complete."""
+        """Add observations; they are learned once all those up to the next scored time have arrived."""
         while self._waiting and self._waiting[0].done():
             self._waiting.popleft().result()
         for part in parts:

@@ -85,7 +85,7 @@ def field_names() -> tuple[str, ...]:
 def read_fields(path: str | Path) -> tuple[Field, ...]:
     """Read the fields of a field file.
 
-    FieldError if the file cannot be read or is no field file, or a field cannot be used; the text names both.
+    Raises FieldError, which names the file and the field, if the file or one of its fields cannot be used.
     """
     path = Path(path)
     try:
@@ -114,7 +114,7 @@ def field_from_table(table: Mapping[str, Any], where: str) -> Field:
         or `sensors.dynamics.soil.SoilParameters`. ``default`` is in the field's unit; if missing, it is the
         middle of the range.
     where : str
-        File and position in it, with which the text of an error begins.
+        File and position in the file; the text of an error begins with it.
 
     Raises
     ------

@@ -39,7 +39,7 @@ Dynamics = EpidemicParameters | ContinuousDynamics
 ALL_CROPS = "all"
 """Stands for all crops of a farm in `Field.crops`."""
 MAX_FIELDS = 16
-"""Largest number of fields: a cell's readings of all of them fit into one MAVLink message."""
+"""Largest number of fields: a cell's readings of all fields fit into one MAVLink message."""
 HEALTH_COLOURS = ("#5a0f14", "#f08a24", "#4f9d5d")
 """Colours for lost, infected and healthy plants."""
 WATER_COLOURS = (
@@ -66,23 +66,23 @@ class Field:
         The dynamics; their class decides the kind of the field. `Measured` is for fields that are not
         simulated.
     crops : tuple of str
-        Crops with this field: those of the benchmark (`geo.Crop`), those of a farm, or `ALL_CROPS`. A disease
-        infects these crops on the land of all owners; errors are scored on the owner's cells with these
-        crops.
+        Crops that have this field: names of the benchmark's crops (`geo.Crop`) or of a farm's crops, or
+        `ALL_CROPS`. A disease infects these crops on the land of all owners; errors are scored on the owner's
+        cells with these crops.
     default : float
         Value assumed without observations, 0..1.
     weight : float
         Weight of the field's errors in the score, >= 0.
     cost_above, cost_below : float
-        Cost of the squared error of an estimate above and below the truth, >= 0.
+        Factor of the squared error of an estimate above, and of one below, the truth; >= 0.
     title : str
         Name in pictures and tables; `name` if empty.
     unit : str
         Unit of the values, for pictures.
     colours : tuple of str
-        Two or more colours ``#rrggbb`` for values from 0 to 1; if empty, those of the field's kind.
+        Two or more colours ``#rrggbb`` for values from 0 to 1; if empty, the colours of the field's kind.
     range : tuple of float
-        The values 0 and 1 in `unit`, the lower first; always (0, 1) for a disease.
+        Values in `unit` that are stored as 0 and 1, the lower first; always (0, 1) for a disease.
 
     Raises
     ------
@@ -121,7 +121,7 @@ class Field:
         if strange:
             raise self._error(f"crop {strange[0]!r:.60} is no name of a crop; {CROP_NAMES}")
         if not self.crops or len(set(self.crops)) < len(self.crops):
-            raise self._error(f"crops {', '.join(self.crops) or 'empty'}; give at least one, and each once")
+            raise self._error(f"crops {', '.join(self.crops) or 'empty'}; give one or more, and each once")
         if not 0.0 <= self.default <= 1.0:
             raise self._error(f"default {self.default} is not in 0..1")
         for name in ("weight", "cost_above", "cost_below"):
@@ -137,7 +137,7 @@ class Field:
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             raise self._error(f"range {low:g}, {high:g} is not two numbers, the lower first")
         if self.kind == "disease" and self.range != (0.0, 1.0):
-            raise self._error("range: a disease has none, it is 1 where healthy, 0.5 infected, 0 lost")
+            raise self._error("range: a disease has no range; it is 1 if healthy, 0.5 infected, 0 lost")
         if not self.title:
             object.__setattr__(self, "title", self.name)
         if not self.colours:
@@ -182,13 +182,13 @@ class Field:
         return np.clip((np.asarray(values, np.float64) - low) / (high - low), 0.0, 1.0)
 
     def hosts(self, grid: FarmGrid, where: Any = ...) -> NDArray[np.bool_]:
-        """Return a new mask of the cells with the field's crops, of all owners, bool[W, H] or `where`."""
+        """Return a new mask of all owners' cells that have the field's crops, bool[W, H] or `where`."""
         every = ALL_CROPS in self.crops
         names = [crop for crop in grid.crops if crop not in NOT_GROWN] if every else self.crops
         return grid.of_crops(names, where)
 
     def mask(self, grid: FarmGrid, where: Any = ...) -> NDArray[np.bool_]:
-        """Return a new mask of the scored cells (the field's crops, the owner's), bool[W, H] or `where`."""
+        """Return a new mask of the scored cells (the owner's cells with the crops), bool[W, H] or `where`."""
         cells = self.hosts(grid, where)
         cells &= grid.owned[where]
         return cells
@@ -217,7 +217,7 @@ class FieldSet:
             raise FieldError(f"fields: {len(self.fields)} fields, expected 1 to {MAX_FIELDS}")
         twice = [name for name in self.names if self.names.count(name) > 1]
         if twice:
-            raise FieldError(f"fields: {twice[0]!r} is given twice; every field needs a name of its own")
+            raise FieldError(f"fields: {twice[0]!r} is given twice; every field needs a different name")
 
     def __repr__(self) -> str:
         return f"FieldSet({', '.join(self.names)})"
@@ -236,7 +236,7 @@ class FieldSet:
         return self.fields[self.index(key) if isinstance(key, str) else key]
 
     def index(self, name: str) -> int:
-        """Return the index of a field; FieldError if no field has this name."""
+        """Return the index of a field; raises FieldError if no field has this name."""
         if name not in self.names:
             raise FieldError(f"no field {name!r}, expected one of {', '.join(self.names)}")
         return self.names.index(name)
@@ -254,7 +254,7 @@ class FieldSet:
 
     @property
     def defaults(self) -> tuple[float, ...]:
-        """Value of each field that is assumed without observations."""
+        """Value that is assumed for each field without observations."""
         return tuple(field.default for field in self.fields)
 
     @property
@@ -272,12 +272,12 @@ class FieldSet:
         measured = ", ".join(field.name for field in self.fields if not field.is_simulated)
         if measured:
             raise FieldError(
-                f"fields: {measured} can only be measured: a simulated camera sees what dynamics make; "
-                'give such as kind = "continuous" and a table [field.dynamics] (docs/fields.md)'
+                f"fields: {measured} can only be measured, and a simulated camera needs dynamics; "
+                'give a kind such as "continuous" and a table [field.dynamics] (docs/fields.md)'
             )
 
     def scored(self, grid: FarmGrid) -> NDArray[np.bool_]:
-        """Return `masks`; on a large farm a `LazyFields`, which takes no memory."""
+        """Return `masks`, or on a large farm a `LazyFields`, which takes no memory."""
         if grid.crop.size < LARGE_FROM_CELLS:
             return self.masks(grid)
 
@@ -287,7 +287,7 @@ class FieldSet:
         return cast("NDArray[np.bool_]", LazyFields((len(self.fields), *grid.shape), read, np.bool_))
 
     def masks(self, grid: FarmGrid) -> NDArray[np.bool_]:
-        """Return the mask of each field's scored cells, without those of neighbours: bool[n, W, H]."""
+        """Return the mask of each field's scored cells, without the neighbours' cells: bool[n, W, H]."""
         masks = np.empty((len(self.fields), *grid.shape), np.bool_)
         for field, mask in zip(self.fields, masks, strict=True):
             mask[...] = field.mask(grid)

@@ -1,4 +1,4 @@
-"""Observations of the leaf camera as a struct of arrays, files of them, and arrays that grow with them."""
+"""Observations of the leaf camera as a struct of arrays, their files, and arrays that grow by rows."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ class Observations:
     ) -> Observations:
         """Join parts of observations, in order; all must have the fields `fields`.
 
-        ObservationError if a part has other fields.
+        Raises ObservationError if a part has other fields.
         """
         kept = []
         for part in parts:
@@ -135,7 +135,7 @@ class Observations:
     def check_fields(self, fields: tuple[str, ...]) -> None:
         """Raise ObservationError unless the observations have exactly these fields, in this order."""
         if self.fields != fields:
-            msg = f"observations: they are of {', '.join(self.fields)}, expected {', '.join(fields)}"
+            msg = f"observations: they have {', '.join(self.fields)}, expected {', '.join(fields)}"
             raise ObservationError(msg)
 
     def check_inside(self, shape: tuple[int, int]) -> None:
@@ -160,8 +160,8 @@ class Observations:
     def save(self, path: str | Path) -> None:
         """Write a `.parquet` or `.csv` file atomically.
 
-        The columns are x, y, time_s, day and one for each field, with the field's name. A field that was not
-        sensed is null (in CSV: empty).
+        The columns are x, y, time_s, day and a column for each field, with the field's name. A field that was
+        not sensed is null (in CSV: empty).
         """
         path = Path(path)
         save, _ = _format_of(path)
@@ -185,8 +185,8 @@ class Observations:
         Raises
         ------
         ObservationError
-            If the file is missing, lacks a column, has values that are not numbers, or is not of the format
-            of its suffix.
+            If the file is missing, lacks a column, has values that are not numbers, or has another format
+            than its suffix says.
         """
         path = Path(path)
         _, load = _format_of(path)
@@ -202,7 +202,7 @@ class Observations:
 
 
 class GrowingArray:
-    """An array with amortised appending of rows.
+    """An array to which rows are appended in amortised constant time.
 
     Examples
     --------

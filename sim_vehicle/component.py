@@ -18,7 +18,7 @@ NEVER = float("inf")
 
 @runtime_checkable
 class Component(Protocol):
-    """A MAVLink component, the source of the messages that `receive` and `poll` return.
+    """A MAVLink component, which sends the messages that `receive` and `poll` return.
 
     Times are monotone seconds of the host's clock.
     """
@@ -35,7 +35,7 @@ class Component(Protocol):
 
     @property
     def wanted(self) -> frozenset[int] | None:
-        """Ids of the messages that the host parses for `receive`, None for all; the host reads it once."""
+        """IDs of the messages that the host parses for `receive`; None for all. The host reads this once."""
         ...
 
     def receive(self, message: mavlink.MAVLink_message, now_s: float) -> list[mavlink.MAVLink_message]:
@@ -80,7 +80,7 @@ class Serves(Protocol):
 
 
 UNHEARD: Any = object()
-"""Placeholder for a message that nobody listens to (see `SaysMuch`); it counts as a frame."""
+"""Placeholder for a message that nobody listens to (see `SaysMuch`); the host counts it as a frame."""
 
 
 @runtime_checkable
@@ -88,7 +88,7 @@ class SaysMuch(Protocol):
     """A component that need not build messages that nobody listens to."""
 
     def only_heard(self, message_ids: frozenset[int] | None) -> None:
-        """Build only answers and messages of these ids (None: all), and return `UNHEARD` for the others."""
+        """Build answers and messages of these IDs (None: all); return `UNHEARD` for any other message."""
         ...
 
 

@@ -1,6 +1,6 @@
 """Layout of an image's readings, and of the announcement of field names, in DEBUG_FLOAT_ARRAY messages.
 
-There are two versions. Version 1, with the name ``WBF_LEAF``, is for the benchmark's three fields:
+There are two versions. Version 1, with the name ``WBF_LEAF``, carries the benchmark's three fields:
 
 ====== ===============================================================================
 0      image index (exact up to 2^24; beyond, ``array_id`` and the time identify the image)
@@ -9,8 +9,7 @@ There are two versions. Version 1, with the name ``WBF_LEAF``, is for the benchm
 3 ...  the values cell by cell, each in the order of the fields; NaN where not sensed
 ====== ===============================================================================
 
-Version 2, with the name ``WBF_LEAF2``, is for all other fields. In version 2 the values begin two floats
-later:
+Version 2, with the name ``WBF_LEAF2``, carries any other set of fields. Two floats more precede the values:
 
 ====== ===============================================================================
 3      number of fields
@@ -45,7 +44,7 @@ LEAF_NAME = "WBF_LEAF"
 FURTHER_NAME = "WBF_LEAF2"
 FIELDS_NAME = "WBF_FIELDS"
 ANNOUNCED_EVERY = 64
-"""Images between two announcements of the field names, which are repeated for late receivers."""
+"""Number of images between two announcements of the field names, repeated for receivers that join late."""
 
 _VERSION = 2
 _NAMES_HEADER = 3
@@ -55,7 +54,7 @@ _MAX_NAMES = 25 * MAX_FIELDS
 
 @dataclass(frozen=True, slots=True)
 class Readings:
-    """The part of an image's readings that is in one message."""
+    """The part of an image's readings that one message carries."""
 
     footprint_cells: int
     first: int
@@ -119,7 +118,7 @@ class LeafLayout:
         return Readings(n, start, cells, values)
 
     def fits(self, data: Sequence[float]) -> bool:
-        """Return whether the header in the data of a message is that of these fields."""
+        """Return whether the header in the data of a message is the header of these fields."""
         return tuple(data[3 : 3 + len(self.header)]) == self.header
 
     def announcement(self) -> list[list[float]]:

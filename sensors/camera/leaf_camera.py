@@ -20,11 +20,11 @@ HEALTHY = 1.0
 INFECTED = 0.5
 MAX_FOOTPRINT_CELLS = 64
 NOWHERE_M = 1e7
-"""East and north offset of an image without ground in view; it is off every farm."""
+"""East and north offset of an image that shows no ground; this offset places the image off every farm."""
 MOST_READINGS = 1 << 24
-"""Limit of reading numbers: readings are 32-bit floats, which hold all whole numbers up to here."""
+"""Limit of reading numbers: 32-bit floats hold all whole numbers up to this limit exactly."""
 _FARTHEST_M = 10_000.0
-# Largest rounding error of a vertical axis in single precision (rad), less than 0.01 degrees.
+# A vertical axis in single precision is tilted by at most this angle (rad, less than 0.01 degrees).
 _STRAIGHT = 5e-5
 _UNIT = 0.01  # Tolerance for the squared norm of a quaternion that is a rotation
 
@@ -56,12 +56,12 @@ class LeafCameraOptions:
     footprint_cells : int
         Side of the square of cells that an image covers.
     noise_std : float or sequence of float
-        Standard deviation of Gaussian noise, one number or one for each field. Readings are not clipped to
-        0..1, as clipping would bias them.
+        Standard deviation of Gaussian noise: one number for all fields, or one number for each field.
+        Readings are not clipped to 0..1, as clipping would bias them.
     false_positive_rate : float
         Probability that a healthy leaf reads as infected (1.0 as 0.5), in each disease field.
     false_negative_rate : float
-        Probability that a diseased or lost leaf reads as healthy (below 1.0 as 1.0), in each disease field.
+        Probability that a diseased or lost leaf (below 1.0) reads as healthy (1.0), in each disease field.
     sensed : sequence of str, optional
         Names of the measured fields, without repetitions; readings of other fields are NaN. Default: all.
     fields : FieldSet
@@ -127,8 +127,8 @@ class LeafCamera:
     """A camera that reads the fields of an environment under its footprint.
 
     Readings depend on the cells, the generator and the order of the images, but not on the number of images
-    per call. Readings of cells outside the farm's `shape` are NaN. `rng` is the source of random errors:
-    ObservationError if the options have random errors and `rng` is None.
+    per call. Readings of cells outside the farm's `shape` are NaN. `rng` is the source of random errors;
+    without it, options with random errors raise ObservationError.
 
     Examples
     --------
@@ -237,8 +237,8 @@ def ground_offset(quaternion: Sequence[float], height_m: float) -> tuple[float, 
     The distance is the height times the tangent of the angle from straight down. Beyond 10 km (ArduPilot's
     ``AP_MOUNT_POI_DIST_M_MAX``), and at or above the horizon, both offsets are `NOWHERE_M`.
 
-    The quaternion (w, x, y, z) is the attitude in CAMERA_IMAGE_CAPTURED, with the optical axis forward. A
-    quaternion that is no rotation (zeros, NaN) is taken as straight down.
+    The quaternion (w, x, y, z) is from CAMERA_IMAGE_CAPTURED; it turns the forward axis into the optical
+    axis. A quaternion that is not a rotation (zeros, NaN) is taken as straight down.
 
     Examples
     --------
@@ -263,7 +263,7 @@ def ground_offset(quaternion: Sequence[float], height_m: float) -> tuple[float, 
 
 @dataclass(slots=True)
 class ImageList:
-    """Images of a flight's cameras in the order in which they were taken, with `cells` cells each."""
+    """Images of a flight's cameras in the order of capture; each image has `cells` cells."""
 
     cells: int
     _x: list[int] = field(default_factory=list)
@@ -287,7 +287,7 @@ class ImageList:
     def read(self, cameras: Sequence[Camera]) -> NDArray[np.float32]:
         """Return the readings of all images in order of their numbers, float32[images * cells, fields].
 
-        `cameras` are in the order of their numbers; each camera takes its own images in order.
+        `cameras` are in the order of their numbers; each camera takes its images in the order of the list.
         """
         x, y, by = (np.array(column, np.int64) for column in (self._x, self._y, self._camera))
         fields = len(cameras[0].options.fields)

@@ -99,9 +99,9 @@ class Imaging:
     height_m : float
         Height above the ground, metres.
     front_overlap, side_overlap : float
-        Overlap of consecutive images of a row, and of neighbouring rows, as a share of an image; 0 to 0.95.
+        Overlap of consecutive images of a row, and of neighbouring rows, as a fraction of an image, 0..0.95.
     portrait : bool
-        Whether the width of an image is along the flight; else across it.
+        True if the width of an image lies along the flight, False if it lies across the flight.
     blur_px : float
         Largest movement of the ground during an exposure, pixels.
 
@@ -164,7 +164,7 @@ class Imaging:
 
     @property
     def sure_along_m(self) -> float:
-        """Length that an image surely shows (m), if it may be `image_distance_m` off at either end."""
+        """Length (m) that an image shows even if its centre is off by `image_distance_m` either way."""
         return max(self.along_m - 2.0 * self.image_distance_m, 0.0)
 
     @property
@@ -196,7 +196,7 @@ def camera_names() -> tuple[str, ...]:
 def get_camera(name: str) -> CameraModel:
     """Return a built-in camera by name, or read one from a TOML file with the fields of `CameraModel`.
 
-    CameraError if no camera has this name, or the file is no camera file.
+    Raises CameraError if no camera has this name, or the file is not a camera file.
     """
     if name.lower().endswith(".toml"):
         return read_camera(Path(name))
@@ -208,7 +208,7 @@ def get_camera(name: str) -> CameraModel:
 
 
 def read_camera(path: Path) -> CameraModel:
-    """Read a camera from a TOML file; without a key ``name`` the camera has the name of the file."""
+    """Read a camera from a TOML file; a camera without the key ``name`` gets the name of the file."""
     where = f"camera file {path}"
     try:
         return _camera(path.stem, read_toml(path))

@@ -1,10 +1,10 @@
 """Observations from the MAVLink messages of a leaf camera.
 
-An image has two standard messages: CAMERA_IMAGE_CAPTURED gives its time and position, DEBUG_FLOAT_ARRAY its
+An image takes two standard messages: CAMERA_IMAGE_CAPTURED has its time and position, DEBUG_FLOAT_ARRAY its
 readings (`sensors.camera.layout`). A large footprint takes several DEBUG_FLOAT_ARRAY messages. Messages are
 paired by image index (``array_id`` is its low 16 bits) and time since boot. The image's cell is the cell in
-which the optical axis meets flat ground (`ground_offset`), from the reported position with its resolution of
-1e-7 degree. The cells of the footprint follow in the order of `footprint_offsets`.
+which the optical axis meets flat ground (`ground_offset`), computed from the reported position, which has a
+resolution of 1e-7 degree. The cells of the footprint follow in the order of `footprint_offsets`.
 
 No MAVLink library is imported: messages are recognised by their ``id`` and read by their fields.
 """
@@ -31,7 +31,7 @@ DEBUG_FLOAT_ARRAY = 350
 _ID_MASK = 0xFFFF
 _MAX_PENDING = 1024
 _MAX_KNOWN = 131_072
-_MOST_BEFORE = 8  # consecutive images that a link with 50 % loss drops in 1 of 256 cases
+_MOST_BEFORE = 8  # A link with 50 % loss drops as many images in a row in 1 of 256 cases
 _MAX_MISSING = 65_536
 _MOST_IMAGES = 1 << 24
 _E7 = 1e7
@@ -46,13 +46,13 @@ class AssemblerStatistics:
     Parameters
     ----------
     off_farm : int
-        Cells outside the farm (as all cells of an image of the sky), or without any reading.
+        Cells outside the farm (for example all cells of an image of the sky), or without any reading.
     """
 
     images: int = 0  # Complete images
     observations: int = 0  # Cells with at least one reading
     duplicates: int = 0  # Repeated messages
-    lost: int = 0  # Images that are missing at present, by gaps in the image index
+    lost: int = 0  # Images that are still missing, counted by gaps in the image index
     unpaired: int = 0  # Incomplete images that were discarded
     failed: int = 0  # Images that the camera reported as failed
     malformed: int = 0  # Messages with invalid content
@@ -88,9 +88,9 @@ class ObservationAssembler:
     day : int
         Day of the flight, stored with each observation.
     system_id, component_id : int, optional
-        The camera whose messages are used; None accepts any.
+        System and component of the camera whose messages are used; None accepts any.
     start_s : float
-        Beginning of the run on the vehicle's clock (seconds since boot), from which times count.
+        Start of the run on the vehicle's clock (seconds since boot); times of observations count from it.
     fields : tuple of str
         Names of the expected fields, in order.
 
@@ -123,7 +123,7 @@ class ObservationAssembler:
         self._missing: dict[int, None] = {}
         self._highest = -1
         self._highest_ms = 0
-        self._first = 0  # index of the first image, until the images before it are counted as missing
+        self._first = 0  # index of the first received image; 0 once the images before it count as missing
         self._from_first = False
         self._moved_us = 0.0
         self._since_us = -math.inf
@@ -131,7 +131,7 @@ class ObservationAssembler:
         self._wide: list[_Image] = []
 
     def add(self, message: Any) -> None:
-        """Add a MAVLink message; messages of other sources than the camera are ignored."""
+        """Add a MAVLink message; messages that do not come from the camera are ignored."""
         kind = type(message).id
         if kind != DEBUG_FLOAT_ARRAY and kind != CAMERA_IMAGE_CAPTURED:
             return
@@ -258,13 +258,13 @@ class ObservationAssembler:
             del self._missing[next(iter(self._missing))]
 
     def expect_from_first(self, since_s: float = 0.0) -> None:
-        """Count images before the first received one as missing: the link was down when they were taken.
+        """Count the images before the first received image as missing: the link was down at that time.
 
         Images before `since_s` on the vehicle's clock belong to earlier flights and are ignored.
         """
         self._from_first = True
         self._since_us = 1e6 * since_s
-        # A lossy link may have lost some images just before the first one that arrived.
+        # A lossy link may have lost some images just before the first image that arrived.
         self._miss(max(0, self._first - _MOST_BEFORE), self._first)
         self._first = 0
         self.statistics.lost = len(self._missing)
@@ -274,7 +274,7 @@ class ObservationAssembler:
         self._moved_us = 1e6 * seconds
 
     def expect(self, count: int) -> None:
-        """Record the images that have not arrived as missing; `count` is the camera's own count of images."""
+        """Record all images that have not arrived as missing; `count` is the camera's count of its images."""
         if self._highest + 1 < count < _MOST_IMAGES:
             self._miss(self._highest + 1, count)
             self._highest = count - 1

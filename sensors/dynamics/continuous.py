@@ -82,8 +82,8 @@ class ContinuousDynamics(ABC):
         """Simulate the field on a coarse grid with the proportions of a farm.
 
         The longer side has `side` cells, the shorter side at least 8. `days` are ascending. The result is
-        float64[days, n, w, h], with one simulation for each of the n generators; the field of a day does not
-        depend on the other days.
+        float64[days, n, w, h], with one simulation for each of the n generators; the field of a day is the
+        same whichever other days are given.
         """
         scale = side / max(shape)
         width, height = (max(_LEAST_COARSE_CELLS, round(cells * scale)) for cells in shape)
@@ -143,9 +143,9 @@ class Measured(ContinuousDynamics):
         Lengthscale of the squared exponential kernel, metres: at this distance the correlation is
         ``exp(-1/2)``, 0.61.
     spread : float
-        Standard deviation of the smooth part, as a fraction of the field's range.
+        Standard deviation of the latent function (the field without noise), as a fraction of the range.
     noise : float
-        Standard deviation of a cell from its neighbourhood, as a fraction of the range.
+        Standard deviation of a cell's value about the latent function, as a fraction of the range.
 
     Raises
     ------
@@ -170,7 +170,7 @@ class Measured(ContinuousDynamics):
     def days(self, shape: tuple[int, int], rng: Generator) -> Iterator[NDArray[np.floating]]:  # noqa: ARG002
         """Raise EnvironmentDataError: the field cannot be simulated."""
         raise EnvironmentDataError(
-            'a field that is only measured cannot be simulated; give it a kind that can, such as "continuous"'
+            'a field that is only measured cannot be simulated; give it a kind such as "continuous"'
         )
 
 
@@ -182,8 +182,8 @@ _TRUNCATED_AT = 4.0
 class SmoothParameters(ContinuousDynamics):
     """Smooth static fields: Gaussian random fields that do not change from day to day.
 
-    Smooth fields are the standard of informative path planning, for which a Gaussian process with a squared
-    exponential kernel is the exact model. White noise smoothed by a Gaussian of standard deviation l /
+    Smooth fields are the usual test case of informative path planning; a Gaussian process with a squared
+    exponential kernel is their exact model. White noise smoothed by a Gaussian of standard deviation l /
     sqrt(2) has the correlation exp(-d^2 / (2 l^2)) (process convolution: D. Higdon, *Space and Space-Time
     Modeling using Process Convolutions*, 2002).
 
@@ -234,7 +234,7 @@ class SmoothParameters(ContinuousDynamics):
         for axis, width in enumerate(widths):
             smoothed = correlate1d(smoothed, _weights(width), axis, mode="constant")
         inner = smoothed[tuple(slice(m, m + n) for m, n in zip(margins, shape, strict=True))]
-        # Variance of the smoothed noise; that of the white noise is 1.
+        # Variance of the smoothed noise; the white noise has variance 1.
         left = math.prod(float(np.square(_weights(width)).sum()) for width in widths)
         field = np.clip(self.mean + self.spread / math.sqrt(left) * inner, 0.0, 1.0)
         while True:

@@ -42,7 +42,7 @@ NEVER = -1
 """Onset of a cell that was never infected."""
 NO_HOST = -2
 """Onset of a cell that cannot be infected."""
-_STRIP_ROWS = 64  # Rows whose hosts are listed at once: 2.5 MB on Waterberry
+_STRIP_ROWS = 64  # Rows whose hosts are listed at once; the list takes 2.5 MB on Waterberry
 _VALUES = {SUSCEPTIBLE: 1.0, REMOVED: 0.0, IMMUNE: 1.0}
 
 Draws = Callable[[NDArray[np.intp]], NDArray[np.float64]] | NDArray[np.float64]
@@ -57,7 +57,7 @@ class InfectionRule:
     likelihood : float
         p_t: infection probability for a count of one.
     rounded : bool
-        Whether counts are rounded down: the rule ``"count"``; else ``"kernel"``.
+        True for the rule ``"count"``, which rounds counts down; False for ``"kernel"``.
     """
 
     kernel: DistanceKernel
@@ -92,7 +92,7 @@ class EpidemicParameters:
     duration_days : int
         Duration of an infection.
     seed_duration_days : int
-        Duration of the infections of day 0.
+        Duration of the infections that begin on day 0.
     seeds : int, optional
         Number of infected cells on day 0. Default: 3 for each full 30 cells of the farm's width, at least 3.
     kernel_size : int, optional
@@ -166,8 +166,8 @@ class EpidemicParameters:
     def on_window(self, shape: tuple[int, int], seeds: int) -> EpidemicParameters:
         """Return the parameters for a window of a farm of this shape (cells).
 
-        The kernel has the size of the farm's kernel; the default for the smaller width of a window would be
-        smaller.
+        The kernel keeps the size of the farm's kernel; the default size for the smaller width of a window
+        would be smaller.
 
         >>> TYLCV.on_window((100, 100), seeds=2).kernel_size
         5
@@ -196,7 +196,7 @@ def age(status: NDArray[np.int8]) -> NDArray[np.int8]:
 
 
 def step(status: NDArray[np.int8], draws: Draws, rule: InfectionRule) -> NDArray[np.int8]:
-    """Return the status of an epidemic a day later; the argument is not changed.
+    """Return the status of an epidemic a day later; `status` is not changed.
 
     `draws` are uniform in [0, 1): an array with a number for each cell, or a function that is called once
     with the flat indices (C order, ascending) of the cells that may become infected. A cell with probability
@@ -232,8 +232,8 @@ def draw_seeds(
 ) -> NDArray[np.intp]:
     """Draw the infected cells of day 0, as ascending flat indices in C order.
 
-    Seeds are uniform over the susceptible cells. `spread_cells`: only the first seed is uniform, and the
-    others are normally distributed about the first seed. Several seeds may be on the same cell.
+    Seeds are uniform over the susceptible cells. With `spread_cells`, only the first seed is uniform; the
+    other seeds are normally distributed about it. Seeds may coincide: there may be fewer than `count` cells.
     """
     if spread_cells is not None:
         return _draw_cluster(susceptible, count, rng, spread_cells)
@@ -278,8 +278,8 @@ def simulate_outbreak(
 ) -> NDArray[np.int8]:
     """Simulate an outbreak for `days` days, and return the onset of each cell, int8[W, H].
 
-    The onset is the day of infection (0 for seeds), `NEVER` or `NO_HOST`. The result equals that of a
-    repeated `step`, at a cost proportional to the number of infected cells. The generator draws the seeds,
+    The onset is the day of infection (0 for seeds), `NEVER` or `NO_HOST`. The result equals repeated calls of
+    `step`, but the cost is proportional to the number of infected cells. The generator draws the seeds,
     then on each day a uniform number for each cell that may become infected, in C order.
     """
     rule = parameters.infection_rule(susceptible.shape)
@@ -335,14 +335,14 @@ _SHARED_DAYS = 4  # Consecutive days that use the same simulation, to save time 
 
 @dataclass(frozen=True, slots=True)
 class Outbreak:
-    """Statistics of outbreaks of a disease on a day, each outbreak started by a single plant.
+    """Statistics of outbreaks of a disease on a given day; each outbreak was started by a single plant.
 
     Parameters
     ----------
     together : float
-        Sum of the squared sizes of outbreaks over the sum of the sizes, in sick plants. If outbreaks start at
-        random points and do not meet, this is the ratio of variance to mean of a farm's number of sick
-        plants.
+        Sum of the squared sizes of outbreaks divided by the sum of the sizes; sizes are numbers of sick
+        plants. If outbreaks start at random points and do not meet, this is the ratio of variance to mean of
+        the number of sick plants on a farm.
     illness : float
         Mean of 1 minus the value of a sick plant.
     """

@@ -159,7 +159,7 @@ class InfectionFront:
         return cells
 
     def infect(self, cells: Cells) -> None:
-        """Infect the given different cells, and add their neighbours to the front."""
+        """Infect the given cells, which must be distinct, and add their neighbours to the front."""
         centres = self._pad(cells)
         self._susceptible[centres] = False
         self._front = np.concatenate([self._front, *self._add(centres, 1)])
@@ -169,7 +169,7 @@ class InfectionFront:
         self._add(self._pad(cells), -1)
 
     def _add(self, centres: Cells, sign: int) -> list[Cells]:
-        """Add the weights around infected cells, or subtract them; return the neighbours that had none."""
+        """Add the weights around infected cells, or subtract them; return the cells whose sum was zero."""
         joining = []
         for first in range(0, len(centres), _CENTRES_AT_ONCE):
             part = centres[first : first + _CENTRES_AT_ONCE]
@@ -186,7 +186,7 @@ class InfectionFront:
         front = np.sort(self._front[self._susceptible[self._front]])
         total = self._total.take(front)
         kept = total > 0
-        # Cells that lost all infected neighbours and then got new ones are listed twice.
+        # Cells that lost all infected neighbours and later got new infected neighbours are listed twice.
         kept[1:] &= front[1:] != front[:-1]
         self._front = front[kept]
         return self._unpad(self._front), total[kept]

@@ -41,8 +41,8 @@ class SoilParameters(ContinuousDynamics):
     rain_probability : float
         Probability of rain on a day.
     mean_rain : float
-        Expected mean over the farm of the humidity that a rainy day adds; the mean of a day is uniform in
-        0..2 * mean_rain.
+        Expected humidity that a rainy day adds, averaged over the farm; the average of a given day is
+        uniform in 0..2 * mean_rain.
     start_humps, shower_humps : int
         Number of humps of the initial field and of a shower.
     warm_up_days : int
@@ -84,7 +84,7 @@ class SoilParameters(ContinuousDynamics):
             raise EnvironmentDataError(f"soil: spread {self.spread} is not a positive number")
 
     def hump_sides(self, shape: tuple[int, int]) -> tuple[int, int]:
-        """Return the sides of a hump on a farm of this shape, cells."""
+        """Return the side lengths of a hump on a farm of this shape (cells)."""
         return (min(shape), min(shape)) if self.square_humps else shape
 
     def course(self, shape: tuple[int, int], last_day: int, rng: Generator) -> SoilCourse:
@@ -126,7 +126,7 @@ def _draw_corners(
 def draw_weather(shape: tuple[int, int], days: int, parameters: SoilParameters, rng: Generator) -> Weather:
     """Draw the weather of the warm-up and of `days` days.
 
-    The order of draws is that of the authors' code: x and y of each initial hump; then for each day whether
+    The order of draws is as in the authors' code: x and y of each initial hump; then for each day whether
     it rains, and on a rainy day the mean rain, and x and y of each hump.
     """
     sides = parameters.hump_sides(shape)
@@ -157,7 +157,7 @@ def _profiles(corners: NDArray[np.int64], cells: int, side: int, spread: float) 
 def hump_factors(
     corners: NDArray[np.int64], shape: tuple[int, int], parameters: SoilParameters
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return matrices float64[W, k] and float64[k, H] with the sum of all humps as their product."""
+    """Return matrices float64[W, k] and float64[k, H] whose product is the sum of all humps."""
     sides = parameters.hump_sides(shape)
     along_x = _profiles(corners[:, 0], shape[0], sides[0], parameters.spread)
     along_y = _profiles(corners[:, 1], shape[1], sides[1], parameters.spread)
@@ -167,9 +167,9 @@ def hump_factors(
 def rain_factors(
     shower: Shower, shape: tuple[int, int], parameters: SoilParameters
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Return matrices with the rain of a shower as their product, scaled to the shower's mean.
+    """Return matrices whose product is the rain of a shower, scaled to the shower's mean.
 
-    None if all humps are off the farm: then no rain falls.
+    Returns None if all humps are off the farm, so that no rain falls.
     """
     along_x, along_y = hump_factors(shower.corners, shape, parameters)
     # Not `sum`: its result differs since Python 3.12, which compensates rounding errors.

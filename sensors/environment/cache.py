@@ -54,11 +54,11 @@ class EnvironmentCache:
     def of_user(cls) -> EnvironmentCache:
         """Return the cache in the user's cache folder (`geo.system`).
 
-        The variable WBF_MISSION_ENVIRONMENT_CACHE_MB sets the limit (default 2000); 0 turns the cache off.
+        The variable WBF_MISSION_ENVIRONMENT_CACHE_MB sets the limit (MB, default 2000); 0 turns it off.
         """
         text = os.environ.get(LIMIT_VARIABLE, "").strip() or str(DEFAULT_LIMIT_MB)
         if not (text.isascii() and text.isdecimal() and len(text) <= 9):
-            msg = f"{LIMIT_VARIABLE}={text!r} is not a number of megabytes; give one, or 0 for no cache"
+            msg = f"{LIMIT_VARIABLE}={text!r} is not a number of megabytes; give a number, or 0 for no cache"
             raise EnvironmentDataError(msg)
         return cls(user_cache_folder("environments"), int(text) * 1_000_000)
 
@@ -81,7 +81,7 @@ class EnvironmentCache:
         """Return the environment of days `day` to `last_day` (default: `day`), and whether it was cached.
 
         An environment that is not cached is generated and saved. If the folder cannot be written, a
-        `geo.system.CacheWarning` is given. Errors are those of `generate_environment`.
+        `geo.system.CacheWarning` is given. Raises the errors of `generate_environment`.
         """
         last = day if last_day is None else last_day
         kept = range(day, last + 1)
@@ -157,7 +157,7 @@ def _size(path: Path) -> int:
 
 MOST_ENVIRONMENTS = 2
 MOST_CELLS = 100_000
-"""Largest farm kept in memory; runs on larger farms take much longer than the generation."""
+"""Largest farm kept in memory; on larger farms a run takes much longer than generating its environment."""
 
 
 class EnvironmentMemory:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from geo.grid import FarmGrid
 
-_FEW = 8  # Cells up to which a loop is faster than numpy's arrays
+_FEW = 8  # Most cells for which a loop is faster than array operations
 
 T = TypeVar("T", bound=np.generic)
 S_co = TypeVar("S_co", bound=np.generic, covariant=True)
@@ -152,9 +152,9 @@ class Environment:
         levels: Mapping[str, Mapping[int, NDArray[np.float32]]],
         provenance: Provenance | None = None,
     ) -> Environment:
-        """Return an environment with these arrays, of the form that `onset` and `level` return.
+        """Return an environment with these arrays, in the form in which `onset` and `level` return them.
 
-        EnvironmentDataError if the shapes or types of arrays are wrong, or there is no day.
+        Raises EnvironmentDataError if the shapes or types of arrays are wrong, or there is no day.
         """
         kept = tuple(sorted(days))
         if not kept:
@@ -198,8 +198,8 @@ class Environment:
     def status(self, disease: str, day: int) -> NDArray[np.int8]:
         """Return the SIRV status on a kept day, int8[W, H], a new array.
 
-        0 is susceptible, k > 0 infected with k days remaining, -1 removed, -2 immune. EnvironmentDataError if
-        the disease is unknown or the day is not kept.
+        0 is susceptible, k > 0 infected with k days remaining, -1 removed, -2 immune. Raises
+        EnvironmentDataError if the disease is unknown or the day is not kept.
         """
         layer = self._onset_of(disease)
         self._check_day(day)
@@ -222,7 +222,7 @@ class Environment:
         """Return E on a kept day, float32[n, W, H]; `out` is an array that receives the values.
 
         A disease is 1.0 where plants are healthy or there is no host plant, 0.5 where plants are infected and
-        0.0 where they are lost. EnvironmentDataError if the day is not kept.
+        0.0 where they are lost. Raises EnvironmentDataError if the day is not kept.
         """
         self._check_day(day)
         values = np.empty((len(self.fields), *self.shape), np.float32) if out is None else out
@@ -230,7 +230,7 @@ class Environment:
         return values
 
     def truth(self, day: int) -> NDArray[np.float32]:
-        """Return `values` of a kept day; on a large farm a `LazyFields`, which takes no memory."""
+        """Return `values` of a kept day, or on a large farm a `LazyFields`, which takes no memory."""
         if self.shape[0] * self.shape[1] < LARGE_FROM_CELLS:
             return self.values(day)
         self._check_day(day)
@@ -252,8 +252,8 @@ class Environment:
     def window(self, day: int, x: slice, y: slice) -> NDArray[np.float32]:
         """Return `values` of a window of the farm, float32[n, w, h], a new array.
 
-        The slices have no step; a missing start or stop is the farm's border. Only the chunks that the window
-        touches are decoded. EnvironmentDataError if the day is not kept or the window is not on the farm.
+        The slices have no step; a missing start or stop is the farm's border. Only chunks that the window
+        touches are decoded. Raises EnvironmentDataError if the day is not kept or the window is off the farm.
 
         Examples
         --------
@@ -285,7 +285,7 @@ class Environment:
     def sample(self, day: int, ix: ArrayLike, iy: ArrayLike) -> NDArray[np.float32]:
         """Return the n fields at k cells on a kept day, float32[k, n], without decoding the whole day.
 
-        EnvironmentDataError if the day is not kept, a cell is off the farm, or an index is no integer.
+        Raises EnvironmentDataError if the day is not kept, a cell is off the farm, or an index is no integer.
         """
         self._check_day(day)
         few = _few_cells(ix, iy, self.shape)
@@ -323,7 +323,7 @@ class Environment:
 
 
 def _fill_disease(field: NDArray[np.float32], onset: NDArray[np.int8], table: NDArray[np.float32]) -> None:
-    """Write E of a disease, float32[w, h], given the days of infection and the value of each such day."""
+    """Write E of a disease, float32[w, h], from the onsets and a table of values by onset."""
     field.fill(1.0)
     # Few cells are ever infected: setting only these is several times faster than a table for all cells.
     if onset.flags.c_contiguous and field.flags.c_contiguous:
@@ -335,7 +335,7 @@ def _fill_disease(field: NDArray[np.float32], onset: NDArray[np.int8], table: ND
 
 
 def _few_cells(ix: ArrayLike, iy: ArrayLike, shape: tuple[int, int]) -> list[tuple[int, int]]:
-    """Return the cells of two integer arrays as a list; empty if the arrays are long or of another form."""
+    """Return the cells of two short integer arrays as a list; empty for other input or cells off the farm."""
     if not (isinstance(ix, np.ndarray) and isinstance(iy, np.ndarray)) or ix.ndim != 1 or ix.size > _FEW:
         return []
     if ix.shape != iy.shape or ix.dtype.kind not in "iu" or iy.dtype.kind not in "iu":
@@ -360,13 +360,13 @@ def _part(name: str, cells: slice, size: int) -> slice:
     start = 0 if cells.start is None else operator.index(cells.start)
     stop = size if cells.stop is None else operator.index(cells.stop)
     if cells.step not in (None, 1) or not 0 <= start < stop <= size:
-        msg = f"environment: window {name} {start}:{stop} is not a part of the farm's 0:{size} without steps"
+        msg = f"environment: window {name} {start}:{stop} is not within 0:{size} of the farm, or has a step"
         raise EnvironmentDataError(msg)
     return slice(start, stop)
 
 
 def grid_digest(grid: FarmGrid) -> str:
-    """Return the hexadecimal SHA-256 of a crop map: shape, crops that the benchmark lacks, and cells."""
+    """Return the hexadecimal SHA-256 of a crop map: shape, cells, and crops that the benchmark lacks."""
     digest = hashlib.sha256(f"{grid.shape[0]}x{grid.shape[1]};{grid.further_crops}".encode())
     digest.update(np.ascontiguousarray(grid.crop, np.int8).data)
     return digest.hexdigest()

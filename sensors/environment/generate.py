@@ -251,7 +251,7 @@ def generate_environment(
 
 
 class _Work:
-    """Courses of the fields and threads of a task; leaving the ``with`` block waits for the threads."""
+    """Threads of a task, and the courses of its fields; leaving the ``with`` block waits for the threads."""
 
     def __init__(self, task: Task, progress: Progress | None, threads: int | None) -> None:
         self._task = task

@@ -17,8 +17,8 @@ from sensors.errors import EnvironmentDataError
 def save_environment(environment: Environment, path: str | os.PathLike[str]) -> None:
     """Save an environment atomically to a folder (`docs/environment.md`).
 
-    An older environment in the folder is replaced; other content is not. EnvironmentDataError if the folder
-    has other content or cannot be written.
+    An older environment in the folder is replaced; other content is not. Raises EnvironmentDataError if the
+    folder has other content or cannot be written.
     """
     header = Header.of(environment.shape, environment.days, environment.fields, environment.provenance)
     with unfinished_store(path, header) as store:
@@ -32,8 +32,8 @@ def save_environment(environment: Environment, path: str | os.PathLike[str]) -> 
 def load_environment(path: str | os.PathLike[str], *, lazy: bool = True) -> Environment:
     """Load an environment from a folder that `save_environment` or `generate_environment` wrote.
 
-    `lazy`: data are decoded on demand, not all at once. EnvironmentDataError if a file is missing or invalid;
-    the text names the file. Data that are decoded later are checked then and raise the same error.
+    With `lazy`, data are decoded on demand, not all at once. Raises EnvironmentDataError, which names the
+    file, if a file is missing or invalid. Data that are decoded later are checked then, with the same error.
     """
     store = open_store(path)
     store.check()
@@ -59,9 +59,9 @@ def unfinished_store(
     """Yield a store beside `path` that is moved to `path` when the block ends without an exception.
 
     After an exception, Ctrl-C included, an older environment at `path` is unchanged, and finished parts of
-    the new environment are kept. `resume`: continue with the parts that an earlier call with the same header
-    finished. EnvironmentDataError if the folder `path` has other content than an older environment, cannot be
-    written, or another process is writing it.
+    the new environment are kept. With `resume`, a later call with the same header continues with these parts.
+    Raises EnvironmentDataError if the folder `path` holds anything but an older environment, cannot be
+    written, or is being written by another process.
     """
     target = Path(path).resolve()
     try:
@@ -90,7 +90,7 @@ def _check_target(target: Path) -> None:
         except EnvironmentDataError as error:
             if _looks_like_ours(target):
                 return
-            msg = f"{target}: this folder holds something else than an environment; give another one"
+            msg = f"{target}: this folder holds something other than an environment; give another folder"
             raise EnvironmentDataError(msg) from error
     elif target.exists() and not target.is_dir():
         raise NotADirectoryError(20, "a file of this name is in the way")
@@ -110,7 +110,7 @@ def _locked(target: Path) -> Iterator[None]:
         try:
             stack.enter_context(lock_held(target.with_name(f".{target.name}.lock")))
         except BlockingIOError as error:
-            msg = f"{target}: another process is writing this environment; wait for it"
+            msg = f"{target}: another process is writing this environment; wait until it has finished"
             raise EnvironmentDataError(msg) from error
         yield
 

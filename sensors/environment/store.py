@@ -38,7 +38,7 @@ FORMAT = "wbf-mission environment"
 VERSION = 3
 CHUNK_CELLS = 500
 CACHED_BYTES = 64_000_000
-"""Limit of a stored environment's cache of decoded chunks."""
+"""Most bytes of decoded chunks that a stored environment keeps in its cache."""
 
 # Fill values that never occur in data, so that a missing file cannot be taken for data.
 _NO_ONSET = -128
@@ -70,7 +70,7 @@ class _Group(msgspec.Struct, frozen=True):
 
 
 class FormatVersion(msgspec.Struct, frozen=True):
-    """Keys of the headers of all versions."""
+    """Keys that the headers of all versions have."""
 
     format: str
     version: int
@@ -86,7 +86,7 @@ def fields_to_tables(fields: FieldSet) -> tuple[dict[str, Any], ...]:
 
 
 def fields_from_tables(tables: tuple[dict[str, Any], ...], where: str) -> FieldSet:
-    """Return the fields of a header; EnvironmentDataError, beginning with `where`, if one is invalid."""
+    """Return the fields of a header; raises EnvironmentDataError, which names `where`, if one is invalid."""
     try:
         return FieldSet(tuple(field_from_table(table, where) for table in tables))
     except FieldError as error:
@@ -106,7 +106,7 @@ class ChunkCache:
         self._lock = threading.Lock()
 
     def get(self, key: tuple[str, int, int], decode: Callable[[], NDArray[Any]]) -> NDArray[Any]:
-        """Return a chunk, decoded now if it is not cached."""
+        """Return a chunk from the cache, or decode it."""
         with self._lock:
             chunk = self._chunks.get(key)
             if chunk is not None:
@@ -238,7 +238,7 @@ class EnvironmentStore:
         return self.folder / name / "c" / str(self.header.days.index(day)) / "0" / "0"
 
     def array(self, name: str) -> zarr.Array[Any]:
-        """Open an array, and check that its form is that of this version."""
+        """Open an array, and check that it has the form of this version."""
         if name in self._arrays:
             return self._arrays[name]
         import zarr
@@ -265,13 +265,13 @@ class EnvironmentStore:
             )
             raise EnvironmentDataError(msg)
         if not known:
-            raise EnvironmentDataError(f"{path}: compressed in an unknown way; generate it again")
+            raise EnvironmentDataError(f"{path}: unknown compression; generate the environment again")
         self._arrays[name] = array
         return array
 
     def write_onset(self, disease: str, onset: NDArray[np.int8]) -> None:
         """Write the onsets of a disease."""
-        # zarr would read an older file to change it, and the file may be damaged.
+        # zarr would read an older file in order to change it, and the older file may be damaged.
         self.file(disease).unlink(missing_ok=True)
         self.array(disease)[:] = onset
 
@@ -281,7 +281,7 @@ class EnvironmentStore:
         self.array(name)[self.header.days.index(day)] = level
 
     def read_onset(self, disease: str, x: slice, y: slice) -> NDArray[np.int8]:
-        """Read the onsets of a disease in a window; EnvironmentDataError if they are damaged."""
+        """Read the onsets of a disease in a window; raises EnvironmentDataError if they are damaged."""
         path = self.file(disease)
         onset: NDArray[np.int8] = self._read(path, disease, (x, y))
         if onset.min() < NO_HOST:
@@ -289,7 +289,7 @@ class EnvironmentStore:
         return onset
 
     def read_level(self, name: str, day: int, x: slice, y: slice) -> NDArray[np.float32]:
-        """Read a window of a continuous field on a day; EnvironmentDataError if it is damaged."""
+        """Read a window of a continuous field on a day; raises EnvironmentDataError if it is damaged."""
         path = self.file(name, day)
         level: NDArray[np.float32] = self._read(path, name, (self.header.days.index(day), x, y))
         if not (level.min() >= 0.0 and level.max() < math.inf):
@@ -325,7 +325,7 @@ class EnvironmentStore:
             raise EnvironmentDataError(msg) from error
 
     def check(self) -> None:
-        """Check that all files exist and are not truncated, by decoding one chunk of each.
+        """Check that all files exist and are not truncated, by decoding one chunk of each file.
 
         EnvironmentDataError names the first missing or damaged file.
         """
@@ -337,7 +337,7 @@ class EnvironmentStore:
                 self.read_level(field.name, day, *corner)
 
     def environment(self, *, lazy: bool = True) -> Environment:
-        """Return the environment of a complete group; `lazy`: data are decoded on demand."""
+        """Return the environment of a complete group; with `lazy`, data are decoded on demand."""
         header = self.header
         cache = ChunkCache(CACHED_BYTES)
         shape, chunk = header.shape, self._chunk()
@@ -369,7 +369,7 @@ class EnvironmentStore:
 
 
 def read_header(folder: Path) -> Header:
-    """Read the header of an environment; EnvironmentDataError if it is missing or invalid."""
+    """Read the header of an environment; raises EnvironmentDataError if it is missing or invalid."""
     path = folder / HEADER
     try:
         data = path.read_bytes()

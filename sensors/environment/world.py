@@ -1,16 +1,16 @@
 """Worlds: true dynamics of an environment that differ from the published dynamics.
 
-Planners, estimators and policies know the fields of a scenario and their published dynamics. A world replaces
-parameters of the dynamics in the environment by values, or by draws for each seed. A world is a TOML file
-with a table for each changed field::
+Planners, estimators and policies know the fields of a scenario and their published dynamics. In the true
+environment, a world gives parameters of the dynamics a fixed value, or a value drawn for each seed. A world
+is a TOML file with a table for each changed field::
 
     [tylcv]
     likelihood = { factor = [0.5, 2.0] }    # published value times a factor, log-uniform, drawn for each seed
     seeds = { one_of = [1, 6, 12] }         # one of these values, with equal probabilities
     kernel_shape = "exponential"            # this value
 
-The random stream of a drawn value is ``"world", field, parameter`` of the run's seed. An additional drawn
-value changes neither the other values nor other draws of the environment.
+A drawn value uses the random stream ``"world", field, parameter`` of the run's seed, so drawing one
+more value changes neither the other values nor other draws of the environment.
 
 >>> world_names()
 ('wrong-kernel', 'wrong-rates', 'wrong-seeds', 'wrong-soil')
@@ -59,7 +59,7 @@ class Drawn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
             raise ValueError(f"one_of has {len(self.one_of)} values: give 1 to {_MOST_CHOICES}")
 
     def value(self, published: Any, rng: Generator) -> Value:
-        """Draw a value; ValueError if there is a factor but no published number."""
+        """Draw a value; raises ValueError if there is a factor but no published number."""
         if self.one_of is not None:
             return self.one_of[int(rng.integers(len(self.one_of)))]
         assert self.factor is not None
@@ -81,7 +81,7 @@ def _law(given: Any, where: str) -> Value | Drawn:
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """Parameters of true dynamics that differ from the published ones, by field and parameter.
+    """True parameters of dynamics that differ from the published parameters, by field and name.
 
     Examples
     --------
@@ -92,14 +92,14 @@ class World:
     True
     """
 
-    where: str  # Name of the world, with which the text of an error begins
+    where: str  # Name of the world; the texts of errors begin with it
     laws: Mapping[str, Mapping[str, Value | Drawn]]
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> World:
         """Return a built-in world by name, or read one from a ``.toml`` file.
 
-        EnvironmentDataError if there is no world of this name, or the file cannot be used.
+        Raises EnvironmentDataError if there is no world of this name, or the file cannot be used.
         """
         given = str(name_or_path)
         if given in world_names():
@@ -117,7 +117,7 @@ class World:
 
     @classmethod
     def of_table(cls, table: Mapping[str, Any], where: str) -> World:
-        """Return the world of a table; EnvironmentDataError, beginning with `where`, if it is invalid."""
+        """Return the world of a table; raises EnvironmentDataError, which names `where`, if it is invalid."""
         laws: dict[str, dict[str, Value | Drawn]] = {}
         for name, given in table.items():
             if not isinstance(given, Mapping):
@@ -125,7 +125,7 @@ class World:
                 raise EnvironmentDataError(msg)
             laws[name] = {key: _law(law, f"{where}: {name}, {key}") for key, law in given.items()}
         if not any(laws.values()):
-            msg = f"{where}: nothing develops otherwise; a world has a table for each field that does"
+            msg = f"{where}: no parameter is changed; a world has a table for each field that it changes"
             raise EnvironmentDataError(msg)
         return cls(where, laws)
 
@@ -138,12 +138,12 @@ class World:
         """Return the fields with their true dynamics in the run of a seed.
 
         Names, crops, weights and costs do not change. Tables of benchmark fields that the run does not have
-        are ignored. EnvironmentDataError if a table is of an unknown field, no table is of a field of the
-        run, or a value is invalid for its field.
+        are ignored. Raises EnvironmentDataError if a table names an unknown field, no table names a field of
+        the run, or a value is invalid for its field.
         """
         strange = [name for name in self.laws if name not in fields and name not in PAPER_FIELDS]
         if strange or not any(name in fields for name in self.laws):
-            fault = f"no field {strange[0]!r:.60}" if strange else f"nothing of {', '.join(fields.names)}"
+            fault = f"no field {strange[0]!r:.60}" if strange else f"no table for {', '.join(fields.names)}"
             raise EnvironmentDataError(f"{self.where}: {fault}; the fields are {', '.join(fields.names)}")
         changed = {field.name: self._dynamics(field, seed) for field in fields if field.name in self.laws}
         return fields.with_dynamics(**changed)

@@ -25,7 +25,7 @@ _NOTHING = np.empty(0, np.float32), np.empty(0, np.float32)
 
 
 class AdaptiveDiskEstimator(BaseEstimator):
-    """The paper's adaptive disk: a cell has the value of the latest observation with a disk over the cell.
+    """The paper's adaptive disk: a cell has the value of the latest observation whose disk covers the cell.
 
     The radius shrinks as observations arrive, so that all disks together have about twice the farm's area
     (`sensors.estimators.disks.adaptive_radius`). A field has the disks of the observations that sensed it.
@@ -41,7 +41,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
     Parameters
     ----------
     default_values : sequence of float, optional
-        Value of each field outside all disks. Default: the fields' own (healthy, healthy and dry).
+        Value of each field outside all disks. Default: the fields' defaults (healthy, healthy and dry).
     radius : int, optional
         Fixed radius in cells. None: the adaptive radius.
     fields : FieldSet
@@ -50,7 +50,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
     Attributes
     ----------
     maps_ : list of DiskMap
-        Disks of each field. Fields that were always sensed together share an object.
+        Disks of each field. Fields that were always sensed together share a map.
     values_ : list of GrowingArray
         Sensed values of each field in order.
     revision_ : int

@@ -82,7 +82,7 @@ _OUTSIDE = 1e-4  # Tolerance beyond 0..1, for rounding
 
 
 def model_fault(estimator: object, model: object) -> str | None:
-    """Return the first fault of a result of ``predict``, in one line; None if there is none."""
+    """Return the first fault of a result of ``predict``, in one line; None if there is no fault."""
     if not isinstance(model, InformationModel):
         what = _KINDS.get(type(model), f"a {type(model).__name__}")
         return f"predict returned {what}, not an InformationModel"
@@ -112,8 +112,8 @@ class BaseEstimator(ABC):
     incremental: ClassVar[bool] = False
     """Whether updates with a few further observations are fast on a farm of any size."""
     states_deviation: ClassVar[bool] = False
-    """Whether the model's uncertainty is the standard deviation of the true values. Otherwise reports count
-    the observed cells."""
+    """Whether the model's uncertainty is the standard deviation of the true values. If not, reports count the
+    observed cells instead."""
     knows_only_seen: ClassVar[bool] = False
     """Whether only observed cells are estimated: maps omit all other cells."""
     unbounded: ClassVar[bool] = False
@@ -123,7 +123,7 @@ class BaseEstimator(ABC):
     grid_: FarmGrid
     n_observations_: int
     latest_day_: int | None
-    """Latest day observed or advanced to; None before the first."""
+    """Latest day observed or advanced to; None before the first such day."""
 
     def fit(self, grid: FarmGrid, observations: Observations | None = None) -> Self:
         """Start over on the farm `grid`, and learn from the observations, if any.
@@ -154,8 +154,8 @@ class BaseEstimator(ABC):
     def partial_fit(self, observations: Observations) -> Self:
         """Learn from further observations, made after all earlier ones.
 
-        ObservationError if an observation lies outside the farm, or has other fields. The estimator then
-        learns none of the observations.
+        Raises ObservationError if an observation lies outside the farm, or has other fields; the estimator
+        then learns none of the observations.
         """
         self._check_fitted("partial_fit")
         observations.check_fields(self.fields.names)
@@ -169,8 +169,8 @@ class BaseEstimator(ABC):
     def advance(self, day: int) -> Self:
         """Switch to a later day, before any observation of this day.
 
-        An estimator with a model of time carries its estimate forward to the day. Others keep their estimate.
-        EstimatorError if the estimator has already reached a later day.
+        An estimator with a model of time carries its estimate forward to the day; others keep their estimate.
+        Raises EstimatorError if the estimator has already reached a later day.
         """
         self._check_fitted("advance")
         if self.latest_day_ is not None and day < self.latest_day_:
@@ -197,7 +197,7 @@ class BaseEstimator(ABC):
         return self._estimate()
 
     def memory_bytes(self, shape: tuple[int, int], n_observations: int) -> int:  # noqa: ARG002
-        """Return the memory (bytes) that `fit` and `predict` need on a farm of this shape, with the model."""
+        """Return the bytes that `fit` and `predict` need on a farm of this shape, including the model."""
         width, height = shape
         return 2 * len(self.fields) * 4 * width * height
 
@@ -212,7 +212,7 @@ class BaseEstimator(ABC):
     def set_params(self, **params: Any) -> Self:
         """Change parameters by name. The next `fit` validates and applies them.
 
-        EstimatorError if a name is unknown. No parameter is changed then.
+        Raises EstimatorError if a name is unknown. No parameter is changed then.
         """
         known = self._param_names()
         unknown = sorted(set(params) - set(known))
@@ -234,7 +234,7 @@ class BaseEstimator(ABC):
             raise EstimatorError(msg)
 
     def _require(self, who: str, **fitting: bool) -> None:
-        """Raise EstimatorError for the first parameter with a false condition."""
+        """Raise EstimatorError for the first parameter whose condition is false."""
         for name, fits in fitting.items():
             if not fits:
                 raise EstimatorError(f"{who}: {name} cannot be {getattr(self, name)!r}")
@@ -250,9 +250,9 @@ class BaseEstimator(ABC):
 
 
 def published_views(published: Views, own: Views) -> Views:
-    """Return read-only views of arrays, the same objects as long as the arrays are the same.
+    """Return read-only views of arrays; for the same arrays, the views of the last call (`published`).
 
-    `published` are the views of the last call. A view has the shape of the first array.
+    Both views have the shape of the first array.
     """
     if all(view.base is array for view, array in zip(published, own, strict=True)):
         return published
@@ -286,13 +286,13 @@ def estimator_memory(estimator: Estimator, shape: tuple[int, int], n_observation
 
 
 def estimator_fields(estimator: Estimator) -> FieldSet:
-    """Return the fields of an estimator: its attribute `fields`, or the benchmark's."""
+    """Return the fields of an estimator: its attribute `fields`, or else the benchmark's fields."""
     fields = getattr(estimator, "fields", PAPER_FIELDS)
     return fields if isinstance(fields, FieldSet) else PAPER_FIELDS
 
 
 def check_default_values(default_values: Sequence[float] | None, fields: FieldSet) -> tuple[float, ...]:
-    """Return validated default values, one finite number per field; None selects the fields' own."""
+    """Return validated default values, one finite number per field; None selects the fields' defaults."""
     if default_values is None:
         return fields.defaults
     values = np.asarray(default_values, np.float64)
@@ -384,7 +384,7 @@ def _given(estimator: Estimator, fields: FieldSet, params: dict[str, Any]) -> Es
     own = estimator_fields(estimator).names
     if own != fields.names:
         found = f"{type(estimator).__name__} is for the fields {', '.join(own)}"
-        msg = f"{found}, the farm's are {', '.join(fields.names)}; give it these by its parameter fields"
+        msg = f"{found}, but the run has {', '.join(fields.names)}; set its parameter fields to these"
         raise EstimatorError(msg)
     return estimator
 
@@ -401,8 +401,8 @@ def _registered() -> dict[str, EntryPoint]:
 def default_estimator(farm: Farm, fields: Sequence[str] = PAPER_FIELDS.names) -> str:
     """Return the name of the estimator with the least loss at an acceptable cost.
 
-    This is the first entry point, by name, of the group ``wbf_mission.default_estimators`` whose function of
-    the farm and the names of the fields returns True; without one it is ``gp``.
+    This is the first entry point (by name) of the group ``wbf_mission.default_estimators`` whose function
+    returns True for the farm and the names of the fields. If there is none, it is ``gp``.
     ``docs/decisions/0013-default-estimator.md`` has the measurements.
 
     Examples

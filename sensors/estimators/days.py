@@ -3,8 +3,8 @@
 A reading is replaced by the conditional mean of the later value, with the conditional variance. This is the
 prediction step of a Kalman filter (Kalman 1960, "A new approach to linear filtering and prediction
 problems"). The transition is learned from simulated environments with separate seeds. A disease has
-transitions between its classes: infected plants age, and lost plants stay lost. A continuous field has a
-linear regression of later on earlier values.
+transitions between its classes: infected plants age, and lost plants stay lost. For a continuous field, later
+values are predicted from earlier values by linear regression.
 
 A smooth field, such as soil humidity under rain, changes by a smooth increment per day. The errors of an
 earlier day's readings are therefore correlated, and averaging many readings does not remove them. Let the
@@ -91,7 +91,7 @@ def carried(
 
 
 def transition(field: Field, grid: FarmGrid, earlier: int, later: int, seed: int = 0) -> Transition:
-    """Return the transition of a field from an earlier day to a later one."""
+    """Return the transition of a field from an earlier to a later day."""
     if field.kind == "disease":
         hosts = int(np.count_nonzero(field.hosts(grid)))
         return _of_classes(field.epidemic, grid.shape, hosts, earlier, later, seed, field.name)

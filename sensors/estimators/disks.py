@@ -1,4 +1,4 @@
-"""Disks around observations: radius, shape, and unpainted disks."""
+"""Disks around observations: their radius and shape, and the disks that are not painted yet."""
 
 from __future__ import annotations
 
@@ -78,9 +78,9 @@ class Painting:
 
 
 class DiskMap:
-    """The disks of all observations, and a record of the painted ones.
+    """The disks of all observations, and a record of the painted disks.
 
-    The radius is `radius`, or `adaptive_radius` if that is None.
+    The radius is `radius`, or `adaptive_radius` if `radius` is None.
     """
 
     def __init__(self, shape: tuple[int, int], stamp: Stamp, radius: int | None) -> None:
@@ -111,8 +111,8 @@ class DiskMap:
     def outstanding(self) -> Painting:
         """Return the disks to paint, and mark them as painted.
 
-        After a change of the radius, all disks must be painted, otherwise only the new ones. The tiles to
-        paint are those that these disks cover or, after a change of the radius, covered before.
+        After a change of the radius, all disks must be painted; otherwise only the new disks. The tiles to
+        paint are covered by these disks or, after a change of the radius, by the disks of the old radius.
         """
         n = len(self._cells)
         radius = 0 if n == 0 else self._fixed_radius or adaptive_radius(n, self.shape)

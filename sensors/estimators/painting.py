@@ -22,7 +22,7 @@ _ZERO = np.uint64(0)
 
 
 class Strokes(NamedTuple):
-    """Input of `paint`: disks of n observations, painted into some tiles, later ones over earlier ones."""
+    """Input of `paint`: disks of n observations, painted into some tiles, newer disks over older disks."""
 
     tiles: NDArray[np.bool_]  # Tiles to paint, bool[tiles along x, tiles along y]
     reset: bool  # Whether cells outside all disks are reset to the default with uncertainty 1

@@ -28,7 +28,7 @@ class PointEstimator(BaseEstimator):
     Parameters
     ----------
     default_values : sequence of float, optional
-        Value of each field in unobserved cells. Default: the fields' own.
+        Value of each field in unobserved cells. Default: the defaults of the fields.
     fields : FieldSet
         The observed fields.
     """

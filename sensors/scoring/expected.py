@@ -2,20 +2,20 @@
 
 The calibration is measured on relevant cells that were not observed.
 
-Diseases are measured by the probability that a plant is sick: from the class probabilities or, if the
-estimate has none, from the normal distribution of value and deviation.
+For a disease it is measured on the probability that a plant is sick. This is the class probability or, if the
+estimate has none, it follows from the normal distribution of value and deviation.
 
 - Brier score: the mean squared error of the probability (Brier 1950).
 - Log loss: the mean negative log likelihood.
-- Expected calibration error: the distance between the share of sick plants and the mean probability, in ten
+- Expected calibration error: the distance of the fraction of sick plants from the mean probability, in ten
   bins of the probability, weighted by the number of plants (Naeini, Cooper and Hauskrecht 2015).
-- Shares of the sick and of the healthy plants that are in the set of plants that may be sick
-  (`sensors.scoring.information.InformationModel.may_be_sick`). The share of the sick plants should be 90 %;
-  the share of the healthy plants is the cost. The coverage is conditional on the class, as in
+- Fractions of the sick and of the healthy plants that are in the set of plants that may be sick
+  (`sensors.scoring.information.InformationModel.may_be_sick`). Of the sick plants, 90 % should be in the set;
+  the fraction of the healthy plants is the cost. The coverage is conditional on the class, as in
   class-conditional conformal predictors (Vovk 2012): a set with 90 % of all plants may contain no sick plant.
 
-Continuous fields are measured by the share of cells within the 90 % interval of a normal distribution, and by
-the mean squared error over the mean variance.
+Continuous fields are measured by the fraction of cells within the 90 % interval of a normal distribution, and
+by the mean squared error divided by the mean variance.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ def loss_of_deviation(
 
         E[c] = (c_above + c_below) / 2 * s^2
 
-    `first`: index in `weights` of the first field of `uncertainty`. `out`: array that receives the result; on
-    a large farm the allocation of a new array takes longer than the sums.
+    `first` is the index in `weights` of the first field of `uncertainty`. `out` receives the result: on a
+    large farm the allocation of a new array takes longer than the sums.
 
     Examples
     --------

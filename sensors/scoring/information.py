@@ -22,7 +22,7 @@ from sensors.fields import PAPER_FIELDS, FieldSet
 CLASSES = ("healthy", "infected", "lost")
 """Classes of a plant, in the order of the class probabilities."""
 HELD = 0.9
-"""Share of the unobserved sick plants that `InformationModel.may_be_sick` should contain."""
+"""Fraction of the unobserved sick plants that `InformationModel.may_be_sick` should contain."""
 _CERTAIN = 1e-6  # Tolerance for rounding errors of a probability of 1
 
 TILE_CELLS = 64
@@ -93,7 +93,7 @@ def tiles_of_boxes(
 def least_sick(sick: NDArray[np.floating], counts: NDArray[np.integer] | None = None) -> float:
     """Return the smallest probability of a plant in the set `InformationModel.may_be_sick`.
 
-    `counts`: number of plants with each of the probabilities `sick`, by default 1.
+    `counts` is the number of plants with each probability in `sick`; by default 1.
 
     Examples
     --------
@@ -159,16 +159,16 @@ class InformationModel:
         Zero where the value is certain; the scale depends on the estimator.
     changed : bool[tiles along x, tiles along y], optional
         Tiles (see the module) in which values or uncertainties may differ from those of the preceding model
-        of the estimator; None if all may differ. A first axis of fields is allowed.
+        of the estimator; None if all may differ. An additional first axis of fields is allowed.
     revision : int, optional
         Number of models that the estimator returned before this one since its `fit`. `changed` refers to the
         model of the preceding revision; a consumer that skipped a revision must treat all tiles as changed.
     fields : tuple of str
         Names of the n fields; by default those of the benchmark.
     probabilities : mapping of str to float32[3, W, H], optional
-        Probabilities that plants are healthy, infected and lost (`CLASSES`), by the name of the disease. The
-        estimator may have none (None). On large farms they may be computed at each access, which may take as
-        long as an estimate, and only until the estimator learns more observations.
+        Probabilities that plants are healthy, infected and lost (`CLASSES`), by the name of the disease; None
+        if the estimator has none. On large farms they may be computed at each access: this may take as long
+        as an estimate, and works only until the estimator learns more observations.
     loss_map : float32[n, W, H] or callable, optional
         See `expected_loss`; a callable returns the array and is called at each access.
     correlation_length : tuple of float, optional
@@ -225,8 +225,8 @@ class InformationModel:
 
         The loss is the squared error times the cost of estimates that are too healthy or too sick, without
         the weights of the fields. Cells that are not scored have an expected loss too. The mean over a
-        field's mask is the expected loss of that field. The loss is valid as long as `value`. EstimatorError
-        if the array has another shape or type, or the estimator has learned further observations.
+        field's mask is the expected loss of that field. The loss is valid for as long as `value` is. Raises
+        EstimatorError if the array has another shape or type, or the estimator has learned more observations.
         """
         if callable(self.loss_map):
             loss: NDArray[np.float32] = self.loss_map()
@@ -255,8 +255,8 @@ class InformationModel:
     def probabilities_in(self, disease: str, columns: slice) -> NDArray[np.float32]:
         """Return the class probabilities of a disease in some columns of the farm, float32[3, columns, H].
 
-        Lazy probabilities are computed in these columns alone. EstimatorError if there are no probabilities
-        of the disease.
+        Lazy probabilities are computed in these columns alone. Raises EstimatorError if the disease has no
+        probabilities.
         """
         known = self.probabilities
         if known is None or disease not in known:

@@ -156,7 +156,7 @@ class RunningScore:
         self._weight = np.array(weights.field) * [part.cells for part in self._fields]
         if not self._weight.sum() > 0:
             crops = ", ".join(sorted({crop for field in fields for crop in field.crops}))
-            msg = f"score: no cell of the farm is relevant, its owner grows nothing of {crops}"
+            msg = f"score: no cell of the farm is relevant: its owner grows nothing of {crops}"
             raise EstimatorError(msg)
         self._shape = masks.shape
         self._tiles = tile_shape((masks.shape[1], masks.shape[2]))
@@ -166,7 +166,7 @@ class RunningScore:
         self.advance(truth)
 
     def advance(self, truth: NDArray[np.floating]) -> None:
-        """Use another truth, that of the next day, for later estimates."""
+        """Use the truth of the next day for later estimates."""
         self._check_shape(truth, "truth")
         self._truth = truth
         self._summed = None
@@ -223,7 +223,7 @@ class RunningScore:
 
     @property
     def loss(self) -> float:
-        """Mean loss over the scored times; NaN before the first."""
+        """Mean loss over the scored times; NaN before the first scored time."""
         return float(np.mean(self.losses)) if self.losses else float("nan")
 
     @property
@@ -276,7 +276,7 @@ class _ScoredField:
     ) -> _Errors:
         """Sum the errors in the given tiles, and return the figures over all tiles.
 
-        `truth` is float32[n, W, H] of all fields, `estimate` float32[W, H] of this one.
+        `truth` is float32[n, W, H] of all fields, `estimate` float32[W, H] of this field.
         """
         out = _Errors()
         if not self.cells:

@@ -125,7 +125,7 @@ def load_vehicle(path: Path) -> VehicleSpec:
 
 
 def _build(where: str, name: str, data: dict[str, Any], base: VehicleSpec) -> VehicleSpec:
-    """Return a vehicle with the values of a file; the others are those of `base`."""
+    """Return a vehicle with the values of a file, and with those of `base` for the rest."""
     changes: dict[str, Any] = {"name": name}
     own = dict(base.autopilot_parameters)
     known = {f.name for f in fields(VehicleSpec) if f.name not in _NOT_IN_FILES}
@@ -147,7 +147,7 @@ def _build(where: str, name: str, data: dict[str, Any], base: VehicleSpec) -> Ve
 
 
 def _part(key: str, value: object, base: VehicleSpec) -> object:
-    """Return a part of a vehicle from its table."""
+    """Return the part of a vehicle that a table of a vehicle file describes."""
     types = {
         "battery": BatterySpec,
         "published": PublishedEndurance,
@@ -175,7 +175,7 @@ def _part(key: str, value: object, base: VehicleSpec) -> object:
 def _parameters(
     key: str, value: object, base: tuple[tuple[str, float], ...]
 ) -> tuple[tuple[str, float], ...]:
-    """Return the parameters of an autopilot from its table, and those of `base`."""
+    """Return the parameters of `base`, with those of an autopilot's table added or changed."""
     if not isinstance(value, dict):
         raise VehicleError(f"{key} must be a table of parameters")
     for name, number in value.items():

@@ -10,7 +10,7 @@ and not the vehicle.
 
 The numbers are measured on eight flights of quadrotors, a rover and an aeroplane. Velocity errors are the
 difference between the estimated velocity and the rate of the estimated position, on the six flights of
-quadrotors. The push is measured on the two of these flights with attitudes:
+quadrotors. The push is measured on the two of these flights that have attitudes:
 
 ============================  ===================================================================
 jumps of the height           90 % to the other side; size 1.0 m (tenth percentile 1.05 m,
@@ -44,9 +44,9 @@ COLUMNS = 6
 SETTLED_S = 119.0
 """Time after the first take-off during which the estimated height jumps (s)."""
 LEAST_LEVEL_M = 0.5
-"""Least distance of the height error from 0 between jumps."""
+"""Minimum of the absolute height error between two jumps."""
 LEVEL_SCALE_M = 0.15
-"""Mean of the exponentially distributed distance beyond `LEAST_LEVEL_M`."""
+"""Mean of the exponentially distributed part of this error above `LEAST_LEVEL_M`."""
 MEDIAN_DWELL_S, DWELL_SIGMA = 0.35, 1.44
 """Median (s) and log-standard deviation of the time between jumps, log-normally distributed."""
 DRIFT_M, DRIFT_S = 0.29, 3.8
@@ -56,7 +56,7 @@ HEIGHT_M = math.sqrt((LEAST_LEVEL_M + LEVEL_SCALE_M) ** 2 + LEVEL_SCALE_M**2 + D
 VELOCITY_M_S, VELOCITY_S, VELOCITY_DAMPING = 0.214, 2.25, 0.73
 """Deviation, time constant and damping of the horizontal velocity error per axis."""
 PUSH_1_S, UNSEEN = 0.5, 0.3
-"""Gains of the push: of the velocity error (1/s), and of the change of the velocity error."""
+"""Gains of the push for the velocity error (1/s) and for the change of the velocity error."""
 CLIMB_M_S, CLIMB_S = 0.1, 2.3
 """Deviation and time constant of the vertical velocity error, without the rate of the height drift."""
 

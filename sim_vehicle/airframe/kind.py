@@ -44,13 +44,13 @@ NO_AUTOPILOT = "generic"
 """Autopilot name of a vehicle with the generic motion, which no autopilot controls."""
 KIND_GROUP = "wbf_mission.vehicle_kinds"
 """Entry point group of kinds; each entry is a `VehicleKind` with the name of the entry."""
-# Add-on and MAV_TYPE of the kinds that add-ons of this package bring.
+# Add-on and MAV_TYPE of the kinds that this package's add-ons provide.
 _ADDED = {"fixed-wing": ("wings", 1), "rover": ("rovers", 10)}
 _VEHICLES = resources.files("sim_vehicle.airframe") / "vehicles"
 
 
 class Movement(Enum):
-    """How a vehicle moves and holds its position."""
+    """Way in which a vehicle moves and holds its position."""
 
     HOVERS = "hovers"
     """The vehicle flies at any speed and can hover."""
@@ -73,12 +73,12 @@ class VehicleKind:
     """
 
     name: str
-    """Name in vehicle files and autopilots, and name of the entry point."""
+    """Name of the entry point; also used in vehicle files and by autopilots."""
     movement: Movement
     base: str
     """Name of the vehicle that supplies values missing from a vehicle file of this kind."""
     typical: str
-    """Name of the vehicle that flies if only the kind is known; its motion is compiled ahead."""
+    """Name of the vehicle that flies if only the kind is known; its motion is compiled ahead of time."""
     vehicles: Traversable = _VEHICLES
     """Folder of vehicle files; the name of a file is the name of its vehicle."""
     power: type[AnyPowerSpec] | None = None
@@ -86,16 +86,16 @@ class VehicleKind:
     airframe: type | None = None
     """Dataclass of ``[airframe]`` in vehicle files; None if the kind has no such table."""
     procedures: str = ""
-    """The `FlightProcedures` without an autopilot as ``module:NAME``, imported at the first motion. Empty for
-    the procedures of the default autopilot."""
+    """``module:NAME`` of the `FlightProcedures` without an autopilot, imported at the first motion. If empty,
+    the procedures of the default autopilot are used."""
     firmwares: Mapping[str, str] = field(default_factory=dict)
-    """A `Firmware` as ``module:NAME`` for each autopilot that has no firmware of its own for this kind, by
+    """``module:NAME`` of a `Firmware` for each autopilot that does not itself support this kind, by
     autopilot name."""
     shown_as: str = ""
-    """Kind of the firmware that peers see if the autopilot has none for this kind; the procedures of this
-    kind move the vehicle. If empty, an autopilot without a firmware for this kind is refused."""
+    """Kind of the firmware that peers see if the autopilot has no firmware for this kind; the procedures of
+    this kind move the vehicle. If empty, an autopilot without a firmware for this kind is refused."""
     mav_types: tuple[int, ...] = ()
-    """MAV_TYPEs of heartbeats of this kind; a type of no kind is taken for a multirotor."""
+    """MAV_TYPEs of heartbeats of this kind; a type that no kind has is taken for a multirotor."""
 
 
 BUILT_IN = {

@@ -96,7 +96,7 @@ class _PowerSpec:
     mass_kg: float
     """Mass in operation, with battery and payload."""
     efficiency: float
-    """Propulsive power (rotors: shaft power) over electric power: propeller, motor, ESC, wiring."""
+    """Propulsive power (rotors: shaft power) divided by electric power: propeller, motor, ESC, wiring."""
     # Constant power of autopilot and radio, and constant power of the camera.
     avionics_w: float = 8.0
     camera_w: float = 4.0

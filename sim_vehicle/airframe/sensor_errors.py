@@ -85,7 +85,7 @@ class Sensed(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SensorNoise:
-    """Sizes of the sensor errors of a vehicle; VehicleError if a number is out of range.
+    """Sizes of the sensor errors of a vehicle; raises VehicleError if a number is out of range.
 
     Examples
     --------
@@ -95,7 +95,7 @@ class SensorNoise:
 
     gps_m: float = 0.0
     """Standard deviation of the receiver's slow error along each horizontal axis; 0 is an exact receiver.
-    Typical are 1 to 2 m without corrections, 0.5 m with SBAS, 0.01 m with RTK."""
+    Typical values are 1 to 2 m without corrections, 0.5 m with SBAS, 0.01 m with RTK."""
     barometer_m: float = 0.0
     """Standard deviation of the barometer's slow error; 0 is an exact barometer."""
     seed: np.random.SeedSequence | int = 0
@@ -160,7 +160,7 @@ class NavigationErrors:
         self._drawn = 0
 
     def at(self, time_s: float) -> SensorErrors:
-        """Return the errors at a time since the start, at most 5 minutes before the latest call."""
+        """Return the errors at a time, which may be up to 5 minutes before the time of the last call."""
         row = self._row(max(0.0, time_s) / GRID_S)
         east, north, _, height, gps_east, gps_north, gps_up, barometer = row
         return SensorErrors(

@@ -81,7 +81,7 @@ class VehicleSpec:
     parameters: tuple[tuple[str, float], ...] = ()
     """Names and values of the autopilot parameters that differ from their defaults."""
     cruise_speed_m_s: float = 8.0
-    """Ground speed on a mission without a speed."""
+    """Ground speed on missions that set no speed."""
     speed_limit_m_s: float = 14.0
     """Limit of the horizontal ground speed; a mission may command up to 95 % of the limit."""
     airspeed_limit_m_s: float = 16.0
@@ -101,7 +101,7 @@ class VehicleSpec:
     yaw_rate_rad_s: float = math.radians(60.0)
     yaw_acceleration_rad_s2: float = math.radians(120.0)
     acceptance_radius_m: float = 1.0
-    """Acceptance radius of waypoints without one of their own."""
+    """Acceptance radius of waypoints that set no radius."""
     # Default take-off altitude, minimum return altitude and ceiling, all above home.
     takeoff_altitude_m: float = 10.0
     return_altitude_m: float = 15.0
@@ -117,7 +117,7 @@ class VehicleSpec:
     linear_drag_1_s: float | None = None
     """Linear drag of a multirotor per mass; None for the drag of the autopilot's reference airframe."""
     attitude_response_s: float | None = None
-    """Time constant of the tilt after its setpoint; None for the time constant of the reference airframe."""
+    """Time constant with which the tilt follows its setpoint; None for the one of the reference airframe."""
     battery: BatterySpec | None = None
     """Battery; None for unlimited energy."""
     power: AnyPowerSpec | None = None

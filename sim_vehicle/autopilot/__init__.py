@@ -1,4 +1,4 @@
-"""Autopilots: a package each, with an `Autopilot` that `get_autopilot` returns by name."""
+"""Autopilots: each is a package with an `Autopilot`, which `get_autopilot` returns by name."""
 
 from sim_vehicle.airframe.kind import DEFAULT_AUTOPILOT, autopilot_names
 from sim_vehicle.autopilot.autopilot import (

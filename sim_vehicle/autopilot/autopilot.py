@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 # Return-altitude margin, in standard deviations of lateral drift.
 _RETURN_DEVIATIONS = 3.0
 _T = TypeVar("_T")
-_NOT_INSTALLED = f"no package gives any in the entry points {AUTOPILOT_GROUP}: install wbf-mission again"
+_NOT_INSTALLED = f"no package registers an autopilot in {AUTOPILOT_GROUP}: install wbf-mission again"
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class Firmware:
     profile: Profile
     """Behaviour in the mission protocol."""
     parameter_table: Callable[[VehicleSpec, int], Sequence[MavParameter]]
-    """Function from a vehicle and its system id to the parameters, except those of the procedures."""
+    """Function from a vehicle and its system id to the parameters, except those of `procedures`."""
     procedures: FlightProcedures
     """Motion, take-off, return and landing, with their parameters."""
     takes_off: bool = False
@@ -70,7 +70,7 @@ class Firmware:
     """Parameter of the minimum return altitude above home, and its unit in metres. A fleet in altitude layers
     sets this parameter per vehicle. None if the return altitude is not changed."""
     reference: Callable[[], Sequence[MavParameter]] = tuple
-    """Function that returns all parameters of the real firmware; unsupported ones are only stored."""
+    """Function that returns all parameters of the real firmware; unsupported parameters are only stored."""
 
     def parameters(self, spec: VehicleSpec, system_id: int) -> tuple[MavParameter, ...]:
         """Return the parameters of a vehicle on MAVLink, sorted by name.
@@ -101,13 +101,13 @@ class Autopilot:
     """An autopilot, registered by name in the entry point group ``wbf_mission.autopilots``."""
 
     name: str
-    """Name on the command line, in scenarios and in vehicle files, and name of the entry point."""
+    """Name of the entry point; also used on the command line, in scenarios and in vehicle files."""
     title: str
     """Name for messages and reports."""
     firmwares: Mapping[str, Firmware]
     """Firmwares by kind of vehicle; a kind can add its own (`VehicleKind.firmwares`)."""
     simulator_urls: Callable[[int], tuple[str, ...]]
-    """Function from the number of a vehicle (from 0) to the link URLs of the ports of the autopilot's own
+    """Function from the number of a vehicle (from 0) to the URLs of the links of the autopilot's own
     simulator."""
     link_names: tuple[str, ...] = ()
     """Names of these links, if the messages differ between links (`MavlinkProfile.link_rates_hz`)."""
@@ -128,13 +128,13 @@ class Autopilot:
         return firmware
 
     def firmware(self, kind: str) -> Firmware | None:
-        """Return the firmware for a kind of vehicle, the autopilot's or the kind's own; None without one."""
+        """Return the firmware for a kind of vehicle, from the autopilot or from the kind, or None."""
         target = "" if kind in self.firmwares else get_kind(kind).firmwares.get(self.name, "")
         return _load_object(target, kind, Firmware) if target else self.firmwares.get(kind)
 
 
 def get_autopilot(name: str = DEFAULT_AUTOPILOT) -> Autopilot:
-    """Return the autopilot with a name; upper and lower case are equal.
+    """Return the autopilot with a name, in upper or lower case.
 
     Raises
     ------
@@ -197,7 +197,7 @@ def forget_autopilots() -> None:
 def firmware_of(spec: VehicleSpec) -> Firmware | None:
     """Return the firmware with the procedures that move a vehicle; None for the generic motion.
 
-    The default autopilot moves vehicles of kinds without own procedures, such as fixed wings and rovers.
+    The default autopilot moves vehicles whose kind has no procedures, such as fixed wings and rovers.
     """
     kind = spec.vehicle_kind
     if spec.autopilot == NO_AUTOPILOT:
@@ -284,7 +284,7 @@ def with_autopilot(
 
     The ideal vehicle has no autopilot and is returned unchanged. A fixed wing or rover without an autopilot
     gets the default autopilot. A vehicle moves by the procedures of its kind if the autopilot has no firmware
-    for the kind. `parameters` override the vehicle's own parameters of the autopilot.
+    for the kind. `parameters` override the parameters that the vehicle sets for the autopilot.
 
     Raises
     ------
@@ -323,8 +323,8 @@ def _card_parameters(spec: VehicleSpec) -> dict[str, ParameterSpec]:
 def adapt_vehicle(spec: VehicleSpec, autopilot: Autopilot) -> VehicleSpec:
     """Return the vehicle to simulate behind the MAVLink interface of ``autopilot``.
 
-    A kind with its own procedures, such as a multirotor, is unchanged, because its motion may be generic or
-    that of another autopilot.
+    A vehicle whose kind has procedures, such as a multirotor, is unchanged, because its motion may be generic
+    or that of another autopilot.
 
     Examples
     --------

@@ -56,8 +56,8 @@ class Action(Enum):
 class FailsafeRules:
     """Failsafes of a firmware.
 
-    Texts are sent to the operator as notices. In ``fence_text`` and ``stream_lost`` a ``{}`` is the reason or
-    the action.
+    Texts are sent to the operator as notices. In ``fence_text`` and ``stream_lost``, ``{}`` stands for the
+    reason or the action.
     """
 
     # Actions of each failsafe by the value of its parameter.
@@ -70,7 +70,7 @@ class FailsafeRules:
     watches_voltage: bool
     """Whether a voltage that stays too low counts as a low battery (ArduPilot)."""
     any_inclusion: bool
-    """Whether the inside of any inclusion zone is inside the fence; otherwise only the intersection is."""
+    """Whether all inclusion zones are inside the fence; if not, only the intersection of them is inside."""
     needs_stream: bool
     """Whether the setpoint mode needs a stream of setpoints before entry, and the vehicle returns home when
     the stream stops (PX4). Otherwise only velocity setpoints time out (ArduPilot)."""
@@ -85,7 +85,7 @@ class FailsafeRules:
     preflight: str
     """Prefix of the notice about a failed preflight check without a request to arm."""
     arming_texts: tuple[str, ...]
-    """Notices of a refused arming request; ``{}`` in the first is the reason."""
+    """Notices of a refused arming request; ``{}`` in the first notice is the reason."""
     fence_text: str
     fence_clear: str
     link_lost: str
@@ -94,7 +94,7 @@ class FailsafeRules:
     defaults: FailsafeDefaults = field(default_factory=FailsafeDefaults)
     """Initial values of the safety parameters."""
     mission_goes_on_bit: int = 0
-    """Bit of `failsafe_options` that continues a mission without a ground station; 0 is none."""
+    """Bit of `failsafe_options` that continues a mission without a ground station; 0 for no such bit."""
     link_ignored: str = ""
     idle: IdleDisarm | None = None
     """Rule that disarms an idle vehicle; None for no rule."""
@@ -160,20 +160,20 @@ class MissionBehaviour:
     """Whether each item takes effect when it arrives, and the leg to the current waypoint restarts
     (ArduPilot). Otherwise the whole mission takes effect with its acknowledgement."""
     clamps_item: bool = True
-    """Whether a new mission without the number of the current item is continued at its last item (PX4).
+    """Whether a new mission with fewer items than the current number is continued at its last item (PX4).
     Otherwise the vehicle completes the old leg, which ends the mission (ArduPilot)."""
     obeys_mark: bool = True
     """Whether the item with ``current`` = 1 becomes the current item with the acknowledgement (PX4)."""
     keeps_jumps: bool = False
-    """Whether counts of jumps are kept over a change (ArduPilot)."""
+    """Whether the counts of jumps are kept when the mission changes (ArduPilot)."""
     clears_in_flight: bool = True
-    """Whether MISSION_CLEAR_ALL is accepted in a flown mission, and ends the mission (PX4)."""
+    """Whether MISSION_CLEAR_ALL is accepted while the mission is flown, and ends the mission (PX4)."""
     stays_after_last: bool = False
     """Whether the vehicle stays in the mission mode after the last item, until MISSION_START (ArduPilot).
     Otherwise the vehicle enters the hold mode."""
     return_lag_s: float | None = None
-    """Time until a return as last item ends the mission and enters the return mode (PX4). None if the return
-    is flown as an item in the mission mode."""
+    """Time until a return, as the last item, ends the mission and enters the return mode (PX4). None if the
+    return is flown as an item in the mission mode."""
     finished_texts: tuple[str, str] = ("Mission complete", "Mission complete")
     """Notices at the end of a mission in the air and on the ground."""
     return_text: str = ""
@@ -182,7 +182,7 @@ class MissionBehaviour:
     """Modes that start with the default speed of the vehicle (ArduPilot)."""
     replays_speed: bool = False
     """Whether a resumed mission has the speed that items before the current item set (PX4); single commands
-    have their own speed."""
+    use their own speed."""
     rewinds_survey: bool = False
     """Whether a mission left during a camera series is resumed one position earlier than the last position
     passed (PX4)."""
@@ -210,7 +210,7 @@ class MissionBehaviour:
     refuses: MissionRule = no_rule
     """Rule that refuses a flyable mission at upload (PX4)."""
     refuses_to_arm: MissionRule = no_rule
-    """Rule that refuses arming in any mode with a mission (ArduPlane)."""
+    """Rule that refuses arming in any mode because of the loaded mission (ArduPlane)."""
     unknown_current_s: float = 0.0
     """Time after a change during which MISSION_CURRENT has no item, 65535 (PX4)."""
     stopped_state: bool = False

@@ -110,14 +110,14 @@ class MavlinkProfile:
     link_rates_hz: Mapping[str, Mapping[int, float]] = field(default_factory=dict)
     """Initial rates by message id, for each named link with its own rates."""
     sitl_rates_hz: Mapping[str, Mapping[int, float]] = field(default_factory=dict)
-    """Initial rates of the autopilot's own simulator by link name; "" replaces `rates_hz`."""
+    """Initial rates of the autopilot's own simulator by link name; the rates of "" replace `rates_hz`."""
     stream_parameters: Mapping[str, str] = field(default_factory=dict)
     """Rate parameters by MAV_DATA_STREAM in the autopilot's own simulator (ArduPilot)."""
     motor_us: Callable[[float | None, bool], float] = _motor_us
-    """Function from thrust over maximum thrust (None on the ground) and whether the vehicle is armed, to the
-    motor pulse (us)."""
+    """Motor pulse (us) as a function of thrust divided by maximum thrust (None on the ground), and of whether
+    the vehicle is armed."""
     hover_share: float = 0.49
-    """Hover thrust over maximum thrust: in PX4's simulator the weight of SIH_MASS over four SIH_T_MAX."""
+    """Hover thrust divided by maximum thrust; PX4's simulator has the weight of SIH_MASS / (4 SIH_T_MAX)."""
     gps_fix: int = _FIX_3D
     """GPS_FIX_TYPE in GPS_RAW_INT while the position is known."""
     reached_repeats: int = 0
@@ -136,7 +136,7 @@ class MavlinkProfile:
     armed_reboot_result: int = int(m.MAV_RESULT_DENIED)
     """MAV_RESULT of a reboot command while armed."""
     silent: frozenset[int] = frozenset()
-    """MAV_CMDs without an answer."""
+    """MAV_CMDs that are not answered."""
     unsupported: frozenset[int] = frozenset()
     """MAV_CMDs that the firmware does not support, although the simulated vehicle could."""
     int_only: frozenset[int] = frozenset()
@@ -155,7 +155,7 @@ class MavlinkProfile:
     hover_thrust: Setting | None = None
     """Hover thrust of SET_ATTITUDE_TARGET (0 to 1); None if attitude setpoints are not supported."""
     thrust_climbs: bool = False
-    """Whether the thrust is a climb rate unless GUID_OPTIONS changes the meaning (ArduCopter)."""
+    """Whether thrust setpoints are climb rates, unless GUID_OPTIONS changes their meaning (ArduCopter)."""
     guided_items: bool = False
     """Whether a mission item with ``current`` 2 is a target of the guided mode (ArduPilot)."""
     tells_remaining_time: bool = False

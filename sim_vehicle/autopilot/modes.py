@@ -75,8 +75,8 @@ class ModeTable:
     """Custom modes of a firmware."""
 
     rows: tuple[tuple[int, Mode, str], ...]
-    """Rows of custom mode number, simulated mode, and the firmware's name for notices. The first row of a
-    mode has its number in HEARTBEAT; the numbers of later rows are accepted, too."""
+    """Rows of custom mode number, simulated mode, and the firmware's name for notices. HEARTBEAT has the
+    number of a mode's first row; the numbers of its later rows are accepted, too."""
     boot: Mode
     """Mode after boot."""
     after_takeoff: Mode

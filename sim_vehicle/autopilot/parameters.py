@@ -66,7 +66,7 @@ class ParameterSpec:
     integer: bool = False
     """Whether the parameter is INT32 on the wire."""
     law: str = ""
-    """Name of the equal constant in the law of motion; empty if there is none."""
+    """Name of the constant of the law of motion that has this value; empty if there is none."""
 
     def in_si(self, value: float) -> float:
         """Return a value of the parameter in SI units, angles in radians."""
@@ -74,7 +74,7 @@ class ParameterSpec:
 
 
 def parameter_value(spec: VehicleSpec, name: str, table: Mapping[str, ParameterSpec]) -> float:
-    """Return the value of a parameter for a vehicle: the vehicle's own value, or the default.
+    """Return the value of a parameter for a vehicle: the value that the vehicle sets, or the default.
 
     Examples
     --------
@@ -165,10 +165,10 @@ class FailsafeDefaults:
     setpoint_timeout_s: float = 1.0
     """Timeout of a setpoint."""
     low_voltage_v: float = 0.0
-    """Low voltage of the whole pack, for batteries of three or more cells; 0 is none. With fewer cells
+    """Low voltage of the whole pack, for batteries of three or more cells; 0 for no limit. With fewer cells
     ArduCopter's default would prevent arming."""
     mission_requirement: int = 0
-    """Required take-off and landing items of a mission, in the firmware's own encoding; 0 is none."""
+    """Required take-off and landing items of a mission, in the firmware's own encoding; 0 for none."""
 
 
 @dataclass(slots=True)
@@ -182,7 +182,7 @@ class RuntimeParameters:
     return_altitude_m: float
     landing_speed_m_s: float
     disarm_delay_s: float
-    # Remaining fractions of the low and critical battery failsafes.
+    # Fractions of the charge below which the low and the critical battery failsafe trigger.
     low_fraction: float
     critical_fraction: float
     # Fields of `FailsafeDefaults`.
@@ -198,7 +198,7 @@ class RuntimeParameters:
     low_voltage_v: float
     mission_requirement: int
     emergency_fraction: float = 0.05
-    """Remaining fraction of the emergency battery failsafe."""
+    """Fraction of the charge below which the emergency battery failsafe triggers."""
     critical_voltage_v: float = 0.0
     low_voltage_timer_s: float = 10.0
     """Time for which the voltage must be low to trigger the failsafe (ArduPilot)."""
@@ -207,7 +207,7 @@ class RuntimeParameters:
     fence_type: int = 7
     """Bits of FENCE_TYPE: 1 ceiling, 2 radius, 4 polygons and circles."""
     link_action: int = 0
-    """Action after the loss of the ground station, in the firmware's own encoding; 0 is none."""
+    """Action after the loss of the ground station, in the firmware's own encoding; 0 for no action."""
     settings: dict[str, float] = field(default_factory=dict)
     """Motion parameters that differ from their defaults, in their own units."""
     stored: dict[str, float] = field(default_factory=dict)

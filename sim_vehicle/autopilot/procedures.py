@@ -56,7 +56,7 @@ class FlightProcedures(ABC):
         return {name: own.get(name, known.default) for name, known in self.parameters.items()}
 
     def numbers(self, spec: VehicleSpec, law: type | None = None) -> dict[str, float]:
-        """Return the constants of motion that are parameters (SI units), limited to the fields of `law`."""
+        """Return the constants of motion that are parameters (SI units); with `law`, only those in `law`."""
         value = self.values(spec)
         wanted = None if law is None else {field.name for field in fields(law)}
         return {
@@ -179,7 +179,7 @@ class FixedWingBounds:
     """Cruise airspeed."""
     bank_limit: float
     landing_slope: float
-    """Descent over path length of an approach."""
+    """Slope of an approach: descent divided by path length."""
     loiter_radius: float
     """Default radius of circles; positive for clockwise."""
 

@@ -34,7 +34,7 @@ class Sticks:
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """Response of a stick axis: setpoint over maximum speed.
+    """Response of a stick axis: setpoint divided by maximum speed.
 
     Examples
     --------
@@ -49,7 +49,7 @@ class Axis:
     """Fraction of the cubic term, which reduces the response near the centre."""
 
     def share(self, value: float) -> float:
-        """Return setpoint over maximum speed for a stick position, both -1 to 1."""
+        """Return setpoint divided by maximum speed for a stick position, both -1 to 1."""
         size = min(abs(value), 1.0)
         if size <= self.deadzone:
             return 0.0
@@ -71,7 +71,7 @@ class StickLoss:
     in_stick_modes: Action = Action.NONE
     """Minimum action in modes flown by sticks (PX4 cannot stay in such a mode)."""
     release: Setting | None = None
-    """Time without input after which sticks are centred if there is no action; negative is never, None is
+    """Time without input after which sticks are centred if there is no action; negative for never, None for
     ``timeout``."""
     delay: Setting | None = None
     """Time of the hold before an action other than hold (PX4)."""
@@ -105,11 +105,11 @@ class TiltSticks:
     """Attitude control of a multirotor by sticks."""
 
     holds_height: frozenset[Mode]
-    """Modes in which the vertical stick is a climb rate; with the stick centred the height is held."""
+    """Modes in which the vertical stick sets the climb rate; with the stick centred the height is held."""
     by_throttle: frozenset[Mode]
-    """Modes in which the vertical stick is the thrust."""
+    """Modes in which the vertical stick sets the thrust."""
     by_rate: frozenset[int]
-    """Custom modes in which sticks are body rates; each is simulated as a mode in ``by_throttle``."""
+    """Custom modes in which sticks set body rates; each is simulated as a mode in ``by_throttle``."""
     lean: Setting
     """Maximum lean angle (rad)."""
     # Maximum body rates in ``by_rate`` (rad/s).
@@ -131,15 +131,15 @@ class StickRules:
     """Flight by sticks under an autopilot."""
 
     speeds: Mapping[Mode, Setting | None]
-    """Modes flown by sticks, with the speed at full stick; None is the maximum speed of the vehicle."""
+    """Modes flown by sticks, with the speed at full stick; None selects the maximum speed of the vehicle."""
     loss: StickLoss
     # Axes of horizontal motion, climb and yaw.
     level: Axis
     vertical: Axis
     turning: Axis
     turn_rate: Setting
-    """Yaw rate at full stick (rad/s); for a rover 0 is the vehicle's own rate."""
-    # Vertical speeds at full stick; None and 0 are the vehicle's own speeds.
+    """Yaw rate at full stick (rad/s); for a rover, 0 selects the vehicle's own rate."""
+    # Vertical speeds at full stick; None and 0 select the vehicle's own speeds.
     climb: Setting | None = None
     descent: Setting | None = None
     without: frozenset[int] = field(default_factory=frozenset)

@@ -42,11 +42,11 @@ _Obeyed: TypeAlias = int | list[Message]
 class CameraComponent:
     """A MAVLink camera that takes images on mission commands and sends the readings of the images.
 
-    Position of the vehicle: GLOBAL_POSITION_INT of the system's autopilot, best at 10 Hz, at least at 1 Hz.
+    The position comes from GLOBAL_POSITION_INT of the system's autopilot, best at 10 Hz, at least at 1 Hz.
     The camera requests the message if it does not arrive, because ArduPilot sends only requested messages.
 
-    Triggers: DO_SET_CAM_TRIGG_DIST, DO_SET_CAM_TRIGG_INTERVAL, IMAGE_START_CAPTURE, and CAMERA_TRIGGER of the
-    autopilot. Disarming and a restart of the autopilot stop the camera.
+    Images are triggered by DO_SET_CAM_TRIGG_DIST, DO_SET_CAM_TRIGG_INTERVAL, IMAGE_START_CAPTURE and the
+    autopilot's CAMERA_TRIGGER. Disarming and a restart of the autopilot stop the camera.
 
     Each image is reported by CAMERA_IMAGE_CAPTURED and DEBUG_FLOAT_ARRAY (`sensors.camera.wire`). Subclasses
     implement `_take`.
@@ -58,7 +58,7 @@ class CameraComponent:
     footprint_cells : int
         Side of the square footprint of an image, in cells.
     system_id, component_id : int
-        MAVLink address; the system is that of the vehicle.
+        MAVLink address; the camera has the system id of the vehicle.
     """
 
     wanted: frozenset[int] | None = frozenset(
@@ -376,11 +376,11 @@ class LeafCameraComponent(CameraComponent):
     Parameters
     ----------
     camera : Camera
-        Optics, and the environment that the camera sees.
+        The leaf camera that reads the environment.
     farm : Farm
         Farm, for the conversion of positions into cells.
     system_id, component_id : int
-        MAVLink address; the system is that of the vehicle.
+        MAVLink address; the camera has the system id of the vehicle.
     position_error : callable, optional
         ``position_error(time_us)`` returns the error of the reported position to the east and north (m) at a
         time since boot; by default 0.
@@ -420,7 +420,7 @@ class LeafCameraComponent(CameraComponent):
         return messages
 
     def _cell_under(self, exposure: Exposure) -> tuple[int, int]:
-        """Return the cell in the camera's line of sight, on flat ground; a cell off the farm for the sky."""
+        """Return the cell in the camera's line of sight, on flat ground; off the farm if it sees the sky."""
         farm = self._farm
         x_m, y_m = farm.frame.from_wgs84(exposure.latitude_e7 / _E7, exposure.longitude_e7 / _E7)
         if self._position_error is not None:

@@ -39,7 +39,7 @@ class ImageMemory:
     """Numbers, stores and reports images; the last 65,536 images are kept."""
 
     def __init__(self, fields: tuple[str, ...], footprint_cells: int) -> None:
-        self.count = 0  # number of images taken, and of the next image
+        self.count = 0  # number of images taken, which is also the number of the next image
         self._footprint_cells = footprint_cells
         self._layout = LeafLayout.of(fields)
         self._layout_name = self._layout.name.encode()

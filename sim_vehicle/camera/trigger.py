@@ -1,9 +1,9 @@
 """Times and positions of exposures, computed from position telemetry.
 
 Between two positions at 10 Hz the path is taken as straight. At multirotor accelerations the chord is within
-5 mm of the path, and MAVLink rounds positions to 11 mm. Between sparser
-positions (slow radios send 1 to 4 Hz) the path is the cubic Hermite curve of positions and velocities at both
-ends, divided into chords of at most 0.1 s.
+5 mm of the path, and MAVLink rounds positions to 11 mm. At lower rates (slow radios send positions at 1 to
+4 Hz) the path is the cubic Hermite curve of positions and velocities at both ends, divided into chords of at
+most 0.1 s.
 """
 
 from __future__ import annotations

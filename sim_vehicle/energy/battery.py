@@ -1,6 +1,6 @@
 """Battery model with the readings of a battery monitor.
 
-The model is a Thevenin equivalent circuit with one time constant. An open-circuit voltage depends on the
+The model is a Thevenin equivalent circuit with one time constant. Its open-circuit voltage depends on the
 remaining energy. The circuit has a series resistance and an RC element. The voltage of the RC element builds
 up under load and recovers at rest. Bauersfeld and Scaramuzza, "Range, endurance, and optimal speed estimates
 for multicopters", IEEE Robot. Autom. Lett. 7(2), 2022, use the same model for drone batteries. Values and

@@ -1,8 +1,8 @@
 """Electric power of a flight state, and endurance and range in steady motion.
 
-**Rotorcraft** (`multirotor_power`). Momentum and blade-element theory (Leishman, *Principles of Helicopter
-Aerodynamics*, 2nd ed., 2006, ch. 2 and 5) for a tilted disc. The thrust T carries the weight, overcomes the
-drag and gives the acceleration::
+**Rotorcraft** (`multirotor_power`). The formula is from momentum and blade-element theory (Leishman,
+*Principles of Helicopter Aerodynamics*, 2nd ed., 2006, ch. 2 and 5) for a tilted disc. The thrust T carries
+the weight, overcomes the drag and gives the acceleration::
 
     P = (T (k v + Vn) + P0 (T/W)^1.5 (1 + 3 Vt^2 / Utip^2)) / efficiency + avionics
     P0 = delta/8 rho s A Utip^3          v: T = 2 rho A v sqrt(Vt^2 + (Vn + v)^2)
@@ -197,7 +197,7 @@ class Best:
 def endurance_s(spec: VehicleSpec, airspeed_m_s: float, *, used_fraction: float = 1.0) -> float:
     """Return the time of steady motion until a fraction of the battery is used (s).
 
-    An airspeed of 0 is hover. VehicleError if the vehicle has no battery or no power model.
+    An airspeed of 0 is hover. Raises VehicleError if the vehicle has no battery or no power model.
 
     Examples
     --------
@@ -216,7 +216,7 @@ def best_speeds(spec: VehicleSpec, *, least_airspeed_m_s: float | None = None) -
     """Return the best endurance and range of a vehicle, with their airspeeds.
 
     ``least_airspeed_m_s`` is the autopilot's lower airspeed limit of a fixed wing; the default is 0.8 of the
-    cruise speed. VehicleError if the vehicle has no battery or no power model.
+    cruise speed. Raises VehicleError if the vehicle has no battery or no power model.
     """
     slowest, fastest = 0.0, spec.fastest_m_s
     if spec.circles:

@@ -84,7 +84,7 @@ class MissionExecutor:
     def update_spec(self, spec: VehicleSpec) -> None:
         """Replace defaults and limits; the new values apply from the next leg or order."""
         same = spec.kind == self.spec.kind and spec.step_s == self.spec.step_s
-        require(same, f"vehicle {spec.name}: another kind or time step cannot be taken in flight")
+        require(same, f"vehicle {spec.name}: the kind and the time step cannot change in flight")
         settings = self.mission.settings
         if settings.speed_m_s == self.spec.cruise_speed_m_s:
             settings.speed_m_s = spec.cruise_speed_m_s
@@ -140,7 +140,7 @@ class MissionExecutor:
     ) -> None:
         """Fly to a position relative to home and hold there; emit TargetReached on arrival.
 
-        `as_setpoint`: a multirotor in the air follows the position as a setpoint, without a planned path.
+        With `as_setpoint`, a multirotor in the air follows the position as a setpoint and plans no path.
         """
         settings = self.mission.settings
         self.flight.ready("fly to a position")
@@ -267,7 +267,7 @@ class MissionExecutor:
     def fly_through(self, limit_s: float) -> list[FlightEvent]:
         """Fly until the mission is over or the time limit is reached, and return the events in order.
 
-        The flight equals that of `advance` but is faster to compute: the motion does not stop at each leg.
+        The flight is the same as with `advance` but is computed faster: the motion does not stop at each leg.
         """
         self.mission.run(self._step_at(limit_s), stop_each=False)
         return self.flight.take_events()

@@ -73,8 +73,8 @@ def check_mission(
     The checks cover commands, frames, parameters, altitudes, distances from home, jumps and the take-off.
     Energy is checked by `sim_vehicle.prediction.predict`.
 
-    `items` does not contain home. `needs_takeoff`: the vehicle does not take off by itself to reach the first
-    position. `outside` maps a position (east, north, up) to the reason why the fence excludes the position,
+    `items` does not contain home. `needs_takeoff` is set if the vehicle does not take off by itself to reach
+    the first position. `outside` maps a position (east, north, up) to the reason why the fence excludes it,
     or to None. The fence check covers positions only, not the paths between them, as in real autopilots.
     `home_up_m` is the height of home above the frame's origin.
 
@@ -157,13 +157,13 @@ def _item_problems(
             reason = f"altitude {z:.1f} m above home is outside 0..{spec.max_altitude_m:g}"
             problems.append(("altitude", reason))
         if x * x + y * y > spec.max_distance_m * spec.max_distance_m:
-            reason = f"{math.hypot(x, y):.0f} m from home, the vehicle may go {spec.max_distance_m:.0f} m"
+            reason = f"{math.hypot(x, y):.0f} m from home, beyond the limit of {spec.max_distance_m:.0f} m"
             problems.append(("far-from-home", reason))
     first, second = number(item.param1), number(item.param2)
     if command == Command.NAV_DELAY and first < 0.0:
         day = (second, number(item.param3), number(item.param4))
         if any(not -1.0 <= value < limit for value, limit in zip(day, (24.0, 60.0, 60.0), strict=True)):
-            problems.append(("time", "time of day {:g}:{:g}:{:g} is none".format(*day)))
+            problems.append(("time", "time of day {:g}:{:g}:{:g} does not exist".format(*day)))
     elif not 0.0 <= first <= 86_400.0 and command in _TIMED:
         problems.append(("time", f"time {first:g} s is outside 0..86400"))
     if command == _WAYPOINT:
@@ -201,7 +201,7 @@ def _landing_problems(
         reason = ""
         if item.command == Command.NAV_LAND:
             if before is None:
-                reason = "no position before it to approach it from"
+                reason = "no position before the landing, from which to approach"
             elif before[0] == _WAYPOINT and not math.isnan(position[0] + before[1][0]):
                 distance = math.hypot(position[0] - before[1][0], position[1] - before[1][1])
                 slope = math.degrees(math.atan2(before[1][2], max(distance, 1e-3)))

@@ -1,4 +1,4 @@
-"""Conversion of mission items into legs between two decisions, with circles and splines."""
+"""Conversion of mission items into legs up to the next pause or decision, with circles and splines."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = ["circle_leg", "circle_legs", "lands", "orbit_legs", "plan_item_legs", "spline_legs"]
 
-# Radius of a multirotor's circle if the item gives none.
+# Radius of a multirotor's circle if the item gives no radius.
 _LOITER_RADIUS_M = 10.0
 # Length of the chords of a spline, and the maximum number of chords.
 _CHORD_M = 2.0
@@ -119,7 +119,7 @@ class _Planner:
             if not 0 <= following < len(items) or items[following].command not in CONDITIONS:
                 break
             plan.unsure = True
-            # Conditions are met in flight only; the legs are planned again when that happens.
+            # Conditions are met only in flight; when a condition is met, the legs are planned again.
             following = condition_items(items, following)[-1] + 1
         passes = 0 <= following < len(items) and items[following].command in PASSED_COMMANDS
         return following if passes else None
@@ -278,7 +278,7 @@ def circle_leg(
     turns: float = 0.0,
     leave_to_m: tuple[float, float] | None = None,
 ) -> Leg:
-    """Return the leg of a circle; a positive radius is clockwise, 0 selects the autopilot's own radius."""
+    """Return the leg of a circle; a positive radius is clockwise, 0 is the autopilot's default radius."""
     return Leg(centre, speed, kind=LegKind.LOITER, circle=Circle(radius_m or None, turns, leave_to_m))
 
 

@@ -47,7 +47,7 @@ class Settings:
     """Ground speed."""
     heading: Heading = ALONG
     """Heading until the next position, unless the item there sets a heading."""
-    # Vertical speeds; None selects the vehicle's own.
+    # Vertical speeds; None selects the vehicle's default.
     climb_m_s: float | None = None
     descent_m_s: float | None = None
     jumps: dict[int, int] = field(default_factory=dict)
@@ -125,7 +125,7 @@ def do_items(
 
 
 def _change_speed(item: MissionItem, settings: Settings, top_speed_m_s: float) -> None:
-    """Set the ground speed (types 0 and 1), climb (2) or descent speed (3); -2 restores the vehicle's own."""
+    """Set the ground speed (types 0 and 1), climb (2) or descent speed (3); -2 restores the default."""
     kind, speed = number(item.param1), number(item.param2, -1.0)
     wanted = speed if speed > 0.0 else None
     if wanted is None and speed != -2.0:
@@ -139,7 +139,7 @@ def _change_speed(item: MissionItem, settings: Settings, top_speed_m_s: float) -
 
 
 def _yaw(item: MissionItem, yaw_rad: float) -> float:
-    """Return the heading of a CONDITION_YAW; the direction of an absolute heading is ignored."""
+    """Return the heading of a CONDITION_YAW; the turn direction to an absolute heading is ignored."""
     angle = math.radians(number(item.param1))
     if number(item.param4) == 0.0:
         return angle

@@ -89,7 +89,7 @@ class LegPlan:
     def extend(
         self, legs: Sequence[Leg], seq: int = -1, *, done: bool = False, speed: float | None = None
     ) -> None:
-        """Append legs; `done`: the last leg completes the item."""
+        """Append legs; with `done`, the last leg completes the item."""
         for leg in legs:
             self.add(leg, seq, done=done and leg is legs[-1], speed=speed)
 
@@ -218,7 +218,7 @@ class LegFollower:
         phase: FlightPhase,
         after_last: AfterLastLeg = AfterLastLeg.NEXT,
     ) -> None:
-        """Fly legs from the present position, at the vehicle's own vertical speeds."""
+        """Fly legs from the present position, at the vehicle's default vertical speeds."""
         plan = LegPlan(after_last=after_last)
         plan.extend(legs)
         self.drop_plan(phase)

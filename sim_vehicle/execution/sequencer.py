@@ -87,7 +87,7 @@ class ReturnPoints:
 class MissionSequencer:
     """Flies the items of a mission in sequence, as legs of a `LegFollower`.
 
-    `takes_off`: a mission that begins on the ground without a take-off item climbs first, as in PX4. The
+    With `takes_off`, a mission that begins on the ground without a take-off item climbs first, as in PX4. The
     climb ends at the height of the first position or at the take-off altitude, if that is higher.
     `epoch_unix_s` is the time of day at simulated time 0. `current_seq` is the present or next item, -1
     without a mission. `settings` holds the speeds and heading for later legs, as changed by items and orders.
@@ -125,7 +125,7 @@ class MissionSequencer:
         """Replace the mission, with `current` as its current item; a vehicle that is flying a mission holds.
 
         `positions` is the result of `sim_vehicle.execution.items.item_positions`, if known.
-        `keeps_settings`: the present speeds are kept.
+        With `keeps_settings`, the present speeds are kept.
         """
         if self.flight.phase is FlightPhase.MISSION:
             self.flight.hold()
@@ -141,9 +141,9 @@ class MissionSequencer:
         """Replace the mission in flight, continue at item `seq`, and return whether the turn is immediate.
 
         Speeds are kept. A take-off is completed to its height first. A return home is completed and ends the
-        mission. A `seq` beyond the end ends the mission. `at_waypoints`: the vehicle turns at once only if
-        the old item is a waypoint and `seq` exists. Otherwise the vehicle completes the old item and
-        continues with the item after that. `keeps_jumps`: the jump counts are kept.
+        mission. A `seq` beyond the end ends the mission. With `at_waypoints`, the vehicle turns at once only
+        if the old item is a waypoint and `seq` exists; otherwise it completes the old item and continues with
+        the item after that. With `keeps_jumps`, the jump counts are kept.
         """
         self.flight.ready("change the mission")
         flown = self.items[self.current_seq].command if self.current_seq < len(self.items) else _WAYPOINT
@@ -216,7 +216,7 @@ class MissionSequencer:
             self.begin_at(seq)
 
     def reset_speed(self) -> None:
-        """Reset the ground speed of later legs to the vehicle's own."""
+        """Reset the ground speed of later legs to the vehicle's default."""
         self.settings.speed_m_s = self.flight.spec.cruise_speed_m_s
 
     def replay_speed(self) -> None:
@@ -279,11 +279,11 @@ class MissionSequencer:
     def go_around(self, height_m: float | None = None) -> float:
         """Abort the landing: climb straight ahead, then restart the landing; return the height of the climb.
 
-        The default height is that of the landing item, or of the take-off.
+        The default height is the height of the landing item, or of the take-off.
         """
         self.flight.ready("go around")
         able = self.lands and self.flight.landed is not LandedState.ON_GROUND
-        require(able, "cannot go around: no landing of the mission is flown")
+        require(able, "cannot go around: the vehicle is not flying a landing of the mission")
         leg = climb_leg(
             self.items, self.current_seq, self._motion.position_m, self.settings.speed_m_s, height_m
         )
@@ -524,7 +524,7 @@ class MissionSequencer:
         before = self.settings.copy()
         self.flight.waiting.step = None
         self._execute(self.flight.waiting.seqs.pop(0), time_s)
-        # During a pause at the position itself, no path remains for the wait.
+        # During a pause the vehicle is at the position already, so further conditions are met at once.
         while self.flight.waiting.seqs and (self.flight.timer is not None or not self._waits()):
             self._execute(self.flight.waiting.seqs.pop(0), time_s)
         if self.flight.timer is None and (self.flight.waiting.seqs or self.settings != before):

@@ -32,7 +32,7 @@ class AnyFault(Protocol):
 
 
 class Radio:
-    """The radio of a link; up is to the vehicle.
+    """The radio of a link; "up" is the direction to the vehicle.
 
     `name` identifies the random streams. `faults` are the disturbances of every frame.
     """
@@ -65,7 +65,7 @@ class Radio:
 
 
 class Injection:
-    """Components and radios of a host as they are; the subclass of an add-on injects faults into them."""
+    """Components and radios of a host without faults; an add-on's subclass injects faults into them."""
 
     def __init__(self, seed: int | SeedSequence) -> None:
         self.faults: tuple[AnyFault, ...] = ()
@@ -75,20 +75,20 @@ class Injection:
         """Raise VehicleError if a fault names a vehicle that is not among these MAVLink systems."""
 
     def wrap(self, components: Sequence[Component]) -> list[Component]:
-        """Return the components, wrapped if a fault affects them; VehicleError as `require_vehicles`."""
+        """Return the components, wrapped if a fault affects them; VehicleError as in `require_vehicles`."""
         return list(components)
 
     def radio(self, name: str, number: int, client: int = 0, always: Faults | None = None) -> Radio | None:
         """Return the radio of a link; None if nothing disturbs the link.
 
         `number` is the number of the host's link, from 1. `client` is the number of a client of the link.
-        Each client has its own random streams. `always` are the disturbances of a link without faults.
+        Each client has its own random streams. `always` are disturbances that the link has without faults.
         """
         return None if always is None else Radio(self.seed, f"{number}.{client}", always)
 
 
 def injection(faults: Sequence[AnyFault | str], seed: int | SeedSequence = 0) -> Injection:
-    """Return the injection of faults, given as objects or text; VehicleError if one is invalid."""
+    """Return the injection of faults, given as objects or text; raises VehicleError if a fault is invalid."""
     if not faults:
         return Injection(seed)
     made: Injection = fault_part("session")(faults, seed)
@@ -96,7 +96,7 @@ def injection(faults: Sequence[AnyFault | str], seed: int | SeedSequence = 0) ->
 
 
 def fault_part(name: str) -> Any:
-    """Return a part of the add-on that injects faults; VehicleError if no add-on provides it.
+    """Return a part of the add-on that injects faults; raises VehicleError if no add-on provides it.
 
     ``session`` makes an `Injection` from faults and a seed. ``Fault`` is the class of a fault. ``tables``
     reads the ``[[fault]]`` tables of a decoded file, and ``kinds`` prints the kinds of faults into an

@@ -49,8 +49,8 @@ class ServerUrl:
 class Client:
     """A peer of a port, with a stream of bytes in each direction.
 
-    Outgoing frames are collected until `flush`, because autopilots also send few large datagrams. `radio`
-    applies faults to the frames. `systems` and `link` are those of `ServerUrl`.
+    Outgoing frames are collected until `flush`, because autopilots, too, send few but large datagrams.
+    `radio` applies faults to the frames. `systems` and `link` are explained at `ServerUrl`.
     """
 
     def __init__(self, name: str, write: Callable[[bytes], None]) -> None:
@@ -250,9 +250,9 @@ def open_port(url: str, *, at_once: bool = False) -> ServerPort:
     ``udpin:HOST:PORT`` waits for clients. ``udpout:HOST:PORT`` sends to one client and serves all peers that
     answer; a local port may follow, as in ``udpout:127.0.0.1:14550,18570``. ``tcpin:HOST:PORT`` waits for
     connections. ``tcp:HOST:PORT`` connects, and reconnects after a loss. ``serial:DEVICE:BAUD`` is a serial
-    line, reopened when its device returns. `at_once` is that of `mission.link.sockets.UdpSocket`.
+    line, reopened when its device returns. `at_once` is passed to `mission.link.sockets.UdpSocket`.
 
-    LinkError if the address is invalid, in use or unreachable; VehicleError if the local port is invalid.
+    Raises LinkError if the address is invalid, in use or unreachable, VehicleError for an invalid local port.
     """
     text, comma, local = url.partition(",")
     if text.strip().lower().startswith(SERIAL):
@@ -276,7 +276,7 @@ def open_port(url: str, *, at_once: bool = False) -> ServerPort:
 
 
 def _address_of(address: LinkAddress) -> str:
-    """Return the IPv4 address of a host, which identifies the answers of the host."""
+    """Return the IPv4 address of a host, by which the host's answers are recognised."""
     try:
         return str(socket.getaddrinfo(address.host, address.port, socket.AF_INET, socket.SOCK_DGRAM)[0][4][0])
     except (OSError, UnicodeError) as error:
@@ -287,11 +287,11 @@ def _address_of(address: LinkAddress) -> str:
 class PortSelector:
     """Selector over all ports of a server and their clients.
 
-    `links` are links that are open already; their port numbers follow those of the URLs. `injection`
-    makes the radios of the clients.
+    `links` are links that are open already; they are numbered after the URLs. `injection` makes the radios of
+    the clients.
 
     ``clients`` is replaced by a new list at each change of clients. ``urls`` are the addresses with the
-    actual port numbers. LinkError if an address is invalid or in use; all sockets are closed then.
+    actual port numbers. Raises LinkError if an address is invalid or in use; all sockets are closed then.
     """
 
     def __init__(

@@ -73,8 +73,8 @@ class Server(Closing):
     urls : sequence of str or ServerUrl
         Addresses, see `sim_vehicle.host.ports.open_port`; a `ServerUrl` can limit the vehicles at an address.
     speed : float
-        Simulation time over wall-clock time; infinity is as fast as possible. A slow machine stretches the
-        simulation time and never skips any.
+        Simulation time divided by wall-clock time; infinity runs as fast as possible. On a slow machine the
+        simulation runs more slowly, but it skips no time.
     tap : callable, optional
         ``tap(frame, now_s)`` is called with every frame sent or received.
     faults : sequence of Fault or str
@@ -128,7 +128,7 @@ class Server(Closing):
             raise VehicleError(f"server: speed {speed} is not positive; 1 is real time")
         addresses = [(c.system_id, c.component_id) for c in components]
         if len(set(addresses)) < len(addresses):
-            msg = f"server: two components have the same address in {addresses}; give each its own"
+            msg = f"server: two components share an address in {addresses}; give each a different address"
             raise VehicleError(msg)
         self.now_s = 0.0
         self.frames = 0
@@ -168,7 +168,7 @@ class Server(Closing):
         return self._selector.dropped
 
     def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
-        """Serve until ``until(now_s)``, `limit_s` seconds of simulation time, `stop` or Ctrl-C."""
+        """Serve until ``until(now_s)`` is true, `limit_s` simulated seconds are over, or `stop` or Ctrl-C."""
         end_s = self.now_s + limit_s
         self._origin_s = self.now_s - self._wall_s()
         try:
@@ -191,7 +191,7 @@ class Server(Closing):
     def send(self, component: Component, messages: Iterable[Message]) -> None:
         """Send messages of a component outside of its `receive` and `poll`.
 
-        VehicleError if the component does not belong to the server.
+        Raises VehicleError if the component does not belong to the server.
         """
         address = (component.system_id, component.component_id)
         for local in self._locals:
@@ -255,8 +255,8 @@ class Server(Closing):
             if self.speed == NEVER:
                 return
             if time.monotonic() - began_s > _BURST_S:
-                # Behind the wall clock the simulation polls the sockets, and time is stretched to limit the
-                # lag.
+                # If the simulation is behind the wall clock, it polls the sockets, and time is stretched to
+                # limit the lag.
                 lag_s = clock_s - self.now_s - _LARGEST_LAG_S * self.speed
                 self._origin_s -= max(0.0, lag_s)
                 return

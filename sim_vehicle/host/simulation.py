@@ -120,7 +120,7 @@ class StopReason(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Impairment:
-    """A bad radio between the `remote` components and all others, with independent faults for each frame.
+    """A bad radio between the `remote` components and all other components; each frame has its own faults.
 
     Parameters
     ----------
@@ -229,7 +229,7 @@ class Simulation:
         for port, component in enumerate(components):
             address = (component.system_id, component.component_id)
             if any((c.system_id, c.component_id) == address for c in components[:port]):
-                msg = f"simulation: two components have the address {address}; give each its own"
+                msg = f"simulation: two components have the address {address}; give each a different address"
                 raise VehicleError(msg)
             self._table.learn(port, address)
         self._routes: dict[tuple[int, int, int], tuple[int, ...]] = {}
@@ -314,7 +314,7 @@ class Simulation:
     def send(self, component: Component, messages: Iterable[mavlink.MAVLink_message]) -> None:
         """Send messages of a component outside of its `receive` and `poll`.
 
-        VehicleError if the component does not belong to the simulation.
+        Raises VehicleError if the component does not belong to the simulation.
         """
         address = (component.system_id, component.component_id)
         if address not in self._addresses:

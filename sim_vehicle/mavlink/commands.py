@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = ["HANDLERS", "CommandReceiver", "enter_mode", "set_custom_mode"]
 
-# Maximum number of last commands in memory, one per client: a client can change its address at will.
+# Most clients whose last command is remembered: a client can change its address at will.
 _MOST_PEERS = 256
 _HEARTBEAT_US = 1e6
 # Threshold of parameter 1 above which DO_FLIGHTTERMINATION terminates (common.xml).
@@ -126,7 +126,7 @@ def _acknowledgement(command: VehicleCommand, result: int) -> Message:
 
 
 def set_custom_mode(vehicle: CommandedVehicle, number: int) -> None:
-    """Enter a mode by its custom mode number; RefusedError if unknown or not possible now."""
+    """Enter a mode by its custom mode number; RefusedError if the mode is unknown or not possible now."""
     modes = vehicle.state.mavlink.modes
     mode = modes.mode_of(number)
     if mode is Mode.FLIP and vehicle.state.custom_mode not in modes.flips_from:
@@ -319,7 +319,7 @@ def _land_start(vehicle: CommandedVehicle, _command: VehicleCommand) -> None:
     seq = vehicle.pilot.executor.mission.landing_start()
     if seq is None:
         text = vehicle.state.mavlink.refusals.landing
-        raise RefusedError("Land start refused: the mission has none", text=text)
+        raise RefusedError("Land start refused: the mission has no landing start", text=text)
     vehicle.pilot.set_current(seq)
     vehicle.pilot.set_mode(Mode.MISSION)
 
@@ -386,7 +386,7 @@ def _request_message(vehicle: CommandedVehicle, command: VehicleCommand) -> Resu
         messages = vehicle.built(message_id)
     if messages or vehicle.is_ready(message_id):
         return messages
-    # PX4's MavlinkReceiver::handle_request_message_command, ArduPilot's handle_command_request_message.
+    # As in PX4's MavlinkReceiver::handle_request_message_command, ArduPilot's handle_command_request_message.
     return vehicle.state.mavlink.unknown_message_result
 
 

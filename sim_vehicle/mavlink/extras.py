@@ -26,7 +26,7 @@ class Timed(Protocol):
 
     @property
     def due_s(self) -> float:
-        """Time of the next `poll` that does anything (s); infinite if none."""
+        """Time of the next `poll` that has an effect (s); infinite if there is none."""
 
     def poll(self, now_s: float) -> Iterable[Message]:
         """Return the messages that are due."""
@@ -52,9 +52,9 @@ class VehicleExtra(PilotExtra):
         self.state = state
         self.parameters = parameters
         self.plans = plans
-        # Handlers by message id, of the message and the time; the vehicle's own handler is called first.
+        # Handlers by message id, called with the message and the time, after the vehicle's own handler.
         self.handlers: Mapping[int, Callable[[Any, float], Iterable[Message] | None]] = {}
-        # Handlers by MAV_CMD; if the vehicle has a handler, too, the result is that of the vehicle.
+        # Handlers by MAV_CMD; if the vehicle has a handler, too, the vehicle's result is returned.
         self.commands: Mapping[int, Callable[[VehicleCommand], Result]] = {}
         # Telemetry builders by message id; a builder returns None if there is nothing to send.
         self.builders: Mapping[int, Callable[[WireState], Message | None]] = {}
@@ -76,7 +76,7 @@ class VehicleExtra(PilotExtra):
         """Prepare for a client's request of a message or its interval."""
 
     def is_ready(self, message_id: int) -> bool:
-        """Whether the extra has a message to send; until then its interval in a data stream waits."""
+        """Whether the extra can send a message; until it can, the interval set by a data stream waits."""
         return True
 
     def camera_attitude(self, boot_us: float) -> tuple[float, float, float] | None:

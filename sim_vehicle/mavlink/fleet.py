@@ -22,7 +22,7 @@ from sim_vehicle.weather.wind import Wind
 __all__ = ["MOST_VEHICLES", "SPACING_M", "Fleet", "fleet_urls", "start_positions"]
 
 MOST_VEHICLES = 250
-"""System ids end at 255, and ground stations need a few."""
+"""System ids end at 255, and ground stations need a few of them."""
 SPACING_M = 4.0
 
 
@@ -57,7 +57,7 @@ def fleet_urls(
 ) -> tuple[ServerUrl, ...]:
     """Return the URL of each vehicle's own simulator; each URL carries only that vehicle.
 
-    `named` are the links with their own message rates.
+    `named` has the names of the links that have their own message rates.
 
     Examples
     --------
@@ -81,7 +81,7 @@ class Fleet:
     count : int or None
         Number of vehicles; by default the number of positions.
     autopilot : Autopilot, optional
-        Autopilot to simulate; by default the one of `get_autopilot`.
+        Autopilot to simulate; by default the result of `get_autopilot`.
     wind : Wind, optional
         Wind field: all vehicles have the same steady wind, and each vehicle has its own gusts.
     noise : SensorNoise, optional

@@ -1,7 +1,7 @@
 """Parameters of the vehicle in the parameter protocol.
 
-The table holds all parameters of the autopilot, by its own names and units. Parameters with an effect act on
-the vehicle through `RuntimeParameters`; the others are only stored.
+The table holds all parameters of the autopilot, with the autopilot's names and units. Parameters with an
+effect act on the vehicle through `RuntimeParameters`; the others are only stored.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class ParameterSet:
         return self._table
 
     def default(self, name: str) -> float:
-        """Return the initial value of a parameter in its own unit; KeyError if the name is unknown."""
+        """Return the initial value of a parameter in its own unit; raises KeyError if the name is unknown."""
         return self._defaults.get(name, self._table[self._index[name]].value)
 
     def poll(self, now_s: float) -> list[Message]:
@@ -71,7 +71,7 @@ class ParameterSet:
         return messages
 
     def value(self, name: str) -> float:
-        """Return the value of a parameter in its own unit; KeyError if the name is unknown."""
+        """Return the value of a parameter in its own unit; raises KeyError if the name is unknown."""
         parameter = self._table[self._index[name]]
         if name in self._live:
             return float(self._live[name]())
@@ -164,7 +164,7 @@ class ParameterSet:
         self._beyond.pop(parameter.name, None)
         if holds != value:
             self._beyond[parameter.name] = (value, self._held(parameter))
-            self._pilot.warn(f"{parameter.name} {value:g} is kept, {holds:g} holds")
+            self._pilot.warn(f"{parameter.name} {value:g} is stored, {holds:g} is used")
         self._pilot.apply_parameters()
 
     def _decode(self, value: float, kind: int) -> float:

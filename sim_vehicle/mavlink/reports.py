@@ -120,7 +120,7 @@ class StatusTexts:
 
 
 class ItemReports:
-    """MISSION_ITEM_REACHED as often as the autopilot sends it, and the delayed MISSION_CURRENT."""
+    """Reports of reached items, as often as the autopilot sends them, and the delayed MISSION_CURRENT."""
 
     def __init__(self, state: WireState) -> None:
         self._state = state
@@ -135,7 +135,7 @@ class ItemReports:
         self._returning = -1
 
     def merged(self, events: list[FlightEvent], items: Sequence[MissionItem]) -> list[FlightEvent]:
-        """Keep only the last of the items that end at the same time, if the autopilot merges them.
+        """If the autopilot merges reports, keep only the last of the items that end at the same time.
 
         A return to launch that follows a reached item counts as reached, too.
         """

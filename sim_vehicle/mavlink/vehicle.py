@@ -73,7 +73,7 @@ class SimVehicle:
     home : GeoPoint
         Start position, at ground altitude.
     autopilot : Autopilot, optional
-        Autopilot to simulate; by default the one of `get_autopilot`.
+        Autopilot to simulate; by default the result of `get_autopilot`.
     yaw_deg : float
         Compass heading at the start.
     epoch_unix_s : float
@@ -140,7 +140,7 @@ class SimVehicle:
         firmware = self.autopilot.for_vehicle(spec.kind)
         self._boots = firmware.cold_boot if cold else None
         if cold and self._boots is None:
-            msg = f"how {self.autopilot.title} boots on a {spec.kind} is not known: leave the cold boot out"
+            msg = f"the boot of {self.autopilot.title} on a {spec.kind} is unknown: leave the cold boot out"
             raise VehicleError(msg)
         self.system_id = system_id
         self.component_id = _AUTOPILOT
@@ -327,7 +327,7 @@ class SimVehicle:
             self._schedules[name] = self._default_schedule(name)
 
     def streamed(self) -> list[tuple[str, list[Message]]]:
-        """Return the telemetry of each link that was due at the last `poll`."""
+        """Return, for each link, the telemetry that was due at the last `poll`."""
         if len(self._schedules) == 1:
             return []
         due = ((link, self._due(schedule)) for link, schedule in self._schedules.items())

@@ -39,7 +39,7 @@ _STOPPED_BY = {
 _INT_FRAMES = {5: 0, 6: 3, 11: 10}
 
 Result: TypeAlias = "int | tuple[Message, ...] | None"
-"""Result of a command: MAV_RESULT, or the messages after an accepting acknowledgement; None accepts, too."""
+"""Result of a command: a MAV_RESULT, or the messages that follow its acceptance; None accepts it, too."""
 
 
 @dataclass(frozen=True, slots=True)

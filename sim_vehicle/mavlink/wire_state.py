@@ -179,7 +179,7 @@ class WireState:
         self.unix_us = self._epoch_us + now_us
 
     def sense(self, now_s: float) -> None:
-        """Update the sensors' position of the vehicle."""
+        """Update the position of the vehicle according to the sensors."""
         position = self.pilot.state.position_m
         self.sensed = Sensed.exact(position) if self.errors is None else self.errors.sense(position, now_s)
         self.velocity_m_s = self.pilot.state.velocity_m_s

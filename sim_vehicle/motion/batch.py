@@ -1,4 +1,4 @@
-"""Batches of vehicles, advanced in one compiled call along their own routes, with unchanged results.
+"""Batches of vehicles, advanced in one compiled call along their own routes, each as if alone.
 
 The numbers of the vehicles are rows of arrays, ``[vehicle, number]``. Each vehicle keeps views of its rows,
 so routes, parameters and positions are used as without a batch. The loops call single vehicles' kernels.
@@ -118,11 +118,11 @@ class VehicleBatch:
     Parameters
     ----------
     vehicles : sequence of MotionModel
-        One or more vehicles of the same class; their arrays become views of the batch's. Vehicles are
+        One or more vehicles of the same class; their arrays become views of the batch's arrays. Vehicles are
         advanced one by one if their class has no loop here (`IdealRobot`), or while a multirotor is flown by
         the generic dynamics.
     pool : concurrent.futures.Executor, optional
-        Threads that share the work; the results do not depend on them.
+        Threads that share the work; the results do not depend on the threads.
 
     Raises
     ------
@@ -235,7 +235,7 @@ class VehicleBatch:
         if self._pool is None or len(members) == 1:
             loop(members, *rest)
             return
-        # More shares than threads, because some shares take longer than others.
+        # More parts than threads, because some parts take longer than others.
         shares = np.array_split(members, min(len(members), _SHARES))
         for future in [self._pool.submit(loop, share, *rest) for share in shares]:
             future.result()

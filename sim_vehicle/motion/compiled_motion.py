@@ -97,7 +97,7 @@ class CompiledMotion(MotionModel):
 
     @abstractmethod
     def _numbers(self, spec: VehicleSpec) -> Mapping[str, float]:
-        """Return the kernel's limits by name, besides time step and energy."""
+        """Return the kernel's limits by name, except for time step and energy."""
 
     def _take_limits(self, spec: VehicleSpec) -> None:
         capacity_j = math.inf if spec.battery is None else spec.battery.capacity_wh * WH_J
@@ -181,7 +181,7 @@ class CompiledMotion(MotionModel):
 
     @property
     def _dynamics_now(self) -> Dynamics:
-        """Dynamics of the present motion."""
+        """The dynamics that move the vehicle at present."""
         return self.dynamics
 
     def is_flown_by_its_autopilot(self) -> bool:

@@ -102,7 +102,7 @@ class IdealRobot(MotionModel):
 
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
         """Raise VehicleError: the ideal robot has no velocity control."""
-        msg = f"vehicle {self.spec.name}: the ideal robot has no velocity control, give it places"
+        msg = f"vehicle {self.spec.name}: the ideal robot has no velocity control, give it positions"
         raise VehicleError(msg)
 
     def stopping_point(self) -> Position:

@@ -85,7 +85,7 @@ class Circle:
     """Circle of a leg: of an orbit, or of a fixed wing that holds."""
 
     radius_m: float | None = None
-    """Radius, positive for clockwise; None selects the autopilot's own."""
+    """Radius, positive for clockwise; None selects the autopilot's default."""
     turns: float = 0.0
     """Number of turns that complete the leg."""
     leave_to_m: tuple[float, float] | None = None
@@ -98,13 +98,13 @@ class Leg:
 
     end_m: Position
     speed_m_s: float | None = None
-    """Horizontal ground speed (airspeed of a fixed wing); None selects the vehicle's own."""
+    """Horizontal ground speed (airspeed of a fixed wing); None selects the vehicle's default."""
     radius_m: float = 0.0
     """Acceptance radius; 0 is a stop."""
     heading: Heading = ALONG
     kind: LegKind = LegKind.WAYPOINT
     vertical_speed_m_s: float | None = None
-    """Speed of a vertical leg, up or down; None selects the vehicle's own."""
+    """Speed of a vertical leg, up or down; None selects the vehicle's default."""
     near_m: float = 0.0
     """Distance to the end at which the motion reports NEAR; 0 disables the report."""
     pause_s: float = 0.0
@@ -112,7 +112,7 @@ class Leg:
     circle: Circle | None = None
     """Circle of the leg; a fixed wing that lands without a circle approaches straight."""
     pitch_rad: float = 0.0
-    """Minimum pitch of a fixed wing on a take-off leg; 0 selects the autopilot's own."""
+    """Minimum pitch of a fixed wing on a take-off leg; 0 selects the autopilot's default."""
 
     @property
     def descends(self) -> bool:
@@ -120,12 +120,12 @@ class Leg:
         return self.kind is LegKind.LAND or self.vertical_speed_m_s is not None
 
 
-# Columns of the legs of a route, as in `Leg`; NaN selects the vehicle's own value.
+# Columns of the legs of a route, as in `Leg`; NaN selects the vehicle's default.
 ROUTE = record_type(
     ["x", "y", "z", "radius", "speed", "vertical"],
     ["heading", "turn"],  # As `Heading.numbers`.
     ["near", "kind", "pause"],
-    ["circle", "turns"],  # Radius: NaN for no circle, 0 for the autopilot's own.
+    ["circle", "turns"],  # Radius: NaN for no circle, 0 for the autopilot's default.
     ["exit_x", "exit_y"],  # Position towards which the circle is left; NaN for any direction.
     ["pitch"],
 )

@@ -125,7 +125,7 @@ class MotionModel(ABC):
         """Begin a route."""
 
     def interrupt(self) -> None:
-        """Abort the present leg, so that the next route starts anew, if the autopilot does that."""
+        """Abort the present leg if the autopilot does so; the next route then starts anew."""
         return
 
     @abstractmethod
@@ -142,7 +142,7 @@ class MotionModel(ABC):
         """
 
     def look_at(self, position_m: tuple[float, float] | None) -> None:
-        """Point the nose at a position (east, north) on all legs, if the vehicle can; None ends that."""
+        """Point the nose at a position (east, north) on all legs, if possible; None ends the pointing."""
         return
 
     def point(self, heading_rad: float) -> None:
@@ -166,7 +166,7 @@ class MotionModel(ABC):
         """Replace defaults and limits."""
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
-        """Limit climb and descent speed from the next route; None selects the vehicle's own limit."""
+        """Limit climb and descent speed from the next route; None selects the vehicle's limit."""
         return
 
     def use_energy(self, joules: float) -> None:

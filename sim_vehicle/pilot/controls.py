@@ -98,7 +98,7 @@ class Controls:
         return self.executor.mission.return_points.home_m
 
     def order(self, order: Callable[[], None]) -> None:
-        """Give an order to the executor; RefusedError if the vehicle cannot obey it."""
+        """Give an order to the executor; raises RefusedError if the vehicle cannot obey it."""
         try:
             order()
         except RefusedError:

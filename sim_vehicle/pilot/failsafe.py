@@ -32,8 +32,8 @@ _ALMOST_EMPTY = 3
 class BatteryWatch:
     """Battery level: 0 normal, 1 low, 2 critical, 3 almost empty.
 
-    `by_voltage`: a voltage below its threshold for some time counts as a low battery, too. Such a level stays
-    even if the voltage recovers (ArduPilot). `reported` is the highest level since arming.
+    With `by_voltage`, a voltage below its threshold for some time counts as a low battery, too. Such a level
+    stays even if the voltage recovers (ArduPilot). `reported` is the highest level since arming.
     """
 
     def __init__(self, controls: Controls, *, by_voltage: bool) -> None:
@@ -131,7 +131,7 @@ def is_done(action: Action, phase: FlightPhase) -> bool:
 class Failsafe:
     """Failsafes of one vehicle; the pilot carries out their reactions.
 
-    `active`: a failsafe has triggered since arming. `link_lost`: the ground station is silent.
+    `active` is set if a failsafe has triggered since arming, `link_lost` if the ground station is silent.
     """
 
     def __init__(self, controls: Controls) -> None:
@@ -199,7 +199,7 @@ class Failsafe:
         return None if breach is Breach.NONE else reason
 
     def why_not_arm(self) -> str | None:
-        """Return the reason of a failsafe against arming, or None."""
+        """Return the reason why a failsafe prevents arming, or None."""
         reason = self.outside(self._controls.state.position_m)
         if reason is not None:
             return f"fence: {reason}"
@@ -299,7 +299,7 @@ class Failsafe:
 class ArmingChecks:
     """Pre-arm checks.
 
-    The owner may assign two attributes: `block`, a further reason against arming, and `custom_mode`, a
+    The owner may assign two attributes: `block`, one more reason against arming, and `custom_mode`, a
     function that returns the custom mode number.
     """
 
@@ -336,7 +336,7 @@ class ArmingChecks:
         if by_mode is not None:
             return by_mode
         if mode in (Mode.RTL, Mode.LAND, Mode.FLIP, Mode.FOLLOW):
-            return f"mode {mode.value}: choose another first"
+            return f"mode {mode.value}: choose another mode first"
         return mission_problem if mode is Mode.MISSION else None
 
     def _battery_problem(self) -> str | None:

@@ -42,7 +42,7 @@ class Breach(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Zone:
-    """Polygon or, with a radius, circle; ``inclusion``: the vehicle must stay inside."""
+    """Circle if it has a radius, else polygon; with ``inclusion``, the vehicle must stay inside."""
 
     points_m: NDArray[np.float64]
     radius_m: float
@@ -76,7 +76,7 @@ class Fence:
     return_point_m: tuple[float, float, float] | None = None
     """Return point: east, north, height."""
     any_inclusion: bool = True
-    """Whether the vehicle must be inside any inclusion zone (PX4) instead of inside all (ArduPilot)."""
+    """Whether it is enough to be inside one inclusion zone (PX4), not inside all of them (ArduPilot)."""
 
     @classmethod
     def of(cls, items: Sequence[MissionItem], frame: LocalFrame, *, any_inclusion: bool = True) -> Fence:

@@ -31,8 +31,8 @@ class MissionChange(Enum):
 
     STORED = "stored without effect on the flight"
     TURNED = "the vehicle turned to the present item of the new mission"
-    LATER = "the present item is completed first"
-    LOST = "the present item no longer exists: its completion ends the mission"
+    LATER = "the vehicle completes the present item first"
+    LOST = "the new mission lacks the present item: the vehicle completes it, then the mission ends"
 
 
 class MissionStatus:
@@ -87,7 +87,7 @@ class MissionStatus:
         return str(self.problems[0]) if self.problems else None
 
     def check(self, items: Sequence[MissionItem], *, in_air: bool = False) -> None:
-        """Update the problems of a mission; `in_air`: the mission needs no take-off."""
+        """Update the problems of a mission; with `in_air`, the mission needs no take-off."""
         self.problems = ()
         self._in_air = in_air
         if items:
@@ -107,7 +107,7 @@ class MissionStatus:
                 self.problems += (ItemProblem(None, 0, "firmware", refusal),)
 
     def why_not_begin(self) -> str | None:
-        """Return the reason against beginning the mission now, or None; in the air it needs no take-off."""
+        """Return why the mission cannot begin now, or None; in the air the mission needs no take-off."""
         controls = self._controls
         in_air = controls.landed is not LandedState.ON_GROUND
         if self.problems and in_air and not self._in_air:
@@ -118,7 +118,7 @@ class MissionStatus:
         return self.why_not
 
     def check_on_ground(self) -> None:
-        """Check a mission that was uploaded in the air once more, for a start on the ground."""
+        """If the mission was uploaded in flight, check it again for a start on the ground."""
         if self._in_air:
             self.check(self.items)
 
@@ -174,7 +174,7 @@ class PilotExtra:
         return ()
 
     def start(self, mode: Mode) -> None:
-        """Give the orders of a mode; RefusedError restores the mode before."""
+        """Give the orders of a mode; if this raises RefusedError, the caller restores the previous mode."""
 
     def begin(self, mode: Mode, before: Mode) -> None:
         """Begin the flight in a mode that the armed vehicle has just entered from the mode `before`."""
@@ -183,10 +183,10 @@ class PilotExtra:
         """Continue the flight of an armed vehicle in its mode."""
 
     def stop(self) -> None:
-        """Stop flying, because the vehicle flies something else."""
+        """Stop the extra's orders, because another order flies the vehicle."""
 
     def forget(self) -> None:
-        """Forget the order that the vehicle flies, because the mode may change."""
+        """Forget the order that the vehicle carries out, because the mode may change."""
 
     def free_heading(self) -> None:
         """Stop turning the nose, because another order decides the heading."""
@@ -203,9 +203,9 @@ class ModeControl:
     ) -> None:
         # Last mode that was ordered or followed from an order; the vehicle arms in this mode.
         self.intended = controls.mode
-        # Whether the vehicle chose its mode itself, as a failsafe.
+        # Whether the vehicle chose its mode itself, for example by a failsafe.
         self.by_itself = False
-        # Altitude of the next take-off; None selects the vehicle's own.
+        # Altitude of the next take-off; None selects the vehicle's default.
         self.takeoff_altitude_m: float | None = None
         self._controls = controls
         self._mission = mission
@@ -229,15 +229,15 @@ class ModeControl:
                 raise RefusedError(f"Mode {mode.value} refused: {reason}")
 
     def why_not_arm(self) -> str | None:
-        """Return the reason of an extra against arming, or None."""
+        """Return the reason why an extra prevents arming, or None."""
         reasons = (extra.why_not_arm(self._controls.mode) for extra in self._extras)
         return next((reason for reason in reasons if reason is not None), None)
 
     def change(self, mode: Mode) -> bool:
         """Change the mode and, if armed, begin the mode's flight; a refusal restores the old mode.
 
-        Returns whether the vehicle must be disarmed: an order to land or return on the ground has that
-        effect.
+        Returns whether the vehicle must be disarmed, which is the effect of an order to land or return that
+        is given on the ground.
         """
         before, intended = self._controls.mode, self.intended
         for extra in self._extras:

@@ -124,7 +124,7 @@ class Pilot(Controls):
     ) -> MissionChange:
         """Replace the mission; a mission that cannot be flown is stored, but not flown.
 
-        `marked` is the item to continue at; by default, in flight, the item with the same number. `whole` is
+        `marked` is the item to continue at; the default in flight is the item of the same number. `whole` is
         False for part of an upload that overwrites the mission in place; a part is not checked.
         """
         mission, behaviour = self.mission, self.behaviour
@@ -187,7 +187,7 @@ class Pilot(Controls):
             self._end(Outcome.MISSION_REJECTED, reason)
 
     def set_fence(self, items: Sequence[MissionItem]) -> None:
-        """Replace the fence and check the mission again, unless the mission is in flight."""
+        """Replace the fence and check the mission again, unless the vehicle is flying the mission."""
         self.failsafe.set_fence(Fence.of(items, self.frame, any_inclusion=self.rules.any_inclusion))
         self._check_mission_again()
 
@@ -240,8 +240,8 @@ class Pilot(Controls):
     def arm(self, *, force: bool = False, text: str = "") -> None:
         """Start the motors; in mission or take-off mode the flight begins.
 
-        `force` skips the pre-arm checks. `text` is the notice to the operator, by default that of an arm
-        command. A refusal also becomes the outcome of a vehicle that has not flown.
+        `force` skips the pre-arm checks. `text` is the notice to the operator, by default the notice of an
+        arm command. A refusal also becomes the outcome of a vehicle that has not flown.
         """
         if self.armed:
             return
@@ -386,10 +386,10 @@ class Pilot(Controls):
             self.arm(text=self.rules.armed_by_start)
 
     def set_current(self, seq: int) -> None:
-        """Continue at this mission item; RefusedError if it does not exist."""
+        """Continue at this mission item; raises RefusedError if the item does not exist."""
         size = self.mission.size
         if not 0 <= seq < size:
-            raise RefusedError(f"Mission item {seq + 1} refused: there are {size}", denied=True)
+            raise RefusedError(f"Mission item {seq + 1} refused: the mission has {size}", denied=True)
         self.mission.choose()
         self.order(lambda: self.executor.mission.set_current(seq))
 
@@ -406,7 +406,7 @@ class Pilot(Controls):
         """Change the ground speed; RefusedError above the vehicle's limit."""
         if not 0.0 < speed_m_s <= self.spec.top_speed_m_s:
             raise RefusedError(
-                f"Speed refused: {speed_m_s:g} of {self.spec.top_speed_m_s:g} m/s", denied=True
+                f"Speed refused: {speed_m_s:g} m/s is outside 0..{self.spec.top_speed_m_s:g}", denied=True
             )
         self.order(lambda: self.executor.set_speed(speed_m_s))
 
@@ -559,7 +559,7 @@ class Pilot(Controls):
             raise RefusedError("Reposition refused: not flying")
 
     def hold_in(self, mode: Mode) -> None:
-        """Hold, in the mode for single orders."""
+        """Hold in `mode`, which is the autopilot's mode for single orders."""
         self._check_flying()
         self.set_mode(Mode.HOLD)
         self.modes.override(mode)

@@ -35,7 +35,7 @@ _SAMPLE_S = 1.0
 _LONGEST_S = 86_400.0
 # Number of attempts to locate a battery change; each flies a return and corrects the position.
 _MAX_TRIALS = 6
-# Share of the battery that may remain unused.
+# Fraction of the battery that may remain unused.
 _UNUSED_SHARE = 0.003
 _GROUND_M = 0.5
 
@@ -51,7 +51,7 @@ class BatteryChange:
     seq: int
     """Index of the item in flight."""
     energy_wh: float
-    """Energy from the old battery until the vehicle is home."""
+    """Energy that the old battery has given when the vehicle is home."""
 
 
 def batteries_needed(
@@ -94,9 +94,9 @@ def battery_changes(
 ) -> tuple[BatteryChange, ...] | None:
     """Return the battery changes of a mission, or None if no number of changes suffices.
 
-    The mission is flown once with an unlimited battery. The place of each change is found by flights there
-    and home, with the mission's take-off, return and wind. Flight out, part of the mission and return
-    together use the battery's capacity minus its reserve. In a gusty wind one sample of the gusts is flown.
+    The mission is flown once with an unlimited battery. Trial flights to a place and home find the place of a
+    change, with the mission's take-off, return and wind. Flight out, part of the mission and return together
+    use the battery's capacity minus its reserve. In a gusty wind one sample of the gusts is flown.
     """
     battery = spec.battery
     if battery is None:

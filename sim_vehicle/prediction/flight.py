@@ -84,8 +84,8 @@ class Prediction:
     def ground_length_m(self) -> float:
         """Length over ground from take-off to landing, which is the length of a plan.
 
-        The flown length times the share of the track over ground; the track alone cuts corners and may be
-        truncated.
+        This is the flown length times the ratio of the track's lengths over ground and in space. The length
+        of the track alone would not do, because the track cuts corners and may be truncated.
         """
         steps = np.diff(self.track_m, axis=0, prepend=np.zeros((1, 3)))
         flown_m = float(np.sqrt((steps**2).sum(axis=1)).sum())
@@ -305,12 +305,12 @@ def home_frame(mission: Mission) -> LocalFrame:
     Raises
     ------
     VehicleError
-        If the mission has neither.
+        If the mission has neither a home nor a position.
     """
     if mission.home is not None:
         return LocalFrame(mission.home.latitude_deg, mission.home.longitude_deg, mission.home.altitude_m)
     for item in mission.items:
         if item.has_position and (item.x, item.y) != (0.0, 0.0):
             return LocalFrame(item.x, item.y)
-    msg = "the mission has no home and no position: where does it begin?"
+    msg = "the mission has no home and no position: where does it begin? Give the mission a home"
     raise VehicleError(msg)

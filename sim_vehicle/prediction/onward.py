@@ -38,7 +38,7 @@ __all__ = ["InFlight", "OnwardPredictor"]
 RETURN_HOME = (MissionItem(Command.NAV_RETURN_TO_LAUNCH),)
 _LONGEST_S = 86_400.0
 _AXIS_M = 100.0
-# Time steps of multirotors, in their own steps: on the legs of a path, and on the return.
+# Time steps of multirotors, as multiples of `step_s`: on the legs of a path, and on the return.
 _PATH_STEPS, _HOME_STEPS = 2, 3
 _MAX_RETURNS = 100_000
 
@@ -61,7 +61,7 @@ class InFlight:
 class OnwardPredictor:
     """Predicts the cost of one vehicle's remaining missions: through waypoints, then the autopilot's return.
 
-    The vehicle's own motion flies the paths, many in one compiled call, in a wind without gusts. Multirotors
+    The vehicle's motion model flies the paths, many in a compiled call, in a wind without gusts. Multirotors
     are flown with longer time steps than in a real flight, which changes the result by about 1 %.
 
     Parameters
@@ -71,7 +71,7 @@ class OnwardPredictor:
     frame : LocalFrame
         Farm frame, in which paths, positions and home are given.
     altitude_m, speed_m_s : float
-        Altitude of the waypoints above home, and speed of the mission; by default the vehicle's own speed.
+        Altitude of the waypoints above home, and speed of the mission; by default the cruise speed.
     waypoints : callable, optional
         Maps a path, float64[n, 2], and the vehicle's position to the waypoints sent to the vehicle; by
         default the points of the path.
@@ -202,7 +202,7 @@ class OnwardPredictor:
         return Route.over(places, Leg(here, self._speed_m_s, radius_m))
 
     def _fly_home(self, flights: list[_Flight]) -> None:
-        """Add the flights home; multirotors with about the same position and velocity share one."""
+        """Add the flights home; multirotors with about the same position and velocity share one flight."""
         if self._on_return is self._on_path:
             self._end(flights)
             return

@@ -120,12 +120,12 @@ def expected_flights(
 ) -> list[Prediction]:
     """Predict flights in a wind with gusts that are known only statistically.
 
-    In a wind without gusts the result is that of `predict_flights`. Otherwise each mission is flown in
+    In a wind without gusts the result equals that of `predict_flights`. Otherwise each mission is flown in
     `pairs` pairs of the winds from `rehearsals`. Duration, energy and length are means over these flights,
-    and thus include the cost of gusts in power and time. The track is that of the flight with the energy
+    and thus include the cost of gusts in power and time. The track is from the flight whose energy is
     nearest to the mean. A mission is infeasible if at most half of its flights complete it.
 
-    `estimate_errors`: the means also extend over the errors of PX4's estimate
+    With `estimate_errors`, the means also extend over the errors of PX4's estimate
     (`sim_vehicle.airframe.estimate_errors`), in `ERROR_REHEARSALS` flights or one per wind, whichever is
     more. Each flight has its own errors, the same in every call. The estimates of other autopilots are exact.
     """
@@ -171,10 +171,10 @@ def plan_prediction(
 ) -> Prediction:
     """Predict the flight of a plan, as shown by planning, the preflight check, a flight and its result.
 
-    The prediction is that of `expected_flights` with `PREDICTION_PAIRS` pairs. The track has steps of 0.1 to
+    The prediction is from `expected_flights` with `PREDICTION_PAIRS` pairs. The track has steps of 0.1 to
     1 s, and at least 600 steps for flights longer than a minute, because the coverage is computed from the
     track. If the battery does not last, duration, energy, length and track are those of the whole mission
-    with an unlimited battery. The reason then gives the times of reaching the reserve and an empty battery.
+    with an unlimited battery. The reason then says when the reserve is reached and when the battery is empty.
     """
 
     def flown(*, endless: bool, track_step_s: float) -> Prediction:

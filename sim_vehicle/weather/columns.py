@@ -22,7 +22,7 @@ WIND_ROW = 9
 SITL_FULL_M = 60.0
 """Height above which ArduPilot's simulator has its full wind."""
 LOWEST_M, HIGHEST_M = 3.0 * FOOT_M, 1000.0 * FOOT_M
-"""Range of heights of the mean wind profile in MIL-F-8785C; beyond it the wind is that of the nearer end."""
+"""Heights of the mean wind profile in MIL-F-8785C; beyond them, the wind at the nearer height is used."""
 # Columns of a forming filter: decay per step, contribution of the first state to the second state.
 # NOISE_* are the lower triangle of the Cholesky factor of the noise covariance.
 (

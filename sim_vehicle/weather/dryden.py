@@ -97,7 +97,7 @@ def spectrum(
 
 @dataclass(frozen=True, slots=True)
 class Turbulence:
-    """Dryden's turbulence for a flight; VehicleError if a number is out of range.
+    """Dryden's turbulence for a flight; raises VehicleError if a number is out of range.
 
     Examples
     --------

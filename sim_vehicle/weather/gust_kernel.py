@@ -53,7 +53,7 @@ def wind_at(row: Floats, height_m: float) -> tuple[float, float, float]:
 
     Notes
     -----
-    The mean wind follows its law between 3 and 1000 ft, the law of ArduPilot's simulator from the ground.
+    The mean wind follows its law between 3 and 1000 ft; ArduPilot's law already holds from the ground up.
     Horizontal gusts of Dryden have the intensity of MIL-F-8785C at the height. Vertical gusts of Dryden do
     not depend on the height above 10 ft.
     """

@@ -89,7 +89,7 @@ class WindShear:
 
 @dataclass(frozen=True, slots=True)
 class Wind:
-    """Wind for a flight; VehicleError if a number is out of range, or both kinds of gusts are given.
+    """Wind for a flight; raises VehicleError if a number is out of range, or both kinds of gusts are given.
 
     Examples
     --------
@@ -170,7 +170,7 @@ class Wind:
         """Return the fraction of time in which the horizontal wind at a height exceeds a speed.
 
         The components are normally distributed about the mean with equal variances. Hence the squared wind
-        speed over the variance has a noncentral chi-squared distribution with two degrees of freedom.
+        speed, divided by the variance, has a noncentral chi-squared distribution with two degrees of freedom.
 
         Examples
         --------

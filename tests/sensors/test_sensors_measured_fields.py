@@ -80,7 +80,7 @@ def test_files_and_units_come_back(low: float, width: float, part: int, values: 
         ({"default": 3.0}, "default 3 is not in 4..9"),
         (
             {"kind": "disease", "dynamics": {"likelihood": 0.1, "duration_days": 3}},
-            "range: a disease has none",
+            "range: a disease has no range",
         ),
         ({"dynamics": {"correlation_length_m": 0.0}}, "correlation_length_m 0.0 is not above 0"),
         ({"dynamics": {"spread": 0.0}}, "spread 0.0 is not in 0.001..1"),
@@ -96,7 +96,7 @@ def test_what_is_refused(changes: dict[str, Any], text: str) -> None:
 
 def test_it_cannot_be_simulated() -> None:
     fields = FieldSet((*PAPER_FIELDS, field_from_table(PH, "here")))
-    with pytest.raises(FieldError, match=r"^fields: ph can only be measured: .* give such as kind = "):
+    with pytest.raises(FieldError, match=r"^fields: ph can only be measured, .* give a kind such as "):
         fields.require_simulated()
     PAPER_FIELDS.require_simulated()
     with pytest.raises(EnvironmentDataError, match="only measured cannot be simulated"):

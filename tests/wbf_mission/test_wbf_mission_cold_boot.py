@@ -193,7 +193,7 @@ def sent(message):
 
 
 def test_a_cold_boot_that_is_not_known_is_refused():
-    with pytest.raises(WbfMissionError, match="how PX4 boots on a multirotor is not known"):
+    with pytest.raises(WbfMissionError, match="the boot of PX4 on a multirotor is unknown"):
         SimVehicle(get_vehicle("quad"), HOME, autopilot=get_autopilot("px4"), cold=True)
 
 

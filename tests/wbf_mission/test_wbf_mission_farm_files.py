@@ -103,8 +103,8 @@ def test_a_field_without_a_model_is_planned_for_and_not_simulated(fields: Path, 
         capsys, "fly", *farm, "--planner", "lawnmower", "--budget", "300m", "--out", str(started), code=2
     )
     assert err == (
-        "error: fields: ph can only be measured: a simulated camera sees what dynamics make; give such as "
-        'kind = "continuous" and a table [field.dynamics] (docs/fields.md)\n'
+        "error: fields: ph can only be measured, and a simulated camera needs dynamics; "
+        'give a kind such as "continuous" and a table [field.dynamics] (docs/fields.md)\n'
     )
     assert not started.exists()
 

@@ -29,7 +29,7 @@ class CellPosterior(ABC):
 
     `response`, float64[2, W * H], holds two posterior means under a zero prior mean: for the observed values,
     and for observations that are all 1. Under a constant prior mean m, the posterior mean is
-    ``m + response[0] - m * response[1]``. `variance` is the posterior variance of the smooth part.
+    ``m + response[0] - m * response[1]``. `variance` is the posterior variance of the latent function.
     """
 
     def __init__(self, shape: tuple[int, int], kernel: RbfKernel) -> None:
@@ -127,13 +127,13 @@ also act through other observations. The error of the mean is up to 4e-4 prior s
 LEAST_NOISE = 0.1
 """Least ratio of noise to amplitude: with less noise, observations act beyond the window."""
 MOST_CELLS = 250_000
-"""Greatest farm for windows. Tiles are faster on larger farms because they write only changed cells."""
+"""Largest farm for windows. Tiles are faster on larger farms because they write only changed cells."""
 GROWING = 2.5
 """Peak memory of a growing array relative to its rows: the array, and a copy with 50 % more room."""
 
 
 class WindowedPosterior(CellPosterior):
-    """Posterior that stores a row of a window of cells for each observation."""
+    """Posterior that stores the part of V's row in a window of cells for each observation."""
 
     def __init__(self, shape: tuple[int, int], kernel: RbfKernel) -> None:
         super().__init__(shape, kernel)

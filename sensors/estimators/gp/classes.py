@@ -1,8 +1,8 @@
 """Class probabilities of plants, from a Gaussian process's posterior mean of a disease.
 
 The normal distribution of the process does not give the probability that a plant is sick, but this
-probability rises with the posterior mean. Let i be the posterior mean of the illness (one less the value), i0
-its prior mean, and p0 the fraction of sick plants. The odds of a plant to be sick are modelled as
+probability rises with the posterior mean. Let i be the posterior mean of the illness (1 minus the value), i0
+its prior mean, and p0 the fraction of sick plants. The odds that a plant is sick are modelled as
 
     p / (1 - p) = p0 / (1 - p0) ((max(i, 0) / i0 + c) / (1 + c))^slope
 
@@ -46,7 +46,7 @@ class ClassLink:
     Parameters
     ----------
     illness : float
-        Prior mean of the illness (one less the value), i0.
+        Prior mean of the illness (1 minus the value), i0.
     sick : float
         Fraction of sick plants, p0.
     slope : float
@@ -102,9 +102,9 @@ class ClassMap:
     link : ClassLink
         Link from means to probabilities.
     hosts : callable
-        Returns a part of the mask of the cells with plants that can carry the disease, given its indices.
+        Takes indices, and returns this part of the mask of the cells whose plants can carry the disease.
     too_healthy, too_sick : float
-        Weights of a squared error in either direction, above 0.
+        Costs of a squared error of an estimate above, and of one below, the truth; both above 0.
     """
 
     link: ClassLink
@@ -238,7 +238,7 @@ def _judged(
     illness: float,
     fields: Iterator[tuple[Floats, NDArray[np.bool_], float, Generator]],
 ) -> Iterator[tuple[Floats, Floats, Floats]]:
-    """Yield `_log_excess`, whether sick (0 or 1), and weight of unobserved plants, float64[n] each."""
+    """Yield `_log_excess`, sickness (0 or 1), and weight of unobserved plants, float64[n] each."""
     for ill, plants, there, rng in fields:
         path = random_path(ill.shape, max(1, int(_LONGEST_SHARE * ill.size)), rng)
         path = path[plants[path[:, 0], path[:, 1]]]

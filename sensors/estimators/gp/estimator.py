@@ -53,11 +53,11 @@ class GaussianProcessEstimator(BaseEstimator):
 
     *Posterior.* The exact posterior costs O(observations x cells) per observation (`ExactPosterior`). Beyond
     `memory_limit_mb`, the kind of posterior depends on the lengthscale. A field with a short lengthscale
-    stores a window of cells per observation while these fit (`WindowedPosterior`), and is solved tile by tile
-    beyond. A field with a lengthscale that is long compared with the farm is a sum of sine functions
-    (`sensors.estimators.gp.local`). `predict` then returns the same arrays at each call. Repeated
-    observations of a cell on a day are independent. Nearby soil readings have reduced weights on farms of
-    more than 128 cells a side, and on all farms on later days (`sensors.estimators.days.Crowding`).
+    stores a window of cells per observation while the windows fit (`WindowedPosterior`); beyond that, it is
+    solved by tiles. A field whose lengthscale is long compared with the farm is modelled as a sum of sine
+    functions (`sensors.estimators.gp.local`). Beyond the memory limit, `predict` returns the same arrays at
+    each call. Repeated observations of a cell on a day count as independent. Nearby soil readings have
+    reduced weights: on all farms on later days, on farms of more than 128 cells a side on all days.
 
     *Days.* Readings of earlier days are carried forward by the field's dynamics (`sensors.estimators.days`).
     For a disease, the remaining variance is additional noise, and a later day's reading of a cell replaces
@@ -72,7 +72,7 @@ class GaussianProcessEstimator(BaseEstimator):
     without the crop is healthy.
 
     The uncertainty of other fields is the standard deviation of an observation including the noise, as in the
-    paper. The noise is the deviation of a cell from its smooth neighbourhood.
+    paper. The noise is the deviation of a cell from the smooth latent function.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class GaussianProcessEstimator(BaseEstimator):
     optimise : bool
         Whether to learn mean and kernel. False: keep `prior_mean` and `kernel`.
     length_bounds, noise_bounds, amplitude_bounds : tuple of two floats
-        Bounds of the fit to observations: lengthscales in cells, and variances of noise and smooth part.
+        Bounds of the fit to observations: lengthscales in cells, and variances of noise and latent function.
     clip : bool
         Whether to clip means to 0..1, the range of all fields.
     states : {"classes", "mean"}
@@ -97,11 +97,11 @@ class GaussianProcessEstimator(BaseEstimator):
         Memory limit of the rows of exact or windowed posteriors, in MiB. While windows grow, they briefly
         need up to 2.5 times this memory.
     learn_from : {"model", "observations"}
-        Source of mean and kernel. A kernel fitted to the observations of a flight, which rarely meets a sick
-        plant, is overconfident about unobserved cells
-        (``docs/decisions/0009-gaussian-process-at-scale.md``). Use it if diseases and weather are unknown.
+        Source of mean and kernel. ``"observations"`` is for unknown diseases and weather: a kernel fitted to
+        the observations of a flight, which rarely meets a sick plant, is overconfident about unobserved cells
+        (``docs/decisions/0009-gaussian-process-at-scale.md``).
     fields : FieldSet
-        The observed fields, with the assumed dynamics. Default: the benchmark's.
+        The observed fields, with the assumed dynamics. Default: the benchmark's fields.
     day : int
         Assumed day before the first observation.
     training_seed : int

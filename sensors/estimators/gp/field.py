@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from sensors.estimators.gp.local import LocalPosterior, WholePosterior
 
 MOST_FUNCTIONS = 1024
-"""Greatest number of functions over the whole farm; beyond, the posterior is computed tile by tile."""
+"""Greatest number of functions over the whole farm; beyond it, the posterior is computed tile by tile."""
 MOST_OBSERVATIONS = 1_000_000
 """Number of observations for which the functions over the whole farm are accurate."""
 _FIRST_FIT = 16
@@ -49,12 +49,12 @@ class _Method(Enum):
 class FieldProcess:
     """Observations, prior mean, kernel and posterior of one field.
 
-    `mean`: prior mean; None selects the mean of the observations, or `mean_before` without observations.
-    `is_patchy`: nearby readings share the error of the kernel, for example where soaked soil takes no more
-    rain. On large farms such readings have reduced weights (`Crowding`).
+    `mean` is the prior mean; None selects the mean of the observations, or `mean_before` without
+    observations. With `is_patchy`, nearby readings share the error of the kernel, for example where soaked
+    soil takes no more rain: on large farms such readings have reduced weights (`Crowding`).
 
-    `classes`, for a disease, converts the process's means into value and uncertainty. While each reading is
-    the exact value of a class, plants read today have the class of their reading.
+    `classes`, for a disease, converts the process's means into value and uncertainty. As long as every
+    reading is the exact value of a class, plants read today have the class of their reading.
     """
 
     def __init__(
@@ -128,8 +128,8 @@ class FieldProcess:
     def update(self, *, exact: bool, window_bytes: float = 0.0) -> None:
         """Update the posterior to the stored observations and the current kernel.
 
-        `exact`: store all cells for each observation. Otherwise store windows if these need at most
-        `window_bytes`, or else use tiles or functions.
+        With `exact`, all cells are stored for each observation. Otherwise windows are stored if they need at
+        most `window_bytes`; if they need more, tiles or functions are used.
         """
         if self._update_smooth():
             return
@@ -209,7 +209,7 @@ class FieldProcess:
         return Crowding(self._shape, (self.kernel.length_x, self.kernel.length_y))
 
     def _as_of_today(self, day: int, values: Floats) -> Floats:
-        """Return an earlier day's readings with deviations from the mean of today's size."""
+        """Return an earlier day's readings, with deviations from the mean scaled to those of today."""
         assert self._carry is not None
         assert self._correlate is not None
         assert self._day is not None
@@ -297,9 +297,9 @@ class FieldProcess:
     def write_changes(
         self, value: NDArray[np.float32], uncertainty: NDArray[np.float32], *, clip: bool
     ) -> NDArray[np.bool_]:
-        """Update the changed cells of arrays [W, H], the same arrays at each call; return the written tiles.
+        """Update the changed cells of two arrays, the same at each call, and return the written tiles.
 
-        The posterior must not be exact.
+        Call it only if the posterior is not exact.
         """
         posterior = self._posterior
         assert posterior is not None

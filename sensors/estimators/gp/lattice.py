@@ -1,6 +1,6 @@
 """Lattice of nodes for the posterior of a Gaussian process, with interpolation between the nodes.
 
-Nodes are a quarter of a lengthscale apart, or on every cell if that is less than two cells along both axes.
+Nodes are a quarter of a lengthscale apart, or on every cell if a quarter is under two cells along both axes.
 Between nodes, mean and variance are interpolated with polynomials of degree five through six nodes along each
 axis. The interpolation error for a field of unit variance is 2e-5 in the mean and 1e-4 in the variance.
 """
@@ -69,7 +69,7 @@ def write_from_nodes(
     box : tuple of four ints
         Half-open ranges of cells along x and along y: x0, x1, y0, y1.
     prior : tuple of three floats
-        Mean, variance of the smooth part, variance of the noise.
+        Mean, variance of the latent function, variance of the noise.
     limits : tuple of two floats
         Bounds to which the value is clipped.
     value, uncertainty : float32[W, H]
@@ -98,7 +98,7 @@ def write_from_nodes(
             w0, w1, w2 = weights_y[0, t0:t1], weights_y[1, t0:t1], weights_y[2, t0:t1]
             w3, w4, w5 = weights_y[3, t0:t1], weights_y[4, t0:t1], weights_y[5, t0:t1]
             values, deviations = value[x, first:last], uncertainty[x, first:last]
-            # Written out, the loop over the cells is one of vector instructions.
+            # The sums are written out, so that the compiler uses vector instructions for this loop.
             for t in range(len(values)):
                 shift = w0[t] * a0 + w1[t] * a1 + w2[t] * a2 + w3[t] * a3 + w4[t] * a4 + w5[t] * a5
                 known = w0[t] * b0 + w1[t] * b1 + w2[t] * b2 + w3[t] * b3 + w4[t] * b4 + w5[t] * b5
@@ -168,7 +168,7 @@ def in_parallel(work: Callable[[Sequence[Item]], None], items: Sequence[Item]) -
 class LatticeAxis:
     """Nodes along one axis, grouped into tiles.
 
-    `single`: each cell is a node. If `single` is false, additional nodes outside the farm support the
+    With `single`, each cell is a node. If `single` is false, additional nodes outside the farm support the
     interpolation at the border. `edges` holds the first node of each tile and the end of the last tile.
     `first` is the position of the first node, in cells.
     """
@@ -211,8 +211,8 @@ class LatticeAxis:
 class NodeLattice:
     """Posterior at nodes, in tiles, with a record of the tiles not yet written to the cells.
 
-    The posterior of a node has three parts: the mean under a zero prior mean, that mean for observations
-    which are all 1, and the reduction of the smooth part's variance. `posterior` is float32[slots, 3, w, h].
+    The posterior of a node has three parts: the mean under a zero prior mean, the same mean if all
+    observations were 1, and the reduction of the variance. `posterior` is float32[slots, 3, w, h].
     If every cell is a node, each solved tile has a slot; otherwise slot 0 holds all nodes. After a change of
     `posterior`, `changed` must be called.
     """
@@ -244,7 +244,7 @@ class NodeLattice:
     def places_of(self, tiles: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the slot of each tile and the slot's first node along x and y, int64[n, 3].
 
-        `tiles` is int64[n, 2]. A tile without a slot gets one, filled with zeros.
+        `tiles` is int64[n, 2]. A tile without a slot gets a slot filled with zeros.
         """
         i, j = tiles.T
         if not self._single:
@@ -272,7 +272,7 @@ class NodeLattice:
     ) -> NDArray[np.bool_]:
         """Write value and standard deviation (including noise) of the cells; return the written tiles.
 
-        `whole`: write all cells, not only cells changed since the last call. After writing, `then` is called
+        With `whole`, all cells are written, not only those changed since the last call. `then` comes last,
         with columns, rows, and a mask of written cells (None: all). Each written cell is in one call only.
         """
         kernel = self.kernel

@@ -25,9 +25,9 @@ TILE_LENGTHS = 8.0
 REACH_LENGTHS = 7.0
 FAR_REACH_LENGTHS = 10.0
 LITTLE_NOISE = 0.1
-"""Ratio of noise to amplitude below which observations act at a greater distance, through each other."""
+"""Ratio of noise to amplitude below which observations act farther away, through other observations."""
 LEAST_NOISE = 0.003
-"""Ratio of noise to amplitude below which tiles are no accurate approximation of the posterior."""
+"""Ratio of noise to amplitude below which tiles do not approximate the posterior accurately."""
 TOUCH_LENGTHS = 5.0
 _LEAST_TILE_CELLS = 16
 _OUTSIDE_LENGTHS = 2.5
@@ -174,7 +174,7 @@ class WholePosterior:
         self._spectrum = spectrum
         self._middle = tuple(0.5 * (side - 1) for side in shape)
         functions = len(spectrum.terms)
-        self._precision = np.eye(functions)  # Its factor needs only the upper triangle
+        self._precision = np.eye(functions)  # Only the upper triangle is used
         self._response = np.zeros((functions, 2))
         self._waiting = False
 
@@ -214,7 +214,7 @@ class WholePosterior:
         self._waiting = self._waiting or len(x) > 0
 
     def pass_day(self, correlation: float) -> None:
-        """Advance to a later day; `correlation` (0..1) is that of the field between the two days."""
+        """Advance to a later day; `correlation` (0..1) is the field's correlation between the two days."""
         self._precision, self._response = pass_day(self._precision, self._response, correlation)
         self._waiting = True
 

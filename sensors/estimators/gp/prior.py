@@ -1,7 +1,7 @@
 """Priors of the Gaussian process: means and kernels, learned from simulated environments.
 
 The simulations have separate seeds. The results are the mean, and the covariance of cells at each distance.
-Let S be this covariance for a set of cells, and K the kernel's. The fitted kernel minimises
+Let S be this covariance for a set of cells, and K the kernel's covariance. The fitted kernel minimises
 ``log det K + trace(K^-1 S)``, which is the Kullback-Leibler divergence up to a constant factor and term. The
 link from means to a disease's classes is also learned from simulations (`sensors.estimators.gp.classes`).
 """
@@ -72,8 +72,8 @@ def learn_priors(
 ) -> tuple[FieldPrior, ...]:
     """Return the priors of all fields on a day, from memory, from a file in the folder, or newly learned.
 
-    An unusable file is replaced. If the folder is not writeable, every process repeats the simulations of one
-    or two seconds.
+    An unusable file is replaced. If the folder is not writeable, every process repeats the simulations, which
+    take one or two seconds.
     """
     if not 0 <= day <= MAX_DAYS:
         raise EstimatorError(f"gp: day {day} is not in 0..{MAX_DAYS}, the days of an environment")
@@ -147,7 +147,7 @@ def disease_prior(
     inside = land.astype(np.float64)
     for i in range(number):
         onset = simulate_outbreak(land, parameters, day, stream(seed, "gp", name, str(i)))
-        # Illness (one less the value) is 0 almost everywhere, which keeps the products exact.
+        # Illness (1 minus the value) is 0 almost everywhere, which keeps the products exact.
         illness = np.where(land, 1.0 - values[onset.view(np.uint8)], 0.0)
         total += float(illness.sum())
         sick += int(np.count_nonzero(illness))
@@ -174,7 +174,7 @@ def _outbreaks(
     """Yield windows of simulated farms for `link_slope`.
 
     Outbreaks are rare in windows of a farm with more than 128 x 128 cells. On large farms, the simulation
-    therefore samples only pieces of land that have an outbreak, and also yields the probability of one. The
+    therefore samples only pieces of land with an outbreak, and yields the probability of an outbreak too. The
     seeds of the disease are arrivals of a Poisson process.
     """
     whole = land.size <= _WHOLE_CELLS

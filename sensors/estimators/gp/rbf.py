@@ -32,7 +32,7 @@ class RbfKernel:
     noise : float
         Variance of the white noise.
     amplitude : float
-        Variance of the smooth part.
+        Variance of the latent function (the field without noise).
 
     Raises
     ------
@@ -60,7 +60,7 @@ class RbfKernel:
         return _factor(a, b, self.length_y)
 
     def between(self, x: Cells, y: Cells) -> Floats:
-        """Return the covariance of the smooth part between all pairs of cells, float64[n, n]."""
+        """Return the covariance of the latent function between all pairs of cells, float64[n, n]."""
         return self.amplitude * self.along_x(x, x) * self.along_y(y, y)
 
 
@@ -83,8 +83,8 @@ def fit_kernel(
 ) -> RbfKernel:
     """Fit the kernel by maximum marginal likelihood (truncated Newton method with gradients).
 
-    Return the best optimum over all starts, or the first start if no optimum is found. Equal bounds fix a
-    parameter.
+    Return the best optimum over all starts, or the first start if no optimum is found. A parameter with equal
+    bounds is fixed.
     """
     dx2 = np.subtract.outer(x, x).astype(np.float64) ** 2
     dy2 = np.subtract.outer(y, y).astype(np.float64) ** 2

@@ -4,8 +4,8 @@ With few observations, the covariance of the observations is factored. With more
 functions, the process is approximated by sine functions on a box around the tile (Solin & Särkkä 2020,
 "Hilbert space methods for reduced-rank Gaussian process regression"), and the precision of their weights is
 factored. Let L be the factor in either case, and c a node's covariance with the observations, or the node's
-function values. The products of ``L^-1 c`` with the solved data give the mean, and its square gives the
-variance.
+function values. The products of ``L^-1 c`` with the solved data give the mean, and the square of
+``L^-1 c`` gives the variance.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _BATCH = 256
 
 @compiled(nogil=True)
 def gather(cells: Places, sums: Floats, height: int, box: Any) -> Floats:
-    """Return x, y, weight and mean value of the observed cells in a box, float64[n, 4], by x, then by y."""
+    """Return x, y, weight and mean value of the observed cells in a box, float64[n, 4], sorted by x and y."""
     x0, x1, y0, y1 = box
     spans = np.empty((x1 - x0, 2), np.int64)
     count = 0
@@ -67,7 +67,7 @@ def fill_nodes(
     along_x, along_y : float64[k, w], float64[l, h]
         Factors of the right-hand sides along each axis.
     terms : int64[n, 2]
-        Indices of the rows in `along_x` and `along_y` with row i of the right-hand side as their product.
+        Indices of the rows in `along_x` and `along_y` whose product is row i of the right-hand side.
     posterior : float32[3, w, h]
         Posterior mean under a zero prior mean, the same for observations that are all one, and sum of the
         squared rows. Changed in place.
@@ -206,7 +206,7 @@ def solve_tiles(
     touch : tuple of two ints
         Greatest distance along each axis at which an observation changes a node, in cells.
     kernel : tuple of four floats
-        Both lengthscales (cells), variance of the noise, variance of the smooth part.
+        Both lengthscales (cells), variance of the noise, variance of the latent function.
     spectrum : tuple of float64[k], float64[l], float, float
         Square roots of the variances of the sine functions along each axis, and the sides of their box in
         cells. The box is centred on the tile.

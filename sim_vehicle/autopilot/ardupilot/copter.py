@@ -158,7 +158,7 @@ class ArduCopterProcedures(FlightProcedures):
 
 
 def _share(dt: float, frequency_hz: float) -> float:
-    """Return the gain of a low-pass filter per step; a frequency of 0 is no filter."""
+    """Return the gain of a low-pass filter per step; a frequency of 0 means no filter."""
     return 1.0 - math.exp(-2.0 * math.pi * frequency_hz * dt) if frequency_hz > 0.0 else 1.0
 
 

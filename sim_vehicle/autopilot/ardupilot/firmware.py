@@ -242,7 +242,7 @@ def vehicle_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
     """
     return [
         *_SAFETY,
-        # Storage for the plan on the SD card (KiB), read at boot; 0 is the board's own storage.
+        # Storage for the plan on the SD card (KiB), read at boot; 0 selects the storage of the board.
         MavParameter("BRD_SD_FENCE", integer=True, value=0.0, stored=True, bits=16, low=0, high=64),
         MavParameter("BRD_SD_MISSION", integer=True, value=0.0, stored=True, bits=16, low=0, high=64),
         *_battery_parameters(spec),
@@ -379,7 +379,7 @@ COPTER_STICKS = StickRules(
         Mode.ALTITUDE: None,
         Mode.MANUAL: None,
     },
-    # RC1_DZ and RC4_DZ out of 500 us, THR_DZ out of 500 for the throttle.
+    # RC1_DZ and RC4_DZ as fractions of 500 us; for the throttle, THR_DZ as a fraction of 500.
     level=Axis(0.04),
     vertical=Axis(0.2),
     turning=Axis(0.04),

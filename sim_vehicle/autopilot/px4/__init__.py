@@ -53,7 +53,7 @@ PX4 = Autopilot(
 
 
 def no_multirotor(mav_type: int) -> Firmware:
-    """Return the base of a firmware for another kind of vehicle: the part common with multirotors."""
+    """Return the base of a firmware for another kind of vehicle: all that is not only for multirotors."""
     return replace(
         PX4.firmwares["multirotor"],
         mavlink=mavlink_profile(mav_type),

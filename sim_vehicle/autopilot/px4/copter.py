@@ -132,7 +132,7 @@ class Px4MultirotorProcedures(FlightProcedures):
 
 
 def drag_of(spec: VehicleSpec) -> float:
-    """Return the drag over mass and airspeed (1/s), by default that of the reference airframe."""
+    """Return the drag over mass and airspeed (1/s), by default the drag of the reference airframe."""
     return _SIH_DRAG_1_S if spec.linear_drag_1_s is None else spec.linear_drag_1_s
 
 

@@ -47,7 +47,7 @@ _LAST_API_INSTANCE = 9
 _PAYLOAD_BYTES_S = 4000.0
 _LEAST_SHARE = 0.05
 _OVERHEAD = 12
-# Rates (Hz) on the ground link (mode normal, raised by the start script), in modes onboard and gimbal.
+# Rates (Hz) on the ground link (mode normal, raised by the start script), in mode onboard and in mode gimbal.
 _STREAMS = """
     ALTITUDE                             1   10   0
     ATTITUDE                            50  100   0
@@ -325,7 +325,7 @@ MISSION = MissionBehaviour(
 RULES = FailsafeRules(
     fence_actions=actions_by_value(NONE="0", WARN="1", HOLD="2", RETURN="3", TERMINATE="4", LAND="5"),
     link_actions=actions_by_value(NONE="0", HOLD="1", RETURN="2", LAND="3", TERMINATE="5 6"),
-    # PX4 no longer uses value 1; with it the simulated vehicle returns at the low level.
+    # PX4 no longer uses value 1; the simulated vehicle then returns at the low level.
     battery_actions=(
         actions_by_value(WARN="0 2 3", RETURN="1"),
         actions_by_value(WARN="0", LAND="1 2", RETURN="3"),

@@ -24,19 +24,19 @@ if TYPE_CHECKING:
 
 __all__ = ["AlongCurves"]
 
-# A vehicle placed in flight continues along its first leg if at least this share of its speed points along
+# A vehicle placed in flight continues along its first leg if at least this fraction of its speed points along
 # the leg. The leg began at most `_FAR_M` behind, and the profile's speed may differ by `_SAME_M_S`.
 _STEADY = 0.2
 _FAR_M = 200.0
 _SAME_M_S = 0.3
-# Bisections for a time: 24 resolve 6 us of a leg of 100 s.
+# Number of bisections to find a time: 24 resolve 6 us in a leg of 100 s.
 _HALVINGS = 24
 # Indices into the result of `scurve.state_at`.
 _POSITION, _SPEED = 0, 1
 
 
 class AlongCurves(CompiledMotion):
-    """Vehicle that ArduPilot guides along S-curves; velocities are flown by the generic dynamics."""
+    """Vehicle that ArduPilot guides along S-curves; the generic dynamics fly ordered velocities."""
 
     generic: ClassVar[Dynamics]
     """Dynamics of the same vehicle without an autopilot."""
@@ -116,7 +116,7 @@ class AlongCurves(CompiledMotion):
         return at.SAME
 
     def _follows(self, row: Floats) -> int:
-        """Return the transition from the present leg to a leg."""
+        """Return the transition from the present leg to the leg `row`."""
         interrupted, self._interrupted = self._interrupted, False
         if self._rows is None or row[Leg.KIND] == self.begins_anew:
             return at.ANEW

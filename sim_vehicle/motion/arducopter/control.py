@@ -1,7 +1,7 @@
 """ArduCopter's legs, guidance memory, control law and position controller, with the airframe dynamics.
 
-Formulas from ArduPilot 4.7: `AC_PosControl.cpp`, `AC_PID_2D.cpp`, `AP_Math/control.cpp`, and the simulator's
-airframe, `SIM_Frame.cpp`. See docs/vehicle-model.md, section ArduCopter.
+The formulas are from ArduPilot 4.7: `AC_PosControl.cpp`, `AC_PID_2D.cpp`, `AP_Math/control.cpp`, and the
+simulator's airframe, `SIM_Frame.cpp`. See docs/vehicle-model.md, section ArduCopter.
 """
 
 from __future__ import annotations
@@ -79,17 +79,17 @@ HOVER_THROTTLE = 0.39
 LEAST_SPEED = 0.2
 """Minimum horizontal speed; lower speeds are ignored (WPNAV_WP_SPEED_MIN)."""
 LEAST_WAY = 0.01
-"""Minimum length of a leg from a standstill: an estimated position never equals the exact one."""
+"""Minimum length of a leg from a standstill: an estimated position never equals the exact position."""
 SHAKE = 0.04
 """Noise of the estimated speed (m/s), which decides how the target waits for a vehicle at rest."""
 SIDE = 0.7071067811865476
-"""Guided position control: share of the acceleration limit across the path if the part along it needs
-more."""
+"""Guided position control: fraction of the acceleration limit that is used across the path if the part along
+the path needs more."""
 
 
 @compiled(inline="always")
 def rooted(error: float, gain: float, limit: float) -> float:
-    """Return the rate that closes an error: linear for small errors, else the rate that `limit` can stop."""
+    """Return the rate that closes an error: linear for small errors, else as fast as `limit` can stop it."""
     straight = limit / (gain * gain)
     if error > straight:
         return sqrt(2.0 * limit * (error - 0.5 * straight))

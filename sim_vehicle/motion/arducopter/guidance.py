@@ -1,7 +1,7 @@
 """ArduCopter's guidance: the target of the position controller along each leg.
 
-Formulas from ArduPilot 4.7: `AC_WPNav.cpp`, `AP_Math/control.cpp`, ArduCopter's `mode.cpp`, `mode_auto.cpp`,
-`mode_rtl.cpp` and `takeoff.cpp`. See docs/vehicle-model.md, section ArduCopter.
+The formulas are from ArduPilot 4.7: `AC_WPNav.cpp`, `AP_Math/control.cpp`, ArduCopter's `mode.cpp`,
+`mode_auto.cpp`, `mode_rtl.cpp` and `takeoff.cpp`. See docs/vehicle-model.md, section ArduCopter.
 """
 
 from __future__ import annotations
@@ -321,7 +321,7 @@ def _move_up(guide: Record, dt: float) -> None:
 
 @compiled(inline="always")
 def _accelerate(guide: Record, ax: float, ay: float, most: float) -> None:
-    """Change the horizontal acceleration towards another one by at most `most`."""
+    """Change the horizontal acceleration towards `ax`, `ay` by at most `most`."""
     cx, cy = ax - guide.ax, ay - guide.ay
     change = sqrt(cx * cx + cy * cy)
     share = min(1.0, most / change) if change > 0.0 else 0.0
@@ -351,9 +351,9 @@ def _lead_up(guide: Record, law: Record) -> bool:
 def _lead_to(guide: Record, law: Record) -> bool:
     """Move the target to a guided setpoint's position; return whether the target has arrived.
 
-    Follows `AC_PosControl::input_pos_NEU_m`. From its speed the target can stop at the position with half of
-    the acceleration and jerk limits. The velocity correction is split into a part along
-    the wanted velocity and a part across. A turn of less than 45 or more than 135 degrees leaves most of the
+    Follows `AC_PosControl::input_pos_NEU_m`. The target is never too fast to stop at the position with half
+    of the acceleration and jerk limits. The velocity correction is split into a part along the wanted
+    velocity and a part across it. A turn of less than 45 or more than 135 degrees leaves most of the
     acceleration to the part along; other turns brake and turn at the same time.
     """
     dt, limit, jerk = law.dt, law.accel, law.shape_jerk

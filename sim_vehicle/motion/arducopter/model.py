@@ -84,7 +84,7 @@ class ArduCopter(AlongCurves, Multirotor):
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
         """Start in steady flight at time 0, with no energy used and no path flown.
 
-        A first leg that lies ahead starts at the point of its profile with the present speed.
+        If the first leg lies ahead, it starts at the point of its profile that has the present speed.
         """
         super().place_in_flight(position_m, velocity_m_s, heading_rad)
         guide, law = self.guide, self.law
@@ -156,7 +156,7 @@ class ArduCopter(AlongCurves, Multirotor):
         self.law[Law.STAND_BY] = self._idle_w + float(self._power[CONSTANT_POWER])
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
-        """Set climb and descent speed from the next route; None selects the vehicle's own."""
+        """Set climb and descent speed from the next route; None selects the vehicle's default."""
         super().set_climb(climb_m_s, descent_m_s)
         self.law[Law.SPEED_UP] = climb_m_s or self.spec.climb_speed_m_s
         self.law[Law.SPEED_DOWN] = descent_m_s or self.spec.descent_speed_m_s

@@ -2,8 +2,8 @@
 
 A profile has 23 segments: a start, seven for the acceleration, seven for a speed change in flight, one at
 constant speed, and seven for braking to a stop. The jerk rises and falls along raised cosines, so the snap is
-limited, too. Formulas from ArduPilot, `libraries/AP_Math/SCurve.cpp` (4.7). ArduPilot's rules also decide
-when the next leg begins while the present leg still brakes, which rounds the corners.
+limited, too. The formulas are from ArduPilot, `libraries/AP_Math/SCurve.cpp` (4.7). ArduPilot's rules also
+decide when the next leg begins while the present leg still brakes, which rounds the corners.
 
 A leg is a row of `HEAD` numbers and a table of `SEGMENTS` x `COLUMNS` numbers, in SI units.
 """
@@ -213,7 +213,7 @@ def make_leg(
     snap: float,
     jerk: float,
 ) -> None:
-    """Make the profile of a leg by `delta` from rest to rest.
+    """Make the profile of a leg along the vector `delta`, from rest to rest.
 
     `speeds` are horizontal, up and down; `accels` are horizontal and vertical.
     """

@@ -37,7 +37,7 @@ Leg = IntEnum(
     "ACCELERATION_ALONG JERK_ALONG ACCELERATION_ACROSS JERK_ACROSS ACCELERATION_NORMAL JERK_NORMAL "
     "SPEED_ACROSS SPEED_NORMAL BRAKING_DISTANCE "
     "NEAR "  # Distance at which NEAR is reported.
-    "HORIZONTAL "  # Horizontal share of the leg's direction.
+    "HORIZONTAL "  # Horizontal part of the leg's direction.
     "BEYOND "  # Braking distance available beyond this leg.
     "TURN_RATE "  # Heading rate; NaN: the heading decides.
     "CLIMB",  # Vertical speed.
@@ -61,7 +61,7 @@ STOP_SPEED = 0.1
 # and its initial detour at the slowest speed.
 STALL_S = 30.0
 SLOWEST = 0.3
-# Closer to the region of interest than this, the nose keeps its direction.
+# Distance to the region of interest (m) below which the nose keeps its direction.
 ROI_NEAR = 0.5
 CREEP = 3.0
 

@@ -107,13 +107,13 @@ class Multirotor(CompiledMotion):
         return x + ux * distance, y + uy * distance, max(z + uz * distance, 0.0)
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
-        """Limit climb and descent speed from the next route; None selects the vehicle's own limit."""
+        """Limit climb and descent speed from the next route; None selects the vehicle's limit."""
         spec = self.spec
         self._limit.climb_max = min(climb_m_s or math.inf, spec.climb_speed_m_s)
         self._limit.descent_max = min(descent_m_s or math.inf, spec.descent_speed_m_s)
 
 
-# Shares of the horizontal limits: along the leg, across the leg (0.8^2 + 0.6^2 = 1), and normal to both.
+# Fractions of the horizontal limits: along the leg, across the leg (0.8^2 + 0.6^2 = 1), and normal to both.
 _ALONG = 0.8
 _ACROSS = 0.6
 _NORMAL = 0.25
@@ -298,7 +298,7 @@ def prepare_velocity(
     ux, uy = (east / speed, north / speed) if speed > 0.0 else (1.0, 0.0)
     route = np.zeros(1, kernel.LEG)
     row = route[0]
-    # Out of reach; the wind limit depends on the distance to the leg's end.
+    # The end of the leg is out of reach, because the wind limit depends on the distance to the end.
     row.x, row.y = position[0] + 1e6 * ux, position[1] + 1e6 * uy
     row.z = position[2] if np.isnan(height_m) else height_m
     row.along_x, row.along_y = ux, uy

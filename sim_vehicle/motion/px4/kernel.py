@@ -1,10 +1,10 @@
 """Compiled kernel of a multirotor under PX4: navigator, trajectory, controllers, airframe.
 
-Mechanisms and constants from PX4 v1.17: ``FlightTaskAuto`` and ``PositionSmoothing`` (trajectory),
+Mechanisms and constants are from PX4 v1.17: ``FlightTaskAuto`` and ``PositionSmoothing`` (trajectory),
 ``FlightTaskOrbit``, ``mc_pos_control`` (``PositionControl``, ``Takeoff``), ``navigator/mission_block``
-(acceptance of waypoints), ``land_detector``, and ``simulator_sih`` (airframe). Gaps: docs/vehicle-model.md.
+(acceptance of waypoints), ``land_detector``, ``simulator_sih`` (airframe). docs/vehicle-model.md lists gaps.
 
-State and counters are those of `sim_vehicle.motion.multirotor.kernel`; the record `GUIDE` holds the memory of
+State and counters are as in `sim_vehicle.motion.multirotor.kernel`; the record `GUIDE` holds the memory of
 the autopilot. Positions are east-north-up relative to home.
 
 A step has these arguments in addition to the common ones: guides GUIDE[1], laws LAW[1] and errors float64[n,
@@ -102,7 +102,7 @@ LEAST_TRACK_M = 1.0
 LONG_STALL_S = 120.0
 # Jump of the estimate that is not drift: PX4 switched to the other estimator.
 RESET_M = 0.5
-# Share of the thrust that a climb leaves for horizontal control, MPC_THR_XY_MARG.
+# Fraction of the thrust that a climb leaves for horizontal control, MPC_THR_XY_MARG.
 MARGIN = 0.3
 BRISK = 0.2
 # Mean size of the errors of estimated vertical speed and horizontal position.
@@ -159,7 +159,7 @@ def _orbit(g: Record, row: Record, law: Record, px: float, py: float) -> None:
     """Move the trajectory along a circle about the leg's target (``FlightTaskOrbit``).
 
     The horizontal trajectory has no position: only a speed along the circle, a speed back to the circle, and
-    the centripetal acceleration. The vertical trajectory is that of a waypoint.
+    the centripetal acceleration. The vertical trajectory is as for a waypoint.
     """
     dt, jerk = law.dt, law.jerk
     east, north = px - row.x, py - row.y
@@ -483,7 +483,7 @@ def _feel(
 
 @compiled(allocates=False)
 def _wait_on_ground(g: Record, state: Record) -> None:
-    """Wait for the motors; the trajectory rests on the ground with 0.7 m/s downwards, as in PX4."""
+    """Wait for the motors; the trajectory stays on the ground with 0.7 m/s downwards, as in PX4."""
     g.x, g.y, g.z = state.position_x, state.position_y, state.position_z + g.error
     g.vx = g.vy = g.ax = g.ay = g.az = 0.0
     g.integral_x = g.integral_y = g.integral_z = 0.0

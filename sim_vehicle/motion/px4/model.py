@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 # Delay between the navigator's order to return and the mode change.
 MODE_SWITCH_S = 0.2
-# Part of the jerk-limited braking time that PX4 allows for at the start of a hold.
+# Allowance for the limited jerk in the braking time that PX4 uses at the start of a hold.
 BRAKE_DELAY_S = 0.6
 _SAME_M = 1e-3
 # Number of estimate errors drawn at a time.
@@ -190,7 +190,7 @@ class Px4Multirotor(Multirotor):
             table[-1, Leg.HEADING] = self._home_yaw_rad % (2.0 * math.pi)
 
     def _leaves_setpoint(self, kind: float) -> bool:
-        """Whether the trajectory must restart because a setpoint was flown without one."""
+        """Whether the trajectory must restart because a setpoint was flown without a trajectory."""
         old = self._route
         return old is not None and kind != LegKind.SETPOINT and old["kind"][self.leg] == LegKind.SETPOINT
 
@@ -289,7 +289,7 @@ class Px4Multirotor(Multirotor):
         self._radius_m = spec.acceptance_radius_m
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
-        """Limit climb and descent speed; None selects the vehicle's own limit."""
+        """Limit climb and descent speed; None selects the vehicle's limit."""
         super().set_climb(climb_m_s, descent_m_s)
         law = self._law_of(self.spec)
         for index, speed in ((Law.AUTO_UP, climb_m_s), (Law.AUTO_DOWN, descent_m_s)):

@@ -1,6 +1,6 @@
 """PX4's trajectory shaping: speed limits with room to brake, and jerk-limited velocity profiles.
 
-Formulas from PX4 v1.17: ``src/lib/mathlib/math/TrajMath.hpp`` (speeds), ``src/lib/motion_planning``:
+The formulas are from PX4 v1.17: ``src/lib/mathlib/math/TrajMath.hpp`` (speeds), ``src/lib/motion_planning``:
 ``VelocitySmoothing`` (profiles), ``TrajectoryConstraints`` and ``PositionSmoothing`` (waypoints). Lengths are
 in metres, positions east-north-up relative to home.
 """
@@ -22,7 +22,7 @@ _TINY = 1e-7
 def brakeable_speed(jerk: float, accel: float, distance: float, final: float) -> float:
     """Return the highest speed that can be reduced to `final` within a distance.
 
-    PX4's formula allows ``2 accel / jerk`` at full speed for the build-up of deceleration, more than needed.
+    PX4's formula allows ``2 accel / jerk`` at full speed for the deceleration to build up: more than needed.
     """
     b = 4.0 * accel * accel / jerk
     v = 0.5 * (sqrt(b * b + 8.0 * accel * distance + 4.0 * final * final) - b)
@@ -136,7 +136,7 @@ def level_speed(
 ) -> float:
     """Return the horizontal speed that allows for the next corner, and for a stop at the waypoint after that.
 
-    `gain` is the share of the acceleration used in corners.
+    `gain` is the fraction of the acceleration that is used in corners.
     """
     far = sqrt((target[0] - after[0]) ** 2 + (target[1] - after[1]) ** 2)
     corner = 0.0

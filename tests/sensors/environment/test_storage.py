@@ -325,14 +325,14 @@ def test_a_loaded_environment_can_be_saved_onto_itself(environment: Environment,
 
 def test_a_folder_with_something_else_is_not_replaced(environment: Environment, tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("mine")
-    with pytest.raises(EnvironmentDataError, match="something else"):
+    with pytest.raises(EnvironmentDataError, match="something other than an environment"):
         save_environment(environment, tmp_path)
     assert (tmp_path / "thesis.txt").read_text() == "mine"
 
 
 def test_another_zarr_group_is_not_replaced(environment: Environment, tmp_path: Path) -> None:
     zarr.create_group(tmp_path / "e", attributes={"mine": 1})
-    with pytest.raises(EnvironmentDataError, match="something else"):
+    with pytest.raises(EnvironmentDataError, match="something other than an environment"):
         save_environment(environment, tmp_path / "e")
 
 

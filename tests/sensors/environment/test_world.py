@@ -73,8 +73,8 @@ def test_the_environment_is_of_the_world_and_the_other_fields_stay_as_they_are()
 @pytest.mark.parametrize(
     ("table", "text"),
     [
-        ({}, "here: nothing develops otherwise"),
-        ({"tylcv": {}}, "here: nothing develops otherwise"),
+        ({}, "here: no parameter is changed"),
+        ({"tylcv": {}}, "here: no parameter is changed"),
         ({"tylcv": 3}, "here: tylcv is no table; a world has a table for each field"),
         ({"rust": {"likelihood": 0.2}}, "here: no field 'rust'; the fields are tylcv, ccr, soil"),
         ({"tylcv": {"colour": 3}}, "here: tylcv: dynamics: unknown parameter 'colour'"),
@@ -96,7 +96,7 @@ def test_what_cannot_be_is_refused_in_one_line(table, text):
 
 def test_a_world_without_any_field_of_the_run_is_refused():
     soil = FieldSet((PAPER_FIELDS["soil"],))
-    with pytest.raises(EnvironmentDataError, match="wrong-rates: nothing of soil; the fields are soil"):
+    with pytest.raises(EnvironmentDataError, match="wrong-rates: no table for soil; the fields are soil"):
         World.load("wrong-rates").fields(soil, 0)
     assert isinstance(World.load("wrong-soil").fields(soil, 0)["soil"].dynamics, SoilParameters)
 

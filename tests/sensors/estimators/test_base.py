@@ -136,7 +136,7 @@ def test_an_estimator_that_is_an_object_is_given_back():
     mine = make_estimator("point")
     assert make_estimator(mine) is mine
     four = FieldSet((*PAPER_FIELDS, replace(PAPER_FIELDS["soil"], name="nitrogen")))
-    with pytest.raises(EstimatorError, match="PointEstimator is for the fields tylcv, ccr, soil, the farm's"):
+    with pytest.raises(EstimatorError, match="PointEstimator is for the fields tylcv, ccr, soil, but"):
         make_estimator(mine, fields=four)
     with pytest.raises(EstimatorError, match="parameter 'radius'"):
         make_estimator(mine, radius=3)

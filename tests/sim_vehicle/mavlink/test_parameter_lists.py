@@ -81,7 +81,7 @@ def test_a_value_beyond_the_vehicle_is_kept_and_the_nearest_holds(name, speed):
     told, texts = set_to(vehicle, speed, 1e6)
     assert told == 1e6
     assert vehicle.pilot.spec.cruise_speed_m_s == pytest.approx(vehicle.pilot.spec.top_speed_m_s)
-    assert len(texts) == 1 and texts[0].startswith(f"{speed} 1e+06 is kept, ")
+    assert len(texts) == 1 and texts[0].startswith(f"{speed} 1e+06 is stored, ")
     scale = 100.0 if name == "ardupilot" else 1.0
     assert set_to(vehicle, speed, 4.0 * scale) == (4.0 * scale, [])
     assert vehicle.pilot.spec.cruise_speed_m_s == pytest.approx(4.0)

@@ -243,7 +243,7 @@ def test_impossible_speeds_are_refused(speed):
 
 
 def test_two_components_with_one_address_are_refused():
-    with pytest.raises(VehicleError, match="same address"):
+    with pytest.raises(VehicleError, match="share an address"):
         Server([Echo(), Echo()], [])
 
 

@@ -31,7 +31,7 @@ class StudioFlight:
     def __init__(self) -> None:
         self.show: Callable[[View], None] = lambda _view: None
         self._thread: threading.Thread | None = None
-        self._flown = Flown(View(), "none")
+        self._flown = Flown(View())
         self._lock = threading.Lock()
 
     def start(self, scenario: Scenario, pace: float | None, decider: str) -> None:
@@ -63,7 +63,7 @@ class StudioFlight:
 class Flown:
     """One flight that a view shows and that can be stopped."""
 
-    def __init__(self, view: View, outcome: str, decider: str = "") -> None:
+    def __init__(self, view: View, outcome: str = "none", decider: str = "") -> None:
         self._view, self.state, self._decider = view, FlightState(outcome), decider
         self.stopping = threading.Event()
 

@@ -102,7 +102,7 @@ class Order:
 
     def answer(self, message: m.MAVLink_command_ack_message, now_s: float) -> Answer:
         """Return the meaning of a COMMAND_ACK for this order, and extend the timeout if in progress."""
-        # A shared link carries answers to other stations, too. MAVLink 1 has no target (0).
+        # A shared link carries answers to other stations, too. Answers of MAVLink 1 have no target (0).
         is_other = message.target_system and self._sender not in (None, message.target_system)
         if message.command != self._command or is_other:
             return Answer.NONE

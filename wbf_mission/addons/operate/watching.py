@@ -50,10 +50,10 @@ _OF_NUMBERS = (
 
 
 class PlanReader:
-    """Reads mission and fence of a vehicle: when first heard, and after each change of its mission.
+    """Reads the mission and fence of a vehicle when it is first heard, and after each change of its mission.
 
-    MISSION_CURRENT (mission id or item count) or an overheard upload shows a change. `failed` receives the
-    reason after three failed tries.
+    A change is recognised by MISSION_CURRENT (mission id or item count) or by an overheard upload. After
+    three failed tries, `failed` is called with the reason.
     """
 
     def __init__(self, vehicle: WatchedVehicle, failed: Callable[[str], None]) -> None:

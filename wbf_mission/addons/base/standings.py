@@ -1,7 +1,7 @@
-"""Standings of benchmark rows: names that mean one thing, environments that count, means and ranks.
+"""Standings of benchmark rows: unambiguous names, the environments that count, means and ranks.
 
-An environment (seed) counts only if every pair of planner and estimator has a row on it. A failed run counts
-as the worst value of any row on its environment at any scored time, normally that of an estimate before any
+An environment (seed) counts only if every pair of planner and estimator has a row on it. A failed run gets
+the worst loss of any row on its environment at any scored time; this is normally the loss before the first
 observation. So neither a lucky choice of seeds nor failed runs can improve a result.
 """
 
@@ -69,7 +69,7 @@ def _labels(name: str, words: dict[str, str]) -> dict[str, str]:
 
 
 def builds_in_words(rows: Iterable[BenchRow]) -> str:
-    """Return the builds that flew rows, and whether their behaviour numbers agree; empty if only one."""
+    """Return, in words, the builds that flew rows and how many behaviours they have; empty for one build."""
     count = Counter((build_of(row), _of_old(row, "code")) for row in rows)
     if len(count) <= 1:
         return ""
@@ -245,7 +245,7 @@ class Standing:
 
     @property
     def bad_share(self) -> float:
-        """Share of bad answers; nan for a planner, which answers once per run."""
+        """Fraction of answers that are bad; nan for a planner, which answers once per run."""
         if self.decisions <= self.environments and not self.bad_answers:
             return np.nan
         return sum(self.bad_answers.values()) / max(self.decisions, 1)

@@ -204,7 +204,7 @@ def read_pack(path: Path) -> Pack:
         wrong = min(name for name, _ in told.files.items() ^ digests.items())
         raise ResultError(f"{path}: {wrong} is not what {ABOUT} says; get the file again")
     try:
-        # The size stated in a table may be less than its real size.
+        # A table may state a size that is less than its real size.
         with memory_bounded(_MAX_MEMORY_BYTES):
             rows = list(rows_of(path / TABLE, members[TABLE]))
     except MemoryError:

@@ -300,7 +300,7 @@ class CommandSession:
 
     @property
     def _is_overruled(self) -> bool:
-        """Whether a pilot or a failsafe has acted since the order; any flight mode is fine for disarming."""
+        """Whether a pilot or a failsafe has acted since the order; a disarm order allows mode changes."""
         monitor = self._contact.monitor
         expected = {monitor.mode} if self._wanted.order == "disarm" else ()
         lost = self._shown_before and self._step is not None and not self._step.shown(monitor)

@@ -323,7 +323,7 @@ def _vehicle(axes: Axes, system_id: int) -> tuple[Line2D, Line2D]:
 
 
 _MOST_COLOURS = 255
-"""Maximum number of palette colours; the last of 256 marks pixels unchanged since the previous frame."""
+"""Maximum number of palette colours; the 256th index marks pixels unchanged since the previous frame."""
 _GREYS = 16
 _SHADES = (0.35, 0.7, 1.0)
 """Opacities of a line's anti-aliased edge on white and on black."""

@@ -138,7 +138,7 @@ STATE_MESSAGES = (
 """Requested from every vehicle."""
 _PLACE_MESSAGES = (int(m.MAVLINK_MSG_ID_GPS_RAW_INT), int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT))
 ESTIMATES = (int(m.MAVLINK_MSG_ID_ESTIMATOR_STATUS), int(m.MAVLINK_MSG_ID_EKF_STATUS_REPORT))
-"""Status of the estimator: on most autopilots, and on ArduPilot."""
+"""Messages with the estimator's status: that of most autopilots, and that of ArduPilot."""
 
 
 def _changes(message: Message) -> dict[str, Any]:

@@ -100,10 +100,10 @@ class Scored:
     rows: tuple[tuple[BenchRow, ...], ...]
     """Rows by pair and seed."""
     scores: NDArray[np.float64]
-    """Scores over the run; at its end: `final_scores`."""
+    """Scores over the run; `final_scores` are the scores at its end."""
     final_scores: NDArray[np.float64]
     losses: dict[str, NDArray[np.float64]]
-    """Losses by field over the run; at its end: `final_losses`."""
+    """Losses by field over the run; `final_losses` are the losses at its end."""
     final_losses: dict[str, NDArray[np.float64]]
     left_out: dict[int, tuple[Pair, ...]]
     """Environments that do not count, with the pairs without a row there; no pair: nobody has a score."""
@@ -170,7 +170,7 @@ def _scored(scenario: str, rows: Sequence[BenchRow]) -> Scored:
 
 
 _SCORE = ""
-"""Key of the score among the field names; the loss of a score is its negative."""
+"""Key of the score among the field names; its loss is the negative score."""
 
 
 def _value(row: BenchRow, name: str, over_run: bool) -> float:
@@ -212,21 +212,21 @@ class Standing:
     estimator: str
     environments: int
     failed: int
-    """Number of failed runs, which count as the worst; includes environments where all runs failed."""
+    """Number of failed runs, which count as the worst result; includes environments where all failed."""
     score: Interval
     """Mean score over the scored times of a run; 0 is perfect."""
     final_score: Interval
     """Score at the end of a run; 0 is perfect."""
     behind: Interval
-    """Difference between the score of the scenario's best and this score, paired by environment.
+    """Best score of the scenario minus this score, paired by environment.
 
-    The intervals of a scenario are simultaneous. The best has 0 and no interval."""
+    The intervals of a scenario are simultaneous. The best pair has 0 and no interval."""
     losses: dict[str, float]
     """Mean loss per cell at the end, by field."""
     losses_over_run: dict[str, float]
     """Mean loss per cell over the scored times, by field."""
     rank: float
-    """Mean rank by score over the seeds, among all of the scenario; 1 is the best."""
+    """Mean rank by score over the seeds, among all pairs of the scenario; 1 is the best."""
     wins: float
     """Number of seeds with the best score; k pairs that share a win get 1/k each."""
     wall_time_s: float

@@ -32,7 +32,7 @@ class Comparison:
     final_score: Interval
     """Mean difference of the scores at the end."""
     better: float
-    """Share of the environments on which `mine` has the better score over the run."""
+    """Fraction of the environments on which `mine` has the better score over the run."""
 
 
 def compare(rows: Sequence[BenchRow], mine: str | Sequence[str], against: Sequence[str]) -> list[Comparison]:

@@ -44,7 +44,7 @@ _NEEDED = ("observations", "cells_observed", "path_length_m", "flight_time_s", "
 
 
 class Limits:
-    """Upper limits of one run of a scenario of the catalogue, summed over its flights unless noted."""
+    """Upper limits of one run of a catalogue scenario; they are sums over all flights unless noted."""
 
     def __init__(self, name: str) -> None:
         self.scenario = scenario = load_scenario(name)

@@ -77,7 +77,7 @@ class Submission(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     code: str
     """Behaviour numbers of wbf-mission (`wbf_mission.version.behaviour`)."""
     versions: dict[str, list[str]]
-    """Versions of Python and the libraries in the rows; usually one each."""
+    """Versions of Python and of the libraries in the rows; usually one version of each."""
     hardware: list[dict[str, str]]
     own: list[Own]
     files: dict[str, str]

@@ -28,7 +28,7 @@ from wbf_mission.version import behaviour
 VERIFIED = 1
 """Default number of rows of each submitted method to fly again."""
 NEAR = 1e-6
-"""Smaller relative differences come from other linear algebra libraries, not from other code."""
+"""Relative differences below this come from different linear algebra libraries, not from different code."""
 EQUAL, CLOSE, OTHER, ENDLESS = "equal", f"within {NEAR:g}", "differ", "not ended"
 OTHER_CODE = "flown with other behaviour numbers than this version's"
 _MOST_S = 600.0

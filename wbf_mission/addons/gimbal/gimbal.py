@@ -51,7 +51,7 @@ class GimbalMode(IntEnum):
     TARGET = 2
     """Angles or rates from a client."""
     STICKS = 3
-    """Stick control; without sticks, the middle of the range."""
+    """Control by sticks; without sticks the angles are the middle of the range."""
     POINT = 4
     HOME = 6
 

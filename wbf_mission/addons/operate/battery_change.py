@@ -20,7 +20,7 @@ _LOOK_S = 0.5
 # Time (s) without a battery message after which the vehicle is taken to send no battery messages.
 _TELLS_S = 6.0
 _BACK = 0.5
-"""Fraction of the used charge whose return shows a battery change, without an operator."""
+"""If the charge rises by this fraction of the used charge, the battery was changed (without an operator)."""
 
 
 def needed_fraction(plan: PlanResult) -> float | None:

@@ -25,7 +25,7 @@ __all__ = ["MissionShots", "RidingCamera", "Silence", "images_in"]
 _Place = tuple[float, float]
 _PATIENCE_S = 2.0
 _CORNER = 0.7
-"""Shortening of the path at a corner, as a fraction of the difference between corner and chord; measured."""
+"""Measured shortening of the path at a corner, as a fraction of the difference between corner and chord."""
 
 
 class MissionShots:

@@ -38,7 +38,7 @@ DISK_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
 @contextlib.contextmanager
 def disk_errors_named(path: Path, temporary: Path | None = None) -> Iterator[None]:
-    """Make an OSError of a full disk or of the file `temporary` name the target `path`."""
+    """Name `path` in an OSError that comes from a full disk or names the file `temporary`."""
     try:
         yield
     except OSError as error:
@@ -127,7 +127,7 @@ def atomic_write(
 def atomic_write(
     path: str | os.PathLike[str], mode: Literal["w", "wb"] = "w", *, newline: str | None = None
 ) -> Iterator[IO[str] | IO[bytes]]:
-    """Open a file for writing that appears under its name when the block ends without an exception.
+    """Open a file for writing; it appears under its name when the block ends without an exception.
 
     Text is encoded as UTF-8. The ``filename`` of an OSError is `path`.
     """
@@ -147,7 +147,7 @@ _UNSUPPORTED = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
 def lock_file(descriptor: int, *, wait: bool) -> bool:
     """Lock an open file; return False if another process holds the lock and `wait` is false.
 
-    On a disk without locks the result is always True, also for several processes at a time.
+    On a disk without locks the result is always True, even if several processes lock the file.
     """
     from filelock import lock_descriptor
 
@@ -160,7 +160,7 @@ def lock_file(descriptor: int, *, wait: bool) -> bool:
 
 
 def unlock_file(descriptor: int) -> None:
-    """Unlock an open file, also for processes forked since it was locked."""
+    """Unlock an open file, also in processes that were forked since the file was locked."""
     from filelock import unlock_descriptor
 
     with contextlib.suppress(OSError):  # a disk without locks
@@ -219,7 +219,7 @@ class AtomicFolder:
 
     New content is written into a hidden folder beside the target. `commit` renames the hidden folder to mark
     it complete, moves the older content aside, moves the new content into place and removes the older
-    content. A process killed at any step leaves the older content or the new content complete. The next
+    content. If the process is killed at any step, either the older or the new content is complete. The next
     process that opens the folder, or `settle`, completes a commit that was interrupted.
 
     >>> import tempfile
@@ -230,8 +230,8 @@ class AtomicFolder:
     >>> [path.name for path in target.parent.iterdir()], (target / "mark").read_text()
     (['result'], 'whole')
 
-    A lock keeps other processes from entering a ``with`` block for the same folder. The lock ends with the
-    process, however that ends.
+    A lock keeps other processes from entering a ``with`` block for the same folder. The lock ends when the
+    process ends, even if the process is killed.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ class AtomicFolder:
     is_part : callable
         Returns whether a file of this name belongs to the replaced content; other files are kept.
     rescue : callable
-        Called on entering if a killed process left files in `filled`, before they are removed.
+        Called on entering, before files that a killed process left in `filled` are removed.
 
     Raises
     ------
@@ -291,7 +291,7 @@ class AtomicFolder:
             try:
                 self._held.enter_context(lock_held(self._lock_path))
             except BlockingIOError:
-                msg = "another run writes into this folder; wait for it, or give another one"
+                msg = "another run writes into this folder; wait for it, or give another folder"
                 raise FolderError(msg) from None
             self.settle()
             if self.filled.is_dir():
@@ -311,7 +311,7 @@ class AtomicFolder:
         self._held.close()
 
     def commit(self, filled: Path | None = None) -> None:
-        """Replace the folder's content by that of `filled` (default: `self.filled`), on the same disk."""
+        """Replace the folder's content by that of `filled` on the same disk (default: `self.filled`)."""
         filled = filled or self.filled
         for entry in filled.iterdir():
             to_disk(entry)
@@ -324,7 +324,7 @@ class AtomicFolder:
             raise
 
     def settle(self) -> None:
-        """Complete an interrupted commit, whichever step it had reached. The caller holds the lock."""
+        """Complete an interrupted commit from the step that it had reached. The caller holds the lock."""
         target, ready, older = self.target, self._ready, self._older
         if ready.is_dir():
             none_placed = (ready / self._mark).is_file()

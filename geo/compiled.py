@@ -28,7 +28,7 @@ _IMPORT = re.compile(
     r"^(?:from[ ]+([\w.]+)[ ]+import[ ]+(\([^)]*\)|[^\n]*)|import[ ]+([\w.]+))", re.MULTILINE
 )
 
-_VERSIONS_KEPT = 8  # Cached versions per module, so that changing between branches does not recompile
+_VERSIONS_KEPT = 8  # Cached versions per module, so that a change of the branch needs no recompilation
 
 _INTERNALS = {
     "numba.core.caching": "_CacheLocator CompileResultCacheImpl._locator_classes FunctionCache._impl_class "
@@ -39,7 +39,7 @@ _INTERNALS = {
     "numba.core.types": "unliteral",
     "numba.core.types.functions": "BaseFunction.get_call_type BaseFunction.get_impl_key",
 }
-"""Names inside numba, by module, without which functions are compiled by numba's documented means alone."""
+"""Names inside numba, by module. If one is missing, functions are compiled without the cache."""
 
 _listeners: list[Callable[[str], None]] = []
 _refused: list[OSError] = []
@@ -73,9 +73,9 @@ def compiled(
 ) -> Any:
     """Compile a function at its first call (`numba.njit`) and cache the machine code for later processes.
 
-    The cache is in the user's cache folder or in ``NUMBA_CACHE_DIR``. If the folder cannot be written, a
-    warning is given and every process compiles again, also if a version of numba lacks one of `_INTERNALS`.
-    With ``NUMBA_DISABLE_JIT`` functions are not compiled.
+    The cache is in the user's cache folder or in ``NUMBA_CACHE_DIR``. If the folder cannot be written, or
+    numba lacks one of `_INTERNALS`, a warning is given and every process compiles again. With
+    ``NUMBA_DISABLE_JIT`` functions are not compiled.
 
     Parameters
     ----------
@@ -84,13 +84,13 @@ def compiled(
         which is part of numba's cache key.
     inline : {"never", "always", "late"}
         Whether callers inline the function: "always" inlines the Python code, which each caller compiles
-        again; "late" inlines the machine code, for large functions with few callers (a call passes five to
-        ten numbers per array).
+        again; "late" inlines the machine code, for large functions with few callers, as a call passes five to
+        ten numbers per array.
     nogil : bool
         Whether the function releases the GIL.
     allocates : bool
-        Whether the function makes arrays. Without them the atomic reference counting of arrays is left out;
-        then compiling a function that makes an array fails.
+        Whether the function makes arrays. If False, the atomic reference counting of arrays is left out, and
+        a function that makes an array cannot be compiled.
     """
     if function is None:
         return partial(compiled, inline=inline, nogil=nogil, allocates=allocates)
@@ -241,7 +241,7 @@ def _cache_class() -> Any:
             return signature, codegen.magic_tuple(), names
 
         def path_of_function(self) -> Path:
-            with suppress(OSError):  # save_overload warns about it later
+            with suppress(OSError):  # save_overload warns of the error later
                 self._impl.locator.ensure_cache_path()
             return Path(self.cache_path, self._py_func.__qualname__)
 
@@ -282,7 +282,7 @@ def compiled_folder() -> Path:
 
 
 def _closed_over(function: Callable[..., Any]) -> list[Any]:
-    """Return the compiled functions in a function's closure, and recursively in the closures of those."""
+    """Return the compiled functions in a function's closure and, recursively, in their closures."""
     cells = [cell.cell_contents for cell in function.__closure__ or ()]
     over = [value for value in cells if hasattr(value, "py_func")]
     return over + [deeper for inner in over for deeper in _closed_over(inner.py_func)]

@@ -24,7 +24,7 @@ Land: TypeAlias = shapely.Polygon | shapely.MultiPolygon
 
 MAX_CELLS = 200_000_000
 """Largest number of cells accepted: six times Waterberry. A map of this size takes 0.4 GB."""
-_NOT_SEEN = "not to be seen, as none of the fields is of that crop; name a field of it to have it flown"
+_NOT_SEEN = "not scouted, as none of the fields concerns this crop; name a field that does"
 _SNAP_M = 1e-6  # Grid step that joins borders with different rounding errors
 _ARC_SEGMENTS = 16  # Segments per quarter circle; the error is a thousandth of the radius
 _EDGE_CELLS = 1e-9  # Exceeds the rounding error of multiples of the cell size
@@ -52,7 +52,7 @@ class Obstacle:
     polygon : shapely.Polygon
         Outline, metres of the farm's frame.
     height_m : float or None
-        Height above the ground; flights higher by the margin pass over it. None: no flight passes over it.
+        Height above the ground; a flight passes over the obstacle if it is higher by the margin. None: never.
     margin_m : float or None
         Distance that flights keep; None: the default of the flight.
     name : str
@@ -169,7 +169,7 @@ class Farm:
         return tuple(crop for crop in own if crop not in NOT_GROWN)
 
     def scouting(self, crops: Iterable[str]) -> Farm:
-        """Return a farm on which only these crops are scouted; all crops if the owner grows none of these."""
+        """Return the farm with only these crops to be scouted; with all crops if the owner grows none."""
         wanted = set(crops)
         scouted = tuple(crop for crop in self.grown if crop in wanted)
         if len(scouted) in (0, len(self.grown)):
@@ -227,7 +227,7 @@ class Farm:
                 piece = shapely.difference(piece, shapes[over], grid_size=_SNAP_M)
             pieces.append(piece)
         land = pieces[0] if len(pieces) == 1 else shapely.union_all(pieces, grid_size=_SNAP_M)
-        # GEOS would keep the grid and round every derived geometry, even a buffer narrower than a grid step.
+        # GEOS would keep the precision grid and round derived geometry, even a buffer of less than a step.
         land = shapely.set_precision(shapely.simplify(land, _SNAP_M), 0.0)
         parts = [part for part in shapely.get_parts(land) if part.geom_type == "Polygon" and part.area > 0]
         if len(parts) == 1:

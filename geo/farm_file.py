@@ -35,8 +35,8 @@ from geo.imports import entry_points, load_named
 from geo.texts import FOOT_M, one_line
 
 FORMATS_GROUP = "wbf_mission.farm_formats"
-"""Group of entry points, named by suffix without the dot: functions from a path, a layer and a coordinate
-system (both None if not given) to a `geo.features.Document`. They raise FarmError for an unusable file."""
+"""Group of entry points. Each is named by a suffix without the dot and is a function of a path, a layer and a
+coordinate system (both may be None). It returns a `geo.features.Document`, or raises FarmError."""
 REPAIRS_GROUP = "wbf_mission.farm_repairs"
 """Group of entry points; ``mended`` returns the repaired parts of a feature, and adds notes to a list."""
 _GEOJSON = (".geojson", ".json", ".geojsonl", ".geojsons", ".ndjson", ".jsonl")
@@ -104,7 +104,7 @@ def _document(file: Path, layer: str | None, crs: str | None) -> Document:
 
 
 def farm_suffixes() -> tuple[str, ...]:
-    """Return the suffixes of farm files: GeoJSON's, then those of packages.
+    """Return the suffixes of farm files: first those of GeoJSON, then those of packages.
 
     >>> farm_suffixes()[:2]
     ('.geojson', '.json')
@@ -236,7 +236,7 @@ def _contents(document: Document, *, repair: bool) -> tuple[list[Feature], list[
 
 
 def _completed(features: list[Feature], crop: str | None, notes: list[str]) -> list[Feature]:
-    """Return features with default crops and owners if no patch has any; FarmError if only some have one."""
+    """Return the features with the default crop or owner if no patch names any; FarmError if only some do."""
     patches = [feature for feature in features if not feature.obstacle]
     given = {"crop": crop, "owner": None}
     for key, default in (("crop", DEFAULT_CROP), ("owner", DEFAULT_OWNER)):
@@ -249,7 +249,7 @@ def _completed(features: list[Feature], crop: str | None, notes: list[str]) -> l
         if given[key] is None and without:
             given[key] = default
             if key == "crop":
-                notes.append(f"no patch names its crop: it is called {default!r}; --crop names it")
+                notes.append(f"no patch names its crop: the crop is called {default!r}; --crop gives a name")
     return [
         replace(
             feature,
@@ -271,7 +271,7 @@ def _home(document: Document, places: list[Place]) -> tuple[float, float] | None
 
 
 def _cell_size(members: dict[str, Any], bounds: Any, notes: list[str]) -> float:
-    """Return the cell size (m): that of the file, else one foot, or more if that makes too many cells."""
+    """Return the file's cell size (m); by default one foot, or more if one foot makes too many cells."""
     if members.get("cell_size_m") is not None or members.get("size_cells") is not None:
         return number_member(members, "cell_size_m", FOOT_M, _MIN_CELL_M, _MAX_CELL_M)
     area_m2 = float(bounds[2] * bounds[3])
@@ -279,7 +279,7 @@ def _cell_size(members: dict[str, Any], bounds: Any, notes: list[str]) -> float:
     size_m = next(fitting, _ROUND_CELLS_M[-1])
     if size_m != FOOT_M:
         notes.append(
-            f"cells are {size_m:g} m, as cells of one foot would be {area_m2 / FOOT_M**2 / 1e6:.1f} million"
+            f"cells are {size_m:g} m, as there would be {area_m2 / FOOT_M**2 / 1e6:.1f} million of one foot"
         )
     return size_m
 
@@ -305,8 +305,8 @@ def _near(
 ) -> list[Feature]:
     """Return the features if all are near `home` (default: near the first feature); else raise FarmError.
 
-    `repair`: swapped latitudes and longitudes are exchanged; without a home, features then must be near the
-    feature closest to the median of all.
+    With `repair`, swapped latitudes and longitudes are exchanged. If there is no home either, the features
+    must be near the feature that is closest to the median position.
     """
     anchor, is_sure = ('the farm\'s "home"', True) if home is not None else ("the first feature", False)
     longitude_deg, latitude_deg = features[0].rings[0][0] if home is None else home
@@ -346,7 +346,7 @@ def _reach_m(frame: LocalFrame, latitude_deg: Any, longitude_deg: Any) -> float:
 
 
 def _frame(document: Document, patches: list[Feature]) -> tuple[LocalFrame, bool]:
-    """Return the frame, and whether the file gives the origin (else it is the corner of the patches)."""
+    """Return the frame, and whether the file gives its origin (default: the corner of the patches)."""
     members = document.members
     altitude_m = number_member(members, "ground_altitude_m", 0.0, -1000.0, 9000.0)
     rotation_deg = number_member(members, "rotation_deg", 0.0, -360.0, 360.0)
@@ -359,7 +359,7 @@ def _frame(document: Document, patches: list[Feature]) -> tuple[LocalFrame, bool
         return frame, True
     points = np.concatenate([patch.rings[0] for patch in patches])
     frame = LocalFrame(float(points[0, 1]), float(points[0, 0]), altitude_m, rotation_deg)
-    # North depends on the origin (meridian convergence), and the corner on north: four iterations converge.
+    # The corner depends on north, and north on the origin (meridian convergence): four iterations converge.
     for _ in range(4):
         x_m, y_m = frame.from_wgs84(points[:, 1], points[:, 0])
         latitude_deg, longitude_deg = frame.to_wgs84(float(x_m.min()), float(y_m.min()))
@@ -412,7 +412,7 @@ def _size(members: dict[str, Any], right: float, top: float, cell_size_m: float)
 
 
 def _check_detail(polygons: list[shapely.Polygon], cell_size_m: float) -> None:
-    """Refuse polygons with edges across too many columns of cells: painting would take minutes."""
+    """Refuse polygons whose edges cross too many columns of cells: painting them would take minutes."""
     columns = (np.abs(np.diff(shapely.get_coordinates(polygon)[:, 0])).sum() for polygon in polygons)
     steps = float(sum(columns)) / cell_size_m
     if steps > _MAX_RASTER_STEPS:

@@ -84,8 +84,8 @@ def kind_of(text: object) -> str:
 def farm_properties(properties: Mapping[str, Any], *, literal: bool) -> dict[str, Any]:
     """Return the non-empty properties of a feature, renamed as in farm files.
 
-    Values are converted, because other formats have no booleans and write numbers as text. `literal`:
-    properties that already have a farm file's name keep their values.
+    Values are converted, because other formats have no booleans and write numbers as text. With `literal`, a
+    property that has the name used in farm files keeps its value.
 
     >>> farm_properties({"CROP_NAME": "Maize (silage)", "Height": "6.5", "id": 4}, literal=True)
     {'crop': 'maize silage', 'height_m': 6.5}
@@ -190,7 +190,7 @@ GEOMETRIES = (*_NO_AREA, *_AREAS, "GeometryCollection")
 def read_entry(entry: Entry, notes: list[str], *, repair: bool) -> list[Feature] | Place | str:
     """Return the polygons or the point of an entry, or the reason to leave the entry out.
 
-    FarmError, with the feature's name, if the feature cannot be read. `repair`: swapped latitudes and
+    FarmError, with the feature's name, if the feature cannot be read. With `repair`, swapped latitudes and
     longitudes are exchanged. Rings may still be open (`geo.farm_file` closes them).
     """
     if entry.useless or entry.geometry is None:
@@ -243,7 +243,7 @@ def _flag(properties: dict[str, Any], key: str, kind: str, where: str) -> bool:
 
 
 def _members(geometry: dict[str, Any]) -> list[dict[str, Any]] | None:
-    """Return the geometries of a collection and of collections in it; None if it is no collection."""
+    """Return the geometries of a collection and of nested collections; None for another geometry."""
     found, left = [], [geometry]
     while left:
         member = left.pop()

@@ -90,7 +90,7 @@ class LocalFrame:
             object.__setattr__(self, "_sin", math.sin(math.radians(self.rotation_deg)))
 
     def to_wgs84(self, x_m: Values, y_m: Values) -> tuple[Values, Values]:
-        """Return latitude and longitude, degrees, of points of the frame, metres (scalars or arrays)."""
+        """Return the latitude and longitude (degrees) of points in the frame (m); scalars or arrays."""
         if self._sin:
             x_m, y_m = x_m * self._cos - y_m * self._sin, x_m * self._sin + y_m * self._cos
         longitude_deg, latitude_deg = _projection(self.latitude_deg, self.longitude_deg).transform(
@@ -99,7 +99,7 @@ class LocalFrame:
         return latitude_deg, _within_date_line(longitude_deg)
 
     def from_wgs84(self, latitude_deg: Values, longitude_deg: Values) -> tuple[Values, Values]:
-        """Return x and y, metres, of positions in degrees (scalars or arrays).
+        """Return the x and y (m) in the frame of positions in degrees; scalars or arrays.
 
         Coordinates of an impossible position are not finite.
         """
@@ -138,7 +138,7 @@ _CODE = re.compile(
     re.IGNORECASE,
 )
 _WGS84 = re.compile(r"(OGC:CRS84|EPSG:4326)|WGS ?84", re.IGNORECASE)
-# Borders drawn from aerial pictures are no more accurate, so a smaller error of a conversion is not reported.
+# Borders drawn from aerial pictures have errors of this size, so smaller conversion errors are not reported.
 _BORDER_ACCURACY_M = 1.5
 
 

@@ -102,11 +102,11 @@ class FarmGrid:
         return "".join(f"{name};" for name in self.crops[len(Crop) :])
 
     def of_crops(self, names: Iterable[str], where: Any = ...) -> NDArray[np.bool_]:
-        """Return a new mask of the cells with one of these crops, of all owners, bool[W, H] or `where`."""
+        """Return a new mask, bool[W, H] or its part `where`, of all owners' cells with one of these crops."""
         crop = self.crop[where]
         mask = np.zeros(crop.shape, np.bool_)
         numbers = [self.crops.index(name) for name in names if name in self.crops]
-        # np.isin would take eight bytes per cell; parts stay in the processor's cache.
+        # np.isin would take eight bytes per cell. Strips of rows stay in the processor's cache.
         rows = max(1, _CELLS_AT_ONCE * len(crop) // max(1, crop.size))
         for first in range(0, len(crop), rows):
             part = slice(first, first + rows)
@@ -168,7 +168,7 @@ def _cell_runs(edges: NDArray[np.float64], width: int, height: int) -> Iterator[
     """
     flip = edges[:, 0] > edges[:, 2]
     edges = np.where(flip[:, None], edges[:, [2, 3, 0, 1]], edges)
-    # Columns with a centre line that the edge, ends included, meets.
+    # Columns whose centre line meets the edge, ends included.
     first = np.clip(np.ceil(edges[:, 0] - 0.5 - _TIE_CELLS), 0, width).astype(np.int64)
     stop = np.clip(np.floor(edges[:, 2] - 0.5 + _TIE_CELLS) + 1, first, width).astype(np.int64)
     yield from _runs_between(edges, first, stop, 0, width, height)

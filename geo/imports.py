@@ -73,7 +73,7 @@ def entry_named(group: str, name: str) -> metadata.EntryPoint | None:
 
 
 def load_extra(module: str, extra: str, what: str, error: type[Exception]) -> Any:
-    """Import an optional library; raise `error` if it is missing. `what` begins the text ("maps need").
+    """Import an optional library; raise `error` if it is missing. `what` begins its text ("maps need").
 
     Examples
     --------
@@ -90,7 +90,7 @@ def load_extra(module: str, extra: str, what: str, error: type[Exception]) -> An
 
 
 def load_entry(entry: metadata.EntryPoint, what: str, error: type[Exception]) -> Any:
-    """Return the object of an entry point; raise `error` if the import fails. `what` begins the text."""
+    """Return the object of an entry point; raise `error` if the import fails. `what` begins its text."""
     try:
         return entry.load()
     except Exception as problem:  # The imported code may raise anything

@@ -1,9 +1,9 @@
 """Linear algebra and elementary functions that are equal to the last bit on every processor.
 
-OpenBLAS and numpy choose code by the processor, and their orders of summation and rounding differ. Here terms
+OpenBLAS and numpy choose code by the processor, so sums and rounding differ between processors. Here terms
 are added in the order of the index, and elementary functions are those of the C library. Processing in blocks
 for the cache does not change the results: a product of selected rows equals these rows of the full product.
-Code with recorded results uses these functions.
+Code whose results are recorded uses these functions.
 """
 
 from __future__ import annotations

@@ -58,9 +58,9 @@ def interrupts_noted(
 ) -> Iterator[Callable[[], None]]:
     """Defer the KeyboardInterrupt of the first signal to the end of the block.
 
-    The yielded function raises a deferred interrupt earlier. An exception raised in a signal handler can be
-    lost: compiled extensions drop some, for example in `hasattr` of the C API. The second signal raises
-    immediately; signals within a second count as one. Outside the main thread nothing is deferred.
+    The yielded function raises a deferred interrupt before the end. An exception raised in a signal handler
+    may be lost: compiled extensions drop some, for example in `hasattr` of the C API. The second signal
+    raises immediately; signals within a second count as one. Outside the main thread nothing is deferred.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def interrupts_held() -> Iterator[None]:
         with interrupts_noted():
             yield
         return
-    # The tracker starts with the first worker and would unblock the signals.
+    # The resource tracker would start with the first worker and unblock the signals.
     resource_tracker.ensure_running()
     # The mask holds for this thread and its processes only: another thread may receive the signal.
     with interrupts_noted():
@@ -134,7 +134,7 @@ class Processes:
     """A pool of worker processes.
 
     The workers ignore Ctrl-C, end soon after this process is killed, and do not run the caller's script
-    again, unlike those of the standard library.
+    again, unlike workers of the standard library.
 
     At most `most` calls may be pending: with more, loky prints a traceback when the pool is closed.
     """
@@ -165,7 +165,7 @@ class Processes:
 
 
 class CallsAhead(Generic[_T]):
-    """Calls that run ahead in worker processes, by default one per core, before their results are needed.
+    """Calls that run in worker processes (by default one per core) before their results are needed.
 
     If Ctrl-C arrives while the processes start, the constructor ends them and raises KeyboardInterrupt.
     """

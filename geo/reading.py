@@ -48,7 +48,7 @@ def read_file(path: Path, max_bytes: int) -> bytes:
 
 
 def read_text(path: Path, max_bytes: int = MAX_TEXT_BYTES) -> str:
-    """Return the text of a regular file; UnreadableError as in `read_file`, or if it is not UTF-8."""
+    """Return the text of a regular file; UnreadableError as in `read_file`, or if the file is not UTF-8."""
     try:
         return read_file(path, max_bytes).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -56,7 +56,7 @@ def read_text(path: Path, max_bytes: int = MAX_TEXT_BYTES) -> str:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the table of a TOML file; UnreadableError as in `read_text`, or if it is not TOML."""
+    """Return the table of a TOML file; UnreadableError as in `read_text`, or if the file is not TOML."""
     text = read_text(path)
     try:
         return tomllib.loads(text)

@@ -81,7 +81,7 @@ def use_memory_again() -> None:
 
 
 def free_unused_memory() -> None:
-    """Return free memory to the system; the C library of Linux keeps that of threads."""
+    """Return free memory to the system; on Linux the C library keeps the free memory of threads."""
     _call_c("malloc_trim", (0,))
 
 
@@ -131,7 +131,7 @@ def available_memory(root: Path = Path("/")) -> AvailableMemory | None:
 
 @contextlib.contextmanager
 def memory_bounded(more: int) -> Iterator[None]:
-    """Limit later allocations of this process to `more` bytes in total; beyond, MemoryError is raised.
+    """Limit later allocations of this process to `more` bytes in total; MemoryError if they exceed the limit.
 
     The limit is meant for reading untrusted files, which may declare any size. Systems other than Linux and
     FreeBSD have no such limit.
@@ -155,8 +155,8 @@ def memory_bounded(more: int) -> Iterator[None]:
 def require_memory(what: str, parts: Mapping[str, int], *, available: AvailableMemory | None = None) -> None:
     """Raise NotEnoughMemoryError if the sum of `parts` (bytes) exceeds the available memory.
 
-    `what` is the subject of the error's sentence, which lists the parts of at least a tenth of the sum. If
-    the available memory is unknown, nothing is checked.
+    The error's text begins with `what`, and lists the parts of at least a tenth of the sum. If the available
+    memory is unknown, nothing is checked.
 
     Examples
     --------
@@ -286,5 +286,5 @@ def warn_of_cache(folder: Path, error: Exception) -> None:
     reason = str(error)
     if isinstance(error, OSError) and error.strerror:
         reason = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-    msg = f"{folder}: cannot keep anything in this cache ({reason}); it is made anew in every run"
+    msg = f"{folder}: cannot keep anything in this cache ({reason}); every run makes the content anew"
     warnings.warn(msg, CacheWarning, stacklevel=3)

@@ -43,8 +43,8 @@ def one_line(text: str, max_characters: int = MAX_SHOWN) -> str:
 def file_stem(text: str, default: str, kept: str = r"\w") -> str:
     """Return a text as a file's name without suffix, possible on Linux, macOS and Windows.
 
-    ``kept`` is the class of the characters that are kept, as in a regular expression; without any, the name
-    is ``default``.
+    ``kept`` is the class of the characters that are kept, as in a regular expression. If the text has none of
+    these characters, the name is ``default``.
 
     >>> file_stem("../[bold]x[/nope]", "farm"), file_stem("Con", "farm"), file_stem("?", "farm")
     ('bold-x-nope', '_Con', 'farm')

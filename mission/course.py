@@ -68,7 +68,7 @@ class Leg:
     """Latitude and longitude (degrees), and altitude (m) in the frame of the leg's item."""
     end: tuple[float, float, float]
     straight: bool
-    """Whether a mission can be cut on the leg: no spline, no loiter, no CONDITION command to wait for."""
+    """Whether a mission can be cut on the leg: it has no spline, no loiter and no CONDITION command."""
     works: bool
     """Whether images are taken on the leg or at its end."""
 
@@ -100,7 +100,7 @@ class Course:
     def __init__(self, mission: Mission, frame: LocalFrame | None = None) -> None:
         items = mission.items
         if any(item.command == Command.DO_JUMP for item in items):
-            msg = "the mission has DO_JUMP items: a place on it has no number of its own; write out the jumps"
+            msg = "the mission has DO_JUMP items, so a place may be flown several times; write out the jumps"
             raise MissionError(msg)
         self.mission = mission
         flown = [k for k, item in enumerate(items) if item.command in FLOWN_TO]
@@ -132,7 +132,7 @@ class Course:
             return LocalFrame(home.latitude_deg, home.longitude_deg, home.altitude_m)
         placed = next((item for item in self.mission.items if item.has_position and (item.x or item.y)), None)
         if placed is None:
-            msg = "the mission has no position: where does it begin?"
+            msg = "the mission has no position, so its start is unknown; give it a home"
             raise MissionError(msg)
         return LocalFrame(placed.x, placed.y)
 
@@ -316,7 +316,7 @@ def unrolled(mission: Mission) -> Mission:
             continue
         target, repeat = item.param1, item.param2 or 0.0
         if repeat < 0.0:
-            msg = f"item {k + 1} (DO_JUMP): it is repeated without end; give it a number of times"
+            msg = f"item {k + 1} (DO_JUMP): it repeats without end; give a number of repetitions"
             raise MissionError(msg)
         if target is None or not 0 <= target < len(items):
             msg = f"item {k + 1} (DO_JUMP): there is no item {target if target is None else int(target) + 1}"
@@ -376,7 +376,7 @@ class MissionProgress:
         MissionError if the vehicle never flew its mission.
         """
         if not self._flown:
-            msg = "the vehicle is never seen to fly its mission by itself"
+            msg = "no message shows that the vehicle flew its mission by itself"
             raise MissionError(msg)
         course = self.course
         items, latitude, longitude = np.array(self._flown).T

@@ -1,4 +1,4 @@
-"""Sorties of a mission: a part of the mission with its own take-off, approach, return and landing."""
+"""Sorties: parts of a mission, each with its own take-off, approach, return and landing."""
 
 from __future__ import annotations
 
@@ -215,7 +215,7 @@ def _is_for_next(item: MissionItem) -> bool:
 
 
 def _reachable(course: Course, first: Place, end: Place | None) -> Place | None:
-    """Return where a part that should end at `end` can end; None for the end of the mission."""
+    """Return the possible end of a part that should end at `end`; None for the end of the mission."""
     # A curved leg cannot be cut and is flown whole. Trailing legs without images are left out.
     if end is None or (number := course.leg_of(end)) >= len(course.legs):
         return None

@@ -120,21 +120,21 @@ _DIALECT = Dialect(
         IgnoredField(
             Command.NAV_WAYPOINT,
             "param2",
-            "ArduPilot does not store the acceptance radius (param2): it has one for all (WPNAV_RADIUS)",
+            "ArduPilot does not store the acceptance radius (param2): WPNAV_RADIUS holds for all",
             severity=Severity.NOTE,
             vehicle_types=frozenset({*COPTERS, ROVER}),
         ),
         IgnoredField(
             Command.NAV_WAYPOINT,
             "param3",
-            "ArduPilot does not store at which distance to pass (param3)",
+            "ArduPilot does not store the distance at which to pass the waypoint (param3)",
             severity=Severity.NOTE,
             vehicle_types=frozenset({*COPTERS, ROVER}),
         ),
         IgnoredField(
             Command.NAV_WAYPOINT,
             "param4",
-            "ArduPilot does not heed a waypoint's heading (param4)",
+            "ArduPilot ignores the heading of a waypoint (param4)",
             "put CONDITION_YAW before it",
             vehicle_types=frozenset(COPTERS),
         ),
@@ -148,7 +148,7 @@ _DIALECT = Dialect(
         IgnoredField(
             Command.NAV_LOITER_TIME,
             "param3",
-            "ArduPlane stores the side of this circle, not its radius (param3): it is WP_LOITER_RAD",
+            "ArduPlane stores the side of the circle, not the radius (param3): the radius is WP_LOITER_RAD",
             vehicle_types=frozenset({FIXED_WING}),
         ),
     ),

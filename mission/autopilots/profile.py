@@ -107,7 +107,7 @@ class FlightModes:
 class Meaning(Enum):
     """Autopilot-independent meaning of a vehicle parameter."""
 
-    CRUISE_SPEED = "the speed of a mission that sets none"
+    CRUISE_SPEED = "the speed of a mission that sets no speed"
     FASTEST = "the greatest speed"
     ACCEPTANCE_RADIUS = "the acceptance radius of waypoints"
     RETURN_HEIGHT = "the height of the return"
@@ -115,11 +115,11 @@ class Meaning(Enum):
     LINK_LOST = "what a lost link does"
     LINK_LOST_OPTIONS = "whether a mission goes on without a link"
     TAKEOFF_AND_LANDING = "whether a mission needs a take-off and a landing"
-    FENCE_ON = "whether the fence counts"
+    FENCE_ON = "whether the fence is enabled"
     FENCE_ACTION = "what a broken fence does"
     FENCE_TYPES = "what belongs to the fence"
-    FENCE_CEILING = "the ceiling"
-    FENCE_RADIUS = "how far from home"
+    FENCE_CEILING = "the ceiling of the fence"
+    FENCE_RADIUS = "the largest distance from home"
     LANDS_AS_MISSION = "whether a return flies the landing of the mission"
     MISSION_CARD = "the room for a mission on an SD card"
     ACCELEROMETER = "the accelerometer's calibration"

@@ -76,7 +76,7 @@ _DIALECT = Dialect(
         IgnoredField(
             Command.NAV_LAND,
             "param1",
-            "PX4 does not heed the height to abort the landing at (param1)",
+            "PX4 ignores the height at which to abort the landing (param1)",
             severity=Severity.NOTE,
         ),
     ),

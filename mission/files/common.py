@@ -41,7 +41,7 @@ _SUFFIX_OF_KIND = {
     RALLY_KIND: ".ral",
 }
 POINTS_OF_KIND = {kind: _SUFFIX_OF_KIND[kind] for kind in (FENCE_KIND, RALLY_KIND)}
-"""Suffix of the format that reads a kind of file with the suffix of a waypoint list."""
+"""Suffix of the format of a fence or rally file, which may have the suffix of a waypoint list."""
 _TEXT_KINDS = {
     rb"qgc\s+wpl\b.*": WAYPOINTS_KIND,
     rb"rally\s.*": RALLY_KIND,
@@ -166,7 +166,7 @@ def decode_json(data: bytes, decoder: msgspec.json.Decoder[T], path: str = "", l
     except msgspec.ValidationError as error:
         raise MissionFileError(misfit(error, path)) from None
     except RecursionError:
-        raise MissionFileError("the JSON is nested too deeply; no mission file is") from None
+        raise MissionFileError("the JSON is nested too deeply for a mission file") from None
     except ValueError as error:  # msgspec.DecodeError and UnicodeDecodeError
         raise MissionFileError(f"{not_json(error, data, line)}; the file is damaged or no JSON") from None
 
@@ -295,14 +295,14 @@ def home_of(where: str, latitude_deg: float, longitude_deg: float, altitude_m: f
 def home_from_file(
     where: str, latitude_deg: float, longitude_deg: float, altitude_m: float
 ) -> GeoPoint | None:
-    """Return the home position for a format that requires a home; 0, 0, 0 is None."""
+    """Return the home position for a format that requires a home; None for 0, 0, 0."""
     if latitude_deg == longitude_deg == altitude_m == 0.0:
         return None
     return home_of(f"{where}: home", latitude_deg, longitude_deg, altitude_m)
 
 
 def file_parameters(item: MissionItem, firmware: Firmware) -> Parameters:
-    """Return parameters 1 to 4 for a file. Unset is None, or 0 for ArduPilot, which refuses NaN."""
+    """Return parameters 1 to 4 for a file. An unset value is None, or 0 for ArduPilot, which refuses NaN."""
     default = 0.0 if firmware == Firmware.ARDUPILOT else None
     first, second, third, fourth = (
         default if value is None else float(value)

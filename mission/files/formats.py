@@ -112,7 +112,7 @@ def _shown(home: GeoPoint | None) -> Any:
 
 
 class Drawn(Protocol):
-    """Drawn or recorded paths; each can be made a mission."""
+    """Drawn or recorded paths. Each path can be turned into a mission."""
 
     @property
     def paths(self) -> Sequence[Any]:
@@ -260,7 +260,7 @@ def read_mission(
     ----------
     path : path-like
         ``.plan`` (QGroundControl), ``.waypoints``, ``.wpl``, ``.txt`` (QGC WPL 110), ``.json`` (native), or a
-        suffix of another of the `mission_formats`.
+        suffix from `mission_formats`.
     altitude_m : float or None
         Altitude above home for the waypoints of a drawn path; it overrides the altitudes in the file.
     drawn_path : str or None
@@ -344,7 +344,7 @@ def write_mission(
     ----------
     mission : Mission
     path : path-like
-        ``.plan``, ``.waypoints``, ``.wpl``, ``.txt``, ``.json``, or a suffix of other `mission_formats`.
+        ``.plan``, ``.waypoints``, ``.wpl``, ``.txt``, ``.json``, or a suffix from `mission_formats`.
     firmware : Firmware
         Autopilot that a ``.plan`` or waypoint list is written for.
 

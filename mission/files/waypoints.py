@@ -78,8 +78,8 @@ def loads(data: bytes) -> Mission | WithNotes:
     """Read a mission, a fence or rally points from the content of a file.
 
     The reader also accepts comments (``#``), any white space between columns, CRLF, headers of versions 100
-    and 120, a missing home row, gaps in seq, a home row with command 0, commands without a position in frame
-    0 or 3. Jump targets become indices of the mission's items.
+    and 120, a missing home row, gaps in seq, a home row with command 0, and commands without a position in
+    frame 0 or 3. Jump targets become indices of the mission's items.
 
     The first row is home if its seq is 0 and it is a waypoint in frame 0 or has command 0. Version 120,
     written by old QGroundControl, has no home. Other programs write version 120 with home as the only row in
@@ -100,7 +100,7 @@ def loads(data: bytes) -> Mission | WithNotes:
             home = _home(rows.pop(0))
         if version == "120":
             meaning = "home" if alone else "the first waypoint, as QGroundControl reads it, not home"
-            notes.append(f"version 120 has no home of its own: row 0 is taken for {meaning}")
+            notes.append(f"version 120 does not mark home: row 0 is taken for {meaning}")
     flown = [row for row in rows if row.command not in _FENCE | _RALLY]
     mission = make_mission(
         resolve_jumps([row.seq for row in flown], ((f"line {row.line}", row.item()) for row in flown), "seq"),

@@ -113,7 +113,7 @@ class ArmingGate:
             self.reasons = [*(known for known in self.reasons if known != reason), reason][-_MOST_REASONS:]
 
     def outlived_s(self) -> float:
-        """Return how long the program was suspended after the operator's agreement (s)."""
+        """Return the time for which the program was suspended after the operator's agreement (s)."""
         stood_s = 0.0 if self._standstill is None else self._standstill.look()
         return stood_s if self._agreed else 0.0
 

@@ -21,7 +21,7 @@ class FailsafeGuard:
     """Reader and setter of the failsafe parameters, sans-IO; one object for each flight.
 
     The parameters are set in order, because the link may be lost after each of them. The last parameter
-    enables a failsafe that depends on the others.
+    enables a failsafe that depends on the other parameters.
     """
 
     def __init__(self, needed: Sequence[NeededParameter], contact: Contact, was_set: list[str]) -> None:
@@ -42,7 +42,7 @@ class FailsafeGuard:
         return not self._open
 
     def begin(self, now_s: float) -> list[Message]:
-        """Begin, or retry after a failure."""
+        """Begin to read and set the parameters, or retry after a failure."""
         self.refused, self._tries = "", 0
         return self.poll(now_s)
 
@@ -120,7 +120,7 @@ class ChangeOutcome(Enum):
 
 @dataclass(slots=True)
 class ChangeRecord:
-    """Record of one change of a mission in flight. Times are seconds of the run, None if not reached.
+    """Record of one change of a mission in flight. Times (s) are those of the run, None if not reached.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ class ChangeRecord:
 
     @property
     def delay_s(self) -> float | None:
-        """Time from the first message to the turn (s), None if not reached.
+        """Time from the first message to the turn (s), None if the vehicle has not turned.
 
         A change that keeps the present target may be sent later than requested, when the target is near.
         """

@@ -1,4 +1,4 @@
-"""Change of a mission in flight on autopilots that overwrite missions in place (ArduPilot), in guided mode.
+"""Change of a mission in flight, in guided mode, on autopilots that overwrite missions in place (ArduPilot).
 
 During the upload the stored mission is a mixture of old and new items. Meanwhile the vehicle flies to a
 position in guided mode. It resumes the mission only after the whole mission was acknowledged and read back.
@@ -35,13 +35,13 @@ from mission.transfer import (
 
 # Defaults of PSC_POSXY_P and WPNAV_ACCEL, from which ArduCopter computes its stopping point.
 _STOP_P_PER_S, _STOP_M_S2 = 1.0, 2.5
-# Margin for delayed positions: a vehicle that leaves at exactly the stopping distance creeps to the target.
+# Margin for delayed positions: a vehicle that resumes at exactly the stopping distance creeps to the target.
 _LEAVE_SPARE_M, _MOST_LEAVE_M = 0.5, 12.0
 
 
 @dataclass(slots=True)
 class Leg:
-    """Leg to an item of a plan in guided mode, or to above home if the item is the return."""
+    """Leg flown in guided mode to an item of a plan; to the point above home if the item is the return."""
 
     plan: Mission
     index: int
@@ -109,7 +109,7 @@ _LATE_M = 3.0
 _LONGEST_S = 5.0
 _FOREVER = 1_000_000
 _SILENT_S = 2.0
-# Delay of a command after the change; later, another operator has chosen the guided mode.
+# Longest delay of a command after the change (s); after it, another operator has chosen guided mode.
 _LATE_ORDER_S = 30.0
 # At lower speeds the direction of the velocity is noise.
 _SLOW_M_S = 0.5
@@ -133,9 +133,9 @@ class AsideChange(ChangeSession):
     """Upload while the vehicle flies to the target in guided mode.
 
     The vehicle resumes the mission just before the target. If the upload takes longer, the vehicle flies to
-    further waypoints of the new mission one by one. A failed upload is repeated. Then the old mission is
-    restored. If that fails too, the vehicle returns home (RTL). It flies only a complete mission that
-    was acknowledged and read back.
+    further waypoints of the new mission one by one. A failed upload is repeated. If all repetitions fail, the
+    old mission is restored. If that fails too, the vehicle returns home (RTL). It flies only a complete
+    mission that was acknowledged and read back.
     """
 
     def __init__(self, request: ChangeRequest) -> None:
@@ -374,7 +374,7 @@ class AsideChange(ChangeSession):
         return out
 
     def _on_failure(self, text: str, now_s: float, *, refused: bool) -> list[Message]:
-        """Repeat the upload, then restore the old mission, then return home."""
+        """Repeat the upload; if that fails, restore the old mission; if that fails too, return home."""
         if self._leg.plan is self.request.new:
             self._why, self._refused = text, refused
         if now_s - self._heard_s > _SILENT_S:

@@ -179,7 +179,7 @@ class WholeListChange(ChangeSession):
             heard = self._monitor.item_heard_s >= confirmed_s
             same = known_id in (0, state.mission_id)
             flies = not self._monitor.left_mission or self._returns_as_wanted()
-            # A larger item number belongs to the old mission, in a delayed message.
+            # A larger item number comes from a delayed message about the old mission.
             known = state.item is not None and self._mark <= state.item < len(self.request.new.items)
             if heard and same and flies and known:
                 self.record.in_effect_s, self.record.turned_s = now_s, confirmed_s

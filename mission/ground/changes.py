@@ -56,7 +56,7 @@ class MissionChanges:
         item = contact.monitor.state.item
         needed = contact.profile.change_failsafe.get(contact.monitor.vehicle_type, ())
         if self._guard is None and needed:
-            # One guard for the whole flight.
+            # One guard serves the whole flight.
             self._guard = FailsafeGuard(needed, contact, self.parameters_set)
         request = ChangeRequest(
             old=held,
@@ -71,7 +71,7 @@ class MissionChanges:
         return self._noted(self._session.start(now_s))
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Handle a message of the vehicle, after its monitor; an ended session still handles messages."""
+        """Handle a message that the monitor has handled; an ended session still handles messages."""
         return [] if self._session is None else self._noted(self._session.receive(message, now_s))
 
     def poll(self, now_s: float) -> list[Message]:
@@ -109,16 +109,16 @@ def check_change(new: Mission, resume_at: int, old: Mission) -> None:
     >>> check_change(there, 1, there)
     Traceback (most recent call last):
         ...
-    mission.errors.MissionError: mission: item 2 to go on with does not exist; there are 1 items
+    mission.errors.MissionError: mission: item 2, at which to resume, does not exist: there are 1
     """
     items = new.items
     check_plan(items, MissionType.MISSION)
     if not 0 <= resume_at < len(items):
-        msg = f"mission: item {resume_at + 1} to go on with does not exist; there are {len(items)} items"
+        msg = f"mission: item {resume_at + 1}, at which to resume, does not exist: there are {len(items)}"
         raise MissionError(msg)
     target = items[resume_at]
     if not (is_return(target) or (target.command in FLOWN_TO and target.has_position)):
-        msg = f"mission: item {resume_at + 1} to go on with (command {target.command}) is no position"
+        msg = f"mission: item {resume_at + 1}, at which to resume, has no position (command {target.command})"
         raise MissionError(msg)
     if leads_home(old.items) and not leads_home(items, resume_at):
         end = "end with NAV_RETURN_TO_LAUNCH or NAV_LAND"

@@ -28,7 +28,7 @@ _DOUBLINGS = 3
 class Answer(Enum):
     """Meaning of a COMMAND_ACK for an order."""
 
-    NONE = "no answer to this order, or not the last one"
+    NONE = "no answer to this order, or a preliminary answer"
     ACCEPTED = "accepted"
     REFUSED = "refused"
 
@@ -102,7 +102,7 @@ class Order:
 
     def answer(self, message: m.MAVLink_command_ack_message, now_s: float) -> Answer:
         """Return the meaning of a COMMAND_ACK for this order, and extend the timeout if in progress."""
-        # A shared link carries answers to other stations, too. MAVLink 1 has no target (0).
+        # A shared link carries answers to other stations, too. Answers of MAVLink 1 have no target (0).
         is_other = message.target_system and self._sender not in (None, message.target_system)
         if message.command != self._command or is_other:
             return Answer.NONE
@@ -133,7 +133,7 @@ class StateBefore:
         return monitor.mode_heard_s > self.given_s
 
     def is_overruled(self, monitor: VehicleMonitor, expected: Collection[str] = ()) -> bool:
-        """Whether a pilot or a failsafe has acted since the order, so that repeating it would overrule them.
+        """Whether a pilot or a failsafe has acted since the order; repeating the order would overrule them.
 
         ``expected`` are further flight modes in which the order still holds.
         """
@@ -218,7 +218,7 @@ class Contact:
 
     @property
     def clears(self) -> bool:
-        """Whether the transfers support clearing a plan; MAVSDK has its own handling of clears."""
+        """Whether an upload may clear the old mission first; transfers by MAVSDK do not."""
         return self._maker is OWN_TRANSFERS
 
     def order(self, command: int, *params: float, **options: Any) -> Order:

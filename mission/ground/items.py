@@ -36,7 +36,7 @@ def leads_on(items: Sequence[MissionItem], begin: int) -> bool:
 
 
 def next_flown_to(items: Sequence[MissionItem], index: int) -> int:
-    """Return the next position, return or landing after item ``index``, or ``index`` without one."""
+    """Return the index of the next position, return or landing after item ``index``, else ``index``."""
     following = index + 1
     while following < len(items) and items[following].command in _DO:
         following += 1
@@ -117,7 +117,7 @@ def shots_before(items: Sequence[MissionItem], index: int) -> Shots | None:
 
 
 def item_to_mark(old: Mission, item: int, new: Mission, resume_at: int) -> int:
-    """Return the item at which to resume: ``resume_at``, or the first needed DO item directly before.
+    """Return the item at which to resume: ``resume_at``, or the first needed DO item directly before it.
 
     DO items that repeat the present setting are skipped, because setting the trigger distance again may
     trigger an image.
@@ -147,7 +147,7 @@ def revised_mission(
     """Return a mission through new waypoints, and the item at which to resume.
 
     The new mission keeps the take-off, speed, camera trigger and end of the held mission. If the camera is
-    already triggering, the new trigger item takes no image of its own. Otherwise triggering starts at the
+    already triggering, the new trigger item takes no image at once. Otherwise triggering starts at the
     change. ``item`` is the current item of the held mission. ``path_deg`` has latitude and longitude of the
     new waypoints; an empty path leads home immediately.
 

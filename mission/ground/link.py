@@ -112,7 +112,7 @@ def upload(
     force : bool
         Whether to send items that the autopilot would refuse or not fly.
     parameters : mapping of str to float, optional
-        Known parameters of the vehicle, which decide on some of these items.
+        Known parameters of the vehicle. Some of them decide whether the autopilot refuses an item.
     open_driver : callable
         Opens the link.
 

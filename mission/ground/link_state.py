@@ -115,7 +115,7 @@ def milliseconds(seconds: float) -> str:
 SILENCE_S = 2.0
 """Time without a message after which a vehicle counts as out of reach (s).
 
-Vehicles send several per second.
+Vehicles send several messages per second.
 """
 
 

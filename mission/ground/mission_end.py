@@ -45,7 +45,7 @@ class PilotWatch:
 
     @property
     def in_doubt(self) -> bool:
-        """Whether it is still open if the mission ended in this mode or another pilot chose it."""
+        """Whether it is still unknown if the mission ended in this mode or another pilot chose the mode."""
         return self._doubt is not None
 
     @property
@@ -83,7 +83,7 @@ class PilotWatch:
         `expects_change`: the mission is being changed, so leaving the mission mode is not reported.
         `flies_home`: the vehicle returns, so only modes that neither return nor land are reported.
         `unsure`: a mode change may result from a reboot, so reports wait for `settle` or `on_restart`.
-        `ends_in`: modes after the mission's end, a takeover only if no end is reported within five seconds.
+        `ends_in`: modes after the mission's end; they show a takeover if no end is reported within 5 s.
         """
         flies_home |= self.mission_over
         if flies_home and self.ordered is None and not unsure:
@@ -102,13 +102,13 @@ class PilotWatch:
         """Record that items remain to fly, which cancels an earlier report of the mission's end.
 
         Messages sent before the end may arrive later. If a new mission arrives just after the end of the old
-        one, PX4 reports the new mission as active although the vehicle returns.
+        mission, PX4 reports the new mission as active although the vehicle returns.
         """
         if self._shows_mission and now_s > self._over_s + _DOUBT_S:
             self.mission_over = False
 
     def on_new_mission(self) -> None:
-        """Discard a reported end, which was that of the previous mission."""
+        """Discard a reported end, which belongs to the previous mission."""
         self.mission_over = False
 
     def poll(self, now_s: float, *, unsure: bool = False) -> None:
@@ -187,7 +187,7 @@ class PilotWatch:
             return
         if self.ordered is not None:
             modes = VehicleModes(message.autopilot, message.type).shows(self.ordered)
-            # An order to resume counts as obeyed with the mission mode, as handled above.
+            # An order to resume counts as obeyed in the mission mode, as handled above.
             if self.ordered is not Maneuver.RESUME and (not modes or self.mode in modes):
                 self.obeyed = f"{_SHOWS[self.ordered]} (mode {self.mode})"
             # During a change or a return home, another mode does not mean that the mission was left.
@@ -229,7 +229,7 @@ class _TextCause:
     """STATUSTEXT that names the cause of an early end.
 
     ``acts``: the text itself proves a reaction of the vehicle; otherwise a HEARTBEAT must show the reaction.
-    ``first_only``: the cause counts only if there is no other.
+    ``first_only``: the cause counts only if no text before it names a cause.
     """
 
     pattern: re.Pattern[str]
@@ -399,7 +399,7 @@ class MissionEnd:
 
     @property
     def ends_flight(self) -> bool:
-        """Whether a complete mission ends the flight, or else an armed vehicle returns home."""
+        """Whether a complete mission ends the flight; if not, the armed vehicle still returns home."""
         items, kind = self._changes.held.items, self._monitor.vehicle_type
         # Rovers stay armed at home, and fixed wings circle above home after a return without a landing.
         lands = any(item.command == Command.NAV_LAND for item in items)
@@ -422,5 +422,5 @@ class MissionEnd:
         return cause or (Outcome.FLIGHT_ABORTED, texts.last_warning(f"disarmed{self._progress}"))
 
     def completed(self, texts_before: int) -> tuple[Outcome, str]:
-        """Return outcome and reason of a complete mission, as ArduPilot reports it after any landing."""
+        """Return outcome and reason of a mission reported complete, as ArduPilot does after any landing."""
         return self.cause(texts_before) if self.pilot.ended_mission else (Outcome.COMPLETED, "")

@@ -32,7 +32,7 @@ _CONTACT_S = 30.0
 _STATE_S, _STATE_BEHIND_LINK_S = 2.5, 5.0
 """Longest wait for the last mission state after disarming (s), on a fast and on a slow link."""
 _CLOCK_S = 5.0
-"""Longest wait for the vehicle's clock after a silence (s); some round trips are added."""
+"""Longest wait for the vehicle's clock after a silence (s); three round trips are added."""
 _BEFORE_FLIGHT = frozenset({Phase.CONTACT, Phase.UPLOAD}) | STARTING
 _STREAM_HZ = 4
 _NAV_LAST = 95
@@ -604,7 +604,7 @@ class GroundStation:
         return out
 
     def _give(self, order: Order, now_s: float) -> list[Message]:
-        """Send an order; the order replaces a pending one."""
+        """Send an order, which replaces the pending order."""
         self._ordered_before, self._order, self._chosen = self.pilot.ordered, order, range(0)
         self._before, self._ordered_modes = StateBefore.of(self._monitor, now_s), frozenset()
         return order.send(now_s)
@@ -627,8 +627,8 @@ class GroundStation:
     def _check_mission_known(self) -> None:
         if self._changes.broken_off:
             msg = (
-                "the mission was being changed when the vehicle was taken out of it: what it holds is not"
-                " known; order it to return or to land"
+                "the vehicle was taken out of its mission during a change, so its mission is unknown; order"
+                " the vehicle to return or to land"
             )
             raise NotFlyingError(msg)
 
@@ -642,8 +642,8 @@ class GroundStation:
             raise NotFlyingError(msg)
         if self.pilot.in_doubt:
             msg = (
-                f"the vehicle left its mission (mode {self.pilot.mode}); whether that was its end or somebody"
-                " else shows within 5 s; nothing is ordered until then"
+                f"the vehicle left its mission (mode {self.pilot.mode}); wait 5 s until it is known whether"
+                " the mission ended or somebody else flies; nothing is ordered until then"
             )
             raise NotFlyingError(msg)
 

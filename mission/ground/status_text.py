@@ -9,7 +9,7 @@ from mission.outcome import Phase
 
 _STOPPED = {
     Phase.CONTACT: "nothing was sent",
-    Phase.UPLOAD: "nothing was started; the upload was broken off, and what the vehicle holds is not known",
+    Phase.UPLOAD: "nothing was started; the upload was broken off, so the plans on the vehicle are not known",
     Phase.WAIT: "nothing was started; what was uploaded stays in the vehicle",
     Phase.READY: "nothing was started; what was uploaded stays in the vehicle",
     Phase.MODE: "the mission was not started; what was uploaded stays in the vehicle",

@@ -33,7 +33,7 @@ class PlanUploads:
     """Verified uploads of the plans of a mission to a vehicle on the ground.
 
     Fence and rally points, if any, are uploaded before the mission items. Without a shared round trip time,
-    each upload measures its own.
+    each upload measures the round trip time itself.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class PlanUploads:
             self.failure = str(error)
             return []
         state = contact.monitor.state
-        # A simulated vehicle without a reported mission has none; a real vehicle may have an unreported one.
+        # If no mission is reported, a simulated vehicle has none; a real vehicle may still hold a mission.
         holds = state.total > 0 if state.total is not None else contact.round_trip is not None
         holds &= contact.clears
         if holds and gives_up_mission(self.mission, self._kinds, contact.profile, armed=state.armed):

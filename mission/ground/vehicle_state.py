@@ -17,7 +17,7 @@ from mission.link.codec.typed import handler
 from mission.model import DEGREES_E7
 
 _RESTART_MS = 5000
-"""Backward step of the time since boot that means a reboot (ms); smaller: a delayed message."""
+"""Backward step of the time since boot that means a reboot (ms). A smaller step is a delayed message."""
 
 
 class BootClock:
@@ -75,7 +75,7 @@ class Battery:
         return Battery(min(known, default=None), max(used, default=None))
 
     def used_since(self, before: Battery, capacity_wh: float) -> float | None:
-        """Return the fraction used since an earlier state, from the energy or else the remaining fraction.
+        """Return the fraction used since an earlier state, by the energy or else by the remaining fraction.
 
         >>> Battery(0.9, 10.0).used_since(Battery(1.0, 2.0), 80.0)
         0.1
@@ -90,7 +90,7 @@ class Battery:
             return None
         else:
             used = before.remaining - self.remaining
-        # Rounding and a real capacity above the nominal one can give values outside 0 to 1.
+        # Rounding, or a real capacity above the nominal capacity, can give values outside 0 to 1.
         return min(max(used, 0.0), 1.0)
 
 
@@ -226,7 +226,7 @@ class VehicleMonitor:
         self.lowest_battery = self.lowest_battery.drained(reading, armed=self.is_armed)
 
     def begin_flight(self) -> None:
-        """Reset the lowest battery reading to the present one."""
+        """Reset the lowest battery reading to the present reading."""
         self.lowest_battery = self.battery
 
     @property
@@ -281,7 +281,7 @@ class VehicleMonitor:
 
     @property
     def left_mission(self) -> bool:
-        """Whether the vehicle reports its mission as suspended, in any other mode."""
+        """Whether the vehicle reports its mission as suspended, as it does outside the mission mode."""
         current = self._current
         return current is not None and current.mission_mode == _SUSPENDED
 

@@ -29,11 +29,11 @@ class Faults:
     def __post_init__(self) -> None:
         for name in ("loss", "duplicate", "corrupt"):
             if not 0.0 <= getattr(self, name) <= 1.0:
-                msg = f"{name} {getattr(self, name)} is no chance; give a number from 0 to 1"
+                msg = f"{name} {getattr(self, name)} is no probability; give a number from 0 to 1"
                 raise LinkError(msg)
         for name in ("delay_s", "jitter_s"):
             if not 0.0 <= getattr(self, name) < float("inf"):
-                msg = f"{name} {getattr(self, name)} is no time; give seconds from 0 up"
+                msg = f"{name} {getattr(self, name)} is no time; give seconds, 0 or more"
                 raise LinkError(msg)
         if not self.baud >= 1.0:
             msg = f"baud {self.baud} is no speed of a line; give bits per second, such as 57600"

@@ -22,10 +22,10 @@ _RETRY_S = 1.0  # interval of reconnection attempts
 _GIVE_UP_S = 5.0  # timeout of one reconnection attempt
 _PENDING = frozenset({0, errno.EINPROGRESS, errno.EWOULDBLOCK, errno.EALREADY})
 _SERIAL_ERRORS = {
-    errno.ENOENT: "there is none of that name; check the name, and that it is plugged in",
-    errno.EACCES: "permission denied; add yourself to the group that it belongs to (dialout, uucp)",
-    errno.EBUSY: "another program uses it; end that",
-    errno.EAGAIN: "another program uses it; end that",
+    errno.ENOENT: "no device has that name; check the name, and that the device is plugged in",
+    errno.EACCES: "permission denied; add yourself to the group of the device (dialout, uucp)",
+    errno.EBUSY: "another program uses it; end that program",
+    errno.EAGAIN: "another program uses it; end that program",
     errno.ENOTTY: "it is no serial device; check the name",
 }
 _SERIAL_BACKLOG_BYTES = 1 << 16
@@ -76,7 +76,7 @@ class SerialLink(Stream):
 
 
 def _serial_reason(error: BaseException) -> str:
-    """Return why a device cannot be opened, with advice, from the error number in the exception chain."""
+    """Return the reason why a device cannot be opened, by the error number in the exception chain."""
     cause: BaseException | None = error
     while cause is not None:
         number = getattr(cause, "errno", None)
@@ -139,7 +139,7 @@ class _Returning(ABC, Generic[_Link]):
 
 
 class TcpServerLink(_Returning[TcpLink]):
-    """Listening TCP link for one client at a time; a new client replaces the current one."""
+    """Listening TCP link for one client at a time; a new client replaces the current client."""
 
     def __init__(self, address: LinkAddress) -> None:
         self._listener = TcpListener(address)

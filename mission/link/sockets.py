@@ -20,7 +20,7 @@ from mission.errors import LinkError, LinkLostError, NoPeerError
 from mission.link.address import LinkAddress
 
 _MOST_BYTES, _OVERHEAD_BYTES = 32 << 20, 256
-"""Queue memory, and the bookkeeping of Python charged for each datagram (bytes)."""
+"""Largest memory of the queue, and Python's overhead that is counted for each datagram (bytes)."""
 _SHARES = 32
 _OTHERS = "other senders"
 
@@ -86,7 +86,7 @@ class WaitingDatagrams:
         self._held_bytes += more_bytes
 
     def _admit(self, peer: Any) -> _Share:
-        """Return the share of a new sender: a share of its own, or the common share."""
+        """Return the share of a new sender: an individual share, or the common share."""
         if len(self._shares) >= _SHARES - 1:
             weakest = min(self._shares, key=lambda known: self._shares[known].taken)
             if self._shares[weakest].waiting:
@@ -100,7 +100,7 @@ _BATCH = 256
 _BUFFER_BYTES = 4 << 20
 _REST_S = 0.1
 _BACKLOG_BYTES = 1 << 20
-# Age of a frame in a transmit buffer (s). An older order might overrule a pilot who has acted since.
+# Largest age of a frame in a transmit buffer (s). An older order might overrule a pilot who has acted since.
 _LONGEST_S = 3.0
 _Peer = Any
 
@@ -385,7 +385,7 @@ class Stream(ABC):
     def __init__(self, name: str, most_bytes: int) -> None:
         self.name = name
         self.dropped = 0
-        # Frames with the time of `send`; infinite for the rest of a frame, which is not dropped.
+        # Frames with the time of `send`; infinite for the rest of a partly sent frame, which is not dropped.
         self._backlog: deque[tuple[float, bytes]] = deque()
         self._backlog_bytes, self._most_bytes = 0, most_bytes
 

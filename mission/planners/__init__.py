@@ -1,4 +1,4 @@
-"""Planners: turn an area, a start and a budget into a path within the budget."""
+"""Planners, which turn an area, a start and a budget into a path within the budget."""
 
 from typing import TYPE_CHECKING
 

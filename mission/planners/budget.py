@@ -41,7 +41,7 @@ class Budget(Protocol):
 
     The cost need not be a length: the application predicts seconds or watt hours with the vehicle's model. A
     planner assumes only that denser paths usually cost more, and checks the cost of each path that it
-    returns. A budget that evaluates several paths faster together than one by one is also a `BatchBudget`.
+    returns. A budget that evaluates paths faster together than one by one may also be a `BatchBudget`.
     """
 
     @property
@@ -123,7 +123,7 @@ class StepBudget:
     """A budget of timesteps of the paper's robot, which moves at most one cell per timestep.
 
     The robot starts a new step at every waypoint. A leg therefore costs its length in cells, rounded up, and
-    a waypoint at the robot's own position also costs one step.
+    a waypoint at the robot's present position also costs one step.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ class StepBudget:
     def __post_init__(self) -> None:
         check_limit(self.limit_steps, "steps")
         if not (math.isfinite(self.step_m) and self.step_m > 0):
-            msg = f"step of {self.step_m} m: a step budget needs a step longer than nothing"
+            msg = f"step of {self.step_m} m: a step budget needs a step above zero"
             raise PlanningError(msg)
 
     @property

@@ -73,13 +73,13 @@ class HeightProfile:
 
 
 def _sampled(path_m: Points, step_m: float) -> tuple[Points, NDArray[np.int64], NDArray[np.float64]]:
-    """Return samples along a path, the index of the path point after each, and their distances flown."""
+    """Return samples along a path, the index of the path point after each sample, and the flown distance."""
     lengths = np.hypot(*np.diff(path_m, axis=0).T)
     counts = np.maximum(np.ceil(lengths / step_m), 1).astype(np.int64)
     if counts.sum() > _MOST_SAMPLES:
         msg = (
-            f"terrain: the path of {lengths.sum() / 1000.0:.0f} km is too long for a ground that is looked at"
-            f" each {step_m:.2g} m; take a coarser raster"
+            f"terrain: the path of {lengths.sum() / 1000.0:.0f} km is too long for samples of the ground"
+            f" every {step_m:.2g} m; take a coarser raster"
         )
         raise PlanningError(msg)
     leg = np.repeat(np.arange(len(counts)), counts)
@@ -226,7 +226,7 @@ def build_mission(
         Distance or time between two images. Give at most one of them.
     cornering : Cornering, optional
         How the autopilot turns at corners. None: each point of the path is a waypoint, with the autopilot's
-        own acceptance radius.
+        default acceptance radius.
     avoid : Polygon or MultiPolygon, optional
         Land that must not be flown over, in metres of the farm frame.
     camera_on_approach : bool
@@ -236,8 +236,8 @@ def build_mission(
     pattern : WingPattern, optional
         Take-off and landing of a fixed wing. None: a vehicle that hovers.
     heights : HeightProfile, optional
-        Terrain following: adds waypoints to the legs so that they keep a height above the ground, also on the
-        legs from home and, except for a fixed wing, back. None: all waypoints are at `altitude_m`.
+        Terrain following: waypoints are added so that the legs keep a height above the ground. These include
+        the leg from home and, except for a fixed wing, the leg back. None: all waypoints are at `altitude_m`.
 
     Returns
     -------

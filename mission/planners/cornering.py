@@ -30,7 +30,7 @@ class Waypoints:
 
     points_m: Points  # Positions in metres of the farm frame, float64[n, 2]
     of_point: NDArray[np.int64]  # Index of the path point behind each waypoint, ascending, int64[n]
-    radius_m: float  # Acceptance radius; 0: the autopilot's own
+    radius_m: float  # Acceptance radius; 0: the autopilot's default
     loiters: NDArray[np.int64]  # Number of immediate repetitions of each point in the path, int64[n]
 
 
@@ -46,7 +46,7 @@ class Cornering:
     Parameters
     ----------
     radius_m : float
-        Acceptance radius of the waypoints; 0: the autopilot's own.
+        Acceptance radius of the waypoints; 0: the autopilot's default radius.
     overshoots : bool
         Whether legs overshoot, for a vehicle that turns inside the radius.
 
@@ -88,7 +88,7 @@ class Cornering:
         if self.overshoot_m > 0.0 and len(points):
             places, overshot = self._overshot(points, start_m, avoid)
             kept = distinct(overshot)
-            # If a path point has several waypoints, only the last one has the loiter.
+            # If a path point has several waypoints, only the last of these has the loiter.
             last = np.diff(places[kept], append=len(of_point)) > 0
             points, of_point, loiters = (
                 overshot[kept],

@@ -28,7 +28,7 @@ def lawnmower(
     The number of rows is any number from two up to rows a footprint apart (the paper's implementation has
     only odd numbers). An area narrower than the footprint has one row. A non-convex area is decomposed into
     boustrophedon cells, flown in nearest-first order. Rows cross passable land between the parts of the area,
-    unless they are at least 5 % closer without it.
+    unless rows that do not cross it lie at least 5 % closer together.
 
     Parameters
     ----------
@@ -90,11 +90,11 @@ def adaptive_lawnmower(
 ) -> PlannedPath:
     """Plan rows over the tomatoes with two thirds of the budget, then over the strawberries with the rest.
 
-    The paper's shares are two thirds of the budget for the tomatoes, and a third less a safety margin of a
-    tenth for the strawberries, because the paper does not count the legs to the first row and between the
-    crops. This planner counts all legs and needs no margin. Each crop has as many rows as its share allows.
-    The tomatoes get budget that the strawberries cannot use (rows a footprint apart), and give up rows if the
-    remaining budget is too small for the strawberries.
+    The paper gives two thirds of the budget to the tomatoes. The strawberries get one third less a safety
+    margin of a tenth, because the paper does not count the legs to the first row and between the crops. This
+    planner counts all legs and needs no margin. Each crop has as many rows as its share allows. The tomatoes
+    also get budget that the strawberries cannot use, if the strawberries already have rows a footprint apart.
+    The tomatoes give up rows if the remaining budget is too small for the strawberries.
 
     A farm with a single crop spends the whole budget on that crop. Without crop areas the rows cover the
     whole area. `PlannedPath.spacing_m` is the smaller spacing of the two crops.

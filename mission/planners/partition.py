@@ -25,7 +25,7 @@ _LLOYD_ROUNDS = 60
 _WEIGHT_ROUNDS = 12
 _BALANCE_ROUNDS = 25
 _MOVED = 1e-3  # Lloyd's algorithm stops when no site moves further (fraction of the area's size)
-_LEAST_SHARE = 0.02  # Share of a reach reserved for rows, however long approach and return are
+_LEAST_SHARE = 0.02  # Least fraction of a reach for rows, even if approach and return are longer
 _LEAST_M2 = 1e-9  # Smaller pieces are artefacts of rounding
 _ROUNDING = 1e-8
 # Low-discrepancy sequence R2, based on the plastic number (Roberts 2018).
@@ -135,7 +135,7 @@ def _axes(area: Area) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     low_x, low_y, high_x, high_y = area.bounds
     box = np.array([[low_x, low_y], [high_x, low_y], [high_x, high_y], [low_x, high_y]])
     tight = shapely.get_coordinates(shapely.oriented_envelope(area))[:4]
-    # Prefer an axis-aligned rectangle unless the oriented one is clearly smaller.
+    # Prefer an axis-aligned rectangle unless the oriented rectangle is clearly smaller.
     if len(tight) == 4 and _extent(tight) < 0.9 * _extent(box):
         box = tight
     first, second = box[1] - box[0], box[2] - box[1]
@@ -280,7 +280,7 @@ def _parts(area: Area, cells: Sequence[shapely.Polygon]) -> list[Area]:
 
 
 def _connected(pieces: list[list[shapely.Polygon]]) -> list[list[shapely.Polygon]]:
-    """Move each piece apart from its part's largest piece to the part that it borders most."""
+    """Give each piece, except the largest piece of a part, to the part with the longest common border."""
     largest = [max(polygons, key=lambda piece: piece.area) for polygons in pieces]
     loose = [
         piece

@@ -21,7 +21,7 @@ _UNUSED = 1e-6  # Fraction of the budget that may remain unused
 # Skip near positions if a circle with the least leg as radius covers more than this fraction of the area.
 _OFTEN = 1 / 6
 _MOST_PASSED = 64  # After this number of rejected draws, take the farthest of them
-# A leg turns straight back if the sum of its unit vector and that of the previous leg is shorter.
+# A leg turns straight back if its unit vector plus that of the previous leg is shorter than this.
 _BACK = 0.03
 
 

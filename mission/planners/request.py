@@ -133,7 +133,7 @@ class PlanningRequest:
         return self.area if self.passable is None else self.passable
 
     def cost(self, points_m: Points) -> float:
-        """Return the cost of start, points and, if the budget counts it, the return."""
+        """Return the cost of the flight from the start through the points, with the return if it counts."""
         return float(self.budget.cost(self._flight(points_m)))
 
     def costs(self, paths_m: Sequence[Points]) -> list[float]:

@@ -18,7 +18,7 @@ from mission.planners.terrain import area_of, parts_of, polygons_of
 LOOK_AHEAD = (1, 2, 3)
 # The second guess of a round is the midpoint between the first guess and the upper bound.
 _APART = 2
-_SLOPE_OVER = 0.9  # Cost slopes are measured over densities at least 10 % apart: closer ones are noisy
+_SLOPE_OVER = 0.9  # Cost slopes are measured over densities at least 10 % apart: other slopes are noisy
 _LEAST_SHARE = 1e-6  # Smaller gaps are artefacts of rounding (fraction of the area)
 _WORTH = 1.05  # Vehicles fly turns worse than rows: a path with more turns must be denser by this factor
 
@@ -47,12 +47,12 @@ def densest_feasible(
 
     The cost grows only roughly with the index: rows that end on the far side have a longer return. The search
     therefore brackets the last feasible index by interpolation and bisection, then tries a few candidates
-    beyond it (`look_ahead`), and continues from a feasible one. The cost of the returned candidate has been
-    evaluated and is within the limit.
+    beyond it (`look_ahead`), and continues from a feasible candidate. The cost of the returned candidate has
+    been evaluated and is within the limit.
 
     A `BatchBudget` evaluates candidates in rounds. The first round tests a guess and a larger index; after a
-    good guess the last feasible index lies between them. Further rounds narrow this interval, and the last
-    round tests all candidates of `look_ahead`.
+    good guess, the last feasible index lies between the two. Further rounds narrow this interval, and the
+    last round tests all candidates of `look_ahead`.
 
     The cost should be roughly linear in `density(index)`. If even the sparsest candidates cost more than the
     limit, PlanningError names them (`what`, such as ``lawnmower with 2 rows``) and the least budget.
@@ -164,7 +164,7 @@ def _last_below(density: Callable[[int], float], wanted: float, first: int, last
 
 
 def cannot_be_flown(request: PlanningRequest, points_m: Points, what: str) -> PlanningError:
-    """Return the error for a sparsest path of infinite cost; `what` names the path."""
+    """Return the error if even the sparsest path has infinite cost; `what` names this path."""
     budget = request.budget
     reason = request.reason(points_m) or "the vehicle cannot come back from it"
     return PlanningError(

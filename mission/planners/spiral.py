@@ -1,4 +1,4 @@
-"""The planner spiral: from the border inwards, as tight as the budget allows."""
+"""The planner spiral: rings from the border inwards, as tight as the budget allows."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ def spiral(
 
     An axis-aligned rectangle gets the paper's spiral, see `rectangle_spiral`, from the corner nearest to the
     start. Any other area gets rings at inward offsets of the spacing, also round holes, and in each piece
-    where an offset splits the area. Rings cross passable land between the parts of the area, unless they are
-    at least 5 % closer without it.
+    where an offset splits the area. Rings cross passable land between the parts of the area, unless rings
+    that do not cross it lie at least 5 % closer together.
 
-    The search tries spacings in steps of 0.1 % down to the footprint: a spacing 0.1 % smaller than the
-    result's would exceed the budget.
+    The search tries spacings in steps of 0.1 % down to the footprint: a spacing 0.1 % smaller would exceed
+    the budget.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Rows that cover a whole area: parallel rows, rings along the border, and lines through narrow land.
 
-Also the parts into which concave land is cut so that it needs fewer rows, and candidate row directions.
+This module also cuts concave land into parts that need fewer rows, and finds candidate row directions.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ _LEAST_UNSEEN = 0.25  # Smaller unseen pieces get no row (fraction of a footprin
 _TOUCH_M = 1e-6  # Intervals closer than this distance are merged
 # Border points for the middle line: distance in widths of the land, and greatest number.
 _STEP, _MOST_POINTS = 0.5, 3000
-# Tolerances for simplifying the middle line, in image widths. The coarsest line that sees enough is used.
+# Tolerances for simplifying the middle line, in image widths. The coarsest line that covers enough is used.
 _COARSENESS = (0.5, 0.25, 0.12, 0.06, 0.03, 0.015)
 _AS_MUCH = 0.003  # Fraction of the land that a coarser line may additionally miss
 _MOST_BRANCHES = 100
-_ARM = 2.0  # Least length of an arm in image widths: rows next to a shorter arm see the arm, too
+_ARM = 2.0  # Least length of an arm in image widths: rows next to a shorter arm also cover the arm
 _MOST_CORNERS = 12
 _MOST_CUTS = 3
 _CANDIDATES = 2
@@ -61,14 +61,14 @@ class Swath:
         return _LEAST_UNSEEN * max(self.across_m, self.spacing_m) * max(self.along_m, self.spacing_m)
 
     def seen_from(self, path: Points) -> shapely.Geometry:
-        """Return the area seen from a path with square images; too small at turns sharper than 97 degrees."""
+        """Return the area of square images along a path; too small at turns sharper than 97 degrees."""
         line = shapely.LineString(path) if path_length(path) > TOLERANCE_M else shapely.Point(path[0])
         return shapely.buffer(
             line, 0.5 * self.across_m, cap_style="square", join_style="mitre", mitre_limit=1.5
         )
 
     def seen_along(self, left: float, right: float, y: float) -> Polygon:
-        """Return the area seen along a horizontal row, at least one row spacing wide."""
+        """Return the area covered along a horizontal row, at least one row spacing wide."""
         ahead, aside = max(0.5 * self.along_m, self.end_m), 0.5 * max(self.across_m, self.spacing_m)
         return shapely.box(left - ahead, y - aside, right + ahead, y + aside)
 
@@ -77,9 +77,9 @@ def rows_that_see(part: Polygon, room: Area, swath: Swath, angle_rad: float) -> 
     """Return rows that cover a part of the area, grouped into cells that no border splits.
 
     The rows have the angle `angle_rad`, anticlockwise from x. The outermost rows lie half a footprint inside
-    the part, the others at equal distances between them. A row is as long as its strip of land: at an oblique
-    border the row extends beyond the border, but not beyond `room`. Pieces of a strip that the row does not
-    see get rows of their own. A cell is float64[n, 2, 2]: row, end, (x, y).
+    the part, the other rows at equal distances between them. A row is as long as its strip of land: at an
+    oblique border the row extends beyond the border, but not beyond `room`. Pieces of a strip that the row
+    does not cover get additional rows. A cell is float64[n, 2, 2]: row, end, (x, y).
     """
     turn = rotation(angle_rad)
     turned, turned_room = (shapely.transform(land, lambda xy: product(xy, turn.T)) for land in (part, room))
@@ -177,7 +177,7 @@ def _within(room: Area, spans: list[tuple[float, float]], y: float) -> list[tupl
 def ring_strips(area: Area, swath: Swath, passes: int) -> tuple[list[NDArray[np.float64]], list[Polygon]]:
     """Return closed rings along the borders of an area, outermost first, and the remaining land for rows.
 
-    The first ring sees the border, and each further ring lies a row spacing inside the previous ring. Land
+    The first ring covers the border, and each further ring lies a row spacing inside the previous ring. Land
     too narrow for a ring remains for rows. Rows overlap the rings as much as they overlap each other.
     """
     rings: list[NDArray[np.float64]] = []
@@ -196,7 +196,7 @@ def ring_strips(area: Area, swath: Swath, passes: int) -> tuple[list[NDArray[np.
 
 
 def is_narrow(part: Polygon, swath: Swath) -> bool:
-    """Return whether a line along the middle of a part sees the part's full width.
+    """Return whether images along the middle line of a part cover the part's full width.
 
     >>> [is_narrow(shapely.box(0, 0, 100, width_m), Swath(10, 8, 5)) for width_m in (9, 11)]
     [True, False]
@@ -235,13 +235,13 @@ def strip_lines(part: Polygon, room: Area, swath: Swath) -> list[Points]:
         line = _best_line(piece, tolerant, swath)
         lines.append(shapely.get_coordinates(line))
         unseen = polygons_of(shapely.difference(piece, swath.seen_from(lines[-1])), swath.least_m2)
-        # Drop a piece that its line hardly sees: the same line would be found again and again.
+        # Drop a piece that its line hardly covers: the same line would be found again and again.
         waiting += [rest for rest in unseen if rest.area < 0.99 * piece.area]
     return lines
 
 
 def _best_line(part: Polygon, room: Area, swath: Swath) -> LineString:
-    """Return the line with the fewest corners among the lines that see the most of a part."""
+    """Return the line with the fewest corners among the lines that cover the most of a part."""
     middle = _middle(part)
     lines = [_straight(part), *(shapely.simplify(middle, share * swath.across_m) for share in _COARSENESS)]
     lines = [_with_ends(line, swath.end_m) for line in lines]

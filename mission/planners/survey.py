@@ -49,11 +49,11 @@ _HULL_ANGLES = 6
 _PRICED_M = 400_000.0
 _TURN_M = 20.0  # Row length with about the cost of a turn
 _LONGER = 2.5  # Layouts longer than this multiple of the shortest layout are not evaluated
-_AS_MUCH = 0.02  # Allowed loss of seen area against the layout that sees most (fraction)
+_AS_MUCH = 0.02  # Fraction of the area by which a layout may cover less than the best layout
 _ROW_M = 0.01  # Half the width of the line that stands for a row
 _FINALISTS = 3  # Number of layouts for which the best order of cells is computed
 _SMOOTHED = 0.125  # Greatest smoothing of borders with many vertices (fraction of an image)
-_MOST_TOGGLED = 6  # Gaps, parts and cuts tried one by one: each takes one or two predictions
+_MOST_TOGGLED = 6  # Limit of gaps, parts and cuts tried one by one: each takes one or two predictions
 # Short legs: candidate shifts of a corner, across and along the transit, in multiples of the least leg.
 _ASIDE = (0.25, 0.5, 1.0, 1.5, 2.0)
 _ALONG = (0.0, -0.5, 0.5, -1.0, 1.0)
@@ -127,7 +127,7 @@ def survey(
         raise cannot_be_flown(request, points, what)
     if cost > request.budget.limit:
         error = too_small(request, points, cost, what)
-        msg = f"{error}; the budget unlimited plans it for several flights"
+        msg = f"{error}; with the budget unlimited it is planned for several flights"
         raise PlanningError(msg)
     return PlannedPath(points, swath.spacing_m, NAME)
 
@@ -216,8 +216,8 @@ class _Plans:
     def path(self, layout: Layout, *, exact: bool = False, returns: bool = True) -> Points:
         """Return the path of a layout.
 
-        `exact`: measure transits round corners and remove short legs. `returns`: the order of the cells takes
-        the return to the start into account.
+        With `exact`, transits are measured round corners and short legs are removed. With `returns`, the
+        order of the cells takes the return to the start into account.
         """
         start = np.asarray(self.request.start_xy_m)
         pieces = [] if self._last else self._rings(start)
@@ -251,7 +251,7 @@ class _Plans:
         return length_m
 
     def seen_share(self, path: Points) -> float:
-        """Return the fraction of the area that a flight along the path sees."""
+        """Return the fraction of the area that images along the path cover."""
         seen = self.swath.seen_from(path)
         return float(shapely.intersection(self.request.area, seen).area / self.request.area.area)
 
@@ -281,11 +281,11 @@ class _Search:
     def __init__(self, plans: _Plans) -> None:
         self._plans, self._request = plans, plans.request
         self._known: dict[Layout, float] = {}
-        self._seen: dict[Layout, float] = {}  # Fraction of the area that each layout sees
+        self._seen: dict[Layout, float] = {}  # Fraction of the area that each layout covers
         self._rough, self._shortest_m = False, math.inf
 
     def best(self) -> list[Layout]:
-        """Return the cheapest layouts, judged with an approximate order of their cells."""
+        """Return the cheapest layouts; their costs are those of an approximate order of their cells."""
         lands = swept_lands(self._request)
         even = [math.radians(degrees) for degrees in range(0, 180, _EVERY_DEG)]
         angles = [*hull_angles(lands[0])[:_HULL_ANGLES], *even]
@@ -305,7 +305,7 @@ class _Search:
         return self._ranked()[0]
 
     def _ranked(self) -> list[Layout]:
-        """Return the layouts that see nearly the most, cheapest first, then the other layouts."""
+        """Return the layouts that cover nearly the most, cheapest first, then the other layouts."""
         enough = max(self._seen.values(), default=0.0) - _AS_MUCH
         return sorted(self._known, key=lambda layout: (self._seen[layout] < enough, self._known[layout]))
 
@@ -339,7 +339,7 @@ class _Search:
             self._price([self._plans.common(land, turned % math.pi) for turned in beside])
 
     def _toggle_gaps(self, land: Area, angle: float) -> None:
-        """Try rows across each gap, then across all gaps that reduced the cost."""
+        """Try rows across each gap alone, then across all the gaps for which this reduced the cost."""
         passable = self._request.room
         gaps = gaps_of(land, passable)[:_MOST_TOGGLED]
         alone = {k: self._plans.common(with_gaps(land, [gap]), angle) for k, gap in enumerate(gaps)}
@@ -362,7 +362,7 @@ class _Search:
                 )
 
     def _cut(self, ways: Callable[[Polygon], list[list[Polygon]]]) -> None:
-        """Try the decompositions of each part that `ways` returns, with common and with own directions."""
+        """Try the decompositions of each part by `ways`, each with one row direction and with several."""
         layout = self._best()
         angle = self._angle(layout)
         found: list[Layout] = []

@@ -162,7 +162,7 @@ def row_chains(
 def order_cells(
     cells: Sequence[NDArray[np.float64]], owners: Sequence[int], start: NDArray[np.float64]
 ) -> list[Points]:
-    """Return the cells as to-and-fro paths, part by part, the cell with the nearest entry corner next."""
+    """Return the cells as to-and-fro paths, part by part; the cell with the nearest corner comes next."""
     # Entry corners of each cell, in this order: first row left and right, last row left and right.
     entries = np.array([[cell[0, 0], cell[0, 1], cell[-1, 0], cell[-1, 1]] for cell in cells])
     owner = np.asarray(owners)
@@ -201,7 +201,7 @@ def sweep_angle(area: Area, direction: str | float | None = None) -> float:
     - ``"x"``: along the x axis.
     - ``"longest-side"``: along the longest straight side.
     - ``"fewest-turns"``: along the edge of the convex hull across which the area is narrowest.
-    - A number: the angle itself. An angle equal to a hull edge's when rounded to four decimals snaps to this
+    - A number: the angle itself. An angle that equals the angle of a hull edge to four decimals snaps to this
       edge, because rows almost parallel to a border lose the outermost row.
     - None: ``"x"`` for an axis-aligned rectangle, as in the paper, otherwise ``"fewest-turns"``.
 
@@ -266,8 +266,8 @@ def fly_cells(
     """Return the rows of all cells in an order and direction with short transits between cells.
 
     A cell is float64[n, 2, 2] (row, end, (x, y)), or the points of a line, float64[n, 2], flown from either
-    end. The flight goes from `start_m` to `home_m`; it ends with the last row if `home_m` is None. `exact`:
-    measure transits round corners and holes of the terrain. Otherwise transits are straight.
+    end. The flight goes from `start_m` to `home_m`; it ends with the last row if `home_m` is None. With
+    `exact`, transits are measured round corners and holes of the terrain. Otherwise they are straight.
     """
     home = start_m if home_m is None else home_m
     corners = np.array([_corners(cell) for cell in cells])

@@ -19,7 +19,7 @@ from mission.planners.path import Area, Points
 
 TOLERANCE_M = 5e-7
 MAX_VERTICES = 500
-_MOST_SEEN = 60_000  # Greatest number of pairs in a complete visibility graph: takes about a second
+_MOST_SEEN = 60_000  # Greatest number of pairs in a complete visibility graph, which takes about a second
 _NO_POINTS: Points = np.empty((0, 2))
 
 

@@ -1,1 +1,1 @@
-"""Policies: decide in flight where one or several vehicles go next."""
+"""Policies, which decide in flight where one or several vehicles go next."""

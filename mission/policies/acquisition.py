@@ -26,9 +26,9 @@ _CLASS_VALUES = (1.0, 0.5, 0.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SummedMap:
-    """A sum of weighted maps that is computed in the cells that are read.
+    """A weighted sum of maps, which is computed only in the cells that are read.
 
-    On a large farm, memory for the whole sum takes longer to get than the sum takes to compute.
+    On a large farm, allocating memory for the whole sum takes longer than computing it.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ class WithCorrelationLength:
 class Balanced:
     """An acquisition with a lower bound on the weights of diseases.
 
-    With the score's own weights, a policy searches for a disease of small weight last, perhaps too late.
+    With the weights of the score, a policy searches for a disease of small weight last, perhaps too late.
 
     Parameters
     ----------

@@ -48,7 +48,7 @@ def shared(vehicles: Sequence[VehicleReport], partition: str) -> dict[int, Area]
     Vehicles of equal reach get strips of equal area; the first vehicle gets the outer strip nearer to home.
     Otherwise, and always with Voronoi cells, each vehicle's rows, approach and return use the same fraction
     of its reach (`mission.planners.partition.balanced`). Vehicles that already have different areas keep
-    them.
+    these areas.
     """
     check_partition(partition)
     area = vehicles[0].request.area
@@ -75,7 +75,7 @@ def shared(vehicles: Sequence[VehicleReport], partition: str) -> dict[int, Area]
 
 # Half the width of the land along a row, in row spacings: slightly more than half avoids gaps.
 _OF_SPACING = 0.55
-# A taker plans all its unseen land again if the row spacing over new land exceeds its own by this factor.
+# A vehicle plans all its unseen land again if rows over added land would be farther apart by this factor.
 _COARSER = 1.5
 
 
@@ -130,11 +130,11 @@ def reallocate(
     shares: Mapping[int, Share],
     planner: Planner,
 ) -> dict[int, tuple[Points, Share]]:
-    """Return each taker's remaining path, extended over its piece of the lost vehicles' unseen land.
+    """Return the remaining path of each of the `takers`, extended over its piece of the lost vehicles' land.
 
-    The land is divided among the takers in proportion to their unused budgets. A taker flies its path to the
-    end, then rows over its piece. If the budget is too small for these rows, the taker plans all its unseen
-    land again with a wider row spacing. If the budget is too small even for this, the taker keeps its path.
+    The unseen land is divided among the `takers` in proportion to their unused budgets. A vehicle flies its
+    path to the end, then rows over its piece. If the budget is too small for these rows, the vehicle plans
+    all its unseen land again with a wider row spacing. If that is too costly as well, it keeps its path.
     """
     left = [shares[vehicle.system_id].unflown(vehicle) for vehicle in lost]
     flying = [vehicle for vehicle in takers if vehicle.system_id in shares]
@@ -157,7 +157,7 @@ def reallocate(
 
 
 def _pieces(land: Area, takers: Sequence[VehicleReport]) -> list[Area]:
-    """Return each taker's piece of the land, in proportion to the budget that its path leaves unused."""
+    """Return each vehicle's piece of the land, in proportion to the budget that its path leaves unused."""
     spare = np.array(
         [max(taker.left - taker.travel_cost.rest([taker.rest_m])[0], 0.0) / taker.left for taker in takers]
     )
@@ -166,7 +166,7 @@ def _pieces(land: Area, takers: Sequence[VehicleReport]) -> list[Area]:
     try:
         return strips(land, np.maximum(spare / spare.sum(), 0.02).tolist())
     except PlanningError:
-        # Land too small for a division goes to the nearest taker.
+        # Land too small for a division goes to the nearest vehicle.
         nearest = min(takers, key=lambda taker: shapely.distance(land, shapely.Point(taker.position_m)))
         return [land if taker is nearest else shapely.Polygon() for taker in takers]
 

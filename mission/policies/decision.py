@@ -150,7 +150,7 @@ def _checked_cost(name: str, vehicle: VehicleReport, points: Points) -> float:
         raise AnswerError(msg, "not steerable")
     cost = vehicle.travel_cost.rest([points])[0]
     budget = vehicle.request.budget
-    # The direct return is always allowed: in wind or round an obstacle even it may exceed the budget.
+    # The direct return is always allowed, even if it exceeds the budget in wind or round an obstacle.
     if len(points) and not cost <= vehicle.left + budget.limit * _OF_LIMIT:
         over = f"the budget of {budget.limit:g} {budget.unit}"
         if vehicle.spent > 0.0:

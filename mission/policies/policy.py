@@ -87,8 +87,8 @@ class Policy(Protocol):
 class FixedPlan:
     """A planner as a policy: plans only at the start.
 
-    Each vehicle of a fleet plans for a part of the land. When a vehicle is lost, the others take over its
-    unflown land, as far as their budgets allow (`mission.policies.allocation`).
+    Each vehicle of a fleet plans for a part of the land. When a vehicle is lost, the other vehicles take over
+    its unflown land, as far as their budgets allow (`mission.policies.allocation`).
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ def make_policy(policy: str | Policy, /, **parameters: Any) -> Policy:
     made = factory(**{**given, **parameters})
     if not isinstance(made, Policy):
         kind = type(made).__name__
-        msg = f"policy {name} makes a {kind}, which has not triggers, start() and decide(observation)"
+        msg = f"policy {name} makes a {kind}, which lacks triggers, start() or decide(observation)"
         raise PlanningError(msg)
     return made
 

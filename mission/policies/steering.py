@@ -50,7 +50,7 @@ Coordination: TypeAlias = Callable[[Sequence[VehicleReport], Promised, Bidder], 
 
 
 def sequential(vehicles: Sequence[VehicleReport], present: Promised, bidder: Bidder) -> dict[int, Points]:
-    """Let the vehicles choose in turn, given new paths of earlier and current paths of later vehicles.
+    """Let the vehicles choose in turn, given the new or current paths of all other vehicles.
 
     If observing a cell again has no value, the result has at least half the value of the optimum (sequential
     allocation: Singh et al. 2009; Fisher, Nemhauser and Wolsey 1978).

@@ -162,13 +162,13 @@ class ClientTimers:
         Timeout of COUNT, LIST and CLEAR_ALL (s). With a known round trip time, the timeout follows the round
         trip and is at least twice ``item_s``.
     item_s : float
-        Timeout of a request for an item (s). With a known round trip time, four round trips, at least
-        ``floor_s`` (`RoundTrip.wait`).
+        Timeout of a request for an item (s). With a known round trip time, the timeout is four round trips,
+        at least ``floor_s`` (`RoundTrip.wait`).
     retries : int
         Number of repetitions of COUNT, LIST and CLEAR_ALL.
     silence_s : float
-        Timeout without a new item (s), longer than the vehicle's timeout of 5 or 8 s. On slow links up to 20
-        ``reply_s``, and at least six times the timeout of a request.
+        Timeout without a new item (s), longer than the vehicle's timeout of 5 or 8 s. On slow links it is up
+        to 20 ``reply_s``, and at least six times the timeout of a request.
     floor_s : float
         Shortest timeout derived from the round trip time (s).
     """
@@ -313,7 +313,7 @@ class ClientTransfer(ABC):
         return _I.RETRY
 
     def _opening_limit_s(self) -> float:
-        """Return the time at which repeating the opening message ends."""
+        """Return the time until which the opening message is repeated."""
         timers = self.timers
         each_s = self.round_trip.wait(timers.reply_s, timers.reply_s, timers.reply_s)
         tries = (timers.retries + 1) * (MORE_OPENINGS if self.round_trip.is_lossy else 1)
@@ -383,7 +383,7 @@ class ClientTransfer(ABC):
             self.round_trip.limit(now_s - self._opened_s)
 
     def _note_trouble(self, message: wire.AckMessage, now_s: float) -> Output:
-        """Store an error ACK with the time of the first, since later ACKs must not postpone the timeout."""
+        """Store an error ACK, and the time of the first: later ACKs must not postpone the timeout."""
         self._trouble = (message.type, now_s if self._trouble is None else self._trouble[1])
         return NOTHING
 
@@ -427,9 +427,9 @@ class ClientTransfer(ABC):
         return "at the start"
 
     def _refused_item(self) -> int | None:
-        """Return the last item that the vehicle judged, None before the first."""
+        """Return the last item that was sent, None before the first."""
         return None
 
     def _at(self) -> str:
-        """Return the last item that the vehicle judged as text, empty before the first."""
+        """Return a text with the last item that was sent, empty before the first."""
         return ""

@@ -56,8 +56,8 @@ def wait_readable(link: Link, seconds: float) -> None:
 class TransferDriver(Closing):
     """Blocking transfers of plans with one vehicle.
 
-    While waiting, the driver sends a ground station heartbeat each second. Vehicles expect this, and a
-    ``udpout`` link is unknown to the vehicle before the first datagram. Ctrl-C also cancels the running
+    While waiting, the driver sends a ground station heartbeat each second. Vehicles expect heartbeats, and a
+    vehicle does not know a ``udpout`` link before the first datagram. Ctrl-C also cancels the running
     transfer on the vehicle.
 
     Parameters
@@ -112,7 +112,7 @@ class TransferDriver(Closing):
     def wait_for_vehicle(
         self, timeout_s: float = 10.0, *, system_id: int | None = None, besides: Collection[int] = ()
     ) -> Vehicle:
-        """Wait for the heartbeat of an autopilot, with ``system_id`` or else not in ``besides``.
+        """Wait for the heartbeat of autopilot ``system_id``, or by default of any that is not in ``besides``.
 
         Raises NoVehicleError if no such heartbeat arrives in time, LinkError if the link fails.
         """
@@ -255,7 +255,7 @@ class TransferDriver(Closing):
         force : bool
             Whether to send items that the autopilot would refuse or not fly.
         parameters : mapping of str to float, optional
-            Known parameters of the vehicle, which decide on some of these items.
+            Known parameters of the vehicle. Some of them decide whether the autopilot refuses an item.
 
         Raises
         ------
@@ -276,7 +276,7 @@ class TransferDriver(Closing):
             refuse_errors(rendered)
         chosen_kinds = [kind for kind in _ORDER if kind in chosen]
         costs: list[TransferStatistics] = []
-        # MAVSDK has its own handling of clears.
+        # Transfers by MAVSDK do not clear the old mission first.
         cleared = (
             self._maker is OWN_TRANSFERS
             and gives_up_mission(rendered.mission, chosen, vehicle.profile, armed=False)

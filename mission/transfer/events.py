@@ -33,7 +33,7 @@ class PlanState(Enum):
     """Plan on the vehicle after a failed upload.
 
     ``OLD``: the previous plan. ``UNKNOWN``: the previous or the new plan, since the final ACK may be lost. A
-    vehicle that overwrites items in place (ArduPilot) may hold a mixture. Only a download can find out.
+    vehicle that overwrites items in place (ArduPilot) may hold a mixture. Only a download shows this.
     """
 
     OLD = "old"

@@ -112,8 +112,8 @@ def _problems(items: tuple[MissionItem, ...], profile: Profile) -> list[tuple[in
         while due < min(k + corners, len(items)) and (items[due].command, items[due].param1) == kind:
             due += 1
         if corners < 3 or due - k < corners:
-            text = f"a polygon of {corners} corners (param1), of which {due - k} are here"
-            found.append((k, text, "give three or more, each with their number"))
+            text = f"a polygon of {corners} corners (param1), of which {due - k} follow each other"
+            found.append((k, text, "give three or more corners, and their number as param1 of each"))
     return found
 
 

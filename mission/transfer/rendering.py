@@ -52,7 +52,7 @@ class Rendered:
         return self.origins if kind is MissionType.MISSION else tuple(range(len(self.mission.plan(kind))))
 
     def index_of(self, item: int) -> int:
-        """Return the new number of an original item, or of the next item if it was removed."""
+        """Return the new number of an original item, or of the next item if that item was removed."""
         return bisect_left(self.origins, item)
 
 
@@ -193,7 +193,7 @@ class _Writer:
                 self._say(number, Severity.ERROR, text, fix)
             roi = item.command == Command.DO_SET_ROI and self._dialect.roi_modes is not None
             if roi and (item.param1 or 0.0) == _ROI_NONE:
-                # The form of DO_SET_ROI of mode 0 (none) that PX4 accepts.
+                # PX4 accepts DO_SET_ROI of mode 0 (none) only in this form.
                 item = MissionItem(Command.DO_SET_ROI_NONE, autocontinue=item.autocontinue)
             written.append((number, item))
         self.entries = written
@@ -287,7 +287,7 @@ class _Writer:
                 and item.frame in GLOBAL_FRAMES
                 and (item.param1 or 0.0) not in dialect.roi_modes
             ):
-                text = f"{name} takes DO_SET_ROI of mode {item.param1 or 0.0:g} without a position only"
+                text = f"{name} takes DO_SET_ROI of mode {item.param1 or 0.0:g} only without a position"
                 self._say(number, Severity.ERROR, text, "use DO_SET_ROI_LOCATION")
 
     def _frame_problem(self, command: int, frame: int) -> tuple[str, str] | None:
@@ -299,7 +299,7 @@ class _Writer:
             return "a position has no place in frame 2 (MISSION)", fix
         if frame in GLOBAL_FRAMES and profile.placed is not None and command not in profile.placed:
             return (
-                f"{profile.name} takes this command without a position only",
+                f"{profile.name} takes this command only without a position",
                 "give it in frame 2 (MISSION)",
             )
         if profile.frames is not None and frame not in profile.frames and not without:
@@ -348,7 +348,7 @@ class _Writer:
             text = f"{self._profile.name} does not stop after an item (autocontinue)"
             for number, item in self.entries:
                 if not item.autocontinue:
-                    self._say(number, Severity.WARNING, text, "use NAV_LOITER_UNLIM where it is to stay")
+                    self._say(number, Severity.WARNING, text, "use NAV_LOITER_UNLIM where it has to stay")
 
     def check_condition(
         self, condition: ArmingCondition, parameters: Mapping[str, float], planned: Mapping[str, float]

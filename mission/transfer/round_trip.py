@@ -75,8 +75,8 @@ class RoundTrip:
         """Return the number of copies of a message to send per round trip, and their spacing (s).
 
         The peer aborts the transfer ``patience_s`` after the last new message. If the link loses frames and
-        too few repetitions fit into that time, several copies are sent per round trip. Their number limits
-        the probability that all are lost to 1 %, with at most four copies.
+        too few repetitions fit into that time, several copies are sent per round trip. Their number, at most
+        four, is chosen so that all are lost with a probability of 1 % or less.
 
         >>> trip = RoundTrip()
         >>> trip.sample(4.0)

@@ -173,7 +173,7 @@ class MissionServer(ServerInputs):
         return self._merged()
 
     def set_card(self, mission_type: MissionType, kib: float) -> None:
-        """Set the capacity of a plan from the storage size parameter (KiB), like the vehicle at boot."""
+        """Set the capacity of a plan from the storage size parameter (KiB), as the vehicle does at boot."""
         self._store.capacity[mission_type] = self.profile.room(mission_type, kib)
 
     def count(self, mission_type: MissionType) -> int:

@@ -63,7 +63,7 @@ class ServerInput(Enum):
     ACK_ERROR = "any other ACK from the partner"
     ACK_OTHER = "ACK from another ground station, of another type, or too early"
     CLEAR = "CLEAR_ALL"
-    CLEAR_UNSUPPORTED = "CLEAR_ALL of all types where the profile has none"
+    CLEAR_UNSUPPORTED = "CLEAR_ALL of all types, which the profile does not support"
     CLEAR_LOCKED = "CLEAR_ALL while the plan is flown (ArduPilot)"
     CLEAR_BUSY = "CLEAR_ALL while a transfer runs"
     PARTIAL = "REQUEST_PARTIAL_LIST or WRITE_PARTIAL_LIST"

@@ -19,7 +19,7 @@ _INT_FRAMES = {0: 5, 3: 6, 10: 11}
 
 
 class UncheckedItem(MissionItem):
-    """Item with invalid numbers, stored unchanged like PX4 stores it; no vehicle can fly such an item."""
+    """Item with invalid numbers, stored unchanged as in PX4; no vehicle can fly such an item."""
 
     __slots__ = ()
 

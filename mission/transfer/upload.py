@@ -40,7 +40,7 @@ _I = ClientInput
 _SHORTEST_TRIP_S = 0.02
 START_S = 30.0
 _START_TRIPS = 6.6
-"""Round trips allowed until the first item is taken, if longer than `START_S`: six, plus 10 %."""
+"""Limit until the vehicle accepts an item, in round trips, if longer than `START_S`: six, plus 10 %."""
 
 
 @dataclass(slots=True)
@@ -319,7 +319,7 @@ class MissionClear(ClientTransfer):
         return PlanState.UNKNOWN if self._openings else PlanState.OLD
 
 
-NO_MISSION_LEFT = "the old mission was cleared before: it holds none"
+NO_MISSION_LEFT = "the old mission was cleared before: the vehicle holds no mission"
 """Message text for a vehicle with a mission that was cleared before a failed upload."""
 
 
@@ -328,8 +328,8 @@ def gives_up_mission(
 ) -> bool:
     """Whether to clear a vehicle's old mission before uploading new plans of these types.
 
-    Only for a disarmed vehicle that would check the old mission against the new fence. If the upload is then
-    aborted, the vehicle has no mission to fly.
+    True only for a disarmed vehicle that would check the old mission against the new fence. If the upload is
+    then aborted, the vehicle has no mission to fly.
     """
     both = {MissionType.MISSION, MissionType.FENCE} <= set(kinds)
     return profile.checks_stored_mission and both and bool(mission.fence) and not armed

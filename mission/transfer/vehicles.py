@@ -72,16 +72,16 @@ class VehicleSearch:
         >>> search.others[1] = Vehicle(1, 1, 12, 2)
         >>> print(search.failure("udpin:127.0.0.1:14550", 10.0))
         udpin:127.0.0.1:14550: no vehicle with system id 9 was heard in 10 s, only system 1 (PX4); \
-give the system id of one that is there
+give the system id of a vehicle that was heard
         >>> print(VehicleSearch().failure("udpin:127.0.0.1:14550", 10.0))
         udpin:127.0.0.1:14550: no vehicle was heard in 10 s; start the vehicle, or check the address
         """
         who = "no vehicle" if self._wanted is None else f"no vehicle with system id {self._wanted}"
         if self._wanted is None and self._besides:
-            who = f"no further vehicle than system {', '.join(map(str, sorted(self._besides)))}"
-            return NoVehicleError(f"{link}: {who} was heard in {wait_s:g} s; start it, or fly fewer")
+            who = f"no vehicle besides system {', '.join(map(str, sorted(self._besides)))}"
+            return NoVehicleError(f"{link}: {who} was heard in {wait_s:g} s; start one, or fly fewer")
         text, advice = f"{link}: {who} was heard in {wait_s:g} s", "start the vehicle, or check the address"
         if self.others:
             text += ", only " + ", ".join(str(vehicle) for _, vehicle in sorted(self.others.items()))
-            advice = "give the system id of one that is there"
+            advice = "give the system id of a vehicle that was heard"
         return NoVehicleError(f"{text}; {advice}")

@@ -10,8 +10,8 @@ The last ACK of an upload can be lost, and then the client cannot know whether t
   place (ArduPilot) refused an item; the text names the items that the vehicle holds.
 - `TransferFailed` with reason DIFFERENT: the plan read back differs from the plan that was sent.
 - `TransferFailed` with ``vehicle_plan`` UNKNOWN: the vehicle stopped answering after the last item or while
-  the plan was read back. For a vehicle that overwrites in place, also after the first message, which
-  truncates the old plan.
+  the plan was read back. For a vehicle that overwrites in place, this can already happen after the first
+  message, which truncates the old plan.
 """
 
 from __future__ import annotations
@@ -295,7 +295,7 @@ class VerifiedUpload:
             self._restarts -= 1
             return self._read_back(now_s)
         if self._refusal is not None:
-            text = f"{self._refusal.text}; what the vehicle holds now could not be read"
+            text = f"{self._refusal.text}; the plan that the vehicle holds now could not be read"
             return Output(events=(replace(self._refusal, text=text),))
         text = f"the {self.mission_type.name.lower()} was sent but not verified: {failed.text}"
         return Output(events=(replace(failed, text=text, vehicle_plan=PlanState.UNKNOWN),))

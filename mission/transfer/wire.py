@@ -179,7 +179,7 @@ def count(target: tuple[int, int], number: int, mission_type: int, opaque_id: in
 
 
 def clear_all(target: tuple[int, int], mission_type: int) -> Message:
-    """Return a MISSION_CLEAR_ALL of one plan type, or of all for 255."""
+    """Return a MISSION_CLEAR_ALL of one plan type, or of all plan types for 255."""
     return mavlink.MAVLink_mission_clear_all_message(*target, mission_type)
 
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import Meta
+from sweeps import sweep
 
 from geo.reading import misfit, not_json, not_toml, place_in_words
 
@@ -75,6 +76,7 @@ def test_any_bytes_are_told_in_one_line(data):
         assert "malformed" not in text
 
 
+@sweep(few=25, many=200)
 @given(st.recursive(st.none() | st.integers() | st.text(max_size=3), lambda one: st.lists(one, max_size=3)))
 def test_any_misfit_is_told_without_the_library_s_words(document):
     try:

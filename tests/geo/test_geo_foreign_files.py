@@ -14,12 +14,13 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from geo import Farm, FarmError, get_farm
 
 FOREIGN = Path(__file__).parents[1] / "data" / "foreign"
 LON, LAT = 10.0, 50.0
-CROP_NOTE = "no patch names its crop: it is called 'crop'; --crop names it"
+CROP_NOTE = "no patch names its crop: the crop is called 'crop'; --crop gives a name"
 
 
 def square(x: float = 0.0) -> list[list[float]]:
@@ -103,7 +104,7 @@ TEXTS = st.lists(
 )
 
 
-@settings(max_examples=30)
+@sweep(few=12, many=60)
 @given(TEXTS, st.sampled_from(["\n", "\r\n", "\n\n"]), st.booleans(), st.booleans())
 def test_features_one_after_the_other_are_a_farm(
     named: list[tuple[str, str, str]], end: str, bom: bool, pretty: bool
@@ -195,11 +196,7 @@ def rings(draw: st.DrawFn) -> list[tuple[float, float]]:
 )
 @settings(max_examples=40)
 @given(
-    rings(),
-    st.sampled_from([" ", "\t", "  "]),
-    st.sampled_from(["\n", "\r\n"]),
-    st.booleans(),
-    st.booleans(),
+    rings(), st.sampled_from([" ", "\t", "  "]), st.sampled_from(["\n", "\r\n"]), st.booleans(), st.booleans()
 )
 def test_a_polygon_of_mission_planner(
     ring: list[tuple[float, float]], space: str, end: str, comma: bool, closed: bool

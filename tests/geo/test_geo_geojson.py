@@ -13,6 +13,7 @@ import pytest
 import shapely
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from geo import Crop, Farm, FarmError, LocalFrame, Obstacle, Patch, get_farm, load_farm, save_farm
 
@@ -84,10 +85,7 @@ def test_rotated_farms_round_trip(rotation: float, latitude: float, longitude: f
         LocalFrame(latitude, longitude, 12.0, rotation),
         30,
         25,
-        (
-            Patch("a", Crop.TOMATO, "me", holed),
-            Patch("b", "sweet potato", "you", shapely.box(20, 0, 30, 10)),
-        ),
+        (Patch("a", Crop.TOMATO, "me", holed), Patch("b", "sweet potato", "you", shapely.box(20, 0, 30, 10))),
         "me",
         (3.25, 1.5),
         1.0,
@@ -118,7 +116,7 @@ def coordinates_of(farm: Farm) -> list[Any]:
 )
 @example(28.03, -82.11, 0.0, [1.0, 0.5, 0.8, 1.0], True, False, False, 16)
 @example(0.0, 0.0, 0.0, [1.0, 0.5, 0.8, 1.0], False, False, False, 16)
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@sweep(few=10, many=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_file_s_farm_saved_is_the_same_to_the_last_bit(
     tmp_path: Path,
     latitude: float,
@@ -401,7 +399,7 @@ def test_a_file_without_crops_or_owners(tmp_path: Path) -> None:
     farm = load_farm(write(tmp_path, document(*bare)))
     assert {(one.crop, one.owner) for one in farm.patches} == {("crop", "owner")}
     assert farm.owner == "owner"
-    assert farm.notes == ("no patch names its crop: it is called 'crop'; --crop names it",)
+    assert farm.notes == ("no patch names its crop: the crop is called 'crop'; --crop gives a name",)
     named = load_farm(tmp_path / "farm.geojson", crop="sugar beet")
     assert ({one.crop for one in named.patches}, named.notes) == ({"sugar beet"}, ())
     mixed = load_farm(write(tmp_path, document(bare[0], feature(owner=None))), crop="oats")
@@ -415,7 +413,7 @@ def test_large_farms_get_larger_cells_unless_the_file_says_otherwise(tmp_path: P
     farm = load_farm(write(tmp_path, large))
     assert farm.cell_size_m == 0.5
     assert farm.width_cells * farm.height_cells <= 4_000_000
-    assert farm.notes == ("cells are 0.5 m, as cells of one foot would be 7.5 million",)
+    assert farm.notes == ("cells are 0.5 m, as there would be 7.5 million of one foot",)
     said = load_farm(write(tmp_path, {**large, "cell_size_m": 0.3048}))
     assert (said.cell_size_m, said.notes) == (0.3048, ())
 

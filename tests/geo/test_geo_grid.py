@@ -7,6 +7,7 @@ import pytest
 import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from geo import FarmError, FarmGrid
 from geo import grid as grid_module
@@ -70,7 +71,7 @@ def test_centres_on_the_boundary_are_covered_exactly(polygon: shapely.Polygon) -
     st.lists(st.floats(2.0, 5.0), min_size=3, max_size=9),
     st.sampled_from([0.5, 0.25, 1.0]),
 )
-@settings(max_examples=150, deadline=None)
+@sweep(few=50, many=300)
 def test_holes(
     centre: tuple[float, float], outer_radii: list[float], inner_radii: list[float], snap: float
 ) -> None:

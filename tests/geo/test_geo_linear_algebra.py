@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from geo import linear_algebra as la
 from geo.errors import PACKAGES
@@ -83,6 +84,7 @@ def test_what_does_not_fit_is_refused():
 
 
 @pytest.mark.kernel
+@sweep(few=30, many=200)
 @given(SIZES, st.integers(0, 99))
 def test_a_factor_is_the_plain_one_and_solves(n, seed):
     matrix = positive(n, seed)

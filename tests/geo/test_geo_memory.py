@@ -10,13 +10,7 @@ import psutil
 import pytest
 
 from geo.errors import WbfMissionError
-from geo.system import (
-    AvailableMemory,
-    NotEnoughMemoryError,
-    available_memory,
-    memory_bounded,
-    require_memory,
-)
+from geo.system import AvailableMemory, NotEnoughMemoryError, available_memory, memory_bounded, require_memory
 
 GB = 10**9
 

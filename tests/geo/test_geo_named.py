@@ -5,16 +5,10 @@ import string
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from geo.errors import WbfMissionError
-from geo.named import (
-    Parameter,
-    ParameterError,
-    check_parameters,
-    format_named,
-    parse_named,
-    split_named,
-)
+from geo.named import Parameter, ParameterError, check_parameters, format_named, parse_named, split_named
 
 SCALARS = st.one_of(
     st.booleans(),
@@ -36,6 +30,7 @@ def written(value: Parameter) -> str:
     return f'"{value}"' if isinstance(value, str) else repr(value)
 
 
+@sweep(few=40, many=200)
 @given(PARAMETERS)
 def test_every_value_comes_back(parameters: dict[str, Parameter]) -> None:
     text = "gp" + ":" * bool(parameters) + ",".join(f" {k} = {written(v)}" for k, v in parameters.items())
@@ -47,6 +42,7 @@ def test_every_value_comes_back(parameters: dict[str, Parameter]) -> None:
         assert type(read[key]) is type(value)
 
 
+@sweep(few=40, many=200)
 @given(PARAMETERS)
 @example({"a": "None", "b": "", "c": "-", "d": "1", "e": "a,b]", "f": ("true", None), "g": 1e300})
 def test_what_is_written_is_read_back(parameters: dict[str, Parameter]) -> None:
@@ -55,6 +51,7 @@ def test_what_is_written_is_read_back(parameters: dict[str, Parameter]) -> None:
     assert format_named(*parse_named(text)) == text
 
 
+@sweep(few=20, many=200)
 @given(st.lists(st.tuples(st.sampled_from(["gp", "point", "disk"]), PARAMETERS), min_size=1, max_size=4))
 def test_several_names_in_one_text_are_cut_apart(named: list[tuple[str, dict[str, Parameter]]]) -> None:
     texts = [format_named(*one) for one in named]

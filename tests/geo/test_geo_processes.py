@@ -13,13 +13,7 @@ from types import SimpleNamespace
 import pytest
 from processes import environment
 
-from geo.processes import (
-    INTERRUPTS,
-    CallsAhead,
-    ignore_interrupts,
-    interrupts_held,
-    interrupts_noted,
-)
+from geo.processes import INTERRUPTS, CallsAhead, ignore_interrupts, interrupts_held, interrupts_noted
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ from itertools import pairwise
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from geo.frame import LocalFrame
 from mission.course import Course, Place, unrolled
@@ -153,7 +154,7 @@ def missions(draw, extra=others):
     return Mission((*start, *body, *END), HOME)
 
 
-@settings(max_examples=150, deadline=None)
+@sweep(few=60, many=300)
 @given(missions(), st.lists(st.floats(0.0, 1.0), max_size=5), st.sampled_from((0.0, 3.0, 40.0)))
 def test_the_parts_fly_what_the_whole_flies_wherever_it_is_cut(mission, cuts, overlap_m):
     course = Course(mission)

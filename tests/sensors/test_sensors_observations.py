@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from sensors.errors import ObservationError
 from sensors.observations import Observations
@@ -39,7 +40,7 @@ rows = st.lists(
 
 
 @pytest.mark.parametrize("name", FILES)
-@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@sweep(few=15, many=80, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(rows=rows)
 def test_round_trip_is_exact(tmp_path, name, rows):
     table = np.array(rows, dtype=object).reshape(-1, 7)

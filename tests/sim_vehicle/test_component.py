@@ -4,13 +4,7 @@ import pytest
 
 from mission.link.codec.dialect import mavlink
 from sim_vehicle.component import NEVER, Component
-from sim_vehicle.host.router import (
-    RoutingTable,
-    frame_id,
-    frame_source,
-    frame_target,
-    target_offsets,
-)
+from sim_vehicle.host.router import RoutingTable, frame_id, frame_source, frame_target, target_offsets
 
 
 class Silent:

@@ -20,6 +20,8 @@ HEIGHT_M = 20.0
 SPEED_M_S = 7.0
 STEP_S = 0.05
 """How often time is told to the vehicle, and its speed looked at."""
+ON_THE_WAY_S = 0.25
+"""The same on the way to where the mission is changed."""
 
 
 def wp(x, y, z=HEIGHT_M):
@@ -86,11 +88,11 @@ class Flight:
         (arrived,) = FrameReader().feed(FrameWriter(system, component).encode(message))
         return self._note(self.vehicle.receive(arrived, self.now_s))
 
-    def wait(self, seconds, until=None):
+    def wait(self, seconds, until=None, step_s=STEP_S):
         """Let time pass; the time when a condition came true."""
         end_s = self.now_s + seconds
         while self.now_s < end_s - 1e-9 and not (until is not None and until()):
-            self.now_s = round(self.now_s + STEP_S, 6)
+            self.now_s = round(self.now_s + step_s, 6)
             self._note(self.vehicle.poll(self.now_s))
             self.speeds.append((self.now_s, self.speed))
         return self.now_s
@@ -127,8 +129,13 @@ class Flight:
     def to_the_change(self, left_m=85.0, seq=TURN):
         """Fly until so many metres before an item."""
         goal = FRAME.from_wgs84(self.pilot.mission.items[seq].x, self.pilot.mission.items[seq].y)
-        self.wait(200.0, lambda: self.seq == seq and math.dist(self.place[:2], goal) <= left_m)
-        assert self.seq == seq
+
+        def is_near(within_m):
+            return self.seq == seq and math.dist(self.place[:2], goal) <= within_m
+
+        self.wait(200.0, lambda: is_near(left_m + 5.0), ON_THE_WAY_S)
+        self.wait(20.0, lambda: is_near(left_m))
+        assert is_near(left_m)
         return self
 
     def reaches(self, x, y, within_m=3.0, limit_s=200.0):

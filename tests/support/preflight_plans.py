@@ -1,6 +1,7 @@
 """Plans for the checks before a flight: a good one, and what is changed in it."""
 
 from dataclasses import replace
+from functools import cache
 
 import shapely
 
@@ -75,6 +76,7 @@ def checked(mission, *, vehicle="quad", autopilot="px4", wind=0.0, gust=0.0, tur
     return check_mission(mission, Circumstances(options, weather, **more))
 
 
+@cache
 def findings(mission, **more):
-    """The findings by their codes."""
+    """The findings by their codes, computed once for the same plan and circumstances."""
     return {one.code: one for one in checked(mission, **more).report.findings}

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import HealthCheck, example, given
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from wbf_mission.flight import fly
 from wbf_mission.results.files import MAX_JSON_BYTES
@@ -122,7 +123,7 @@ HOSTILE = st.sampled_from(
 )
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@sweep(few=25, many=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_any_value_of_the_record_may_be_another(saved: Path, tmp_path: Path, data: st.DataObject) -> None:
     folder = tmp_path / "run"
@@ -153,7 +154,7 @@ def test_a_number_of_more_than_64_bits_is_refused(saved: Path, tmp_path: Path) -
 
 
 @pytest.mark.filterwarnings("ignore:overflow")
-@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@sweep(few=20, many=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     name=st.sampled_from(sorted(NEEDED)),
     where=st.floats(0, 1),

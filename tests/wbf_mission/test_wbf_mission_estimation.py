@@ -120,7 +120,9 @@ def little(monkeypatch, size):
 
 def test_a_run_that_would_not_fit_is_refused_before_it_starts(monkeypatch, capsys, tmp_path):
     little(monkeypatch, 900_000_000)
-    code = main(["fly", "--farm", "waterberry", "--estimator", "adaptive-disk", "--out", str(tmp_path), "-q"])
+    short = ["--vehicle", "ideal", "--planner", "random-waypoint", "--budget", "200steps"]
+    large = ["--farm", "waterberry", "--estimator", "adaptive-disk"]
+    code = main(["fly", *large, *short, "--out", str(tmp_path), "-q"])
     assert code == 2
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1

@@ -56,7 +56,7 @@ def test_show_and_save_say_what_was_mended(fields: Path, tmp_path: Path, capsys:
     farm = load_farm(saved)
     assert [(one.name, one.crop) for one in farm.patches] == [("acker", "maize")]
     document = json.loads(run(capsys, "farm", "show", f"{fields}|2025", "--json", "-q")[0])
-    assert document["notes"] == ["no patch names its crop: it is called 'crop'; --crop names it"]
+    assert document["notes"] == ["no patch names its crop: the crop is called 'crop'; --crop gives a name"]
     assert run(capsys, "farm", "draw", str(saved), "--out", str(tmp_path / "farm.png"), "-q")[1] == ""
 
 

@@ -90,9 +90,7 @@ def test_an_answer_to_the_question_before_does_not_answer_the_next_one():
     assert orders.answer("battery changed", second) == ""
 
 
-@given(
-    ages=st.lists(st.tuples(st.floats(0.0, 10.0), st.floats(0.0, 10.0)), min_size=1, max_size=8),
-)
+@given(ages=st.lists(st.tuples(st.floats(0.0, 10.0), st.floats(0.0, 10.0)), min_size=1, max_size=8))
 @example(ages=[(0.0, LIFE_S + 0.01)])
 @example(ages=[(LIFE_S + 0.01, 0.0)])
 @example(ages=[(LIFE_S, 0.0)])

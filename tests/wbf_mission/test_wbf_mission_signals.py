@@ -386,7 +386,7 @@ def test_the_second_run_into_a_folder_fails_at_once(tmp_path, monkeypatch, capfd
     wait_for(lambda: log.exists() and log.stat().st_size > 5_000, process)
     monkeypatch.chdir(tmp_path)
     assert main([*SMALL_RUN, "--out", "run", "--overwrite"]) == 2
-    told = "run: another run writes into this folder; wait for it, or give another one"
+    told = "run: another run writes into this folder; wait for it, or give another folder"
     assert capfd.readouterr().err == f"error: {told}\n"
     process.send_signal(signal.SIGTERM)
     end(process)

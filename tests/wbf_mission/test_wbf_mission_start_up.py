@@ -1,11 +1,8 @@
 """What the command line loads before it knows that it is needed: measured in modules, not in seconds."""
 
 import json
-import os
 import subprocess
 import sys
-
-import pytest
 
 HEAVY = (
     "numpy",
@@ -22,21 +19,14 @@ HEAVY = (
     "joblib",
     "rich",
 )
-SHOW = f"""
-import atexit, sys
-atexit.register(lambda: sys.stderr.write("LOADED " + " ".join(m for m in {HEAVY!r} if m in sys.modules)))
-from wbf_mission.__main__ import main
-main()
-"""
-
-
-# One process for the help of all commands; what one of them loads is told with those after it, too.
-HELP = f"""
-import contextlib, io, json, sys
+# One process for all command lines; what one of them loads is told with those after it, too.
+CALLS = f"""
+import contextlib, io, json, os, sys
 from wbf_mission.__main__ import main
 told = []
-for words in json.loads(sys.argv[1]):
+for words, environment in json.loads(sys.argv[1]):
     sys.argv[1:] = words
+    os.environ.update(environment)
     with contextlib.redirect_stdout(io.StringIO()) as out:
         try:
             code = main()
@@ -47,17 +37,10 @@ print(json.dumps(told))
 """
 
 
-def loaded(*arguments, **environment):
-    """Run the command line and return (exit code, stdout, the heavy modules that were loaded)."""
-    done = subprocess.run(
-        [sys.executable, "-c", SHOW, *arguments],
-        capture_output=True,
-        text=True,
-        env={**os.environ, **environment},
-        check=False,
-    )
-    _, _, modules = done.stderr.rpartition("LOADED")
-    return done.returncode, done.stdout, modules.split()
+def called(*lines):
+    """Exit code, output and loaded heavy modules of command lines, each with its environment."""
+    done = subprocess.run([sys.executable, "-c", CALLS, json.dumps(lines)], capture_output=True, check=True)
+    return json.loads(done.stdout)
 
 
 COMMANDS = (
@@ -81,8 +64,7 @@ COMMANDS = (
 
 def test_help_loads_no_library():
     asked = [*((*command, "--help") for command in COMMANDS), ("fly", "--help-all")]
-    done = subprocess.run([sys.executable, "-c", HELP, json.dumps(asked)], capture_output=True, check=True)
-    for words, (code, text, modules) in zip(asked, json.loads(done.stdout), strict=True):
+    for words, (code, text, modules) in zip(asked, called(*((words, {}) for words in asked)), strict=True):
         assert (code, modules) == (0, []), words
         assert f"Usage: {' '.join(('wbf-mission', *words[:-1]))} " in text
 
@@ -99,33 +81,26 @@ def test_every_command_is_in_the_list_above():
     assert names | {()} == set(COMMANDS)
 
 
-def test_the_version_loads_no_library():
-    code, text, modules = loaded("--version")
-    assert (code, modules) == (0, [])
-    assert text.startswith("wbf-mission ")
+COMPLETED = {
+    "wbf-mission pl": {"plan"},
+    "wbf-mission fly --win": {"--wind", "--wind-shear"},
+    "wbf-mission fly --help": {"--help", "--help-all"},
+    "wbf-mission plan --farm water": {"waterberry"},
+    "wbf-mission plan --planner spi": {"spiral"},
+    "wbf-mission fly --estimator ada": {"adaptive-disk"},
+    "wbf-mission vehicle show qu": {"quad"},
+}
 
 
-@pytest.mark.parametrize(
-    ("words", "found"),
-    [
-        ("wbf-mission pl", {"plan"}),
-        ("wbf-mission fly --win", {"--wind", "--wind-shear"}),
-        ("wbf-mission fly --help", {"--help", "--help-all"}),
-        ("wbf-mission plan --farm water", {"waterberry"}),
-        ("wbf-mission plan --planner spi", {"spiral"}),
-        ("wbf-mission fly --estimator ada", {"adaptive-disk"}),
-        ("wbf-mission vehicle show qu", {"quad"}),
-    ],
-)
-def test_completion_loads_no_library(words, found):
-    code, text, modules = loaded(
-        _WBF_MISSION_COMPLETE="complete_bash", COMP_WORDS=words, COMP_CWORD=str(len(words.split()) - 1)
-    )
-    assert code == 0
-    assert found <= set(text.split())
-    assert modules == []
-
-
-def test_bad_usage_loads_no_library():
-    code, text, modules = loaded("plan", "--bogus")
-    assert (code, text, modules) == (2, "", [])
+def test_version_bad_usage_and_completion_load_no_library():
+    line_of = {"_WBF_MISSION_COMPLETE": "complete_bash"}
+    completions = [
+        ((), {**line_of, "COMP_WORDS": words, "COMP_CWORD": str(len(words.split()) - 1)})
+        for words in COMPLETED
+    ]
+    version, bad, *completed = called((("--version",), {}), (("plan", "--bogus"), {}), *completions)
+    assert version[0] == 0 and version[1].startswith("wbf-mission ") and version[2] == []
+    assert bad == [2, "", []]
+    for (words, found), (code, text, modules) in zip(COMPLETED.items(), completed, strict=True):
+        assert (code, modules) == (0, []), words
+        assert found <= set(text.split()), words

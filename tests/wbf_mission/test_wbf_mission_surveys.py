@@ -128,7 +128,7 @@ def test_a_crop_that_no_field_is_of_is_named(tmp_path: Path) -> None:
     file = farm_file(tmp_path, (Crop.TOMATO, left), ("wheat", right))
     changes = {"farm": file, "planner": "lawnmower", "budget": "5min"}
     notes = plan(scenario_with(Scenario(), changes)).farm.notes
-    assert [note for note in notes if note.startswith("wheat: not to be seen")]
+    assert [note for note in notes if note.startswith("wheat: not scouted")]
     (tmp_path / "one").mkdir()
     alone = farm_file(tmp_path / "one", ("wheat", right))
     assert not plan(scenario_with(Scenario(), {**changes, "farm": alone})).farm.notes

@@ -128,9 +128,7 @@ def test_the_truth_is_beside_what_was_believed(flights: tuple[Result, Result]) -
     assert heights.min() >= 0.0 and heights[-1] == 0.0
 
 
-def test_errors_of_place_cost_score_and_put_leaves_into_wrong_cells(
-    flights: tuple[Result, Result],
-) -> None:
+def test_errors_of_place_cost_score_and_put_leaves_into_wrong_cells(flights: tuple[Result, Result]) -> None:
     sure, lost = flights
     assert sure.truth is not None and sure.model is not None and lost.model is not None
     for result, right in ((sure, True), (lost, False)):

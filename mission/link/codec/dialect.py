@@ -2,7 +2,7 @@
 
 pymavlink's dialect ``all`` has the common, standard, development and ArduPilot messages.
 `mission.link.codec.additions` adds opaque plan ids, PROTOCOL_VERSION, COMPONENT_METADATA and events.
-`lighten` makes the creation of messages faster, if their private attributes are those it was written for.
+`lighten` makes the creation of messages faster, if messages have the private attributes that it uses.
 """
 
 from typing import Any
@@ -60,7 +60,7 @@ _PRIVATE = "_crc _fieldnames _header _instance_field _instances _link_id _msgbuf
 IS_KNOWN_INSIDE = " ".join(
     sorted(vars(generated.MAVLink_message(0, "")))
 ) == _PRIVATE and "_text_raw" in vars(generated.MAVLink_statustext_message(6, b""))
-"""Whether messages have the private attributes that `lighten` and `FrameWriter` use; both can do without."""
+"""Whether messages have the private attributes that `lighten` and fast codecs use; if not, both are off."""
 
 extend(generated)
 if IS_KNOWN_INSIDE:

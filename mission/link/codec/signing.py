@@ -79,7 +79,7 @@ class Signing:
     link_id : int
         Link id, 0 to 255. Senders with the same key and address need different link ids.
     may_setup : bool
-        Whether SETUP_SIGNING may change the key. Only safe on links that no one else can read or write.
+        Whether SETUP_SIGNING may change the key. This is safe only on links that nobody else can use.
 
     Raises
     ------

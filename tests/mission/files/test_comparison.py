@@ -38,10 +38,7 @@ FRAME = "commands without a position are written in frame 2, which changes nothi
         ({"cruise_speed_m_s": 1.0}, [("the speeds for estimates of time are not kept", False)]),
         ({"home": None}, [(f"{HOME} unknown", False)]),
         ({"home": GeoPoint(28.05 + 9e-8, -82.15, 30.0)}, []),
-        (
-            {"home": GeoPoint(28.05, -82.1500002, 30.0)},
-            [(f"{HOME} 28.0500000, -82.1500002, 30 m", False)],
-        ),
+        ({"home": GeoPoint(28.05, -82.1500002, 30.0)}, [(f"{HOME} 28.0500000, -82.1500002, 30 m", False)]),
         ({"fence": ()}, [("fence items are not kept (1 of 1)", True)]),
         ({"rally": ()}, [("rally points are not kept (1 of 1)", True)]),
         ({"items": MISSION.items[:2]}, [("mission items are not kept (1 of 3)", True)]),
@@ -50,10 +47,7 @@ FRAME = "commands without a position are written in frame 2, which changes nothi
         ({"items": items(0, frame=0)}, [("frame is not kept (mission item 1)", True)]),
         ({"items": items(1, param2=4.0)}, [("param2 is not kept (mission item 2)", True)]),
         ({"items": items(1, autocontinue=False)}, [("autocontinue is not kept (mission item 2)", True)]),
-        (
-            {"items": items(1, frame=2)},
-            [(FRAME, False)],
-        ),
+        ({"items": items(1, frame=2)}, [(FRAME, False)]),
         ({"fence": (replace(MISSION.fence[0], autocontinue=False),)}, []),
         ({"fence": (replace(MISSION.fence[0], param1=9.0),)}, [("param1 is not kept (fence item 1)", True)]),
     ],

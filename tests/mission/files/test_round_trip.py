@@ -21,6 +21,7 @@ from any_missions import (
 )
 from hypothesis import example, given
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from mission.files import Firmware, native, plan, read_mission, waypoints
 from mission.link.codec.dialect import mavlink
@@ -51,13 +52,13 @@ def filed(mission, firmware=Firmware.PX4):
     return replace(mission, items=items, home=home)
 
 
-@patient()
+@sweep(few=30, many=200)
 @given(missions(), st.sampled_from(Firmware))
 def test_plan_round_trip(mission, firmware):
     assert plan.loads(plan.dumps(mission, firmware).encode()) == filed(mission, firmware)
 
 
-@patient()
+@sweep(few=40, many=200)
 @given(missions(guarded=False), st.sampled_from(Firmware))
 def test_waypoints_round_trip(mission, firmware):
     read = waypoints.loads(waypoints.dumps(mission, firmware).encode())
@@ -72,19 +73,17 @@ def test_waypoints_round_trip(mission, firmware):
     assert read == expected
 
 
-@patient()
 @given(fences.filter(bool))
 def test_fence_as_waypoints_round_trip(fence):
     assert waypoints.loads(waypoints.dumps(Mission((), fence=fence)).encode()) == Mission((), fence=fence)
 
 
-@patient()
 @given(rallies.filter(bool))
 def test_rally_as_waypoints_round_trip(rally):
     assert waypoints.loads(waypoints.dumps(Mission((), rally=rally)).encode()) == Mission((), rally=rally)
 
 
-@patient()
+@sweep(few=30, many=200)
 @given(missions())
 def test_native_round_trip_is_exact(mission):
     assert native.loads(native.dumps(mission).encode()) == mission
@@ -97,7 +96,7 @@ def test_what_a_format_does_not_keep_is_said(tmp_path_factory, suffix, mission, 
     check_kept(mission, tmp_path_factory.getbasetemp() / f"lossy{suffix}", firmware)
 
 
-@patient()
+@sweep(few=40, many=200)
 @given(missions(guarded=False))
 def test_pymavlink_reads_our_waypoints(tmp_path_factory, mission):
     from pymavlink import mavwp
@@ -163,7 +162,7 @@ def without_terrain(mission):
     return replace(mission, items=tuple(replace(i, frame=3) if i.frame == 10 else i for i in mission.items))
 
 
-@patient(max_examples=60)
+@sweep(few=30, many=200)
 @given(missions().map(without_terrain).filter(lambda mission: mission.items))
 def test_mavsdk_reads_our_plan(mavsdk_importers, mission):
     expected = filed(mission)
@@ -225,7 +224,6 @@ STARTS = {
 
 
 @pytest.mark.parametrize("name", FORMATS)
-@patient()
 @given(st.binary(max_size=200), st.booleans())
 @example(data=b"\x1c", started=False)  # white space that ends no line
 def test_random_bytes_are_refused_politely(name, data, started):
@@ -233,7 +231,7 @@ def test_random_bytes_are_refused_politely(name, data, started):
 
 
 @pytest.mark.parametrize("name", FORMATS)
-@patient(max_examples=300)
+@sweep(few=80, many=600)
 @given(data=st.data())
 def test_damaged_files_are_refused_politely(name, data):
     mission = SMALL if name == "waypoints" else WHOLE

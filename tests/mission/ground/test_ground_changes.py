@@ -3,6 +3,7 @@
 import math
 import re
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -40,6 +41,7 @@ FRAME = LocalFrame(28.05, -82.15)
 HEIGHT_M, SPEED_M_S, IMAGES_M = 12.0, 5.0, 4.0
 OLD = [(0.0, 20.0), (60.0, 20.0), (60.0, 35.0), (0.0, 35.0), (0.0, 50.0), (60.0, 50.0)]
 NEW = [(40.0, 70.0), (-20.0, 70.0), (-20.0, 30.0)]
+PATHS = {"rest": OLD[3:], "new": NEW}
 AUTOPILOTS = ["px4", "ardupilot"]
 # What comes after the mission takes as long as half of it, and is not looked at here.
 LANDS_SOON = {
@@ -229,6 +231,12 @@ def at_item(item, after_s=2.0):
     return when
 
 
+@cache
+def changed(autopilot, path, after_s):
+    """A flight over a good link whose mission is changed after so long on its way to item 5."""
+    return Flight(autopilot, other_path(PATHS[path]), at_item(5, after_s), Impairment(delay_s=0.05)).fly()
+
+
 def check_safe(flight):
     """No mixture is ever flown, and it comes home by the old mission or the new one."""
     assert flight.lists <= {keys(planned()), keys(flight.new)} if flight.new else {keys(planned())}
@@ -237,7 +245,7 @@ def check_safe(flight):
 
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_another_path_is_flown_from_where_the_vehicle_is(autopilot):
-    flight = Flight(autopilot, other_path(NEW), at_item(5), Impairment(delay_s=0.02)).fly()
+    flight = changed(autopilot, "new", 2.0)
     [record] = flight.station.changes
     assert record.outcome is ChangeOutcome.DONE
     assert flight.station.outcome is Outcome.COMPLETED
@@ -324,12 +332,11 @@ def test_a_link_that_is_dead_for_a_minute_leaves_the_old_mission_or_the_new_one(
         assert flight.misses(NEW if change.outcome is ChangeOutcome.DONE else OLD) < 2.5
 
 
-def test_under_ardupilot_the_window_in_which_the_ground_must_live_is_short():
-    flight = Flight("ardupilot", other_path(OLD[3:]), at_item(5, 0.0), Impairment(delay_s=0.05, seed=3)).fly()
+@pytest.mark.parametrize(("path", "after_s"), [("rest", 0.5), ("new", 2.0)])
+def test_under_ardupilot_the_window_in_which_the_ground_must_live_is_short(path, after_s):
+    flight = changed("ardupilot", path, after_s)
     check_safe(flight)
     assert 0.0 < flight.aside_s(flight.simulation.now_s) < LONGEST_ASIDE_S
-    undisturbed = Flight("ardupilot", other_path(NEW), at_item(5, 0.0)).fly()
-    assert undisturbed.aside_s(undisturbed.simulation.now_s) < LONGEST_ASIDE_S
 
 
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
@@ -339,8 +346,8 @@ def test_a_mission_that_must_not_be_flown_is_refused_before_anything_is_sent(aut
     home, there = MissionItem(Command.NAV_RETURN_TO_LAUNCH), MissionItem.waypoint(28.0502, -82.15, 12.0)
     bad = [
         ((there,), 0, "leads home"),
-        ((there, home), 2, "item 3 to go on with does not exist"),
-        ((MissionItem(178), there, home), 0, "is no position"),
+        ((there, home), 2, "item 3, at which to resume, does not exist"),
+        ((MissionItem(178), there, home), 0, "has no position"),
         ((there, MissionItem.waypoint(30.0, -82.15, 12.0), home), 0, "from home"),
         ((there, MissionItem.waypoint(28.05, -82.15, 20_000.0), home), 0, "20000 m high"),
     ]
@@ -479,7 +486,7 @@ def test_a_refused_item_leaves_the_old_mission(autopilot):
 
 
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
-@pytest.mark.parametrize("after", [1, 3, 5])
+@pytest.mark.parametrize("after", [1, 5])
 def test_a_change_that_the_vehicle_gives_up_is_sent_anew(autopilot, after):
     """The link is dead for as long as the vehicle waits for an item; the operator reads one line of it."""
     abort_s = {"px4": PX4, "ardupilot": ARDUPILOT}[autopilot].abort_s
@@ -532,9 +539,9 @@ def test_a_mission_that_cannot_be_put_back_is_flown_home_from():
 
 
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
-@pytest.mark.parametrize(("path", "after_s"), [(OLD[3:], 0.5), (NEW, 3.0), (NEW, 11.0)])
+@pytest.mark.parametrize(("path", "after_s"), [("rest", 0.5), ("new", 2.0), ("new", 11.0)])
 def test_the_camera_neither_stops_nor_takes_an_image_twice(autopilot, path, after_s):
-    flight = Flight(autopilot, other_path(path), at_item(5, after_s), Impairment(delay_s=0.05)).fly()
+    flight = changed(autopilot, path, after_s)
     assert flight.station.changes[0].outcome is ChangeOutcome.DONE
     spacing_m = flight.spacing_m()
     assert len(spacing_m) > 20
@@ -544,7 +551,7 @@ def test_the_camera_neither_stops_nor_takes_an_image_twice(autopilot, path, afte
 
 # A flight takes too long for shrinking.
 @sweep(
-    few=5,
+    few=3,
     many=40,
     phases=(Phase.explicit, Phase.reuse, Phase.generate),
     suppress_health_check=list(HealthCheck),

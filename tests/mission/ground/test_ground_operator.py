@@ -95,10 +95,7 @@ def test_a_hold_on_the_way_home_is_told_and_ends_nothing():
     for now_s, mode in ((1.0, AUTO), (2.0, RTL), (3.0, LOITER), (4.0, LOITER), (5.0, RTL), (6.0, RTL)):
         watch.on_heartbeat(beat(mode), now_s, **home)
     watch.on_heartbeat(beat(LOITER, armed=False), 7.0, **home)
-    assert watch.events == [
-        (3.0, "stopped on its way home: mode LOITER"),
-        (5.0, "goes on home: mode RTL"),
-    ]
+    assert watch.events == [(3.0, "stopped on its way home: mode LOITER"), (5.0, "goes on home: mode RTL")]
     assert not watch.somebody_else_flies
 
 

@@ -490,7 +490,7 @@ def test_nobody_goes_on_with_a_mission_that_came_in_part():
         lambda at: flight.ground.maneuver(Maneuver.RESUME, at),
         lambda at: flight.ground.choose_item(1, at),
     ):
-        with pytest.raises(NotFlyingError, match="what it holds is not known"):
+        with pytest.raises(NotFlyingError, match="its mission is unknown"):
             order(flight.now_s)
     assert flight.takes(Maneuver.RETURN).command == 20
 

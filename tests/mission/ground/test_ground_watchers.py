@@ -56,7 +56,6 @@ def guarded(vehicle, needed, *, late_s=0.0):
 kinds = sorted(ARDUPILOT.change_failsafe)
 
 
-@settings(deadline=None)
 @given(
     kind=st.sampled_from(kinds),
     values=st.lists(st.integers(0, 30), min_size=4, max_size=4),

@@ -9,6 +9,7 @@ import pytest
 from fastcrc import crc16
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from mission.link import FrameReader, FrameWriter, MavlinkEndpoint, SourceStatistics, memory_pair
 from mission.link.codec.dialect import mavlink
@@ -62,7 +63,7 @@ def messages(draw):
     return kind, values
 
 
-@settings(max_examples=400, deadline=None)
+@sweep(few=150, many=800)
 @given(messages(), st.integers(0, 255))
 def test_every_message_packs_and_parses_as_the_generated_codec_does(drawn, sequence):
     kind, values = drawn
@@ -91,6 +92,7 @@ def frames(number, *, system_id=1, start=0):
     return [writer.encode(mavlink.MAVLink_mission_current_message(index)) for index in range(number)]
 
 
+@sweep(few=30, many=200)
 @given(st.binary(max_size=2000), st.data())
 def test_garbage_never_raises_stalls_or_grows(garbage, data):
     reader = FrameReader()
@@ -118,7 +120,6 @@ def test_a_datagram_with_a_frame_is_heard_at_once_whatever_came_before(datagrams
     assert got[-1].get_srcSystem() == 42
 
 
-@settings(deadline=None)
 @given(st.data())
 def test_mutated_frames_are_refused_and_the_next_is_heard(data):
     frame = bytearray(frames(1)[0])

@@ -110,7 +110,7 @@ def test_an_absent_device_is_one_line():
 @pytest.mark.parametrize(
     ("device", "why"),
     [
-        ("/dev/Does-Not-Exist", "there is none of that name; check the name, and that it is plugged in"),
+        ("/dev/Does-Not-Exist", "no device has that name; check the name, and that the device is plugged in"),
         ("/dev/null", "it is no serial device; check the name"),
         ("/", "is a directory; check its name"),
     ],

@@ -108,6 +108,6 @@ def test_impossible_slopes_and_endless_paths_are_refused() -> None:
     flat = lambda points: np.zeros(len(points))  # noqa: E731
     with pytest.raises(PlanningError, match="must be above zero"):
         profile(flat, climb=0.0).follow(np.array([HOME, (5.0, 0.0)]))
-    with pytest.raises(PlanningError, match="too long for a ground"):
+    with pytest.raises(PlanningError, match="too long for samples of the ground"):
         profile(flat, step_m=0.001).follow(np.array([HOME, (1e6, 0.0)]))
     assert slope(3.0, 0.0) == math.inf

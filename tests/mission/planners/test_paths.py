@@ -6,22 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from shapely.geometry import LineString, MultiPolygon, Point, Polygon
 from swath import seen_share
+from sweeps import sweep
 
 from geo.farms import get_farm
 from geo.grid import Crop
 from mission.errors import PlanningError
-from mission.planners import (
-    CropArea,
-    LengthBudget,
-    PlanningRequest,
-    StepBudget,
-    make_planner,
-    path_length,
-)
+from mission.planners import CropArea, LengthBudget, PlanningRequest, StepBudget, make_planner, path_length
 from mission.planners.lawnmower import adaptive_lawnmower, lawnmower
 from mission.planners.random_waypoint import random_waypoint
 from mission.planners.spiral import SPACING_RATIO, rectangle_spiral, ring_from, spiral, spiral_pieces
@@ -104,7 +98,7 @@ def line_of(path):
     st.floats(0.003, 0.3),
     st.booleans(),
 )
-@settings(max_examples=60, deadline=None)
+@sweep(few=20, many=100)
 def test_paths_are_within_the_budget_and_inside_the_area(name, area, start, use, back, footprint, steps):
     request = problem(area, start, use, back, footprint, steps)
     try:
@@ -120,7 +114,7 @@ def test_paths_are_within_the_budget_and_inside_the_area(name, area, start, use,
 
 @pytest.mark.parametrize("name", NAMES)
 @given(simple_polygons(), places, st.booleans())
-@settings(max_examples=15, deadline=None)
+@sweep(few=5, many=30)
 def test_the_least_budget_of_the_error_suffices(name, area, start, back):
     request = problem(area, start, 0.002, back, 0.05)
     try:
@@ -137,7 +131,7 @@ def test_the_least_budget_of_the_error_suffices(name, area, start, back):
 
 
 @given(st.one_of(rectangles, simple_polygons()), places, st.floats(0.5, 10.0), st.booleans())
-@settings(max_examples=60, deadline=None)
+@sweep(few=20, many=100)
 def test_no_denser_lawnmower_is_feasible(area, start, use, back):
     request = problem(area, start, use, back, 0.02)
     try:
@@ -154,7 +148,7 @@ def test_no_denser_lawnmower_is_feasible(area, start, use, back):
 
 
 @given(rectangles, places, st.floats(1.0, 10.0), st.booleans())
-@settings(max_examples=40, deadline=None)
+@sweep(few=15, many=80)
 def test_no_denser_spiral_is_feasible(area, start, use, back):
     request = problem(area, start, use, back, 0.02)
     try:
@@ -338,7 +332,7 @@ def test_hostile_areas(name):
 
 @pytest.mark.parametrize("side_m", [3.0, 5.0, 8.0])
 @given(seed=st.integers(0, 1000))
-@settings(max_examples=10)
+@sweep(few=5, many=20)
 def test_random_waypoints_of_a_small_patch_are_not_left_out(side_m, seed):
     def walk(limit, least_leg_m):
         area, budget = shapely.box(0, 0, side_m, side_m), LengthBudget(limit)

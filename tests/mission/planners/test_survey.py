@@ -76,7 +76,7 @@ def stars(draw: st.DrawFn) -> Polygon:
     return Polygon(np.column_stack((radii * np.cos(angles), radii * np.sin(angles))))
 
 
-@settings(max_examples=30, deadline=None)
+@sweep(few=12, many=60)
 @given(stars(), st.floats(0.0, 180.0))
 def test_rows_with_overlap_see_any_star_wholly(area: Polygon, angle: float) -> None:
     swath = Swath(12.0, 8.0, 5.0)
@@ -95,7 +95,7 @@ def test_what_lies_beside_a_row_that_has_to_stay_out_has_rows_of_its_own() -> No
     assert all(inside(row, area) for row in rows)
 
 
-@settings(max_examples=15, deadline=None)
+@sweep(few=6, many=30)
 @given(stars())
 def test_paths_stay_inside_any_star(area: Polygon) -> None:
     path = survey(ask(area, budget=LengthBudget(1e6)), angle=30.0)
@@ -272,7 +272,7 @@ def test_a_strip_is_one_row_in_any_direction(length_m: float, width_m: float, de
     assert seen_share(path, strip, 51.3) > 0.99 and inside(path.points_m, strip)
 
 
-@settings(max_examples=15, deadline=None)
+@sweep(few=5, many=30)
 @given(st.floats(2.0, 30.0), st.floats(80.0, 500.0), st.floats(80.0, 500.0), st.floats(0.0, 180.0))
 def test_a_bent_strip_is_flown_along_its_middle(
     width_m: float, one_m: float, other_m: float, degrees: float

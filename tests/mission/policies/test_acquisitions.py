@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from shapely import box
+from sweeps import sweep
 
 from geo import get_farm
 from mission.errors import PlanningError
@@ -66,6 +67,7 @@ def test_an_estimators_own_map_of_loss_is_taken():
     assert values[TOMATO] == pytest.approx(0.25 * 1.1) and values[STRAWBERRY] == pytest.approx(0.25 * 0.3)
 
 
+@sweep(few=40, many=200)
 @given(st.data())
 def test_a_sum_is_the_same_whatever_part_is_read(data):
     shape = data.draw(st.tuples(st.integers(1, 9), st.integers(1, 9)), "shape")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from mission.autopilots import ARDUPILOT, PX4
 from mission.link import FrameReader, FrameWriter
@@ -388,7 +389,7 @@ machines = st.sampled_from(
 )
 
 
-@settings(max_examples=400, deadline=None)
+@sweep(few=120, many=800)
 @given(machines, st.lists(st.tuples(any_message, st.floats(0, 2)), max_size=60))
 def test_random_messages_never_raise_and_it_always_ends(make, steps):
     machine = make()

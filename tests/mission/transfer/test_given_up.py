@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from sweeps import sweep
 from transfer_network import GROUND, LIMIT_S, Network, make_items
 
 from mission.autopilots import ARDUPILOT, PX4
@@ -30,11 +31,7 @@ from mission.transfer import (
 RECORDED = Path(__file__).parents[2] / "data" / "px4_upload_given_up.csv"
 ERROR, CANCELLED = m.MAV_MISSION_ERROR, m.MAV_MISSION_OPERATION_CANCELLED
 # Some report of a real PX4 has an ACK with its "Operation timeout", the recorded one has none.
-PERSONAS = {
-    "px4": PX4,
-    "px4 that answers": replace(PX4, abort_result=ERROR),
-    "ardupilot": ARDUPILOT,
-}
+PERSONAS = {"px4": PX4, "px4 that answers": replace(PX4, abort_result=ERROR), "ardupilot": ARDUPILOT}
 
 
 def from_vehicle(message, system_id=1):
@@ -93,7 +90,7 @@ ANY_MESSAGE = st.one_of(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@sweep(few=120, many=600)
 @given(
     came=st.lists(st.tuples(ANY_MESSAGE, st.floats(0.0, 3.0)), max_size=60),
     profile=st.sampled_from(list(PERSONAS)),
@@ -187,7 +184,7 @@ class Delayed(Network):
 times = st.tuples(st.floats(0.0, 3.0), st.floats(0.0, 12.0))
 
 
-@settings(max_examples=200, deadline=None)
+@sweep(few=80, many=400)
 @given(
     persona=st.sampled_from(list(PERSONAS)),
     number=st.integers(1, 12),

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from sweeps import sweep
 from transfer_network import GROUND, Network, make_items
 
 from mission.autopilots import ARDUPILOT, GENERIC, PX4
@@ -52,7 +53,7 @@ faults = st.builds(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@sweep(few=60, many=300)
 @given(
     number=st.integers(0, 25),
     kind=st.sampled_from(list(MissionType)),
@@ -185,7 +186,7 @@ def test_plain_upload_names_the_unconfirmed_case():
     assert isinstance(network.run(VerifiedUpload(new, source=GROUND)), UploadVerified)
 
 
-@settings(max_examples=150, deadline=None)
+@sweep(few=60, many=300)
 @given(
     number=st.integers(0, 25),
     up=faults,

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from mission.autopilots import ARDUPILOT, GENERIC, PX4
 from mission.link import FrameReader, FrameWriter
@@ -582,10 +583,9 @@ any_message = st.one_of(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@sweep(few=100, many=600)
 @given(
-    st.lists(st.tuples(any_message, st.floats(0, 3)), max_size=60),
-    st.sampled_from([PX4, ARDUPILOT, GENERIC]),
+    st.lists(st.tuples(any_message, st.floats(0, 3)), max_size=60), st.sampled_from([PX4, ARDUPILOT, GENERIC])
 )
 def test_random_messages_never_raise_and_are_never_broadcast(steps, profile):
     server = MissionServer(1, profile=profile, capacity={MISSION: 4})

@@ -153,11 +153,7 @@ def test_over_a_lossy_link_what_was_given_up_is_made_again_five_times(lost, begu
         return not up or message.seq > 0  # an upload of which no item is taken is not made again
 
     upload = VerifiedUpload(
-        NEW,
-        profile=PX4,
-        round_trip=LossyTrip(),
-        send=counted(MissionUpload),
-        read=counted(MissionDownload),
+        NEW, profile=PX4, round_trip=LossyTrip(), send=counted(MissionUpload), read=counted(MissionDownload)
     )
     end = Radio(holding_old(PX4), is_lost).carry(upload, limit=100_000)
     assert (made.count(MissionUpload), made.count(MissionDownload)) == begun

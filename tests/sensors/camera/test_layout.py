@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from geo import get_farm
 from mission.link.codec.dialect import mavlink
@@ -45,6 +46,7 @@ def sent(fields: tuple[str, ...], values: list[list[float]], side: int) -> list[
     return [image(3, 4, 5), *(array(layout.name, 3, data) for data in layout.pack(3, side, values))]
 
 
+@sweep(few=30, many=200)
 @given(names, st.integers(1, 4), st.randoms(use_true_random=False))
 def test_readings_of_any_fields_arrive_bit_for_bit(fields: tuple[str, ...], side: int, luck: Any) -> None:
     values = np.array([[luck.random() for _ in fields] for _ in range(side * side)], np.float32)
@@ -59,6 +61,7 @@ def test_readings_of_any_fields_arrive_bit_for_bit(fields: tuple[str, ...], side
     assert assembler.mismatch() is None
 
 
+@sweep(few=40, many=200)
 @given(names, st.randoms(use_true_random=False))
 def test_names_are_told_in_parts_in_any_order(fields: tuple[str, ...], luck: Any) -> None:
     heard = Announcement()
@@ -90,6 +93,7 @@ def test_readings_of_other_fields_are_no_observations_and_said() -> None:
     assert "the camera senses tylcv, ccr, soil, rust, expected" in str(assembler.mismatch())
 
 
+@sweep(few=30, many=200)
 @given(st.integers(0, 65535), st.lists(st.floats(width=32), min_size=58, max_size=58))
 def test_an_announcement_may_be_anything(number: int, data: list[float]) -> None:
     heard = Announcement()

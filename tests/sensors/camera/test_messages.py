@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from geo import get_farm
 from mission.link.codec.dialect import mavlink
@@ -97,7 +98,7 @@ def test_what_was_read_arrives_bit_for_bit_in_any_order(
 
 
 @given(st.integers(1, 60), st.data())
-@settings(max_examples=60, deadline=None)
+@sweep(few=25, many=120)
 def test_loss_and_duplication(count: int, data: st.DataObject) -> None:
     assembler = ObservationAssembler(FARM, day=0)
     whole, seen_any = set(), []

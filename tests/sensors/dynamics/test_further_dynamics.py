@@ -103,10 +103,7 @@ def test_it_is_flown_over(site):
     [
         ("haze = nowhere_at_all:Haze", "cannot be loaded"),
         ("haze = pathlib:Path", "is not a dataclass of Continuous"),
-        (
-            "haze = sensors.dynamics.soil:SoilParameters",
-            "is not a dataclass of Continuous",
-        ),
+        ("haze = sensors.dynamics.soil:SoilParameters", "is not a dataclass of Continuous"),
     ],
 )
 def test_a_broken_package_is_told_in_one_line(tmp_path, monkeypatch, entry_point, text):

@@ -13,19 +13,8 @@ from geo.farms import get_farm
 from geo.grid import FarmGrid
 from geo.seeds import child_seed
 from geo.system import AvailableMemory, NotEnoughMemoryError
-from sensors.dynamics.soil import (
-    SoilCourse,
-    draw_weather,
-    hump_factors,
-    rain_factors,
-)
-from sensors.environment import (
-    TYLCV,
-    Environment,
-    EpidemicParameters,
-    SoilParameters,
-    generate_environment,
-)
+from sensors.dynamics.soil import SoilCourse, draw_weather, hump_factors, rain_factors
+from sensors.environment import TYLCV, Environment, EpidemicParameters, SoilParameters, generate_environment
 from sensors.environment.environment import grid_digest
 from sensors.environment.generate import memory_needed
 from sensors.errors import EnvironmentDataError
@@ -209,8 +198,7 @@ def test_days_that_are_not_kept_are_refused(grid: FarmGrid) -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments",
-    [{"days": -1}, {"days": 127}, {"keep_days": []}, {"keep_days": [16]}, {"keep_days": [-1, 2]}],
+    "arguments", [{"days": -1}, {"days": 127}, {"keep_days": []}, {"keep_days": [16]}, {"keep_days": [-1, 2]}]
 )
 def test_bad_days_are_refused(grid: FarmGrid, arguments: dict[str, object]) -> None:
     with pytest.raises(EnvironmentDataError, match=r"days|day .* is not in 0\.\.126"):

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 import zarr
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from sweeps import sweep
 
 from geo.errors import WbfMissionError
 from geo.farms import get_farm
@@ -104,15 +105,13 @@ def test_a_day_is_one_file(folder: Path) -> None:
 # Chunks
 
 
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@sweep(few=10, many=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.lists(st.tuples(st.integers(0, 29), st.integers(0, 29)), max_size=60),
     st.tuples(st.integers(0, 29), st.integers(0, 29), st.integers(1, 30), st.integers(1, 30)),
 )
 def test_cells_and_windows_of_chunks_are_those_of_the_whole(
-    chunked: tuple[Environment, Environment],
-    cells: list[tuple[int, int]],
-    window: tuple[int, int, int, int],
+    chunked: tuple[Environment, Environment], cells: list[tuple[int, int]], window: tuple[int, int, int, int]
 ) -> None:
     memory, stored = chunked
     ix = np.array([x for x, _ in cells], np.int32)
@@ -428,14 +427,8 @@ HOSTILE: list[tuple[str, Callable[[Path], object]]] = [
     (TYLCV, edit(TYLCV, lambda document: document.update(shape=[10, 10**12]))),
     (TYLCV, edit(TYLCV, lambda document: document.update(codecs=[{"name": "bytes"}]))),
     (TYLCV, edit(TYLCV, lambda document: inner_codecs(document).append({"name": "gzip"}))),
-    (
-        TYLCV,
-        edit(TYLCV, lambda document: inner_codecs(document).insert(0, {"name": "numcodecs.pickle"})),
-    ),
-    (
-        TYLCV,
-        edit(TYLCV, lambda d: d["codecs"][0]["configuration"].update(chunk_shape=[5, 5])),
-    ),
+    (TYLCV, edit(TYLCV, lambda document: inner_codecs(document).insert(0, {"name": "numcodecs.pickle"}))),
+    (TYLCV, edit(TYLCV, lambda d: d["codecs"][0]["configuration"].update(chunk_shape=[5, 5]))),
     (SOIL, edit(SOIL, lambda document: document.update(data_type="float64"))),
     ("ccr/c/0/0", lambda folder: (folder / "ccr/c/0/0").unlink()),
     ("ccr/c/0/0", truncate("ccr/c/0/0", 0)),

@@ -78,23 +78,11 @@ def test_the_environment_is_of_the_world_and_the_other_fields_stay_as_they_are()
         ({"tylcv": 3}, "here: tylcv is no table; a world has a table for each field"),
         ({"rust": {"likelihood": 0.2}}, "here: no field 'rust'; the fields are tylcv, ccr, soil"),
         ({"tylcv": {"colour": 3}}, "here: tylcv: dynamics: unknown parameter 'colour'"),
-        (
-            {"tylcv": {"likelihood": 1.5}},
-            "tylcv: dynamics: epidemic: likelihood 1.5 is not a probability",
-        ),
+        ({"tylcv": {"likelihood": 1.5}}, "tylcv: dynamics: epidemic: likelihood 1.5 is not a probability"),
         ({"tylcv": {"likelihood": "much"}}, "tylcv: dynamics, likelihood: it is a text; give a number"),
-        (
-            {"tylcv": {"seeds": {"factor": [0.5, 2.0]}}},
-            "tylcv, seeds: a factor needs a published number",
-        ),
-        (
-            {"tylcv": {"likelihood": {"factor": [2.0, 0.5]}}},
-            "factor 2, 0.5: give two numbers from 0.001",
-        ),
-        (
-            {"tylcv": {"likelihood": {"factor": [0.5]}}},
-            "likelihood: factor: give a list with 2 entries",
-        ),
+        ({"tylcv": {"seeds": {"factor": [0.5, 2.0]}}}, "tylcv, seeds: a factor needs a published number"),
+        ({"tylcv": {"likelihood": {"factor": [2.0, 0.5]}}}, "factor 2, 0.5: give two numbers from 0.001"),
+        ({"tylcv": {"likelihood": {"factor": [0.5]}}}, "likelihood: factor: give a list with 2 entries"),
         ({"tylcv": {"likelihood": {"one_of": []}}}, "one_of has 0 values"),
         ({"tylcv": {"likelihood": {}}}, "give either factor = "),
         ({"tylcv": {"likelihood": {"times": 2}}}, "times is unknown"),

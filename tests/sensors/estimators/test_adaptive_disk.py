@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from estimator_inputs import grid_of, observations
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from sensors.errors import EstimatorError
 from sensors.estimators.adaptive_disk import AdaptiveDiskEstimator
@@ -47,7 +48,7 @@ def farms_and_observations(draw):
 
 
 @pytest.mark.kernel
-@settings(max_examples=100, deadline=None)
+@sweep(few=40, many=200)
 @given(case=farms_and_observations(), radius=st.sampled_from([None, 1, 3]))
 def test_it_is_its_definition_whatever_the_pieces(case, radius):
     shape, seen, cuts = case
@@ -120,7 +121,7 @@ def painted(shape, seen, radius=None):
     return value, uncertainty
 
 
-@settings(max_examples=40, deadline=None)
+@sweep(few=15, many=80)
 @given(
     shape=st.tuples(st.integers(1, 200), st.integers(1, 200)),
     n=st.integers(0, 60),

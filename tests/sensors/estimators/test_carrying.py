@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from geo.farms import get_farm
 from sensors.environment import generate_environment
@@ -60,7 +61,7 @@ def test_transitions_are_those_of_environments_that_nothing_was_learned_from(fie
     assert abs(np.mean(after - means)) < 0.05
 
 
-@settings(max_examples=50, deadline=None)
+@sweep(few=20, many=100)
 @given(
     st.lists(st.tuples(st.sampled_from([0.0, 0.5, 1.0, 0.7, -0.1, 1.2]), st.integers(2, 6)), min_size=1),
     st.sampled_from(tuple(PAPER_FIELDS)),

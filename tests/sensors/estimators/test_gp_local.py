@@ -311,8 +311,8 @@ def test_tiles_stay_near_the_exact_posterior_with_hardly_any_noise(share, length
 @pytest.mark.parametrize("kernel", [SICK, RbfKernel(1.6, 1.7, WINDOWED_NOISE * 0.01, 0.01)])
 @pytest.mark.parametrize("gap", [1, 3])
 def test_windows_of_cells_give_the_exact_posterior(kernel, gap):
-    shape = (60, 50)
-    x, y = way(shape, 900, gap)
+    shape = (45, 40)
+    x, y = way(shape, 500, gap)
     # Cells are read again, alone and within one batch.
     x, y = np.concatenate([x, x[:40], x[:9], x[:9]]), np.concatenate([y, y[:40], y[:9], y[:9]])
     values = drawn(kernel, shape)[x, y]

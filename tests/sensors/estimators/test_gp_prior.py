@@ -111,24 +111,19 @@ def test_any_day_and_a_tiny_farm_can_be_learned(day, tmp_path):
         assert prior.kernel.noise > 0
 
 
-def test_what_was_learned_is_kept_and_found_again(tmp_path, monkeypatch):
+def test_what_was_learned_is_kept_and_other_days_seeds_and_models_are_learned_anew(tmp_path, monkeypatch):
     grid = small_grid()
     first = learn_priors(grid, MODEL, 6, 0, tmp_path)
     (path,) = tmp_path.iterdir()
     assert set(json.loads(path.read_text())) == {"tylcv", "ccr", "soil"}
-    monkeypatch.setattr(gp_prior, "_in_memory", {})
-    monkeypatch.setattr(gp_prior, "disease_prior", None)
-    assert learn_priors(grid, MODEL, 6, 0, tmp_path) == first
-
-
-def test_other_days_seeds_and_models_are_learned_anew(tmp_path):
-    grid = small_grid()
-    first = learn_priors(grid, MODEL, 6, 0, tmp_path)
     assert learn_priors(grid, MODEL, 8, 0, tmp_path) != first
     assert learn_priors(grid, MODEL, 6, 1, tmp_path) != first
     dry = PAPER_FIELDS.with_dynamics(soil=SoilParameters(evaporation=0.2))
     assert learn_priors(grid, dry, 6, 0, tmp_path)[2].mean < first[2].mean
     assert len(list(tmp_path.iterdir())) == 4
+    monkeypatch.setattr(gp_prior, "_in_memory", {})
+    monkeypatch.setattr(gp_prior, "disease_prior", None)
+    assert learn_priors(grid, MODEL, 6, 0, tmp_path) == first
 
 
 def test_a_damaged_file_is_replaced(tmp_path, monkeypatch):

@@ -40,7 +40,7 @@ def ensemble(seconds, noise=3.0, baro=0.8, runs=400):
 
 @pytest.fixture(scope="module")
 def many():
-    return ensemble((0.0, 60.0, 300.0), runs=500)
+    return ensemble((0.0, 60.0, 300.0), runs=300)
 
 
 def test_sizes_are_what_was_asked_for(many):

@@ -80,13 +80,7 @@ def test_impossible_values_of_a_battery(values):
 
 @pytest.mark.parametrize(
     "values",
-    [
-        {"camera_w": -1.0},
-        {"idle_w": math.nan},
-        {"oswald": 0.0},
-        {"efficiency": 1.01},
-        {"wing_area_m2": "1"},
-    ],
+    [{"camera_w": -1.0}, {"idle_w": math.nan}, {"oswald": 0.0}, {"efficiency": 1.01}, {"wing_area_m2": "1"}],
 )
 def test_impossible_values_of_a_wing(values):
     with pytest.raises(VehicleError, match=r"power: "):

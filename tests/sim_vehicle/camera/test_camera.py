@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from geo import Farm, LocalFrame, get_farm
 from mission.link.codec.dialect import mavlink
@@ -460,7 +461,7 @@ FLOATS = st.floats(width=32) | st.integers(0, 2100).map(float)
         max_size=25,
     )
 )
-@settings(max_examples=150, deadline=None)
+@sweep(few=60, many=300)
 def test_whatever_arrives_every_answer_can_be_sent(steps: list[Any]) -> None:
     camera = make()
     for kind, *p in steps:

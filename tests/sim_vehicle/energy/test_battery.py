@@ -4,6 +4,7 @@ from itertools import pairwise
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from sim_vehicle.airframe.catalog import get_vehicle, vehicle_names
 from sim_vehicle.airframe.power_spec import BatterySpec
@@ -106,6 +107,7 @@ def test_the_remaining_time_follows_the_load():
     assert meter.read(400.0, 0.0, 356.8).remaining_s == pytest.approx(900.0, rel=1e-2)
 
 
+@sweep(few=30, many=200)
 @given(st.floats(0.0, 2.0 * CAPACITY_J))
 def test_the_fraction_without_a_meter_is_the_same(used):
     assert remaining_fraction(BATTERY, used) == BatteryMeter(BATTERY).read(0.0, used, 100.0).fraction

@@ -2,16 +2,11 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.airframe.power_spec import (
-    AIR_DENSITY_KG_M3,
-    GRAVITY_M_S2,
-    BatterySpec,
-    PowerSpec,
-)
+from sim_vehicle.airframe.power_spec import AIR_DENSITY_KG_M3, GRAVITY_M_S2, BatterySpec, PowerSpec
 from sim_vehicle.energy.power import (
     REGAINED,
     flight_power_w,
@@ -68,7 +63,6 @@ def test_power_over_speed_has_its_minimum_between_hover_and_top_speed():
     assert power[-1] > 1.2 * min(power)
 
 
-@settings(deadline=None)
 @given(_SPEEDS, _SPEEDS, st.floats(-6.0, 6.0), _ACCELERATIONS, _ACCELERATIONS, st.floats(-12.0, 8.0))
 def test_the_compiled_rotor_has_the_same_power(x, y, climb, ax, ay, az):
     numbers = power_coefficients(QUAD.power, QUAD.battery)

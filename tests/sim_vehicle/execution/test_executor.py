@@ -334,7 +334,7 @@ def test_orders_that_make_no_sense():
     vehicle.disarm(force=True)
     assert vehicle.advance(2.5)[0] == Landed(2.0)
     assert vehicle.state().landed is LandedState.ON_GROUND
-    with pytest.raises(VehicleError, match="cannot change in flight"):
+    with pytest.raises(VehicleError, match="the kind and the time step cannot change"):
         vehicle.update_spec(IDEAL)
 
 

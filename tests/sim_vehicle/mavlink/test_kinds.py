@@ -198,10 +198,7 @@ def test_a_rover_drives_a_mission(autopilot):
 
 @pytest.mark.parametrize(
     ("name", "table", "banner"),
-    [
-        ("fixed-wing", "apm", "ArduPlane V4.7.0 (1511f271)"),
-        ("rover", "rover", "ArduRover V4.7.0 (1511f271)"),
-    ],
+    [("fixed-wing", "apm", "ArduPlane V4.7.0 (1511f271)"), ("rover", "rover", "ArduRover V4.7.0 (1511f271)")],
 )
 def test_modes_and_parameters_are_those_of_the_autopilot(name, table, banner):
     from pymavlink import mavutil

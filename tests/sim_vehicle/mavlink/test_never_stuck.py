@@ -1,6 +1,6 @@
 """A mission changed at any instant leaves no vehicle stuck: it is flown to its end, or held as told."""
 
-from changed_missions import RTL, TAKEOFF, Flight, do, shots, speed, wp
+from changed_missions import ON_THE_WAY_S, RTL, TAKEOFF, Flight, do, shots, speed, wp
 from hypothesis import given
 from hypothesis import strategies as st
 from sweeps import sweep
@@ -33,7 +33,7 @@ def is_at_its_end(flight):
     return waits and pilot.state.phase is FlightPhase.HOLD and flight.speed < 0.2
 
 
-@sweep(few=12, many=60)
+@sweep(few=8, many=60)
 @given(
     st.sampled_from([PX4, ARDUPILOT]),
     st.sampled_from([None, "generic"]),
@@ -53,5 +53,5 @@ def test_never_stuck(autopilot, dynamics, when_s, items, starts, marked, how):
     else:
         stop = len(items) // 2 + 1 if how == "broken" else None
         flight.upload(items, marked=marked, every_s=0.15 if how == "slow" else 0.0, stop_after=stop)
-    flight.wait(400.0, lambda: is_at_its_end(flight))
+    flight.wait(400.0, lambda: is_at_its_end(flight), ON_THE_WAY_S)
     assert is_at_its_end(flight), (flight.mode, flight.pilot.state.phase, flight.place, flight.texts())

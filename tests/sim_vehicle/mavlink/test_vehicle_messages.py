@@ -4,8 +4,9 @@ import math
 import struct
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import FrameReader, FrameWriter
@@ -454,6 +455,7 @@ def test_intervals_by_command():
     assert peer.command(510, 30)[1].interval_us == 100_000
 
 
+@sweep(few=30, many=200)
 @given(
     st.dictionaries(
         st.integers(0, 20), st.sampled_from([0.1, 0.5, 1.0, 2.0, 4.0, 5.0, 10.0, 50.0]), min_size=1
@@ -524,7 +526,7 @@ ANY_FRAMES = st.lists(
 @pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
 @pytest.mark.parametrize("flying", [False, True])
 @given(ANY_FRAMES)
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@sweep(few=20, many=100, suppress_health_check=[HealthCheck.too_slow])
 def test_nothing_that_comes_makes_it_raise(autopilot, flying, frames):
     peer = Peer(autopilot)
     if flying:
@@ -548,7 +550,7 @@ def test_nothing_that_comes_makes_it_raise(autopilot, flying, frames):
 
 @pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
 @given(st.sampled_from(sorted(HANDLERS)), st.lists(st.floats(width=32), min_size=7, max_size=7))
-@settings(max_examples=200, deadline=None)
+@sweep(few=80, many=400)
 def test_any_parameters_of_any_command_are_answered(autopilot, number, params):
     peer = Peer(autopilot)
     answers = peer.command(number, *params)

@@ -13,6 +13,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from recordings import compare, fly_recording, load_recording
 from short_flights import started
+from sweeps import sweep
 
 from geo.frame import LocalFrame
 from mission.model import Command, MissionItem
@@ -402,7 +403,7 @@ ITEMS = st.one_of(
     gust=st.sampled_from([None, 0.0, 1.0]),
     cuts=st.lists(st.floats(0.02, 40.0), min_size=1, max_size=5),
 )
-@settings(deadline=None, max_examples=40)
+@sweep(few=15, many=80)
 def test_every_mission_ends_and_does_not_depend_on_the_cuts(
     items: list[MissionItem], scale: float, gust: float | None, cuts: list[float]
 ) -> None:
@@ -437,7 +438,7 @@ ORDERS = st.tuples(
 
 
 @given(orders=st.lists(ORDERS, min_size=1, max_size=8), windy=st.booleans())
-@settings(deadline=None, max_examples=40)
+@sweep(few=15, many=80)
 def test_whatever_is_ordered_it_comes_home(
     orders: list[tuple[str, float, float, float]], windy: bool
 ) -> None:

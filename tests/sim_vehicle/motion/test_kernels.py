@@ -11,12 +11,7 @@ from mission.model import Command, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import flight_procedures, with_autopilot
 from sim_vehicle.execution.executor import MissionExecutor
-from sim_vehicle.execution.state import (
-    FlightPhase,
-    ItemReached,
-    LandedState,
-    MissionComplete,
-)
+from sim_vehicle.execution.state import FlightPhase, ItemReached, LandedState, MissionComplete
 from sim_vehicle.motion.batch import VehicleBatch
 from sim_vehicle.motion.legs import KEEP, Circle, Heading, Leg, LegKind, Route
 from sim_vehicle.weather.wind import Turbulence, Wind, WindShear

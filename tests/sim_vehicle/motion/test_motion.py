@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from motion_limits import check_limits, check_steps
 from sweeps import sweep
@@ -61,7 +61,7 @@ def test_limits_hold_and_every_leg_is_flown(legs):
     assert np.all(np.diff(states[:, 11]) > 0.0)
 
 
-@settings(max_examples=60, deadline=None)
+@sweep(few=25, many=150)
 @given(FARMS, FARMS, st.integers(1, 600))
 def test_limits_hold_when_the_target_changes_on_the_way(first, second, steps):
     vehicle = Multirotor(QUAD)
@@ -73,7 +73,7 @@ def test_limits_hold_when_the_target_changes_on_the_way(first, second, steps):
     check_limits(states, QUAD)
 
 
-@settings(max_examples=20, deadline=None)
+@sweep(few=8, many=40)
 @given(FARMS, st.booleans(), st.integers(2, 400))
 def test_the_flight_does_not_depend_on_how_it_is_stepped(legs, gusts, chunk):
     wind = Wind(2.0, -1.0, gust_m_s=1.0 if gusts else 0.0, seed=7)
@@ -164,7 +164,6 @@ def test_the_vehicle_looks_along_the_path():
     assert np.all(kept[:, 9] == 0.0)
 
 
-@settings(deadline=None)
 @given(st.floats(0.0, 15.0), st.floats(-3.0, 3.0), st.floats(0.5, 4.0), st.floats(0.5, 10.0))
 def test_the_stopping_distance_is_that_of_the_braking_manoeuvre(v, a, limit, jerk):
     a = max(-limit, min(limit, a))

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from motion_limits import check_limits
+from sweeps import sweep
 
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.errors import VehicleError
@@ -55,7 +56,7 @@ def obey(vehicle, order):
     vehicle.steer(tuple(velocity), height_m=height, heading=heading)
 
 
-@settings(max_examples=60, deadline=None)
+@sweep(few=25, many=120)
 @given(st.lists(ORDER, min_size=1, max_size=6), st.booleans())
 def test_limits_hold_whatever_velocities_are_told(orders, windy):
     vehicle = aloft(wind=FALSE_CALM if windy else None)
@@ -66,7 +67,7 @@ def test_limits_hold_whatever_velocities_are_told(orders, windy):
     check_limits(np.vstack(states), QUAD)
 
 
-@settings(max_examples=40, deadline=None)
+@sweep(few=15, many=80)
 @given(st.lists(ORDER, min_size=1, max_size=3), st.floats(-60, 60), st.floats(-60, 60))
 def test_limits_hold_between_velocities_and_places(orders, x, y):
     vehicle = aloft()

@@ -4,8 +4,9 @@ import math
 import struct
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from mission.link.codec.dialect import mavlink as m
 from mission.model import MissionItem, MissionType
@@ -152,7 +153,7 @@ def test_the_fences_own_return_point():
     assert rig.pilot.armed
 
 
-@settings(max_examples=10, deadline=None)
+@sweep(few=4, many=20)
 @given(
     st.floats(0.0, 2.0 * math.pi),
     st.floats(1.0, 13.0),

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from short_flights import started
+from sweeps import sweep
 
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
@@ -88,7 +89,7 @@ def test_the_prediction_is_the_flight_for_random_missions(points, speed, blow):
     assert predicted.energy_wh == pytest.approx(energy / 3600.0, abs=0.01)
 
 
-@settings(max_examples=25, deadline=None, phases=(Phase.explicit, Phase.reuse, Phase.generate))
+@sweep(few=8, many=50, phases=(Phase.explicit, Phase.reuse, Phase.generate))
 @given(
     st.lists(st.tuples(st.floats(-120, 120), st.floats(-120, 120)), min_size=1, max_size=6),
     st.sampled_from(FLOWN),
@@ -202,7 +203,7 @@ def test_what_cannot_be_flown_has_a_reason():
     endless = replace(mission, items=(*mission.items[:-1], forever))
     assert "never ends" in predict_flight(endless, QUAD).reason
     looping = replace(mission, items=(*mission.items[:-1], MissionItem(177, 2, 2, -1)))
-    small = replace(QUAD, battery=replace(QUAD.battery, capacity_wh=9.0))
+    small = replace(QUAD, battery=replace(QUAD.battery, capacity_wh=3.0))
     assert "battery is empty" in predict_flight(looping, small).reason
 
 

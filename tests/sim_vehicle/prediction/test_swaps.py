@@ -45,7 +45,8 @@ def flown_with_changes(mission, spec, wind, changes):
         vehicle = begun(spec, wind, items)
         before = math.inf
         while True:
-            vehicle.advance(vehicle.time_s + 0.1)
+            is_near = vehicle.mission.current_seq == change.seq + first
+            vehicle.advance(vehicle.time_s + (0.1 if is_near else 1.0))
             assert vehicle.flight.armed and vehicle.mission.current_seq <= change.seq + first
             away = math.dist(vehicle.motion.position_m, change.place_m)
             if vehicle.mission.current_seq == change.seq + first and away < 3.0 and away > before:

@@ -10,7 +10,6 @@ import time
 
 import msgspec
 import pytest
-from bench_rows import made_row
 from processes import environment
 
 from mission.planners import planner_names
@@ -20,6 +19,7 @@ from wbf_mission.addons.base.standings import standings
 from wbf_mission.bench import engine
 from wbf_mission.bench.benchmark import BenchmarkInterrupted
 from wbf_mission.bench.engine import fly_all, fly_run
+from wbf_mission.bench.provenance import hardware
 from wbf_mission.bench.rows import BenchStore, build_of, read_rows
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.cli.app import main
@@ -61,7 +61,7 @@ def test_a_row_has_what_the_run_gave(rows):
     assert (one.observations, one.decisions) == (33, 1)
     assert one.cpu_time_s > 0.0
     assert set(one.versions) >= {"wbf-mission", "python", "numpy"}
-    assert {"processor", "cores", "system"} <= set(one.hardware)
+    assert one.hardware == hardware() and {"processor", "cores", "system"} <= set(one.hardware)
     assert one.objects == {}
     assert set(one.codes) == {"code", "scenario"}
 
@@ -90,16 +90,21 @@ def test_the_environment_of_a_seed_is_shared(rows):
     assert at["lawnmower", "point", 0].scores[0] == pytest.approx(first[0], rel=0.2)
 
 
-def test_processes_change_nothing_and_what_cannot_be_sent_to_them_is_a_row_that_says_so(spec, rows):
+def test_processes_change_nothing_and_runs_that_cannot_be_flown_there_are_rows_that_say_so(spec, rows):
     class Locked(PointEstimator):
         def __init__(self):
             self.lock = threading.Lock()
 
-    unsent = BenchSpec.of(scenarios=TEN, planners=["spiral"], estimators=[Locked()], seeds=1)
-    found = list(fly_all([*spec.runs(), *unsent.runs()], jobs=2))
-    (failed,) = (row for row in found if row.estimator == "Locked")
-    assert failed.error.startswith("a planner, policy or estimator cannot be sent to another process")
-    assert decided(row for row in found if row is not failed) == decided(rows)
+    class Deadly(PointEstimator):
+        def _learn(self, observations):
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    bad = BenchSpec.of(scenarios=TEN, planners=["spiral"], estimators=[Deadly(), Locked()], seeds=1)
+    found = list(fly_all([*bad.runs(), *spec.runs()], jobs=2))
+    errors = {row.estimator: row.error for row in found if row.estimator in ("Deadly", "Locked")}
+    assert errors["Locked"].startswith("a planner, policy or estimator cannot be sent to another process")
+    assert "was killed" in errors["Deadly"]
+    assert decided(row for row in found if row.estimator not in errors) == decided(rows)
 
 
 def test_what_is_kept_is_not_flown_again(spec, rows, tmp_path, monkeypatch):
@@ -204,20 +209,6 @@ def test_rows_of_other_code_are_kept_apart_with_a_word(tmp_path, monkeypatch, ca
     assert "warning: rows of 3 versions" in told.err
     assert f"{build}, 1.2.3: 2 rows" in told.err
     assert "of 3 behaviours" in told.err
-
-
-def _fly_or_die(run):
-    if run.seed == 1:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return made_row(run.planner, run.seed, [-0.5])
-
-
-def test_a_process_that_is_killed_costs_its_own_run(monkeypatch):
-    monkeypatch.setattr(engine, "fly_run", _fly_or_die)
-    one = BenchSpec.of(scenarios=TEN, planners=["spiral"], estimators=["point"], seeds=4)
-    found = {row.seed: row for row in fly_all(list(one.runs()), jobs=2)}
-    assert {seed: row.error is None for seed, row in found.items()} == {0: True, 1: False, 2: True, 3: True}
-    assert "was killed" in found[1].error
 
 
 def test_ctrl_c_gives_what_is_done(spec, tmp_path, monkeypatch):

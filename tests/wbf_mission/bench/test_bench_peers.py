@@ -86,11 +86,7 @@ def test_a_tour_of_a_library_is_flown_and_a_failure_is_told():
 @pytest.mark.usefixtures("libraries")
 def test_goals_of_a_library_are_flown_one_after_the_other():
     run = Scenario(
-        farm="miniberry-10",
-        vehicle="ideal",
-        budget="40steps",
-        policy=peers.PyPolo(),
-        estimator="point",
+        farm="miniberry-10", vehicle="ideal", budget="40steps", policy=peers.PyPolo(), estimator="point"
     )
     first, again = (fly(run) for _ in range(2))
     assert first.outcome.is_good

@@ -8,6 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from wbf_mission.bench.rows import TABLE, BenchRow, BenchStore, read_rows
 from wbf_mission.results import storage
@@ -49,6 +50,7 @@ def by_key(rows):
     return {one.key: one for one in rows}
 
 
+@sweep(few=25, many=150)
 @given(rows=st.lists(ROWS, max_size=5))
 def test_rows_come_back_equal_from_journal_and_table(tmp_path_factory, rows):
     folder = tmp_path_factory.mktemp("bench")

@@ -9,14 +9,7 @@ from hypothesis import strategies as st
 
 from mission.model import Command, MissionItem
 from wbf_mission.events import EventStream
-from wbf_mission.preflight.finding import (
-    Against,
-    Finding,
-    Measure,
-    PreflightError,
-    Report,
-    Severity,
-)
+from wbf_mission.preflight.finding import Against, Finding, Measure, PreflightError, Report, Severity
 from wbf_mission.preflight.subject import followers, never_ends, reachable
 
 ERROR = Finding(
@@ -57,11 +50,7 @@ def test_a_finding_is_plain_values_for_json():
     assert (nothing["fix"], nothing["value"], nothing["against"]) == (None, None, None)
 
 
-@given(
-    st.floats(-1e6, 1e6, allow_nan=False),
-    st.floats(-1e6, 1e6, allow_nan=False),
-    st.sampled_from(Against),
-)
+@given(st.floats(-1e6, 1e6, allow_nan=False), st.floats(-1e6, 1e6, allow_nan=False), st.sampled_from(Against))
 def test_a_limit_that_is_broken_looks_broken(value, limit, against):
     measure = Measure("height", value, limit, "m", against)
     shown, beside = re.fullmatch(

@@ -3,8 +3,9 @@
 from dataclasses import replace
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from mission.errors import PlanningError
 from wbf_mission.preflight.finding import Severity
@@ -27,13 +28,14 @@ COMBINATIONS = [
 
 
 @pytest.mark.parametrize(("vehicle", "autopilot", "planner"), COMBINATIONS)
-@settings(max_examples=3, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@sweep(few=1, many=8)
 @given(
     farm=st.sampled_from(("miniberry-10", "miniberry-30")),
     minutes=st.integers(2, 4),
     wind=st.sampled_from(((0.0, 0.0), (4.0, 250.0))),
     seed=st.integers(0, 1000),
 )
+@example(farm="miniberry-30", minutes=4, wind=(4.0, 250.0), seed=7)
 def test_no_planner_makes_a_plan_with_an_error(planner, vehicle, autopilot, farm, minutes, wind, seed):
     scenario = Scenario(
         farm=farm,

@@ -1,1 +1,1 @@
-"""A run as a moving picture."""
+"""Animations of runs."""

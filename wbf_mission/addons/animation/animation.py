@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 MOST_FRAMES = 300
 _FRAMES = 150
 _FRAMES_A_SECOND = 12
-_LARGEST_SHARE = 0.02  # Minimum top of the colour scale of sick plants on a large farm
+_LARGEST_SHARE = 0.02  # Least value at the top of the colour scale of sick plants on a large farm
 _COLUMNS = ("truth", "estimate", "uncertainty")
 # Length of the path shown on truth and estimate (s), at least one frame: a whole path would hide the maps.
 _TAIL_S = 30.0
@@ -323,7 +323,7 @@ def _vehicle(axes: Axes, system_id: int) -> tuple[Line2D, Line2D]:
 
 
 _MOST_COLOURS = 255
-"""Maximum number of palette colours; the last of 256 marks pixels unchanged since the previous frame."""
+"""Maximum number of palette colours; the 256th index marks pixels unchanged since the previous frame."""
 _GREYS = 16
 _SHADES = (0.35, 0.7, 1.0)
 """Opacities of a line's anti-aliased edge on white and on black."""

@@ -12,7 +12,7 @@ from sensors.estimators.disks import Disk, half_widths
 
 
 def misplaced_disk(radius: int) -> Disk:
-    """Return the authors' disk: without the last row and column, its mask's *corner* at the observation.
+    """Return the authors' disk. Its mask lacks the last row and column; its *corner* is at the observation.
 
     The disk is therefore centred at (x + radius, y + radius) and does not cover the observed cell.
 

@@ -25,7 +25,8 @@ ALL = "all"
 _NAME = "confidence-guided"
 _MOST_SPAN = 1000
 # The authors' Gaussian process has a lengthscale of 2 cells: an observation removes exp(-d^2 / 4) of the
-# variance at a distance of d cells. The shares affect only waypoints after the next one.
+# variance at a distance of d cells. These fractions of the variance affect only the choice of the waypoints
+# that follow the next one.
 _SHARES = neighbour_shares(1.0, 4.0, 3)
 _SAME_CELLS = 0.5
 
@@ -33,9 +34,9 @@ _SAME_CELLS = 0.5
 class ConfidenceGuided:
     """Fly to the least certain cell in a square around the vehicle, and choose again on arrival.
 
-    Ties between equally uncertain cells are broken at random. A chosen waypoint is kept whatever is observed
-    on the way. If the square has no uncertain cell, its side is doubled. Further waypoints are chosen as if
-    the next one had been observed, so that the vehicle always has a path.
+    Ties between equally uncertain cells are broken at random. A chosen waypoint does not change, whatever the
+    vehicle observes on the way. If the square has no uncertain cell, its side is doubled. Further waypoints
+    are chosen as if the next one had been observed, so that the vehicle always has a path.
 
     Parameters
     ----------
@@ -70,7 +71,7 @@ class ConfidenceGuided:
         self._streams, self._targets = {}, {}
 
     def decide(self, observation: PolicyObservation) -> Decision:
-        """Choose a waypoint for each vehicle that has reached its own."""
+        """Choose a new waypoint for each vehicle that has reached its waypoint."""
         decision = self._steering.decide(observation, self._search, "least certain")
         paths = decision.paths.items()
         self._targets |= {system_id: points[0] for system_id, points in paths if len(points)}
@@ -151,7 +152,7 @@ class ConfidenceGuided:
 
     @staticmethod
     def _reached(problem: RouteProblem, x: float, y: float, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return which cells a straight leg inside the area reaches; from outside, all of them."""
+        """Return which cells a straight leg inside the area reaches: all cells, if (x, y) lies outside."""
         planning_grid = problem.planning_grid
         here = np.array([x, y]) * planning_grid.cell_m
         if (

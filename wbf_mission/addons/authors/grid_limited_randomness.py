@@ -70,7 +70,7 @@ class GridLimitedRandomness:
         """Do nothing: the policy has no state."""
 
     def decide(self, observation: PolicyObservation) -> Decision:
-        """Draw a path for each vehicle at the start; no change later."""
+        """Draw a path for each vehicle at the start; return no change later."""
         if observation.event is not Event.START:
             return NO_CHANGE
         return Decision({one.system_id: self._path(one) for one in observation.steerable}, reason="draw")
@@ -189,7 +189,7 @@ def _insert(points: Any, returns: bool) -> Any:
 
 @compiled
 def _gain(points: Any, tour: Any, first: int, last: int, returns: bool) -> float:
-    """Return the length saved by reversing the tour from after `first` to `last`."""
+    """Return the length saved by reversing the part of the tour from `first + 1` to `last`."""
     a, b, c = tour[first], tour[first + 1], tour[last]
     gain = math.hypot(points[a, 0] - points[b, 0], points[a, 1] - points[b, 1])
     gain -= math.hypot(points[a, 0] - points[c, 0], points[a, 1] - points[c, 1])

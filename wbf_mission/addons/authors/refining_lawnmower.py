@@ -49,12 +49,13 @@ class _Rows:
 
 
 class RefiningLawnmower:
-    """Fly coarse rows; where a sick plant is seen, make a detour until all plants beside it are known.
+    """Fly coarse rows; if a sick plant is seen, detour until all plants beside it are known.
 
-    The land of the crop with the weightiest disease is flown first. Its rows are as close as the budget
-    allows, but not closer than outbreaks are wide. The remaining budget goes to the rows of the next crop.
-    After the rows, `mission.policies.map_policies.RollingHorizon` uses the rest. Until then only observations
-    matter, so any estimator works. Several vehicles share the land in strips.
+    The land of the crop whose disease has the largest weight in the score is flown first. Its rows are as
+    close as the budget allows, but not closer than outbreaks are wide. The remaining budget goes to the rows
+    of the next crop. After the rows, `mission.policies.map_policies.RollingHorizon` uses the rest. Until then
+    only observations matter, so any estimator works. If there are several vehicles, the land is divided into
+    strips.
 
     Parameters
     ----------
@@ -146,7 +147,7 @@ class RefiningLawnmower:
         return Decision({system_id: rows.rest for system_id, rows in self._rows.items()}, reason="rows")
 
     def _plan(self, vehicle: VehicleReport, part: Area, observation: PolicyObservation) -> Points:
-        """Return the rows of one land after the other while the budget for rows lasts."""
+        """Return the rows of each crop's land in turn, as far as the budget for rows reaches."""
         request, cell_m = vehicle.request, observation.farm.cell_size_m
         points, here = _NOTHING, vehicle.position_m
         for number, land in enumerate(self._lands(vehicle, part, observation)):
@@ -174,7 +175,7 @@ class RefiningLawnmower:
 
     @staticmethod
     def _lands(vehicle: VehicleReport, part: Area, observation: PolicyObservation) -> list[Area]:
-        """Return the land of each crop in a part of the area, the weightiest disease first."""
+        """Return the land of each crop in a part of the area, by the largest weight of its diseases."""
         fields, weights = observation.fields, observation.weights.field
         weight_of = {
             crop: max(
@@ -226,9 +227,9 @@ class RefiningLawnmower:
         return self._joined(vehicle, [rows.resumed(here)])
 
     def _joined(self, vehicle: VehicleReport, pieces: list[Points]) -> Points:
-        """Join pieces of a path inside the area, up to the length the vehicle can pay for.
+        """Join pieces of a path inside the area, as far as the vehicle's budget reaches.
 
-        The transit between two parts of the area may be left for a detour, or be where the budget ends.
+        A detour may begin, or the budget end, during the transit between two parts of the area.
         """
         area = shapely.buffer(vehicle.request.room, TOLERANCE_M)
         kept = [piece[shapely.covers(area, shapely.points(piece))] for piece in pieces if len(piece)]
@@ -241,7 +242,7 @@ class RefiningLawnmower:
 
 @dataclass(frozen=True, slots=True)
 class _PartOf:
-    """A part of a budget."""
+    """A budget with only a part of the limit of `whole`."""
 
     whole: Budget
     limit: float
@@ -303,7 +304,7 @@ def window_of(vehicle: VehicleReport, observation: PolicyObservation, promised: 
 def detour(
     vehicle: VehicleReport, observation: PolicyObservation, window: Window, least_rate: float
 ) -> Points:
-    """Return a route past plants beside sick ones, most of them early; empty if none is worth it."""
+    """Return a route past plants beside sick plants, most of them early; empty if no detour is worth it."""
     if not window.values.any():
         return _NOTHING
     cell_m = observation.farm.cell_size_m
@@ -333,7 +334,7 @@ def _joined(windows: Sequence[Window], observation: PolicyObservation) -> Acquis
     values = np.zeros([-(-side // cells) for side in shape], np.float32)
     for one in worth:
         x, y = np.nonzero(one.values)
-        # Overlapping windows of two vehicles contain the same plants, which count once.
+        # Overlapping windows of two vehicles contain the same plants: count each plant once.
         blocks = np.zeros_like(values)
         np.add.at(blocks, ((x + one.low[0]) // cells, (y + one.low[1]) // cells), one.values[x, y])
         np.maximum(values, blocks, out=values)

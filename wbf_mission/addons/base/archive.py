@@ -23,9 +23,9 @@ class ArchiveError(ValueError):
 class Archive(Closing):
     """A user's ZIP archive. Members are read into memory only; their names are never used as paths.
 
-    `room` is the number of bytes that all members together may still unpack to. `names` are the members in
-    their order, without those that macOS adds (``__MACOSX/``, ``._x``). ArchiveError if `source`, a file or
-    its content, is no archive, or holds more than `MAX_MEMBERS` files.
+    `source` is a file or its content. `room` is the total number of bytes that may still be unpacked. `names`
+    lists the members in their order, without the members that macOS adds (``__MACOSX/``, ``._x``).
+    ArchiveError if `source` is no archive, or holds more than `MAX_MEMBERS` files.
     """
 
     def __init__(self, source: Path | bytes, room: int) -> None:

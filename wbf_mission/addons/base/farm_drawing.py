@@ -60,9 +60,10 @@ class FarmDrawing:
     ) -> str:
         """Return the map as an SVG element.
 
-        `name` is unique in the page, `shows` a description for screen readers. `pixels`, uint8[columns, rows]
-        with sides of `pixel_m`, are indices into the RGB colours of `palette`, uint8[n, 3], beginning at the
-        frame's origin; 0 is transparent. `over` are SVG elements drawn over the picture.
+        `name` is unique in the page; `shows` is a description for screen readers. `pixels`, uint8[columns,
+        rows], are indices into the RGB colours of `palette`, uint8[n, 3]; 0 is transparent. The first pixel
+        lies at the frame's origin, and the side of a pixel is `pixel_m`. `over` are SVG elements drawn over
+        the picture.
         """
         unit, clip = self.unit, f"land-{name}"
         across, up = (n * pixel_m for n in pixels.shape)

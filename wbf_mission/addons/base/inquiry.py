@@ -138,7 +138,7 @@ STATE_MESSAGES = (
 """Requested from every vehicle."""
 _PLACE_MESSAGES = (int(m.MAVLINK_MSG_ID_GPS_RAW_INT), int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT))
 ESTIMATES = (int(m.MAVLINK_MSG_ID_ESTIMATOR_STATUS), int(m.MAVLINK_MSG_ID_EKF_STATUS_REPORT))
-"""Status of the estimator: on most autopilots, and on ArduPilot."""
+"""Messages with the estimator's status: that of most autopilots, and that of ArduPilot."""
 
 
 def _changes(message: Message) -> dict[str, Any]:
@@ -182,10 +182,10 @@ _INTEGERS = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 
 
 class Inquiry:
-    """Component that queries one vehicle: that of a system id, or the first that is heard.
+    """Component that queries one vehicle: the vehicle of `system_id`, or the first vehicle heard.
 
-    Unanswered requests are retried; the interval follows the delay of the first answer. A parameter that the
-    vehicle does not have is never answered, so retries are limited.
+    Unanswered requests are retried, at an interval that depends on the delay of the first answer. A parameter
+    that the vehicle does not have is never answered, so retries are limited.
 
     With `placed` the inquiry waits until the vehicle knows its position, at most three minutes. ArduCopter
     sends positions before it knows them, for 40 s after boot.
@@ -210,7 +210,7 @@ class Inquiry:
         self._contact = Contact()
         self._ids: set[int] = set()
         self._told: dict[str, Any] = {}
-        self._alternatives: list[Mapping[str, float]] = []  # Names of each parameter; a vehicle has one
+        self._alternatives: list[Mapping[str, float]] = []  # Possible names per parameter
         self._parameters: dict[str, float] = {}
         self._tries: dict[str | int, int] = {}
         self._begun_s = math.inf
@@ -311,7 +311,7 @@ class Inquiry:
                 out.append(command_long(self.vehicle, m.MAV_CMD_REQUEST_MESSAGE, float(key)))
         if self.waits_for_place:
             self._due_s = now_s + max(_PLACE_AGAIN_S, self._pace_s)
-            # Earlier answers are outdated: request again.
+            # Earlier answers about the position are outdated: request them again.
             old = (*_PLACE_MESSAGES, self._contact.profile.estimator_message)
             out += [command_long(self.vehicle, m.MAV_CMD_REQUEST_MESSAGE, float(kind)) for kind in old]
         return out
@@ -328,7 +328,7 @@ class Inquiry:
             self._ids.add(type(message).id)
             self._told |= _changes(message)
             if not self._alternatives:
-                # Streamed messages are no answers; parameters are, so prefer them as a measure of the delay.
+                # A parameter measures the delay better: this message may be streamed, not an answer.
                 self._measure_pace(now_s)
 
     def _on_parameter(self, message: m.MAVLink_param_value_message, now_s: float) -> None:
@@ -347,7 +347,7 @@ class Inquiry:
             self._due_s = min(self._due_s, now_s + self._pace_s)
 
     def _settle(self, now_s: float) -> None:
-        """End once nothing is open, and the vehicle had time to send its reasons not to arm."""
+        """End once every request is settled, and the vehicle had time to send its reasons not to arm."""
         if self.vehicle is None:
             return
         longest_s = _LONGEST_SILENCE_S if self._answer_s is None else _LONGEST_S

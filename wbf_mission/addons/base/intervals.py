@@ -4,12 +4,13 @@ The method is the bootstrap-t of Fieller's statistic. If r is the ratio of the m
 the differences ``values - r * others`` have mean 0. The interval contains each r for which a t-test does not
 reject this (E. C. Fieller, "Some problems in interval estimation", J. R. Stat. Soc. B 16, 1954). The
 distribution of t is taken from resamples (J. T. G. Hwang, "Fieller's problems and resampling techniques",
-Statistica Sinica 5, 1995), but never narrower than Student's. A mean is the ratio to ones.
+Statistica Sinica 5, 1995), but its limits are never narrower than those of Student's distribution. A mean is
+computed as a ratio whose `others` are all 1.
 
 A resample weights each environment by a draw from Beta(1/2, 3/2). To second order, this is as accurate as
-drawing environments, and the intervals are shorter; intervals of means are always finite (A. B. Owen, "Better
-bootstrap t confidence intervals for the mean", arXiv:2508.10083, 2025). `benchmarks/interval_coverage.py`
-compares the method with others.
+drawing whole environments, but the intervals are shorter, and those of means are always finite (A. B. Owen,
+"Better bootstrap t confidence intervals for the mean", arXiv:2508.10083, 2025).
+`benchmarks/interval_coverage.py` compares the method with others.
 
 Sums run over the environments in order, and weights need only basic arithmetic, so equal rows give bit-equal
 intervals on every processor.
@@ -33,7 +34,7 @@ MISSED = 0.05
 """Fraction of cases in which an interval misses."""
 _FEWEST_TO_RESAMPLE = 5
 FEWEST_FOR_A_RATIO = 8
-_NONE = 1e-12  # relative spread below which values are equal but for rounding
+_NONE = 1e-12  # below this relative spread, values differ only by rounding
 _SMALL = 1e-3
 _ROUNDING = 1e-9
 
@@ -114,7 +115,7 @@ def _limits(residuals: Sequence[NDArray[np.float64]], together: bool) -> NDArray
 def _drawn(
     residuals: Sequence[NDArray[np.float64]], many: NDArray[np.int64], counts: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """Return t-statistics, float64[comparison, draw]; each environment's weights are shared by all."""
+    """Return t-statistics, float64[comparison, draw]; all comparisons use the same weights."""
     draw = np.random.default_rng(_SEED)
     t = np.empty((len(many), _DRAWS))
     sums, squares, weights = np.zeros_like(t), np.zeros_like(t), np.zeros(_DRAWS)
@@ -141,7 +142,7 @@ def _weights(draw: np.random.Generator) -> NDArray[np.float64]:
 def _fieller(
     values: NDArray[np.float64], others: NDArray[np.float64], least: float, most: float
 ) -> tuple[float, float]:
-    """Return the limits of ratios for which t of ``values - ratio * others`` is in `least` to `most`."""
+    """Return the lowest and highest ratio with t of ``values - ratio * others`` from `least` to `most`."""
     count = len(values)
     above, below = math.fsum(values) / count, math.fsum(others) / count
     up, down = values - above, others - below

@@ -59,8 +59,8 @@ def fitted_to(scenario: Scenario, *vehicles: Vehicle) -> Scenario:
 
     For an unknown autopilot the scenario's rules are kept.
 
-    `vehicles` are in the order of the scenario's; the returned scenario orders them by system id. Raises
-    LiveFlightError if a vehicle is of another kind.
+    `vehicles` are in the order of the scenario's vehicles; the returned scenario orders them by system id.
+    Raises LiveFlightError if a vehicle is of another kind.
     """
     options = scenario.vehicle if len(vehicles) == 1 else replace(scenario.vehicle, vehicles=len(vehicles))
     fitted = []
@@ -113,7 +113,7 @@ def upload_checked(
     `force`.
     """
     snapshot = ask_vehicle(link, wait_s=wait_s, system_id=system_id, note=events.note)
-    # The vehicle's present state matters only for a start.
+    # The check ignores the vehicle's present state, which matters only for a start.
     found = check_mission(mission, around(snapshot)).report.about(Concern.PLAN, Concern.PARAMETERS)
     found.require_no_errors("nothing was sent", events, force=force)
     report = upload(
@@ -131,7 +131,7 @@ def upload_checked(
 
 
 def links_of(heard: Iterable[Heard]) -> tuple[ServerUrl, ...]:
-    """Return the links of vehicles that were heard; each of several links carries only its own vehicles."""
+    """Return the links of vehicles that were heard; each of several links accepts only its vehicles."""
     systems: dict[str, set[int]] = {}
     for url, vehicle in heard:
         systems.setdefault(url, set()).add(vehicle.system_id)
@@ -143,7 +143,8 @@ def links_of(heard: Iterable[Heard]) -> tuple[ServerUrl, ...]:
 class LinkHost(Server):
     """Host of real links; Ctrl-C raises KeyboardInterrupt in the caller.
 
-    ``through`` maps messages that a component sends directly, and the time, to the messages that go out.
+    ``through`` filters messages that a component sends directly: its arguments are the messages and the time,
+    and it returns the messages to send.
     """
 
     def __init__(

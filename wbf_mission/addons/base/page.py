@@ -110,7 +110,7 @@ _FEWEST_FOR_A_BAND = 5
 
 
 def standing_table(title: str, found: Sequence[Standing], *, whole: bool = False) -> Table:
-    """Return a table of standings; `whole` tables of several scenarios have a column for the scenario."""
+    """Return a table of standings; with `whole`, for several scenarios, it has a column `scenario`."""
     named = ("scenario", "planner or policy", "estimator") if whole else ("planner, estimator",)
     header = (*named, "run", "95 %", "end", "95 %", "rank", "wins", "runs", "bad answers", "CPU, s")
     rows = tuple(

@@ -48,7 +48,7 @@ class RunPage(Protocol):
     def write(
         self, path: Path, record: RunRecord, *, log: Path | None, notes: Sequence[str], progress: Progress
     ) -> Sequence[str]:
-        """Write the page; return its notes: `notes`, and notes on data left out of the page."""
+        """Write the page; return the notes on it: `notes`, and notes on data left out of the page."""
 
 
 def followed_simulation() -> type[FollowedSimulation]:

@@ -41,7 +41,7 @@ def fresh_estimator(record: RunRecord, progress: Progress, estimator: Estimator 
 def estimates_again(
     record: RunRecord, estimator: Estimator, moments: Iterable[tuple[int, int, bool]]
 ) -> Iterator[InformationModel | None]:
-    """Yield a fresh estimator's estimates at moments; their arrays are the estimator's own.
+    """Yield a fresh estimator's estimates at moments; the arrays are not copies.
 
     A moment is a day, the number of known observations, and whether the estimate is wanted. None is yielded
     for an estimate that is not wanted, or equal to the previous one.
@@ -57,14 +57,14 @@ def estimates_again(
                 seen, is_known = known, False
         if is_wanted and not is_known:
             is_known = True
-            # Not stored: estimates of large farms are large.
+            # Estimates are not stored, because they are large on large farms.
             yield checked_prediction(estimator)
         else:
             yield None
 
 
 def kept_truths(record: RunRecord) -> dict[int, NDArray[np.float32]]:
-    """Return the recorded truths by day, float32[n, W, H]; only the last day's for large farms."""
+    """Return the recorded truths by day, float32[n, W, H]; for large farms only the last day has one."""
     truths = {one.day: one.truth for one in record.days}
     if record.days and truths[record.days[-1].day] is None:
         truths[record.days[-1].day] = record.truth

@@ -70,8 +70,8 @@ def events_of(
 ) -> Iterator[events.Event]:
     """Yield the events of a finished run in order of time, over all days, flights and vehicles.
 
-    Unknown values are None: without a log all of a vehicle's state except position and speed, on large farms
-    the truth of all days except the last. Every scored time is an `Estimated` event, in the order of the
+    Unknown values are None. Without a log, only position and speed of a vehicle's state are known. On large
+    farms, only the last day's truth is known. Every scored time is an `Estimated` event, in the order of the
     history. With several vehicles, observations may arrive out of order of their times.
 
     Parameters
@@ -264,7 +264,7 @@ def _seen(result: RunRecord, flight: _Flight) -> Iterator[_Timed]:
     part = result.observations[flight.seen]
     if not len(part):
         return
-    # An image that was lost and fetched again was known only on arrival.
+    # A lost image that was fetched again became known only when it arrived.
     known_s = np.maximum.accumulate(part.time_s)
     ends = np.flatnonzero(np.diff(np.floor(known_s / _SEEN_S)) > 0.0) + 1
     for begin, end in zip([0, *ends.tolist()], [*ends.tolist(), len(part)], strict=True):
@@ -342,7 +342,7 @@ def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], St
             monitor.receive(message, time_s)
             rows = found.setdefault(key, [])
             state, mode = monitor.state, monitor.mode
-            # Arming, disarming and mode changes also count between positions, since one may come last.
+            # Arming, disarming and mode changes get rows of their own: the last may follow the last position.
             changes = bool(rows) and (rows[-1][1].armed, rows[-1][2]) != (state.armed, mode)
             if changes or is_a(message, m.MAVLink_global_position_int_message):
                 rows.append((time_s, state, mode))

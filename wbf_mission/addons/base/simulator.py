@@ -49,6 +49,11 @@ class Simulated:
         """All components that a host has to run."""
         return [*self.vehicles, *self.cameras]
 
+    @property
+    def images(self) -> int:
+        """Number of images taken."""
+        return sum(camera.image_count for camera in self.cameras)
+
 
 def parse_home(text: str) -> tuple[GeoPoint, float]:
     """Read ``LAT,LON[,ALT[,HEADING]]``.
@@ -85,10 +90,11 @@ def make_components(
 ) -> Simulated:
     """Make simulated vehicles with cameras from the scenario's farm, vehicle, weather, seed, day and camera.
 
-    `count` vehicles (default: one for each home, else one) stand at `homes`, pairs of position and heading in
-    degrees (default: the farm's home), `spacing_m` apart if they share a home. `with_camera` None is the
-    autopilot's default; without cameras no environment is made. `cold` autopilots boot at their first
-    contact. With `sitl_rates` vehicles stream the messages and rates of the autopilot's own simulator.
+    `homes` are pairs of position and heading in degrees (default: the farm's home). `count` is the number of
+    vehicles (default: one for each home). Vehicles that share a home stand `spacing_m` apart. With
+    `with_camera` None, the autopilot decides whether there are cameras; without cameras no environment is
+    made. `cold` autopilots boot at their first contact. With `sitl_rates` vehicles stream the messages and
+    rates of the autopilot's own simulator.
 
     WbfMissionError if a name is unknown or an option out of range.
     """

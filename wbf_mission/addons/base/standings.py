@@ -1,7 +1,7 @@
-"""Standings of benchmark rows: names that mean one thing, environments that count, means and ranks.
+"""Standings of benchmark rows: unambiguous names, the environments that count, means and ranks.
 
-An environment (seed) counts only if every pair of planner and estimator has a row on it. A failed run counts
-as the worst value of any row on its environment at any scored time, normally that of an estimate before any
+An environment (seed) counts only if every pair of planner and estimator has a row on it. A failed run gets
+the worst loss of any row on its environment at any scored time; this is normally the loss before the first
 observation. So neither a lucky choice of seeds nor failed runs can improve a result.
 """
 
@@ -69,7 +69,7 @@ def _labels(name: str, words: dict[str, str]) -> dict[str, str]:
 
 
 def builds_in_words(rows: Iterable[BenchRow]) -> str:
-    """Return the builds that flew rows, and whether their behaviour numbers agree; empty if only one."""
+    """Return, in words, the builds that flew rows and how many behaviours they have; empty for one build."""
     count = Counter((build_of(row), _of_old(row, "code")) for row in rows)
     if len(count) <= 1:
         return ""
@@ -100,10 +100,10 @@ class Scored:
     rows: tuple[tuple[BenchRow, ...], ...]
     """Rows by pair and seed."""
     scores: NDArray[np.float64]
-    """Scores over the run; at its end: `final_scores`."""
+    """Scores over the run; `final_scores` are the scores at its end."""
     final_scores: NDArray[np.float64]
     losses: dict[str, NDArray[np.float64]]
-    """Losses by field over the run; at its end: `final_losses`."""
+    """Losses by field over the run; `final_losses` are the losses at its end."""
     final_losses: dict[str, NDArray[np.float64]]
     left_out: dict[int, tuple[Pair, ...]]
     """Environments that do not count, with the pairs without a row there; no pair: nobody has a score."""
@@ -170,7 +170,7 @@ def _scored(scenario: str, rows: Sequence[BenchRow]) -> Scored:
 
 
 _SCORE = ""
-"""Key of the score among the field names; the loss of a score is its negative."""
+"""Key of the score among the field names; its loss is the negative score."""
 
 
 def _value(row: BenchRow, name: str, over_run: bool) -> float:
@@ -212,21 +212,21 @@ class Standing:
     estimator: str
     environments: int
     failed: int
-    """Number of failed runs, which count as the worst; includes environments where all runs failed."""
+    """Number of failed runs, which count as the worst result; includes environments where all failed."""
     score: Interval
     """Mean score over the scored times of a run; 0 is perfect."""
     final_score: Interval
     """Score at the end of a run; 0 is perfect."""
     behind: Interval
-    """Difference between the score of the scenario's best and this score, paired by environment.
+    """Best score of the scenario minus this score, paired by environment.
 
-    The intervals of a scenario are simultaneous. The best has 0 and no interval."""
+    The intervals of a scenario are simultaneous. The best pair has 0 and no interval."""
     losses: dict[str, float]
     """Mean loss per cell at the end, by field."""
     losses_over_run: dict[str, float]
     """Mean loss per cell over the scored times, by field."""
     rank: float
-    """Mean rank by score over the seeds, among all of the scenario; 1 is the best."""
+    """Mean rank by score over the seeds, among all pairs of the scenario; 1 is the best."""
     wins: float
     """Number of seeds with the best score; k pairs that share a win get 1/k each."""
     wall_time_s: float
@@ -245,7 +245,7 @@ class Standing:
 
     @property
     def bad_share(self) -> float:
-        """Share of bad answers; nan for a planner, which answers once per run."""
+        """Fraction of answers that are bad; nan for a planner, which answers once per run."""
         if self.decisions <= self.environments and not self.bad_answers:
             return np.nan
         return sum(self.bad_answers.values()) / max(self.decisions, 1)

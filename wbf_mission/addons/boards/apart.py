@@ -1,4 +1,4 @@
-"""Submitted planners, policies and estimators, each in a process of its own without access to the run.
+"""Submitted planners, policies and estimators, each in a separate process without access to the run.
 
 The run is flown in this process. The other process receives only the inputs of a planner, policy or
 estimator. It answers with plain numbers and texts, so none of its objects is executed here. The process is no
@@ -14,6 +14,7 @@ import pickle
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from multiprocessing.connection import Connection
@@ -91,16 +92,16 @@ _decoder = msgspec.msgpack.Decoder(Said, dec_hook=_received)
 
 
 class Apart(Closing):
-    """A planner, policy or estimator from a folder of submitted code, run in a process of its own.
+    """A planner, policy or estimator from a folder of submitted code, run in a separate process.
 
     `kind` is ``planner`` (also for a policy) or ``estimator``; `label` and `digest` are those of a benchmark
-    row. ResultError if no file of the folder has the object.
+    row. ResultError if no file of the folder defines the object.
     """
 
     def __init__(self, folder: Path, kind: str, label: str, digest: str) -> None:
         self.name = label
         self._private = tempfile.TemporaryDirectory()
-        # Other variables and caches of this process could reveal environments.
+        # The process gets no other variables and caches of this process: they could reveal environments.
         home = dict.fromkeys(("HOME", "TMPDIR", "XDG_CACHE_HOME", "XDG_CONFIG_HOME"), self._private.name)
         kept = {key: os.environ[key] for key in ("PATH", "LANG", "LD_LIBRARY_PATH") if key in os.environ}
         found = os.pathsep.join(str(Path(one).resolve()) for one in sys.path if one)
@@ -131,16 +132,19 @@ class Apart(Closing):
         """Call a method in the other process; its error is raised as PlanningError or `_OwnCodeError`."""
         import cloudpickle
 
+        # The time limit holds for the whole answer: hostile code may begin an answer and never end it.
+        limit = threading.Timer(_MOST_S, self._process.kill)
+        limit.start()
         try:
             self._pipe.send_bytes(cloudpickle.dumps((method, given)))
-            if not self._pipe.poll(_MOST_S):
-                raise TimeoutError(f"no answer in {_MOST_S:g} s")
             said = _decoder.decode(self._pipe.recv_bytes(_MOST_BYTES))
-        except (OSError, EOFError, TimeoutError, msgspec.MsgspecError) as error:
+        except (OSError, EOFError, msgspec.MsgspecError) as error:
             self._process.kill()  # A late answer would be taken for the answer to the next call.
             raise _LostError(
                 f"{self.name}: its process ended or answers no more ({one_line(repr(error))})"
             ) from None
+        finally:
+            limit.cancel()
         if said.error:
             raise (PlanningError if said.planning else _OwnCodeError)(one_line(said.error, 300))
         return said
@@ -257,7 +261,7 @@ def _sent_cost(vehicle: VehicleReport) -> Any:
 def answer_all() -> None:
     """Answer the calls of the parent process until its pipe closes."""
     pipe = Connection(os.dup(0))
-    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)  # Submitted code must not read the calls.
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)  # Hide the pipe of the calls from submitted code.
     made: Any = None
     while True:
         try:

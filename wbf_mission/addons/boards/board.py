@@ -1,7 +1,8 @@
 """Leaderboard of submissions and frozen baselines, compared if flown on the same environments.
 
-There is one table for each scenario, behaviour of the program and set of environments. It has the methods
-flown on all of its environments, so a submission with few environments does not narrow other tables.
+There is one table for each scenario, behaviour of the program and set of environments. A table has every
+method that was flown on all of the table's environments, so a submission with few environments does not
+shrink the other tables.
 """
 
 from __future__ import annotations
@@ -138,10 +139,10 @@ def board_of(
 ) -> Board:
     """Read and check the packs of `packs_of`, and compare their methods.
 
-    A pack that fails a check is listed in `Board.refused`; the others are compared. `verify` rows of each
-    method are flown again, by default none of frozen baselines known by their SHA-256, and `VERIFIED` of all
-    others; submitted code is never run. With the `secret` of a round that has ended, the tables on its
-    environments are marked as held out.
+    A pack that fails a check is listed in `Board.refused`; the others are compared. `verify` is the number of
+    rows of each method that are flown again. By default it is 0 for frozen baselines known by their SHA-256,
+    and `VERIFIED` for all other packs. Submitted code is never run. With the `secret` of a round that has
+    ended, the tables on its environments are marked as held out.
     """
     entries: list[Entry] = []
     refused: dict[str, str] = {}
@@ -166,7 +167,7 @@ def _entry(path: Path, *, frozen: bool, verify: int | None, progress: Progress) 
         require_whole(pack.rows, sealed=bool(pack.submission.seal))
     except ResultError as error:
         raise ResultError(f"{path}: {error}") from None
-    # Packs of the folder that this version does not list are baselines, too, but are verified.
+    # Packs in the baselines' folder that this version does not list are baselines, too, but are verified.
     listed = frozen and is_frozen(path, pack.digest)
     count = verify if verify is not None else 0 if listed else VERIFIED
     verification = fly_again(pack.rows, count, progress=progress)
@@ -203,7 +204,7 @@ def _lines(group: Sequence[tuple[Entry, list[BenchRow]]], seeds: frozenset[int])
         for pair_rows in by_pair(row for row in own if row.seed in seeds).values():
             name = str(len(methods))
             methods[name] = entry, pair_rows[0]
-            # Methods of several submissions may share a name; a number replaces it here.
+            # Methods of several submissions may share a name, so a number replaces the name here.
             nameless = {"planner": name, "estimator": "", "codes": {}, "versions": {}}
             rows += [structs.replace(row, **nameless) for row in pair_rows]
     found = standings(rows)

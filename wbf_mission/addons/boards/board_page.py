@@ -22,14 +22,14 @@ _MOST_DRAWN, _FEWEST_DRAWN = 24, 2
 _GREY, _BLUE = "#777777", "#1f6fb4"
 _NAMED = ("planner, estimator", "submission", "kind")
 _ABOUT = (
-    "Scores: 0 is perfect; the mean over the run and at its end, each with its interval of 95 % over the"
-    " environments. Difference: of the scores over the run to those of the best frozen baseline, in pairs on"
-    " the same environments; positive is better; the intervals of a table hold all at once in 95 of"
-    " 100 cases. Failed: runs without a result, which count as the worst"
-    " score. Bad: the share of a policy's answers that were not flown, or came too late. Flown again:"
-    " how many rows were flown again for this board, and whether they came out the same; a method of which"
-    " none was is what its submission says. In brackets after a name: digests of own code. A baseline is a"
-    " pack of the folder of frozen baselines, all else is a submission."
+    "Scores: 0 is perfect; the mean over the run and the score at its end, each with its 95 % interval over"
+    " the environments. Difference: the score over the run minus that of the best frozen baseline, in pairs"
+    " of runs on the same environment; positive is better; the intervals of a table hold all at once in 95 of"
+    " 100 cases. Failed: the number of runs without a result, which count as the worst score. Bad: the share"
+    " of a policy's answers that were not flown, or came too late. Flown again: the number of rows that were"
+    " flown again for this board, and whether the results were the same; if none was, only the submission"
+    " vouches for the results. In brackets after a name: digests of submitted code. A baseline is a pack in"
+    " the folder of frozen baselines; every other pack is a submission."
 )
 
 

@@ -1,4 +1,4 @@
-"""Differences between the scores of planners, in pairs of runs on the same environment, and their doubt."""
+"""Differences between the scores of planners, in pairs of runs on the same environment, with intervals."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Comparison:
     final_score: Interval
     """Mean difference of the scores at the end."""
     better: float
-    """Share of the environments on which `mine` has the better score over the run."""
+    """Fraction of the environments on which `mine` has the better score over the run."""
 
 
 def compare(rows: Sequence[BenchRow], mine: str | Sequence[str], against: Sequence[str]) -> list[Comparison]:
@@ -83,7 +83,7 @@ def difference(scores: Interval) -> list[str]:
 
 
 def doubt_in_words(count: int) -> str:
-    """Return the limits of intervals over `count` environments, in words.
+    """Return, in words, what intervals over `count` environments may miss.
 
     >>> doubt_in_words(40)
     'What befalls fewer than 7 % of environments may be missing among 40, and no interval covers it.'

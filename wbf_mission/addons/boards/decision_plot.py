@@ -47,7 +47,7 @@ def plot_decisions(
     spread = np.linspace(0, len(weighed) - 1, MOST_DECISIONS).round().astype(int)
     shown = [weighed[k] for k in np.unique(spread)]
     maps = [acquisition for k in shown if (acquisition := acquisitions[k]) is not None]
-    norm = PowerNorm(0.5, 0.0, _most(maps))  # Most acquisition values are small
+    norm = PowerNorm(0.5, 0.0, _most(maps))  # Square root: most acquisition values are small
     counts = [decision.observations for decision in record.decisions] + [len(record.observations)]
     figure = new_sheet(1.0 + 2.1 * len(shown), 5.7)
     panels = figure.subplots(2, len(shown), squeeze=False)
@@ -120,7 +120,7 @@ def _draw_choice(
 
 
 def _draw_outcome(axes: Axes, record: RunRecord, counts: tuple[int, int, int]) -> None:
-    """Draw the readings; `counts`: observations at the decision, at the next decision, at the next column."""
+    """Draw the readings; `counts`: observations at this decision, the next decision and the next column."""
     _frame(axes, record)
     begin, until, end = counts
     seen, grid = record.observations, record.farm.grid()

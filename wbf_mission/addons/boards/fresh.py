@@ -1,4 +1,4 @@
-"""Flights of submitted code on fresh environments: the seeds are drawn at the time of flight."""
+"""Flights of submitted code on fresh environments, whose seeds are drawn just before the flights."""
 
 from __future__ import annotations
 

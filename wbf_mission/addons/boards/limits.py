@@ -1,4 +1,4 @@
-"""Upper limits of a scenario's results: rows beyond these were made up."""
+"""Upper limits of a scenario's results: rows that exceed the limits were made up."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _NEEDED = ("observations", "cells_observed", "path_length_m", "flight_time_s", "
 
 
 class Limits:
-    """Upper limits of one run of a scenario of the catalogue, summed over its flights unless noted."""
+    """Upper limits of one run of a catalogue scenario; they are sums over all flights unless noted."""
 
     def __init__(self, name: str) -> None:
         self.scenario = scenario = load_scenario(name)
@@ -61,13 +61,14 @@ class Limits:
             value, unit = float(round(PAPER_STEPS_PER_CELL * self.farm.owner_cells)), "steps"
         elif text is not None and text.strip().lower() != UNLIMITED:
             value, unit = parse_budget(text)
-        # Flight time that the budget allows, per flight; path length, per flight and vehicle.
+        # Largest flight time per flight, and path length per flight and vehicle, that the budget allows.
         self.flight_s = value if unit in ("s", "steps") else math.inf
         self.flight_m = {"m": value, "steps": value * self.farm.cell_size_m}.get(unit, math.inf)
         # Sum of the top speeds of all vehicles, and wind.
         self.speed_m_s = sum(builder.vehicle.top_speed_m_s for builder in builders)
         self.speed_m_s += len(builders) * scenario.weather.wind_speed_m_s
-        # Cells per second seen by the paper's robots, 0 for other vehicles; cells seen per metre of path.
+        # Cells that the paper's robots cover per second (0 for other vehicles); cells covered per metre of
+        # path.
         seen = camera.footprint**2
         self.readings_s = len(builders) * seen / first.vehicle.step_s if ideal else 0.0
         self.readings_m = seen / (camera.spacing_m or self.farm.cell_size_m * camera.footprint)
@@ -79,14 +80,14 @@ class Limits:
         # Largest possible loss of each field.
         costs = zip(fields.names, weights.too_healthy, weights.too_sick, strict=True)
         self.losses = {field: max(cost) * _WIDEST_ERROR**2 for field, *cost in costs}
-        # Share of each field in the total loss: weight times number of cells, normalised.
+        # Fraction of the total loss by field: weight times number of cells, normalised.
         counts = np.array(weights.field) * masks
         self.parts = counts / counts.sum()
 
     def fewest_scored(self, row: BenchRow) -> int:
         """Return the minimum number of scored times for the readings of a row."""
         readings, flown_s = row.observations or 0, (row.flight_time_s or 0.0) / self.flights
-        # The score is computed every few readings, by the expected number of readings of a flight.
+        # The number of readings between two scored times depends on the expected readings of a flight.
         if self.readings_s:
             expected = self.flight_s * self.readings_s
         else:
@@ -95,7 +96,7 @@ class Limits:
         if not math.isfinite(expected):
             return 1
         points, ideal = self.scenario.score.points, self.readings_s > 0.0
-        # Estimators that are scored more often on a large farm exceed this minimum, too.
+        # Some estimators are scored more often on a large farm: they exceed this minimum.
         any_one = cast("Estimator", None)
         every = readings_a_score(points, self.farm, any_one, self.flights, expected, ideal=ideal)
         return max(1, math.floor(0.9 * readings / every))

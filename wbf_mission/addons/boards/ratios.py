@@ -93,7 +93,7 @@ def _ratio(ratio: Interval) -> str:
 
 
 def worse_in_words(ratios: Sequence[Ratio], when: str) -> str:
-    """Return the losses of policies that exceed the best fixed planner's significantly, in words."""
+    """Return, in words, the policies' losses that significantly exceed those of the best fixed planner."""
     worse: dict[str, list[str]] = {}
     for policy in ratios:
         for name, ratio in policy.ratios.items():

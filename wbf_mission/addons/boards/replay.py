@@ -93,8 +93,9 @@ def row_named(rows: Sequence[BenchRow], key: str, folder: Path) -> BenchRow:
 def run_of(row: BenchRow, *, planner: Choice | None = None, estimator: Choice | None = None) -> BenchRun:
     """Return the benchmark run that a row describes.
 
-    `planner` and `estimator` are the user's, if the row's are objects: a row stores only their names.
-    ScenarioError if the row's scenario is unknown, or an object is missing or has another name.
+    If the row's planner or estimator is an object, `planner` and `estimator` give the user's object: a row
+    stores only its name. ScenarioError if the row's scenario is unknown, or an object is missing or has
+    another name.
     """
     mover = _given(row, "planner", planner, (*names_of("planner"), *names_of("policy")))
     learner = _given(row, "estimator", estimator, names_of("estimator"))
@@ -131,7 +132,7 @@ def replay(row: BenchRow, run: BenchRun, *, events: EventStream, tlog: Path | No
 
 
 def _pooled(acquisition: AcquisitionMap) -> AcquisitionMap:
-    """Return a map of larger blocks, each with its greatest value: a run makes many maps."""
+    """Return a coarser map to save memory: each block of cells has its greatest value."""
     values = acquisition.values
     blocks = -(-max(values.shape) // _MOST_BLOCKS)
     if blocks == 1:

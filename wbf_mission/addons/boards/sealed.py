@@ -1,4 +1,4 @@
-"""Sealed rounds: environments that participants do not know before a round ends and nobody could choose.
+"""Sealed rounds: their environments are unknown to participants until the end, and nobody can choose them.
 
 The organiser draws a secret, publishes its seal and keeps the secret. The seeds of the round are derived from
 the secret (HMAC-SHA256, RFC 2104). The seal is a commitment to the secret: a SHA-256 of the secret and all
@@ -157,7 +157,7 @@ def of_round(selected: Mapping[str, Any], path: Path) -> dict[str, Any]:
 
 
 def require_seeds(secret: Secret, rows: Iterable[BenchRow]) -> None:
-    """Raise ResultError unless rows are of the round's scenarios, each on exactly its environments."""
+    """Raise ResultError unless each scenario is of the round, and has exactly the round's environments."""
     seeds = set(secret.seeds())
     for scenario, here in by_scenario(rows).items():
         own = {row.seed for row in here}

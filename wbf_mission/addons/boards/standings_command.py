@@ -121,7 +121,8 @@ def compare_command(
     ]
     of_score = ("95 %", "verdict")
     header = ["scenario, estimator", "against", "run", *of_score, "end", *of_score, "better on"]
-    output.table(values, header, table, title=f"{first}: difference of scores (positive: it is better)")
+    title = f"{first}: difference of scores (positive if {first} is better)"
+    output.table(values, header, table, title=title)
     _warn_of_uncounted(output, rows)
     warn_of_failures(output, rows)
     return exit_code(rows, interrupted=interrupted)

@@ -77,7 +77,7 @@ class Submission(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     code: str
     """Behaviour numbers of wbf-mission (`wbf_mission.version.behaviour`)."""
     versions: dict[str, list[str]]
-    """Versions of Python and the libraries in the rows; usually one each."""
+    """Versions of Python and of the libraries in the rows; usually one version of each."""
     hardware: list[dict[str, str]]
     own: list[Own]
     files: dict[str, str]
@@ -204,7 +204,7 @@ def read_pack(path: Path) -> Pack:
         wrong = min(name for name, _ in told.files.items() ^ digests.items())
         raise ResultError(f"{path}: {wrong} is not what {ABOUT} says; get the file again")
     try:
-        # The size stated in a table may be less than its real size.
+        # A table may state a size that is less than its real size.
         with memory_bounded(_MAX_MEMORY_BYTES):
             rows = list(rows_of(path / TABLE, members[TABLE]))
     except MemoryError:

@@ -28,7 +28,7 @@ from wbf_mission.version import behaviour
 VERIFIED = 1
 """Default number of rows of each submitted method to fly again."""
 NEAR = 1e-6
-"""Smaller relative differences come from other linear algebra libraries, not from other code."""
+"""Relative differences below this come from different linear algebra libraries, not from different code."""
 EQUAL, CLOSE, OTHER, ENDLESS = "equal", f"within {NEAR:g}", "differ", "not ended"
 OTHER_CODE = "flown with other behaviour numbers than this version's"
 _MOST_S = 600.0
@@ -90,9 +90,9 @@ def fly_again(
     """Fly some rows of each method again, and compare them; failed rows are left out.
 
     The rows are drawn at random by the checker, so that their author cannot predict them. Only built-in
-    methods fly, and those of `own`, by digest. Without `own`, rows fly in another process with a timeout of
-    ten minutes each, because a row may name parameters that never end. `count` rows of each method are drawn,
-    with the seed `salt`, by default from the system's randomness.
+    methods and the methods in `own` (by digest) are flown. Without `own`, rows are flown in another process
+    with a timeout of ten minutes each, because the parameters in a row may cause an endless run. `count` rows
+    of each method are drawn. The seed of the draw is `salt`, or comes from the system's randomness.
     """
     if count < 1:
         return Verification()

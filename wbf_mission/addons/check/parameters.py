@@ -44,7 +44,7 @@ def _read(peer: Peer, name: str, tries: int = 3) -> _Value | None:
 
 
 def _listed(peer: Peer) -> dict[int, _Value]:
-    """Return all parameters by index; lost ones are requested again."""
+    """Return all parameters by index; lost parameters are requested again."""
     found: dict[int, _Value] = {}
     peer.forget()
     peer.send(m.MAVLink_param_request_list_message(*peer.address))

@@ -160,7 +160,7 @@ class Peer:
     ) -> M | None:
         """Return the first message of one of these kinds, or None after `seconds`.
 
-        `to`: accept only messages to this system. By default, those to other ground stations are ignored.
+        `to`: accept only messages to this system. By default, messages to other ground stations are ignored.
         """
         wanted = kinds if isinstance(kinds, tuple) else (kinds,)
         for _, message in self.heard(seconds):
@@ -180,7 +180,7 @@ class Peer:
         where: Callable[[M], bool] = lambda _: True,
         tries: int = _TRIES,
     ) -> M | None:
-        """Send `question` until an answer arrives, at most `tries` times; None without an answer."""
+        """Send `question` until an answer arrives, at most `tries` times; return the answer, or None."""
         for _ in range(tries):
             self.forget()
             self.send(question)

@@ -41,19 +41,19 @@ class Check:
 
     @property
     def required_of(self) -> str:
-        """Autopilots that must pass: ``all``, their names, or an empty text."""
+        """Autopilots that must pass: ``all``, or their names; an empty text for none."""
         names = [profile.name for profile in _KNOWN if self.requirement(profile)]
         return "all" if len(names) == len(_KNOWN) else ", ".join(names)
 
     @property
     def group(self) -> str:
-        """Part of the id before the dot."""
+        """The part of the id that precedes the dot."""
         return self.id.partition(".")[0]
 
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """Result of a check; `required` is for the vehicle checked, `detail` the observation."""
+    """Result of a check. `required`: whether the vehicle has to pass. `detail`: what was observed."""
 
     check: Check
     required: bool
@@ -68,7 +68,7 @@ class CheckResult:
 
     @property
     def told(self) -> str:
-        """The observation and, for failed advice, the software that is affected."""
+        """The observation; if the check failed and was not required, also the software that is affected."""
         if self.verdict is Verdict.FAILED and not self.required and self.check.suffers:
             return f"{self.detail} (trouble for {self.check.suffers})"
         return self.detail

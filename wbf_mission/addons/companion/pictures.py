@@ -28,9 +28,9 @@ _CHECK_S = 0.05  # interval of checks for readings
 class PictureCamera(CameraComponent, Generic[P]):
     """A camera with user functions that take pictures and read fields from the pictures.
 
-    Triggers are those of `CameraComponent`. Pictures are taken at once and classified in sequence by a
-    thread, so that a slow classifier delays neither the next picture nor the link. A picture that cannot be
-    taken or classified becomes an image without readings, with a note.
+    The triggers are the same as for `CameraComponent`. Pictures are taken at once and classified in sequence
+    by a thread, so that a slow classifier delays neither the next picture nor the link. A picture that cannot
+    be taken or classified becomes an image without readings, with a note.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ _INSIDE_M = 1e-6
 
 
 class _TurnBudget:
-    """A budget of flight time: legs at 5 m/s, and 1.5 s per turn, with the return leg."""
+    """A budget of flight time for all legs at 5 m/s, including the return leg, and 1.5 s per turn."""
 
     unit = "s"
 

@@ -51,7 +51,7 @@ class _Case:
 def check_policy(policy: str | Policy, **parameters: Any) -> PolicyCheck:
     """Check that a policy fulfils the contract (`mission.policies.policy.Policy`).
 
-    One or three vehicles, which fly a cell per step, cover areas with a pond and in two parts. Starts lie
+    One or three vehicles fly a cell per step, over an area with a pond and an area of two parts. Starts lie
     inside and outside the area. Budgets are in steps, or in metres including the return. The contract has
     these rules:
 
@@ -174,7 +174,7 @@ class _Vehicle:
 class _Flight:
     """A simulated flight of a test case under a policy.
 
-    `answers` are the decisions as bytes, `looked` marks the observed cells.
+    `answers` holds the decisions as bytes, and `looked` marks the observed cells.
     """
 
     def __init__(self, policy: Policy, case: _Case, truth: NDArray[np.float32]) -> None:

@@ -1,8 +1,8 @@
 """Ensembles: many environments of one farm, generated in parallel.
 
-Member k has the seed ``child_seed(seed, "ensemble", str(k))`` for any number of members and processes. An
-ensemble is a folder with a header and a folder for each member. A generation that was stopped can be resumed:
-finished members, and finished days of other members, are not generated again.
+Member k has the seed ``child_seed(seed, "ensemble", str(k))``, whatever the number of members and processes.
+An ensemble is a folder with a header and a folder for each member. A generation that was stopped can be
+resumed: finished members, and finished days of other members, are not generated again.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from geo.farm import Farm
 
 DEFAULT_CELLS = 128 * 128
-"""Largest farm with `epidemic` as default: beyond, its gain over `gp` does not justify time and memory."""
+"""Largest farm with `epidemic` as default: on larger farms its gain over `gp` is not worth the time."""
 
 
 def is_default(farm: Farm, fields: tuple[str, ...]) -> bool:

@@ -46,7 +46,7 @@ class DiseaseBelief:
 
     `value` is the estimate of least expected loss, and `uncertainty` the standard deviation of the true
     value. `whole`: every update computes all cells, on farms of at most `WHOLE_FARM_CELLS`. `task` is the
-    training for any day.
+    training task of any day.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class DiseaseBelief:
         if day != self._day or sensed.any():
             x, y, probabilities = self._changed(day, cells, days, values)
             if self.whole:
-                # Earlier models keep the old maps.
+                # Write into new maps, because earlier models keep the old maps.
                 self._add_maps()
             self._take((x, y), probabilities)
         self._seen = len(values)
@@ -118,7 +118,8 @@ class DiseaseBelief:
     def probabilities(self) -> NDArray[np.float32]:
         """Class probabilities of all cells, float32[3, W, H]; land without the crop is healthy.
 
-        On large farms they are computed on every access, which takes as long as an update with all readings.
+        On large farms the probabilities are computed on every access. This takes as long as an update with
+        all readings.
         """
         found = self._again()._probabilities if self._probabilities is None else self._probabilities
         assert found is not None

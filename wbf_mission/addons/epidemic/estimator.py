@@ -32,7 +32,7 @@ _Basis = tuple[object, int, int]
 """The estimator's state behind a model: fit, estimated day, and number of learned observations."""
 
 _SOIL = PAPER_FIELDS.index("soil")
-# Readings that deviate less from the smooth field are not noisy: the prior's rough part is this large.
+# Smaller deviations of readings from the smooth field are no noise: the prior's rough part is as large.
 _EXACT_SOIL = 0.015
 
 

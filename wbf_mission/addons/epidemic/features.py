@@ -155,7 +155,7 @@ def local_features(codes: NDArray[np.uint8], x: Cells, y: Cells) -> Floats32:
     """Return the scaled counts of each code 1..4 in each ring of some cells, float32[n, N_LOCAL]."""
     if not len(x):
         return np.empty((0, N_LOCAL), np.float32)
-    # Only the cells in reach are looked at.
+    # The sums read only the cells in reach.
     left, low = int(x.min()), int(y.min())
     near = codes[left : int(x.max()) + 2 * REACH + 1, low : int(y.max()) + 2 * REACH + 1]
     planes = np.stack([near == code for code in range(1, NO_HOST_CODE + 1)]).astype(np.float32)

@@ -174,7 +174,7 @@ class FieldClassifier:
         """Return the class probabilities of the cells without their own readings, float32[n, 3].
 
         `overall` are the features of the whole field; None computes them. `found` are the probabilities of
-        the previous network, if this classifier has a refinement network only.
+        the previous network; they are given only if this classifier has just a refinement network.
         """
         if overall is None:
             overall = overall_features(self._codes, len(self._x), self._seeds, self._day)

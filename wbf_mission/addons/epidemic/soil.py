@@ -11,12 +11,12 @@ a prediction is a product of narrow matrices, whatever the size of the farm.
 
 The humidity is clipped at 1, and the edge of a clipped region is not smooth. The prior therefore has a rough
 part: 2 % of the variance with about a third of the lengthscale. A small variance (the misfit) stands for the
-remaining difference from the functions. The misfit is similar in neighbouring cells, so that readings within
-half a wavelength of the finest function do not average it out. The noise variance of a reading therefore
-grows with the square root of the number of cells within that length, a compromise between equal and
-independent errors. Otherwise exact readings along a path would determine all derivatives, and with them the
-field far away. Rough part and misfit were tuned on simulated fields to give the posterior correct standard
-deviations.
+remaining difference between the humidity and the functions. The misfit is similar in neighbouring cells, so
+that readings within half a wavelength of the finest function do not average it out. The noise variance of a
+reading therefore grows with the square root of the number of cells within that length, a compromise between
+equal and independent errors. Otherwise exact readings along a path would determine all derivatives, and with
+them the field far away. Rough part and misfit were tuned on simulated fields to give the posterior correct
+standard deviations.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ class SoilField:
             self._waiting.setdefault(day, []).append((x[now], y[now], values[now]))
 
     def _take_in(self) -> None:
-        """Add the queued readings to the sums and the posterior; a batch costs little more than one."""
+        """Add all queued readings, at little more than the cost of one, to the sums and the posterior."""
         learned = []
         self._give_way()
         for day, parts in sorted(self._waiting.items()):
@@ -220,7 +220,8 @@ class SoilField:
         functions = _on_grid(
             *(axis.at(where) for axis, where in zip((self._x, self._y), places, strict=True))
         )
-        # The functions contribute to the variance of the farm's mean, so the constant has only the rest.
+        # The functions contribute to the variance of the farm's mean; the constant gets the remaining
+        # variance.
         own = float(product(self._spectrum, functions[:, 1:].mean(axis=0) ** 2))
         everywhere = float(np.mean(product(functions[:, 1:] ** 2, self._spectrum)))
         shape = shape / (everywhere - own) + _SMALLEST_VARIANCE
@@ -400,7 +401,7 @@ def _products(along_x: Floats, along_y: Floats) -> Floats:
 
 
 def _on_grid(along_x: Floats, along_y: Floats) -> Floats:
-    """Return `_products` for all pairs of places along x and along y, those of the first x first."""
+    """Return `_products` for all pairs of a place along x and a place along y, sorted by x, then by y."""
     return _products(np.repeat(along_x, len(along_y), axis=0), np.tile(along_y, (len(along_x), 1)))
 
 

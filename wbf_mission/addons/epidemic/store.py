@@ -1,4 +1,4 @@
-"""Trained networks: in memory, in files, and trained where missing."""
+"""Trained networks, kept in memory and in files; missing networks are trained."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SUMS = 2
 INCLUDED = Path(__file__).parent / "networks"
 """Networks of the Miniberry farms, which users need not train (`tools/write_networks.py`)."""
 
-_WORTH_A_PROCESS = 1000  # Smaller trainings (outbreaks x epochs) do not pay for a process
+_WORTH_A_PROCESS = 1000  # Smaller trainings (outbreaks x epochs) are not worth a process
 
 _in_memory: dict[str, Network] = {}
 

@@ -118,7 +118,7 @@ class TrainingTask:
             )
         parameters = asdict(self.parameters)
         if self.parameters.seed_spread_cells is None:
-            # This parameter was added later: by default it must change neither the name nor the seed.
+            # A parameter that was added later: its default must change neither the name nor the seed.
             del parameters["seed_spread_cells"]
         identity = {
             "parameters": parameters,
@@ -297,7 +297,7 @@ def _choose(
 
 
 class _Fields:
-    """Simulator of fields: the whole farm, or windows of a large farm with their share of the seeds."""
+    """Simulates fields: the whole farm, or windows of a large farm with a proportional number of seeds."""
 
     def __init__(self, task: TrainingTask, rng: Generator) -> None:
         self._ranks = np.cumsum(np.count_nonzero(task.hosts, axis=1))

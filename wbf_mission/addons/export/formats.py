@@ -62,9 +62,9 @@ def export(
 ) -> tuple[Path, ...]:
     """Write a finished run in a format of `FORMATS`, and return the files; each is complete or absent.
 
-    The estimate is computed again at `estimates` moments, as of `events_of`. The run's telemetry `log` gives
-    the time of day and more details of the vehicles. EstimatorError if the run's estimator cannot be created.
-    ResultError if the log cannot be read. OSError if a file cannot be written.
+    The estimate is computed again at about `estimates` moments (see `events_of`). The run's telemetry `log`
+    gives the time of day and more details of the vehicles. EstimatorError if the run's estimator cannot be
+    created. ResultError if the log cannot be read. OSError if a file cannot be written.
     """
     chosen = FORMATS[to]
     write: Write = resolve_name(f"wbf_mission.addons.export.{chosen.writer}")
@@ -82,7 +82,7 @@ def export(
 
 
 def epoch_of(log: Path | None) -> float:
-    """Return the time of day at the start of a run (s since 1970): from its log, else a fixed epoch."""
+    """Return the start of a run (s since 1970): the time in its log, or a fixed time without a log."""
     if log is None:
         return EPOCH_UNIX_S
     try:

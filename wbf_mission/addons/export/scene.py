@@ -1,4 +1,4 @@
-"""What the exports share: places, colours and pixels, and the walk through the events of a run."""
+"""Parts that all exports share: places, colours, pixels, and the loop over the events of a run."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from wbf_mission.run.record import RunRecord
 
 OBSTACLE, FENCE, _LAND = "#b22222", "#e69f00", "#8c8c8c"
-SHOWN_AGAIN = 100  # Approximate full rewrites of growing tracks and readings per run, for viewers that jump
-TRACK_POINTS = 1000  # Maximum of a displayed track
+SHOWN_AGAIN = 100  # Tracks and readings are written in full about this often per run
+TRACK_POINTS = 1000  # Maximum number of points in a displayed track
 LONGEST = 500
 """Maximum number of pixels along the longer side of a farm; smaller farms get one pixel per cell."""
 WARNING, INFO = 4, 6  # MAV_SEVERITY
@@ -81,7 +81,7 @@ class Scene(ABC):
         self.pixel_m = self._grid.pixel * self._grid.cell_size_m
         self._masks = fields.masks(farm.grid())
         self._scales = _scales(record) if self._grid.pixel > 1 else [1.0] * len(fields)
-        self._doubts = [0.0] * len(fields)  # Colour scales of uncertainties, set by the first ones
+        self._doubts = [0.0] * len(fields)  # Tops of colour scales of the first uncertainties
         self._seen: list[Observations] = []  # Readings of the current day
         self._readings, self._readings_a_show = 0, max(1, len(record.observations) // SHOWN_AGAIN)
 
@@ -181,7 +181,7 @@ class Scene(ABC):
 
 
 def _scales(record: RunRecord) -> list[float]:
-    """Return the highest share of sick plants shown for each field; 1 for a field that is no disease."""
+    """Return the top of each field's colour scale: the highest fraction of sick plants, or 1 (no disease)."""
     scales = [1.0] * len(record.fields)
     for k, (field, shown) in enumerate(zip(record.fields, record.true_maps or record.maps, strict=False)):
         if field.kind == "disease":
@@ -194,7 +194,7 @@ def _painted(shown: NDArray[np.floating], colours: Iterable[str]) -> Colours:
     known = np.isfinite(shown)
     scale = np.array([rgb(colour) for colour in colours], np.float64)
     at = np.linspace(0.0, 1.0, len(scale))
-    # Unknown pixels are white for tools that ignore opacity.
+    # Unknown pixels are white and transparent, because some tools ignore opacity.
     painted = np.full((*shown.shape, 4), (255, 255, 255, 0), np.uint8)
     for part in range(3):
         painted[known, part] = np.rint(np.interp(shown[known], at, scale[:, part]))

@@ -1,7 +1,7 @@
 """Injection of faults into links, components and vehicles.
 
-A host makes one `FaultSession` per run. All random numbers come from named streams of the seed, so the
-same faults, seed and inputs give the same bytes.
+A host makes one `FaultSession` per run. All random numbers come from named streams of the seed, so equal
+faults, seeds and inputs give equal bytes.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ class FaultSession(Injection):
 
 
 def _matches(wanted: str | None, name: str, number: int) -> bool:
-    """Return whether a fault's ``link`` matches: a number below 1000, else a part of the link's name."""
+    """Return whether a fault's ``link`` (a number below 1000, or a part of the name) fits a link."""
     if wanted is None:
         return True
     if wanted.isascii() and wanted.isdigit() and int(wanted) < _FEWEST_PORT:
@@ -158,7 +158,7 @@ class FaultyRadio(Radio):
         self._combined: dict[tuple[Fault, ...], Faults] = {}
 
     def faults_of(self, direction: Direction, system: int, now_s: float) -> Faults:
-        """Return the radio's own disturbances with those of the active faults."""
+        """Return the disturbances of the radio itself combined with those of the active faults."""
         key = tuple(
             fault
             for fault in self._links[direction]
@@ -171,7 +171,7 @@ class FaultyRadio(Radio):
 
 
 def _combine(faults: Sequence[Fault], always: Faults) -> Faults:
-    """Return the combined effect of several faults on a radio with its own disturbances."""
+    """Return the combined disturbances of several faults and of the radio itself."""
 
     def of(kind: str) -> list[float]:
         return [fault.number for fault in faults if fault.kind == kind]
@@ -263,7 +263,7 @@ class FaultyComponent:
         return edge_s if self._silent(self._now_s) else min(edge_s, self.inner.next_deadline())
 
     def goodbye(self) -> list[Message]:
-        """Return the component's last messages, less the messages that faults drop."""
+        """Return the component's last messages without those that faults drop."""
         if not isinstance(self.inner, SaysGoodbye) or self._silent(self._now_s):
             return []
         return self._apply_faults(self.inner.goodbye(), self._now_s)

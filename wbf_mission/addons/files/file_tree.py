@@ -58,8 +58,9 @@ class FileTree:
     """Directories and files of a vehicle; methods raise FileError on failure.
 
     Files can be written in ``directories`` and below. ``made`` maps a path to a function that returns the
-    contents when read; ``taken`` maps a path to one that receives the written contents and returns whether
-    they are accepted; ``mounted`` maps a directory to one that returns its read-only files by path.
+    contents when read; ``taken`` maps a path to a function that receives the written contents and returns
+    whether they are accepted; ``mounted`` maps a directory to a function that returns its read-only files by
+    path.
     """
 
     def __init__(
@@ -98,7 +99,7 @@ class FileTree:
         return sorted(entries)
 
     def opened(self, text: str) -> Callable[[int], bytes | None]:
-        """Return a function from the size of the first read to the contents of a file."""
+        """Return a function that takes the size of the first read and returns the contents of the file."""
         name, _, query = text.partition("?")
         path = path_of(name)
         if path in self._made:

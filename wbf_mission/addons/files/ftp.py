@@ -1,7 +1,7 @@
 """MAVLink FTP server of a vehicle: payload of FILE_TRANSFER_PROTOCOL, and sessions.
 
 Layout, operations and errors: https://mavlink.io/en/services/ftp.html. The client chooses the session number,
-as with ArduPilot. PX4's clients read the number from the answer and get back the one they sent.
+as with ArduPilot. PX4's clients read the number from the answer, and so get back the number they sent.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ ACK, NAK = 128, 129
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """A request or an answer; the sequence number of an answer is its request's plus one, modulo 65536.
+    """A request or an answer. An answer has the sequence number of its request plus one, modulo 65536.
 
     Examples
     --------
@@ -233,7 +233,7 @@ class FtpServer:
         return session
 
     def _begin(self, peer: Peer, request: Packet, session: _Session) -> None:
-        """Open a session; an older session of the same number is replaced, as its end was lost."""
+        """Open a session; it replaces an older session of the same number, whose TERMINATE was lost."""
         key = (peer, request.session)
         if key not in self._sessions and len(self._sessions) >= _MOST_SESSIONS:
             raise FileError(FtpError.NO_SESSIONS)

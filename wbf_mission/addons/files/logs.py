@@ -105,7 +105,7 @@ class FlightLogs:
         return {log.path(by_date=by_date): log.data for log in self._logs}
 
     def write(self, frame: bytes, message_id: int, now_s: float, *, armed: bool) -> None:
-        """Log a frame at host time `now_s` if the vehicle is armed or was until a second ago."""
+        """Log a frame at host time `now_s` if the vehicle is armed, or was armed within the last second."""
         if armed:
             self._ends_s = now_s + _AFTER_S
             if self._open is None:
@@ -122,7 +122,7 @@ class FlightLogs:
             self._size += len(record)
 
     def erase(self, *, armed: bool) -> None:
-        """Delete the logs except the one being written."""
+        """Delete all logs except the log being written."""
         if not armed:
             self._open = None
         self._logs = [log for log in self._logs if log is self._open]

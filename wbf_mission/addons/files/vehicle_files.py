@@ -43,7 +43,7 @@ __all__ = [
 GENERAL_PATH = "/etc/extras/component_general.json.xz"
 PARAMETERS_PATH = "/etc/extras/parameters.json.xz"
 _TYPE_PARAMETERS = 1
-# Entry of the metadata and key of the number, by kind of choice.
+# For each kind of choice, the metadata's entry and the key of the choice's number.
 _CHOICES = {"value": ("values", "value"), "bit": ("bitmask", "index")}
 # Small XZ readers in ground stations support only this checksum.
 _FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 6, "dict_size": 1 << 16}]
@@ -264,7 +264,7 @@ _FIELDS = attrgetter(
 
 
 class PackedPlan(NamedTuple):
-    """An uploaded plan: its items replace those from `start`; None means a whole plan."""
+    """An uploaded plan: its items replace the items from `start` on, or the whole plan if `start` is None."""
 
     items: tuple[m.MAVLink_mission_item_int_message, ...]
     start: int | None
@@ -342,7 +342,7 @@ def vehicle_files(
 
 
 def _whole(contents: Callable[[], bytes]) -> MadeFile:
-    """Return a file that is generated as a whole, and takes no query."""
+    """Return a file that is generated as a whole; a read with a query fails."""
     return lambda query, _read_size: None if query else contents()
 
 

@@ -2,7 +2,8 @@
 
 Heights are above the take-off point. The vehicle stops at each waypoint and flies straight to the next. The
 altitude of a take-off item is the height to which the drone climbs first. A landing or return at the end of
-the mission sets the finish action. A heading of 0 means none: ArduPilot's files have 0 in every waypoint.
+the mission sets the finish action. A heading of 0 counts as no heading, because ArduPilot's files have 0 in
+every waypoint.
 
 Source: DJI Cloud API, "WPML" (developer.dji.com/doc/cloud-api-tutorial, github.com/dji-sdk/Cloud-API-Doc):
 overview, template.kml, waylines.wpml, common elements.
@@ -74,7 +75,7 @@ class _Group:
 
 @dataclass(slots=True)
 class _Route:
-    """A mission as a wayline route, and the items lost; each step method returns whether its item is kept."""
+    """A mission as a wayline route, and the lost items. Each step method returns whether its item is kept."""
 
     mission: Mission
     speed_m_s: float

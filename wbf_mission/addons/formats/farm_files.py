@@ -1,8 +1,8 @@
 """Farm files of other programs: KML, KMZ, Shapefile, GeoPackage and GPX by GDAL; Mission Planner's ``.poly``.
 
-Files are not trusted. GDAL opens only local files that begin with the bytes of their format: it would follow
-the links of a list of web addresses named ``.gpkg``. Archives are unpacked here, with a size limit. XML with
-entities or external links is refused.
+Files are not trusted. GDAL is given only local files that begin with the bytes of their format: if a file
+named ``.gpkg`` held a list of web addresses, GDAL would open these. Archives are unpacked here, with a size
+limit. XML with entities or external links is refused.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ _MAX_BYTES = 128 * 2**20
 _MAX_TEXT_BYTES = 32 * 2**20  # XML and .poly
 _MAX_LAYERS = 100
 _MAX_DEPTH = 100  # Of XML
-_MAX_GAP_M = 5.0  # Between the ends of a track round a field; the error of a handheld receiver
+_MAX_GAP_M = 5.0  # Largest gap between the ends of a track round a field: the error of a handheld receiver
 _SHOWN_GAP_M = 0.05  # Smaller gaps are rounding errors
 _SHAPEFILE = (".shp", ".shx", ".dbf", ".prj", ".cpg")
 _WKB = dict(enumerate(("Point", "LineString", "Polygon", "MultiPoint", "MultiLineString", "MultiPolygon"), 1))
 _WKB[7] = "GeometryCollection"
-_GPX_LAYERS = ("routes", "tracks", "waypoints")  # The other layers repeat the points of these
+_GPX_LAYERS = ("routes", "tracks", "waypoints")  # The other layers repeat the points of these layers
 _POLY_WORDS = re.compile(r"(name|color):(.*)", re.IGNORECASE)
 
 
@@ -274,7 +274,7 @@ def _border(line: Any) -> tuple[Any, str, str]:
 
 
 def _as_written(wkb: bytes, at: int) -> tuple[dict[str, Any], int]:
-    """Return a geometry in well-known binary as GeoJSON with unchanged rings, and the offset of its end."""
+    """Convert well-known binary to GeoJSON with unchanged rings; return the geometry and its end's offset."""
     order = "<>"[wkb[at] == 0]
     kind, count = struct.unpack_from(f"{order}II", wkb, at + 1)
     name = _WKB.get(kind, "")

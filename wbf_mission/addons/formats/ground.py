@@ -64,7 +64,7 @@ class _Tile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ground:
-    """Terrain heights above mean sea level, each from the first raster with a height at the point."""
+    """Terrain heights above mean sea level; each point uses the first raster that has a height there."""
 
     tiles: tuple[_Tile, ...]
     step_m: float  # Width of the smallest pixel

@@ -33,7 +33,7 @@ VERSION = 1
 PATH = "path"
 _SPEEDS = ("cruise_speed_m_s", "hover_speed_m_s")
 ROLES = frozenset({"mission", "home", "item", "fence", "rally", PATH})
-# Places in the item list that are not flown to.
+# Commands with a place to which the vehicle does not fly.
 _NOT_FLOWN = frozenset({Command.DO_SET_HOME, Command.DO_SET_ROI_LOCATION, Command.DO_SET_ROI, 80, 252, 611})
 
 _USUAL: Mapping[str, Any] = {
@@ -50,8 +50,8 @@ LatLon: TypeAlias = tuple[float, float]  # Latitude and longitude, degrees
 class Record:
     """One record of a mission file: an item, home, a fence or rally item, or the header."""
 
-    fields: Mapping[str, Any]  # Values by the names above: numbers, bools, texts of either, or None
-    places: Sequence[LatLon] = ()  # None, one, or the vertices of an open polygon
+    fields: Mapping[str, Any]  # Numbers, bools, texts of numbers or bools, or None, by the names above
+    places: Sequence[LatLon] = ()  # No place, one place, or the vertices of an open polygon
     where: str = ""  # Position in the file, for error messages
 
     @property
@@ -149,7 +149,7 @@ def records_of(mission: Mission, *, polygons: bool) -> list[Record]:
 
 
 def _uniform_polygon(items: Sequence[MissionItem], start: int) -> Sequence[MissionItem]:
-    """Return the vertices of a polygon if they differ only in place; otherwise the single item."""
+    """Return the vertices of a polygon if they differ only in their places; otherwise the first item."""
     alone = items[start : start + 1]
     if items[start].command not in POLYGON_COMMANDS:
         return alone

@@ -33,7 +33,7 @@ __all__ = ["GimbalExtra"]
 _DEVICE = 1
 _FAILED = m.MAV_RESULT_FAILED
 _LOCKS = m.GIMBAL_DEVICE_FLAGS_ROLL_LOCK | m.GIMBAL_DEVICE_FLAGS_PITCH_LOCK
-_AXES = 0b111_111_111 << 2  # flags for axis, follow and lock, of roll, pitch and yaw each
+_AXES = 0b111_111_111 << 2  # flags of the axis, follow and lock, for each of roll, pitch and yaw
 _CAPABILITIES = (
     m.GIMBAL_MANAGER_CAP_FLAGS_HAS_RETRACT
     | m.GIMBAL_MANAGER_CAP_FLAGS_HAS_NEUTRAL
@@ -139,7 +139,7 @@ class GimbalExtra(VehicleExtra):
             self.gimbal.wake()
 
     def is_ready(self, message_id: int) -> bool:
-        """Whether the gimbal is awake, for a message of the gimbal."""
+        """Return whether a message can be sent: messages of the gimbal only once it is awake."""
         return message_id not in self.builders or self.gimbal.awake
 
     def camera_attitude(self, boot_us: float) -> Attitude | None:
@@ -156,7 +156,7 @@ class GimbalExtra(VehicleExtra):
             return _FAILED
         pitch, yaw, pitch_rate, yaw_rate, flags = command.params[:5]
         if not command.long and command.frame in (0, 3, 10):
-            flags *= 1e7  # undo the scaling of latitudes: this field holds flags
+            flags *= 1e7  # undo the scaling that fits latitudes: this field holds flags
         if not 0.0 <= flags < 2**32:
             return _FAILED
         return _turn(self.gimbal, round(flags), (0.0, pitch, yaw), (0.0, pitch_rate, yaw_rate))

@@ -51,7 +51,7 @@ class GimbalMode(IntEnum):
     TARGET = 2
     """Angles or rates from a client."""
     STICKS = 3
-    """Stick control; without sticks, the middle of the range."""
+    """Control by sticks; without sticks the angles are the middle of the range."""
     POINT = 4
     HOME = 6
 
@@ -70,7 +70,8 @@ class Attitude(NamedTuple):
 class Gimbal:
     """Three-axis gimbal.
 
-    The vehicle has a gimbal if the `fitting` parameter is above 0 at boot; None stands for no gimbal.
+    The vehicle has a gimbal if the parameter `fitting` is above 0 at boot. If `fitting` is None, it has no
+    gimbal.
 
     Examples
     --------
@@ -105,7 +106,7 @@ class Gimbal:
         self._earth = self._rates_earth = False
         self.angles_rad = self._limited(self._target)
         self._track.clear()
-        # A neutral gimbal needs no simulation until the first order or request after boot.
+        # A neutral gimbal is not simulated until the first order or request after boot.
         self.awake = self.mode is not GimbalMode.NEUTRAL
 
     @property

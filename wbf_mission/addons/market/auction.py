@@ -20,7 +20,7 @@ _AT_ONCE = 16
 
 @dataclass(frozen=True, slots=True)
 class Bid:
-    """A vehicle's price for a segment: its total cost once all its work is done."""
+    """A vehicle's price for a segment: the cost of all its work if it gets the segment."""
 
     cost: float  # In the unit of the vehicle's budget
     # Place of the segment in the vehicle's route, and the corner from which it would be flown.
@@ -46,16 +46,16 @@ class Bidder:
     ) -> None:
         self.system_id = system_id
         nodes = np.vstack((free_m, home_m, corners_of(segments).reshape(-1, 2)))
-        # float64[n, n]: costs between the point where the vehicle becomes free, home, and all corners.
+        # float64[n, n]: costs between the nodes: where the vehicle becomes free, home, and all corners.
         self.legs = travel_cost.legs(nodes, nodes)
-        # Cost of each segment's rows; infinite for a segment it cannot fly.
+        # Cost of each segment's rows; infinite if the vehicle cannot fly the segment.
         self.own = [
             path_cost(travel_cost, np.concatenate([ends for _, ends in segment.ordered(0)]))
             if take
             else math.inf
             for segment, take in zip(segments, takes, strict=True)
         ]
-        self.until_free = until_free  # Cost of its unfinished work
+        self.until_free = until_free  # Cost of the work that the vehicle keeps
         self.limit = limit  # Maximum total cost
         self.returns = returns  # Whether the return home counts
         # Awarded segments in order of flight: index in the list of segments, and variant.
@@ -89,7 +89,7 @@ class Bidder:
         return best if best.cost <= self.limit else None
 
     def award(self, segment: int, bid: Bid) -> None:
-        """Insert a segment into the route as it was bid for."""
+        """Insert a segment into the route at the bid's position, flown in the bid's variant."""
         self.route.insert(bid.position, (segment, bid.variant))
 
     def _home(self, at: int) -> float:
@@ -97,9 +97,9 @@ class Bidder:
 
 
 def hold_auction(bidders: Sequence[Bidder], offered: Iterable[int]) -> list[int]:
-    """Award one segment at a time, each to the lowest bid of all, and return the unsold ones.
+    """Award one segment at a time to the lowest bid for any segment; return the unsold segments.
 
-    A bid is the vehicle's total cost, so that all vehicles get about the same (rule MiniMax of sequential
+    A bid is the vehicle's total cost, so that all vehicles end with similar costs (rule MiniMax of sequential
     single-item auctions; Lagoudakis et al. 2005, Koenig et al. 2006). Equal bids go to the first bidder.
     """
     left = list(offered)
@@ -122,7 +122,7 @@ def hold_auction(bidders: Sequence[Bidder], offered: Iterable[int]) -> list[int]
 
 
 def path_cost(travel_cost: TravelCost, points_m: Points) -> float:
-    """Return the approximate cost of flying through points, from the first one on."""
+    """Return the approximate cost of flying through points, starting at the first point."""
     if len(points_m) < 2:
         return 0.0
     return float(leg_costs(travel_cost, points_m).sum())

@@ -16,11 +16,11 @@ NO_POINTS: Points = np.empty((0, 2))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretch:
-    """Part of a path: the way to a row with the row itself, or a leg to a random place."""
+    """Part of a path: a row and the way to this row, or a leg to a random place."""
 
-    segment: Segment | None  # None for a leg that only uses up the budget
+    segment: Segment | None  # None for a leg to a random place
     row: int  # Index of the row in the segment
-    # float64[n, 2]: the last two points are the row's ends, or only the far end if flown from the near one.
+    # float64[n, 2]: the last two points are the row's ends, or the far end alone if the vehicle is at the near end.
     points_m: Points
 
 
@@ -30,7 +30,7 @@ class Contract:
 
     stretches: tuple[Stretch, ...]  # In order of flight
     points_m: Points  # float64[n, 2]: the path as sent; its last leg may be shortened
-    under_way: Segment | None = None  # First segment, if partly flown before this contract
+    under_way: Segment | None = None  # First segment, if it was partly flown before this contract
     _left: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
@@ -97,7 +97,7 @@ class Contract:
 
 
 def _rest_of(row: Row, end_m: Points, here_m: tuple[float, float]) -> Row:
-    """Return the rest of a row that is flown towards `end_m`."""
+    """Return the rest of a row that a vehicle at `here_m` flies towards `end_m`."""
     low, high = row.ends_m
     along = high - low
     share = float(np.clip(((np.asarray(here_m) - low) * along).sum() / (along * along).sum(), 0.0, 1.0))

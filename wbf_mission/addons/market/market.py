@@ -37,8 +37,8 @@ class Market:
 
     At the start, the farm is divided into blocks with wide row spacing, which are auctioned. After a run of
     detections of sick plants, a segment with narrow row spacing is made around them. Then all segments not
-    yet begun are auctioned again, fine ones first, and so are the unflown rows of coarse ones. The loss of a
-    vehicle also starts a new auction. A vehicle without work flies to random places.
+    yet begun are auctioned again, fine segments first, and so are the unflown rows of coarse segments. The
+    loss of a vehicle also starts a new auction. A vehicle without work flies to random places.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ class Market:
         self._streams: dict[int, np.random.Generator] = {}
 
     def decide(self, observation: PolicyObservation) -> Decision:
-        """Hold an auction if segments or vehicles have changed."""
+        """Hold an auction if segments are new or returned, a vehicle has no work, or a path ends."""
         spacing: dict[int, float] = {}
         if observation.event is Event.START:
             self._begin_flight(observation.day)
@@ -121,7 +121,7 @@ class Market:
         return Decision(paths, reason=reason, spacing_m=spacing)
 
     def _begin_flight(self, day: int) -> None:
-        """Keep the unflown fine segments of the previous flight if it was on the same day."""
+        """Keep the unflown fine segments of the previous flight if this flight is on the same day."""
         left = [*self._open]
         for contract in self._contracts.values():
             left += contract.unflown()
@@ -133,7 +133,7 @@ class Market:
         self._day = day
 
     def _divide(self, observation: PolicyObservation) -> dict[int, float]:
-        """Offer the coarse segments of every area; return the row spacing of each vehicle."""
+        """Put the coarse segments of every area on the market; return the row spacing of each vehicle."""
         spacings: dict[int, float] = {}
         vehicles = list(observation.steerable)
         while vehicles:
@@ -173,7 +173,7 @@ class Market:
         return [segment for segment in [*self._open, *sold] if segment is not None and segment.fine]
 
     def _trade(self, observation: PolicyObservation) -> dict[int, Points]:
-        """Auction all segments not begun; return the paths of the vehicles with other work than before."""
+        """Auction all segments not begun; return the paths of the vehicles whose work has changed."""
         vehicles = observation.steerable
         kept: dict[int, list[Stretch]] = {vehicle.system_id: [] for vehicle in vehicles}
         for vehicle in vehicles:

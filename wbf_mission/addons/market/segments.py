@@ -38,7 +38,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Segment:
-    """A part of the survey that is auctioned as a whole."""
+    """Rows of the survey that are auctioned as a whole."""
 
     number: int  # Unique in a run
     # Whether the segment is around detections; otherwise it is part of the first survey.
@@ -47,7 +47,7 @@ class Segment:
     rows: tuple[Row, ...]  # By line, and along each line
 
     def ordered(self, variant: int) -> list[tuple[int, Points]]:
-        """Return number and ends, float64[2, 2], of the rows in a boustrophedon from a corner, 0 to 3.
+        """Return number and ends, float64[2, 2], of the rows, flown back and forth from a corner (0 to 3).
 
         Bit 0 of the corner flies the first row backwards; bit 1 starts with the last line.
         """
@@ -109,7 +109,7 @@ def groups_of(cells: NDArray[np.integer], reach: float) -> list[NDArray[np.intp]
 
 
 def corners_of(segments: Sequence[Segment]) -> Points:
-    """Return the start points of each segment's variants, then the end points, float64[segments, 8, 2]."""
+    """Return the start points of each segment's variants and then the end points, float64[segments, 8, 2]."""
     corners = np.empty((len(segments), 2 * VARIANTS, 2))
     for k, segment in enumerate(segments):
         for variant in range(VARIANTS):
@@ -127,8 +127,8 @@ class Detections:
     """Makes segments around the sick plants seen today.
 
     Detections near each other form a group. A group is complete when no detection has been added since the
-    last search. Its bounds and a border then become a segment, once. The segment waits while another one that
-    overlaps it is unflown.
+    last search. Then one segment is made of its bounds and a border. It waits while an overlapping segment is
+    unflown.
     """
 
     border: float  # Margin around the detections, and maximum distance within a group, cells
@@ -145,7 +145,7 @@ class Detections:
         self._known, self._numbers, self._offered = 0, 0, []
 
     def begin_day(self) -> None:
-        """Allow segments around places that were offered on an earlier day."""
+        """Forget the places offered on earlier days, so that they may be offered again."""
         self._offered = []
 
     def next_number(self) -> int:

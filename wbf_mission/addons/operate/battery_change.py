@@ -1,4 +1,4 @@
-"""Battery change between two sorties, by the operator's answer and the vehicle's reading."""
+"""Battery change between two sorties, confirmed by the operator or by the vehicle's battery reading."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ REAL_FULL = 0.95
 """Least reading of a fresh battery; below 1 because batteries age and autopilots estimate charge by
 voltage."""
 _LOOK_S = 0.5
-# A vehicle without a battery message in this time (s) sends none.
+# Time (s) without a battery message after which the vehicle is taken to send no battery messages.
 _TELLS_S = 6.0
 _BACK = 0.5
-"""Fraction of the used charge whose return shows a battery change, without an operator."""
+"""If the charge rises by this fraction of the used charge, the battery was changed (without an operator)."""
 
 
 def needed_fraction(plan: PlanResult) -> float | None:
@@ -32,9 +32,10 @@ def needed_fraction(plan: PlanResult) -> float | None:
 
 
 def risen_fraction(before: float | None, lowest: float | None) -> float | None:
-    """Return the least reading of a changed battery: the lowest reading plus half the used charge.
+    """Return the least battery fraction that shows a battery change: `lowest` plus half the used charge.
 
-    None if a reading is unknown: `before` the last sortie, or the `lowest` in it.
+    `before` is the fraction before the last sortie, `lowest` the lowest fraction in it. None if either is
+    unknown.
 
     >>> risen_fraction(0.75, 0.25), risen_fraction(None, 0.5)
     (0.5, None)
@@ -106,7 +107,7 @@ class BatteryWait:
         return "" if self._said else None
 
     def _without_reading(self, waited_s: float) -> str | None:
-        """Decide by the operator alone, for a vehicle without battery messages."""
+        """Let the operator alone decide, because the vehicle sends no battery messages."""
         if waited_s - self._heard_s < _TELLS_S:
             return None
         if self.asks is None:

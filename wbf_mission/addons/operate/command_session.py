@@ -35,7 +35,7 @@ class Step:
     shown: Callable[[VehicleMonitor], bool]
     command: int | None = None  # MAV_CMD; None if only `message` is sent
     params: tuple[float, ...] = ()
-    # Alternative for vehicles that do not know the command; never acknowledged
+    # Sent to vehicles that do not know the command; vehicles never acknowledge it
     message: Message | None = None
 
 
@@ -129,9 +129,9 @@ _STREAMED = (
 
 
 class CommandSession:
-    """Component that gives one order to one vehicle: that of `system_id`, or the first that is heard.
+    """Component that gives one order to one vehicle: the vehicle of `system_id`, or the first vehicle heard.
 
-    A given `contact` is updated by its owner, who also sends the ground station's heartbeat.
+    If a `contact` is given, its owner updates it and sends the ground station's heartbeat.
     """
 
     system_id, component_id = GROUND_STATION
@@ -240,7 +240,7 @@ class CommandSession:
 
     @property
     def _end_s(self) -> float:
-        """Deadline for the confirmation by telemetry (s); later on a slow link, where orders are retried."""
+        """Deadline for the confirmation by telemetry (s); later on a slow link, as orders are retried."""
         return self._begun_s + _PATIENCE_S + _ROUND_TRIPS * self._trip_s
 
     @property
@@ -300,7 +300,7 @@ class CommandSession:
 
     @property
     def _is_overruled(self) -> bool:
-        """Whether a pilot or a failsafe has acted since the order; disarming holds in any flight mode."""
+        """Whether a pilot or a failsafe has acted since the order; a disarm order allows mode changes."""
         monitor = self._contact.monitor
         expected = {monitor.mode} if self._wanted.order == "disarm" else ()
         lost = self._shown_before and self._step is not None and not self._step.shown(monitor)

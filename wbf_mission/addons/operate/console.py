@@ -41,15 +41,15 @@ _QUESTION_OF_ALL = (
 )
 _ANSWER = re.compile(r"([hrlc])[a-z]*\s*(\d*)")
 _CHOICES = {"h": Maneuver.HOLD, "r": Maneuver.RETURN}
-# Answers of a page, with the equal answers at the terminal. A page can start motors only by a confirmed
-# order.
+# Answers on a page, each with the equivalent answer at the terminal. A page can start motors only by a
+# confirmed order.
 _START = {"do not start": "n"}
 _STOP = {"hold": "h", "return": "r", "continue": "c"}
 _BATTERY = {"battery changed": "\n", "no more": "q"}
 
 
 class _Vehicle:
-    """State of one vehicle on the console: reported texts and events, and the given order.
+    """State of one vehicle on the console: texts and events already reported, and the order given.
 
     `alone`: no other vehicle flies, so lines do not begin with the vehicle's number.
     """
@@ -107,7 +107,7 @@ class _Vehicle:
         self._report_obedience(now_s)
 
     def warn_if_near(self, others: Sequence[_Vehicle]) -> None:
-        """Warn once if another vehicle stands too near for this one's vertical climb and landing."""
+        """Warn once if another vehicle stands too near for this vehicle to climb and land vertically."""
         state, frame = self.sortie.ground.vehicle_state, self.sortie.plan.farm.frame
         if self._distance_checked or self.sortie.ground.phase is not Phase.READY or math.isinf(state.heard_s):
             return
@@ -178,7 +178,7 @@ class _Vehicle:
 class TerminalConsole:
     """Console that shows the flight, and asks the operator before the start and after Ctrl-C.
 
-    With `orders` a page may answer too, except to start the vehicles or to leave them alone.
+    With `orders` a page may answer, too, but a page cannot start the vehicles or leave them flying.
     """
 
     def __init__(self, output: Output, orders: Orders | None = None) -> None:
@@ -231,7 +231,7 @@ class TerminalConsole:
         return answer.strip().lower() not in ("q", "quit") and answer != ""
 
     def _ask(self, question: str, words: dict[str, str]) -> None:
-        """Publish a question to the page; `words` are the page's answers, with those at the terminal."""
+        """Publish a question to the page; `words` maps its possible answers to those at the terminal."""
         self._words = words
         if self._orders is not None:
             self._orders.ask(question, tuple(words))
@@ -239,7 +239,7 @@ class TerminalConsole:
             self._output.events.tell(Asked(question))
 
     def _answer(self) -> str | None:
-        """Return the answer of the terminal or of the page; None while there is none.
+        """Return the answer from the terminal or the page; None while there is no answer.
 
         The end of the input is an empty answer, unless a page can still answer.
         """

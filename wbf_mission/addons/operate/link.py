@@ -54,7 +54,7 @@ _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 
 
 def _in_a_layer(finding: Finding) -> Finding:
-    """Return a finding about the return altitude as a warning about other layers; others unchanged."""
+    """Return a finding as it is; only a return altitude becomes a warning about other layers."""
     if finding.code != "other-return":
         return finding
     text = "it returns at another height than its layer's, where others may fly"
@@ -77,7 +77,7 @@ def require_single_flight(scenario: Scenario) -> None:
 def wanted_vehicles(
     urls: Sequence[str], system_ids: Sequence[int], named: int
 ) -> tuple[tuple[str, int | None], ...]:
-    """Return link and system id of each vehicle; an id of None accepts any vehicle.
+    """Return the link and the system id of each vehicle; a system id of None accepts any vehicle.
 
     A single link serves all vehicles, and so does a single name in the scenario. Raises LiveFlightError if
     the counts do not match, or a vehicle is named twice.
@@ -262,7 +262,7 @@ class LiveLink:
     def check_sent(self, planned: Iterable[tuple[Vehicle, PlanResult]]) -> None:
         """Check plans before their upload, against the answers of each vehicle.
 
-        A vehicle that cannot arm yet is no error: the start waits until it can.
+        It is no error if a vehicle cannot arm yet: the start waits until it can.
 
         All vehicles are queried first. Raises PreflightError if there are errors, unless `force` overrides
         them.
@@ -273,7 +273,7 @@ class LiveLink:
             who, snapshot = self._who(number), self._asked(number)
             given = Circumstances.of(vehicle, plan.farm, snapshot)
             layered = bool(who) and vehicle.vehicle.keeps.kind == LAYERS
-            if layered:  # The return altitude must be that of the layer, not the vehicle's own setting
+            if layered:  # Predict the return at the layer's altitude, not at the vehicle's present setting
                 given = replace(given, vehicle=self._assumed.get(number, vehicle.vehicle))
             report = check_mission(plan.mission, given).report
             if layered:
@@ -289,8 +289,8 @@ class LiveLink:
     def change_battery(self, vehicle: Vehicle, plan: PlanResult, *, last: FlightRecord, which: str) -> str:
         """Wait for the battery change, and check the next sortie.
 
-        Return why the sortie cannot be flown, empty if it can. With `agreed` no operator confirms the
-        change: the reading has to rise within `change_s`.
+        Return why the sortie cannot be flown, empty if it can. With `agreed` no operator confirms the change:
+        the battery reading has to rise within `change_s`.
         """
         number = vehicle.task.system_id
         url, _ = self._heard[number]

@@ -283,7 +283,7 @@ def _show(output: Output, file: Path, checked: Preflight, system_id: int | None)
 
 
 def _row(finding: Finding) -> list[str]:
-    """Return the cells of a finding; several lines each, to fit a narrow terminal."""
+    """Return the cells of a finding; each cell has several lines, to fit a narrow terminal."""
     plan = "" if finding.plan == "mission" else f"{finding.plan} "
     item = [plan.strip()] if finding.item is None else [f"{plan}{finding.item}", finding.command]
     if finding.count > 1:

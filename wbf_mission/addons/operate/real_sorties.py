@@ -22,11 +22,11 @@ _MOST_IN_VAIN = 2
 
 
 class RealSorties:
-    """Tracks a real vehicle's progress through its sorties; cuts the rest again after an early end.
+    """Tracks a real vehicle's progress through its sorties; replans them after a sortie that ended early.
 
-    `change_battery` waits until the vehicle has a charged battery, and returns why it has none, empty on
-    success. It gets the vehicle, the plan of the next sortie, the record of the previous one as ``last``, and
-    the name of the next one as ``which``.
+    `change_battery` waits until the vehicle has a charged battery. It returns the reason if that fails,
+    otherwise an empty text. Its arguments are the vehicle, the plan of the next sortie, the record of the
+    previous sortie as ``last``, and the name of the next sortie as ``which``.
     """
 
     def __init__(
@@ -36,7 +36,7 @@ class RealSorties:
         self.stopped = ""  # Why the mission was stopped; empty during the mission, and after its completion
         self.changed_s = 0.0  # Duration of the last battery change
         self._vehicle, self._footprint, self._change_battery = vehicle, footprint, change_battery
-        self._reached: Place | None = cut.course.start  # Reached place of the whole mission; None: its end
+        self._reached: Place | None = cut.course.start  # Place reached in the whole mission; None at its end
         self._progress: MissionProgress | None = None
         self._in_vain = 0
 
@@ -46,7 +46,7 @@ class RealSorties:
         return self._progress
 
     def note(self, flight: int, record: FlightRecord) -> None:
-        """Update the reached place of the mission after a flight."""
+        """Update the place that the vehicle has reached in the mission, after a flight."""
         sortie = self.cut.sorties[flight - 1]
         reached = sortie.end
         if not record.outcome.is_good and self._progress is not None:
@@ -86,13 +86,13 @@ class RealSorties:
 
     @property
     def rest(self) -> Mission | None:
-        """The rest of the mission, as a mission of its own; None if it is complete."""
+        """A mission with the part that is not flown yet; None if the whole mission is complete."""
         if self._reached is None:
             return None
         return rest_of(self.cut, self._vehicle.task.builder, self._reached)
 
     def _cut_again(self, flight: int, reached: Place) -> bool:
-        """Cut the rest after a sortie that ended early; return False if it cannot be flown in sorties."""
+        """Divide the rest into new sorties after an early end; return False if this is impossible."""
         cut = self.cut
         ended = cut.sorties[flight - 1]
         if reached == ended.end:
@@ -116,7 +116,8 @@ class RealSorties:
 def reached_place(cut: SortiePlan, number: int, place: Place | None) -> Place | None:
     """Return the place on the whole mission for a place on the mission of sortie `number`, from 0.
 
-    None stands for the end of each mission: a sortie at its own end has reached its `end`.
+    A `place` of None is the end of the sortie's mission, and a result of None is the end of the whole
+    mission.
     """
     sortie, course = cut.sorties[number], cut.course
     begin = resumed_at(course, sortie.begin, cut.overlap_m)

@@ -25,16 +25,16 @@ __all__ = ["MissionShots", "RidingCamera", "Silence", "images_in"]
 _Place = tuple[float, float]
 _PATIENCE_S = 2.0
 _CORNER = 0.7
-"""Shortening of the path at a corner, as a fraction of the difference between corner and chord; measured."""
+"""Measured shortening of the path at a corner, as a fraction of the difference between corner and chord."""
 
 
 class MissionShots:
     """Compares the camera's shooting with the mission's camera commands.
 
-    An autopilot that commands the camera gets a short delay, since its command may still arrive; without such
-    an autopilot the mission's command applies at once. So a lost, late or reordered command has an effect
-    only for that delay. A ground station's command holds until the mission's command changes. An autopilot
-    that triggers single images needs no comparison.
+    If the autopilot commands the camera, the mission's command applies after a short delay, since the
+    autopilot's command may still arrive; otherwise it applies at once. So the effect of a lost, late or
+    reordered command ends after this delay. A ground station's command holds until the mission's command
+    changes. An autopilot that triggers single images needs no comparison.
     """
 
     def __init__(self) -> None:
@@ -74,7 +74,7 @@ class MissionShots:
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """Place of the last report of the mission item, and the distance seen from there to the silence."""
+    """Place of a mission item report, and the observed distance between this place and the telemetry gap."""
 
     place: _Place
     metres: float = 0.0
@@ -97,9 +97,9 @@ class Silence:
 def images_in(silence: Silence, mission: Mission, item: int) -> int:
     """Return the approximate number of images that the mission orders during a telemetry gap.
 
-    The path leads along the items' positions, from the last item report before the gap to the first after it,
-    less the observed parts at both ends. The vehicle's speed along the path is taken as constant. Without a
-    camera command in the mission, the camera continues as before the gap.
+    The path leads along the items' positions, from the last item report before the gap to the first item
+    report after it. The observed parts at both ends do not count. The vehicle's speed along the path is taken
+    as constant. Without a camera command in the mission, the camera continues as before the gap.
 
     An ``item`` equal to or above the number of items means that the mission is over.
     """
@@ -279,7 +279,8 @@ class RidingCamera:
         self._home = int(profile_for(message.autopilot).home_at_zero)
         armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         self._in_mission = armed and is_in_mission(message)
-        # The mission is over only in a mode that nothing but a mission's final return enters.
+        # The mission is over only in a mode that the vehicle enters for the mission's final return and for
+        # nothing else.
         ends = VehicleModes(message.autopilot, message.type).ends(Command.NAV_RETURN_TO_LAUNCH)
         self._returns = armed and ends == {mode_name(message)}
 
@@ -362,6 +363,6 @@ class RidingCamera:
         command = Command.DO_SET_CAM_TRIGG_INTERVAL if by_time else Command.DO_SET_CAM_TRIGG_DIST
         value = ordered.interval_ms if by_time else ordered.distance_m
         order = command_long((self.system_id, self.component_id), command, value, 0.0, 1.0)
-        # Sends the first image; the acknowledgement has no receiver.
+        # Sends the first image; the acknowledgement goes to nobody.
         answers = self._camera.receive(order, now_s)
         return [answer for answer in answers if not is_a(answer, mavlink.MAVLink_command_ack_message)]

@@ -1,4 +1,4 @@
-"""Simulated vehicles on the live page: what is seen of them, and the page's orders."""
+"""Simulated vehicles on the live page: their telemetry and images, and the page's orders to them."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ class Watch(Protocol):
         """Update the state to `now_s`."""
 
     def seen(self) -> Iterable[tuple[float, Observations]]:
-        """Return the observations since the last call, each with the start time of its clock."""
+        """Return the observations since the last call, each with the time at which its clock started."""
 
 
 @dataclass(slots=True)
@@ -110,7 +110,7 @@ class TelemetryEvents:
             mission = watch.missions.get(number)
             if mission is None or mission is told.mission:
                 continue
-            # An empty mission is told only after another one.
+            # An empty mission is reported only if it replaces another mission.
             if told.mission is not None or mission.items or mission.fence:
                 told.mission = mission
                 flight, path_m = max(1, told.flight), _path_of(mission, farm.frame)

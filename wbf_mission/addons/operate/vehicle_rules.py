@@ -207,7 +207,7 @@ _NOTICEABLE_RADIUS_M = 0.5
 
 _NOTICEABLE_HEIGHT_M = 1.0
 
-# Values that plans assume, with relative and absolute tolerance of the vehicle's parameter
+# Values that plans assume, with the relative and the absolute tolerance for the vehicle's parameter
 _ASSUMED = {
     "other-speed": (Meaning.CRUISE_SPEED, "cruise_speed_m_s", _NOTICEABLE, 0.0),
     "other-radius": (Meaning.ACCEPTANCE_RADIUS, "acceptance_radius_m", 0.0, _NOTICEABLE_RADIUS_M),
@@ -307,7 +307,7 @@ def check_return_height(subject: Subject, snapshot: VehicleSnapshot) -> Iterator
     ),
 )
 def check_landing_rules(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """Find missions that prevent arming: a required landing or take-off is missing, or one is not allowed."""
+    """Find missions that prevent arming: a take-off or landing is required and missing, or not allowed."""
     commands = {item.command for item in subject.items}
     takes_off, lands = bool(commands & TAKEOFFS), bool(commands & LANDINGS)
     rule = snapshot.told(Meaning.TAKEOFF_AND_LANDING)
@@ -332,7 +332,7 @@ def _told_by_dialect(subject: Subject, name: str, value: float) -> bool:
 
 
 def _missing(rule: float, *, takes_off: bool, lands: bool) -> list[str]:
-    """Return what MIS_TKO_LAND_REQ misses: 1 take-off, 2 landing, 3 both, 4 and 5 both or neither."""
+    """Return what is missing for MIS_TKO_LAND_REQ: 1 take-off, 2 landing, 3 both, 4 and 5 both or neither."""
     wants_takeoff = rule in (1.0, 3.0) or (rule in (4.0, 5.0) and lands)
     wants_landing = rule in (2.0, 3.0) or (rule in (4.0, 5.0) and takes_off)
     missing = ["a take-off"] if wants_takeoff and not takes_off else []

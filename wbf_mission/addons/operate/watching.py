@@ -28,7 +28,7 @@ _ASK_AGAIN_S = 5.0
 _SILENT_S = 3.0
 _MOST_VEHICLES = 250
 _TELLS_S = 3.0
-"""Time (s) within which a vehicle that sends mission state has sent it."""
+"""A vehicle that sends its mission state at all sends it within this time (s)."""
 _READ_AGAIN_S, _REST_S = 10.0, 1.0
 _TRIES = 3
 # Possible range of the numbers in `WatchedVehicle.summary`, for any aircraft on earth.
@@ -50,10 +50,10 @@ _OF_NUMBERS = (
 
 
 class PlanReader:
-    """Reads mission and fence of a vehicle: when first heard, and after each change of its mission.
+    """Reads the mission and fence of a vehicle when it is first heard, and after each change of its mission.
 
-    MISSION_CURRENT (mission id or item count) or an overheard upload shows a change. `failed` receives the
-    reason after three failed tries.
+    A change is recognised by MISSION_CURRENT (mission id or item count) or by an overheard upload. After
+    three failed tries, `failed` is called with the reason.
     """
 
     def __init__(self, vehicle: WatchedVehicle, failed: Callable[[str], None]) -> None:

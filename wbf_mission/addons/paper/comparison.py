@@ -30,7 +30,7 @@ _WIDTH = 55  # Characters per line of a panel title
 _PARTS = (0.1, 0.2, 0.5, 1.0)
 _EARLY = 0.2
 _STEPS = 501
-_TOLERANCE, _FALL = 1e-6, 0.01  # Relative to the previous loss: above rounding, and visible in a plot
+_TOLERANCE, _FALL = 1e-6, 0.01  # Smallest fall above rounding, and visible fall, relative to the loss before
 _LEAST_LOSS = 1e-12
 """Lower limit of a loss, against division by zero."""
 _COLUMNS = ("path", "truth", "estimate", "score, 0 is perfect")
@@ -44,10 +44,10 @@ def plot_pairs(
     colours: Mapping[str, str],
     paths: Sequence[Path],
 ) -> None:
-    """Draw a row of panels for each planner with one estimator, all in one environment.
+    """Draw the runs of one estimator in one environment: a row of panels for each planner.
 
-    Both diseases share a map, each on the plants that it can infect. `rows` are of the environment shown,
-    `colours` of the planners. `shown` is keyed by planner and estimator.
+    Both diseases share a map: each is drawn on the plants that it can infect. `rows` are the results in this
+    environment, `colours` are by planner, and `shown` is by planner and estimator.
     """
     farm = scenario.farm.load()
     fields = load_field_set(scenario.farm.fields)
@@ -167,9 +167,9 @@ def early_table(rows: Sequence[BenchRow]) -> Table:
 
 
 def lead_table(rows: Sequence[BenchRow]) -> Table:
-    """Return the planner with the best mean score at fractions of the time, and the lead over the others.
+    """Return the planner with the best mean score at fractions of the time, and its lead over each other.
 
-    Differences are of pairs of runs in the same environment. The 95 % intervals are simultaneous.
+    Leads are mean differences of pairs of runs in the same environment, with simultaneous 95 % intervals.
     """
     good = [row for row in rows if row.scores]
     last_s = max((row.times_s[-1] for row in good), default=0.0)
@@ -204,7 +204,7 @@ def lead_table(rows: Sequence[BenchRow]) -> Table:
 
 
 def pair_table(rows: Sequence[BenchRow]) -> Table:
-    """Return the paired differences of planners' mean scores over parts of the time.
+    """Return the paired differences between planners' mean scores over parts of the time and at the end.
 
     A difference is positive if the first planner is better. The 95 % intervals are simultaneous.
     """
@@ -262,7 +262,7 @@ def fall_table(rows: Sequence[BenchRow]) -> Table:
 
 
 def authors_table(rows: Iterable[BenchRow], shown: Mapping[tuple[str, str], ShownRun]) -> Table:
-    """Return the final score of the runs shown, and the score that the published code would give them."""
+    """Return the final score of each run shown, and the score that the published code would give the run."""
     lines = tuple(
         (
             f"{row.planner}, {row.estimator}",

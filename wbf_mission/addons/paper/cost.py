@@ -73,9 +73,9 @@ def measured_costs(
     limit_s: float = LIMIT_S,
     progress: Progress = silent,
 ) -> list[Cost]:
-    """Return the costs of all methods on all farms, measuring those absent from the file at `path`.
+    """Return the costs of all methods on all farms; measure the costs that the file at `path` lacks.
 
-    A method above the limit on a farm is not measured with more observations; `numbers` must increase.
+    A method that exceeds the limit on a farm is not measured there with more observations: sort `numbers`.
 
     Raises ResultError if the file is no list of costs.
     """
@@ -118,7 +118,7 @@ def _measured(method: str, name: str, numbers: Sequence[int], limit_s: float) ->
         except (WbfMissionError, MemoryError):
             cpu_s = None
         if n == 0:
-            continue  # The first estimate of a process also loads libraries and compiled code.
+            continue  # The first estimate in a process also loads libraries and compiled code.
         if cpu_s is not None and cpu_s > limit_s:
             cpu_s = None
         yield Cost(method, name, cells, n, cpu_s, machine)
@@ -138,7 +138,7 @@ def _observations(grid: FarmGrid, n: int) -> Observations:
 
 def _estimate_s(method: str, grid: FarmGrid, seen: Observations) -> float:
     def prepared() -> Estimator:
-        # Learning before a flight, once per farm and day, does not count as cost of an estimate.
+        # The estimator learns once per farm and day, before a flight: this is no cost of an estimate.
         estimator = make_estimator(method, random_state=1, **_PARAMETERS.get(method, {}))
         estimator.fit(grid)
         prepare_estimator(estimator, [_DAY])
@@ -167,7 +167,7 @@ def _median_s(prepared: Callable[[], _T], work: Callable[[_T], object]) -> float
 
 
 def plot_costs(costs: Sequence[Cost], paths: Sequence[Path], limit_s: float = LIMIT_S) -> None:
-    """Draw the cost of estimates, one panel per estimator, and of scores against farm size."""
+    """Draw the cost of estimates, in one panel per estimator, and the cost of scores against farm size."""
     from matplotlib.lines import Line2D
 
     farms = sorted({cost.farm: cost.cells for cost in costs}.items(), key=lambda one: one[1])

@@ -27,7 +27,7 @@ _PIXELS = 250
 
 
 class Dynamics:
-    """Environments of a scenario's farm with some seeds, over `DAYS`.
+    """Environments of a scenario's farm over `DAYS`, one for each seed.
 
     WbfMissionError if the farm is unknown, or needs too much memory.
     """
@@ -50,7 +50,7 @@ class Dynamics:
                 each = [value[mask] for value, mask in zip(values, masks, strict=True)]
                 found += [[(one < 0.75).mean(), (one < 0.25).mean(), one.mean()] for one in each]
         shape = len(seeds), len(DAYS), len(self.fields), 3
-        # float64[seeds, days, n]: fraction of plants infected or lost, fraction lost, mean of each field.
+        # float64[seeds, days, n]: fraction infected or lost, fraction lost, mean of each field.
         self.sick, self.lost, self.level = np.moveaxis(np.array(found, np.float64).reshape(shape), -1, 0)
         progress("environments", len(seeds), len(seeds))
 
@@ -83,7 +83,7 @@ def plot_dynamics(dynamics: Dynamics, paths: Sequence[Path]) -> None:
 
 
 def _bounds(dynamics: Dynamics) -> tuple[int, int, int, int]:
-    """Return the bounding box of all cells with a field: first cell and end along x, then along y."""
+    """Return the bounding box of all cells that have a field: first cell and end along x, then along y."""
     concerned = np.logical_or.reduce([field.mask(dynamics.farm.grid()) for field in dynamics.fields])
     x, y = (np.flatnonzero(concerned.any(axis=axis)) for axis in (1, 0))
     return int(x[0]), int(x[-1]) + 1, int(y[0]), int(y[-1]) + 1
@@ -109,7 +109,7 @@ def _show(axes: Axes, values: NDArray[np.float32], mask: NDArray[np.bool_], fiel
 
 
 def _pixels(values: NDArray[np.float32], *, highest: bool) -> NDArray[np.float32]:
-    """Return the highest or mean value of each block of cells, NaN for a block without values."""
+    """Return the highest or the mean value of each block of cells; NaN if the block has no values."""
     block = -(-max(values.shape) // _PIXELS)
     wide = np.pad(values, [(0, -side % block) for side in values.shape], constant_values=np.nan)
     parts = wide.reshape(wide.shape[0] // block, block, wide.shape[1] // block, block)
@@ -123,7 +123,7 @@ def _pixels(values: NDArray[np.float32], *, highest: bool) -> NDArray[np.float32
 
 
 def _curves(axes: Axes, dynamics: Dynamics, k: int) -> None:
-    """Draw the mean of a field over the seeds, and the range between the lowest and highest seed."""
+    """Draw the mean of a field over the seeds, and the range from the lowest to the highest seed."""
     disease = dynamics.fields[k].kind == "disease"
     curves = (
         [("infected or lost", dynamics.sick, _INFECTED), ("lost", dynamics.lost, _LOST)]

@@ -111,8 +111,8 @@ def make_paper(
     """Draw the chosen `FIGURES` of the paper in the chosen `FORMATS`, and a page with their captions.
 
     Flights, maps and costs are kept in the folder, so a second call only draws. The comparison uses one
-    scenario. The first seed is the environment shown. The days are those of the scenario's farm, or of
-    `dynamics_farms`. Costs are measured on `cost_farms`.
+    scenario, and shows the environment of the first seed. The figure of the days shows the scenario's farm,
+    or `dynamics_farms`. Costs are measured on `cost_farms`.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Runs of the comparison figure: path, truth and estimate, which benchmark rows do not contain."""
+"""Runs of the comparison figure, with data that benchmark rows lack: path, truth and estimate."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class ShownRun:
 
     @classmethod
     def flown(cls, run: BenchRun) -> Self:
-        """Fly a run; WbfMissionError if it fails, or has no estimate."""
+        """Fly a run and return its data; WbfMissionError if the run fails, or has no estimate."""
         result = fly(run.scenario)
         if result.outcome is Outcome.INTERRUPTED:
             raise KeyboardInterrupt

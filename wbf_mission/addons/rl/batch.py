@@ -20,7 +20,7 @@ from wbf_mission.planning.assignment import SortieNumber
 
 
 class Batch:
-    """Runs of one robot, one flight and one day with adaptive disks, each equal to an `Episode`.
+    """Runs of one robot on one flight, estimated by adaptive disks; each run equals an `Episode`.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ class Batch:
         self.loss_before[run] = self.last_loss[run] = self._losses(np.array([run]), 0)[0]
 
     def move(self, runs: NDArray[np.int64], actions: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Step the given runs, and return the rewards of all runs, 0 for the others: float64[size]."""
+        """Step the given runs; return the rewards of all runs, float64[size], with 0 for runs not stepped."""
         advance(runs, actions, self._rules, self._runs)
         rewards = np.zeros(len(self.counts))
         for number in range(SCORES_A_STEP):
@@ -128,7 +128,7 @@ class Batch:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        # A copy would otherwise get separate arrays.
+        # Let the arrays of the copy's runs be views of its `maps` again.
         k = len(self.task.fields)
         self._runs = self._runs._replace(
             value=self.maps[:, :k], uncertainty=self.maps[:, k : 2 * k], visited=self.maps[:, 2 * k]
@@ -153,7 +153,7 @@ class Batch:
         return float(np.mean((-self.losses[run, : self._times[run]]).tolist()))
 
     def _losses(self, runs: NDArray[np.int64], number: int) -> NDArray[np.float64]:
-        """Return the loss of runs at one of this step's scored times, as computed by `RunningScore`."""
+        """Return the loss of runs at scored time `number` of this step, as `RunningScore` computes it."""
         means = self._runs.sums[runs, number] / np.maximum(self._field_cells, 1)[:, None]
         squares, worse_squares = means[..., 0], means[..., 1]
         by_field = self._low * (squares - worse_squares) + self._high * worse_squares

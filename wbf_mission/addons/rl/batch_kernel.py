@@ -1,8 +1,8 @@
 """Compiled step of many runs with adaptive disks.
 
-Results equal those of a flight to the last bit. `sensors.estimators.adaptive_disk` paints each cell by the
-newest disk that covers it, and `sensors.scoring.score_sums` adds the errors. Here, only the cells of a new
-disk are painted while the radius is unchanged, and the sums of a tile resume from its first changed column.
+The results are bit-identical to those of a flight. `sensors.estimators.adaptive_disk` paints each cell by the
+newest disk that covers it, and `sensors.scoring.score_sums` adds the errors. Here, while the radius is
+unchanged, only the new disk is painted. A tile's sums resume at the first changed column.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Rules(NamedTuple):
     moves: NDArray[np.int64]  # int64[actions, 2]
     allowed: NDArray[np.bool_]  # bool[W, H]
     every: int  # Number of readings between scored times; the last reading is scored, too
-    radii: NDArray[np.int64]  # int64[N + 1]: disk radius by number of readings
+    radii: NDArray[np.int64]  # int64[N + 1]: disk radius after each number of readings
     # int64[radii, radii]: half-width of a disk's row, by radius and distance from the centre.
     half_widths: NDArray[np.int64]
     sensed: NDArray[np.bool_]  # bool[k]: whether each field is sensed
@@ -50,10 +50,10 @@ class Runs(NamedTuple):
     value: NDArray[np.float32]  # float32[B, k, W, H]
     uncertainty: NDArray[np.float32]  # float32[B, k, W, H]
     visited: NDArray[np.float32]  # float32[B, W, H]: 1 in observed cells
-    # int64[B, tiles along x, tiles along y]: first column of each tile with outdated sums.
+    # int64[B, tiles along x, tiles along y]: first column of the tile whose sums are outdated.
     dirty: NDArray[np.int64]
     # float64[B, k, tiles along x, tiles along y, TILE_CELLS + 1, 2]: sums of squared errors up to each
-    # column, over all cells and over those estimated too high.
+    # column, over all cells and over the cells estimated too high.
     partial: NDArray[np.float64]
     # float64[B, SCORES_A_STEP, k, 2]: the same sums over the farm at each scored time.
     sums: NDArray[np.float64]
@@ -62,7 +62,7 @@ class Runs(NamedTuple):
 
 @compiled(nogil=True, allocates=False)
 def resume_errors(rules: Rules, runs: Runs, run: int, time: int) -> None:
-    """Write a run's sums of squared errors to ``sums[run, time]``; tiles resume at their changed column."""
+    """Write a run's sums of squared errors to ``sums[run, time]``; tiles resume at their column `dirty`."""
     masks, truth, estimate = rules.masks, runs.truth[run], runs.value[run]
     dirty, partial, sums = runs.dirty[run], runs.partial[run], runs.sums[run, time]
     width, height = masks.shape[1], masks.shape[2]
@@ -94,7 +94,7 @@ def resume_errors(rules: Rules, runs: Runs, run: int, time: int) -> None:
 
 @compiled(nogil=True)
 def advance(going: NDArray[np.int64], actions: NDArray[np.int64], rules: Rules, runs: Runs) -> None:
-    """Move the robots of the `going` runs, paint their readings, and sum the errors at scored times."""
+    """Step the runs `going`: move the robots, paint their readings, and sum the errors at scored times."""
     width, height = rules.allowed.shape
     most = runs.seen.shape[1]
     for run in going:
@@ -153,7 +153,7 @@ def _clear(rules: Rules, runs: Runs, run: int) -> None:
 
 @compiled(nogil=True, allocates=False)
 def _paint(rules: Rules, runs: Runs, run: int, number: int, radius: int) -> None:
-    """Paint the disk of a run's reading over older disks."""
+    """Paint the disk of one reading of a run over older disks."""
     value, uncertainty, dirty = runs.value[run], runs.uncertainty[run], runs.dirty[run]
     x, y = runs.seen[run, number, 0], runs.seen[run, number, 1]
     reading = runs.readings[run, number]

@@ -1,4 +1,4 @@
-"""Availability of catalogue scenarios as training environments, by interface, with reasons."""
+"""Training interfaces that each scenario of the catalogue supports, and why it lacks the others."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from wbf_mission.scenario import Scenario, load_scenario, scenario_ids
 
 @dataclass(frozen=True, slots=True)
 class Interfaces:
-    """Training interfaces of a scenario; each field is empty if available, else the reason in one line."""
+    """Training interfaces of a scenario: the reason why each is not available, or an empty text."""
 
     name: str
     single: str
@@ -62,7 +62,7 @@ def why_not_stepped(scenario: Scenario) -> str:
 
 
 def why_not_single(scenario: Scenario) -> str:
-    """Return why a cell-by-cell scenario has no single-robot environment; empty if it has."""
+    """Return why a cell-by-cell scenario has no single-robot environment; empty if it has one."""
     robots = len(scenario.vehicle.fleet)
     if robots == 1:
         return ""
@@ -70,7 +70,7 @@ def why_not_single(scenario: Scenario) -> str:
 
 
 def why_not_batched(scenario: Scenario) -> str:
-    """Return why a single-robot environment has no batched form; empty if it has."""
+    """Return why a single-robot environment has no batched form; empty if it has one."""
     of = scenario.farm
     if of.days * of.flights_per_day > 1:
         return "runs of several flights are not batched"
@@ -78,7 +78,7 @@ def why_not_batched(scenario: Scenario) -> str:
 
 
 def register_all() -> None:
-    """Register the new ids of the catalogue; `gymnasium.make` raises the reason for an unavailable one."""
+    """Register the ids not yet registered; `gymnasium.make` of an unavailable id raises the reason."""
     for interface in interfaces():
         if interface.name not in gymnasium.registry:
             gymnasium.register(

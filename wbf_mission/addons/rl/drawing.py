@@ -51,16 +51,16 @@ class Scene(NamedTuple):
     uncertainty: NDArray[np.float32]  # float32[k, W, H]
     paths: Sequence[
         NDArray[np.integer]
-    ]  # int[n, 2] of each robot: its cells in this flight, the current one last
-    flight: tuple[int, int]  # Day, and number on that day
-    left: tuple[float, float]  # Remaining fraction of the moves, of this flight and of the run
+    ]  # int[n, 2] of each robot: its cells in this flight, the current cell last
+    flight: tuple[int, int]  # Day, and number of the flight on that day
+    left: tuple[float, float]  # Remaining fractions of the moves of this flight and of the run
     score: float  # Score up to now; NaN before the first
 
 
 class Drawing:
-    """Draws the frames of a task, all of the same `shape`: height, width and 3.
+    """Draws the frames of a task; all frames have the same `shape`: height, width and 3.
 
-    `field` is drawn, by default the one with the largest weight in the score; TrainingError if the task has
+    `field` is drawn, by default the field with the largest weight in the score; TrainingError if the task has
     no such field.
     """
 
@@ -120,7 +120,7 @@ class Drawing:
         return np.frombuffer(bytearray(picture.tobytes("raw", "RGB")), np.uint8).reshape(self.shape)
 
     def _coloured(self, array: NDArray[np.float32], tones: _Pixels) -> _Pixels:
-        """Return the colours of a map's blocks where its field is scored, and of the land elsewhere."""
+        """Return the colours of the blocks: the map's where its field is scored, the land's elsewhere."""
         means = np.empty((1, *self._blocks), np.float32)
         block_means(np.ascontiguousarray(array[None]), self._block, means)
         return np.where(self._scored, tones[(means[0] * (_TONES - 1) + 0.5).astype(np.int64)], self._land)
@@ -130,7 +130,7 @@ class Drawing:
         return np.repeat(np.repeat(blocks.T[::-1], self._side, axis=0), self._side, axis=1)
 
     def _farm(self) -> tuple[_Pixels, NDArray[np.bool_]]:
-        """Return the land's colour, and whether the field is scored, at the first cell of each block."""
+        """Return, from the first cell of each block, the land's colour and whether the field is scored."""
         grid, cells = self._task.grid, np.s_[:: self._block, :: self._block]
         land = np.array([rgb(_LAND.get(crop, _OTHER_CROP)) for crop in grid.crops], np.float64)
         colours = np.array([_pack(land), _pack(255.0 - _NEIGHBOURS * (255.0 - land))])
@@ -174,7 +174,7 @@ class Drawing:
         return tuple(np.clip(one, 0, within).T for one in (pixels, *disks))
 
     def _paper(self) -> _Pixels:
-        """Return the parts that are equal in all frames."""
+        """Return the parts that all frames share."""
         out = np.full(self.shape[:2], _packed(_PAPER))
         self._write(out, _GAP, 8, f"{self._task.farm.name}: {self._field.title or self._field.name}")
         out[_BAR, _GAP : self.shape[1] - _GAP] = _packed(_SPENT)
@@ -204,7 +204,7 @@ def _packed(colour: str) -> np.uint32:
 
 
 def _pack(colours: NDArray[Any]) -> _Pixels:
-    """Pack colours [..., 3] into single numbers, uint32[...]."""
+    """Pack each colour of [..., 3] into one number, uint32[...]."""
     four = np.zeros((*colours.shape[:-1], 4), np.uint8)
     four[..., :3] = colours if colours.dtype == np.uint8 else np.rint(colours)
     return four.view(np.uint32)[..., 0]

@@ -23,7 +23,7 @@ _FIRST_DRAWN, _LAST_DRAWN = 2**32, 2**63
 
 
 class OneEpisode:
-    """The current episode of an environment, and its frames; shared by Gymnasium's and PettingZoo's."""
+    """An environment's current episode and its frames: base of the Gymnasium and PettingZoo environments."""
 
     task: SurveyTask
     render_mode: str | None
@@ -31,7 +31,7 @@ class OneEpisode:
     _episode: Episode | None = None
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Return a frame, uint8[height, width, 3]; None for a window or without a render mode."""
+        """Return a frame, uint8[height, width, 3]; None if it goes to a window, or without a render mode."""
         return self._rendering.frame(self._begun().scene())
 
     def close(self) -> None:
@@ -139,7 +139,7 @@ class SurveyEnv(OneEpisode, gymnasium.Env[Observation, Any]):
         return observations_of(self.shown, episode)[0], reward, episode.ended, False, info
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Return the actions that are "stay" or move the robot, bool[5], for MaskablePPO."""
+        """Return the mask of valid actions, bool[5], for MaskablePPO: staying, and possible moves."""
         masks: NDArray[np.bool_] = self.task.possible(self._begun().cells)[0]
         return masks
 

@@ -5,9 +5,9 @@ The reward at the k-th scored time is::
 
     r_k = (c - k + 1) / c * (L_{k-1} - L_k)
 
-the improvement of the estimate, times the fraction of scored times that benefit from it. The sum of all
-rewards is ``L_0 - mean(L_1 ... L_c)``: the score of the run (`sensors.scoring.score`) plus the constant L_0,
-which no action changes.
+This is the improvement of the estimate, times the fraction of scored times that benefit from it. The sum of
+all rewards is ``L_0 - mean(L_1 ... L_c)``: the score of the run (`sensors.scoring.score`) plus the constant
+L_0, which no action changes.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from wbf_mission.progress import silent
 class Episode:
     """A run of a task on the environment of a seed.
 
-    As in a flight, an image arrives after the robot has moved on: the image at home arrives with the one
-    after the first move. Images of each robot follow those of the previous robot. Equal seeds give the same
-    environment and the same camera errors. `seen`, float32[W, H], is 1 in observed cells.
+    As in a flight, an image arrives after the robot has moved on: the image at home arrives together with the
+    image after the first move. Images of each robot follow those of the previous robot. Equal seeds give the
+    same environment and the same camera errors. `seen`, float32[W, H], is 1 in observed cells.
     """
 
     cells: NDArray[np.int64]
@@ -81,7 +81,7 @@ class Episode:
 
     @property
     def flight(self) -> tuple[int, int]:
-        """Day of the flight and its number on that day; after the run, of the last flight."""
+        """Day of the current (after the run: the last) flight, and its number on that day."""
         return self.task.flights[min(self._flight, len(self.task.flights) - 1)]
 
     @property
@@ -96,7 +96,7 @@ class Episode:
 
     @property
     def left(self) -> tuple[float, float]:
-        """Remaining fraction of the moves, of this flight and of the run."""
+        """Remaining fractions of the moves of this flight and of the run."""
         if self.ended:
             return 0.0, 0.0
         a_flight = self.task.steps - 1
@@ -119,7 +119,7 @@ class Episode:
         """Move every robot, learn from the images, and return the reward.
 
         A robot whose move leads to a forbidden cell stays, and the step still counts. After the last move of
-        a flight the robots are back at home for the next flight.
+        a flight, the robots restart at home for the next flight.
         """
         self._actions.append(list(actions))
         task, before = self.task, self.cells

@@ -8,7 +8,7 @@ from geo.errors import WbfMissionError
 
 
 class TrainingError(WbfMissionError, ValueError):
-    """A training environment that cannot be created, or an invalid use of one."""
+    """A training environment cannot be created, or is used wrongly."""
 
 
 def require_libraries() -> None:

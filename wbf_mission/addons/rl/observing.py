@@ -1,6 +1,6 @@
 """Observations of an agent: position, remaining budget, the estimate and its uncertainty; never the truth.
 
-Maps have the means of square blocks of cells, with at most `MOST_BLOCKS` blocks along a side.
+Maps hold the means of square blocks of cells, at most `MOST_BLOCKS` blocks along a side.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Shown:
     """Spaces and observations of a task.
 
     `block` is the side of a map block in cells, by default the smallest that `MOST_BLOCKS` allows.
-    `map_shape` has the blocks along x and y. TrainingError if `block` is no number of cells within the farm.
+    `map_shape` counts blocks along x and y. TrainingError if `block` is not between 1 and the farm's size.
     """
 
     def __init__(self, task: SurveyTask, block: int | None = None) -> None:

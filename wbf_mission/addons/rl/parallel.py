@@ -65,7 +65,7 @@ class SurveyParallelEnv(OneEpisode, ParallelEnv):  # type: ignore[misc]  # Petti
         seed: int | None = None,
         options: dict[str, Any] | None = None,  # noqa: ARG002 (PettingZoo's signature)
     ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
-        """Start a run, as `wbf_mission.addons.rl.env.SurveyEnv.reset`."""
+        """Start a run, as `wbf_mission.addons.rl.env.SurveyEnv.reset` does."""
         if seed is not None or self._rng is None:
             self._rng, _ = seeding.np_random(seed)
         episode = self._begin(seed, self._rng)
@@ -111,7 +111,7 @@ class SurveyParallelEnv(OneEpisode, ParallelEnv):  # type: ignore[misc]  # Petti
         )
 
     def action_masks(self) -> dict[str, NDArray[np.bool_]]:
-        """Return, by robot, the actions that are "stay" or move the robot, bool[5] each."""
+        """Return, by robot, the mask of valid actions, bool[5]: staying, and possible moves."""
         return dict(zip(self.possible_agents, self.task.possible(self._begun().cells), strict=True))
 
     def close(self) -> None:

@@ -20,7 +20,7 @@ HUMAN, ARRAY = "human", "rgb_array"
 
 
 class Rendering:
-    """Renderer of an environment's runs, in one of `modes` or not at all; `field` as of `Drawing`.
+    """Renderer of an environment's runs, in one of `modes`, or None; `field` is that of `Drawing`.
 
     TrainingError if `mode` or `field` is unknown, or a library is missing.
     """
@@ -52,7 +52,7 @@ class Rendering:
 
 
 class Window:
-    """Window that shows at most `FRAMES_A_SECOND`; opened by the first frame. A copy is a new window."""
+    """Window that shows at most `FRAMES_A_SECOND`; the first frame opens it. A copy is a new window."""
 
     def __init__(self) -> None:
         try:

@@ -34,7 +34,7 @@ MOVES.flags.writeable = False
 
 
 def checked_moves(actions: object, shape: tuple[int, ...], who: str) -> NDArray[np.int64]:
-    """Return actions as int64[shape]; TrainingError unless they are whole numbers 0 to 4 of that shape."""
+    """Return actions as int64[shape]; TrainingError unless they have this shape and are 0, 1, 2, 3 or 4."""
     try:
         moves = np.asarray(actions)
         fit = moves.shape == shape and moves.dtype.kind in "iu"
@@ -48,18 +48,18 @@ def checked_moves(actions: object, shape: tuple[int, ...], who: str) -> NDArray[
 
 
 class SurveyTask:
-    """A scenario of the paper's robots, or its id or file: one cell per step, and one image of each cell."""
+    """A scenario of the paper's robots (given itself, or by id or file): one cell and one image per step."""
 
     def __init__(self, scenario: Scenario | str | Path, estimator: Estimator | str = "adaptive-disk") -> None:
         given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
         name = given.farm.name if isinstance(scenario, Scenario) else str(scenario)
-        # With the estimator; the seed is not used.
+        # The scenario with the estimator; its seed is not used.
         self.scenario = given = scenario_with(given, {"estimator": estimator})
         if unfit := why_not_stepped(given):
             raise TrainingError(f"{name}: {unfit}")
         assert given.mission.budget is not None
         self.robots = len(given.vehicle.fleet)
-        # Images per robot and flight, including the one at home; moves are one less.
+        # Images per robot and flight, including the image at home: one more than moves.
         self.steps = int(parse_budget(given.mission.budget)[0])
         self.farm = farm = given.farm.load()
         self.grid, self.fields = farm.grid(), load_field_set(given.farm.fields)
@@ -84,7 +84,7 @@ class SurveyTask:
         self.allowed = _allowed(farm, self.grid)
 
     def possible(self, cells: NDArray[np.integer]) -> NDArray[np.bool_]:
-        """Return the possible moves, bool[n, 5], from cells int[n, 2]; staying is always possible."""
+        """Return a mask of possible moves, bool[n, 5], from cells int[n, 2]; staying is always possible."""
         there = cells[:, None] + MOVES
         inside = ((there >= 0) & (there < self.grid.shape)).all(axis=2)
         x, y = np.moveaxis(np.where(inside[..., None], there, 0), 2, 0)
@@ -119,7 +119,7 @@ class SurveyTask:
 
 
 def _allowed(farm: Farm, grid: FarmGrid) -> NDArray[np.bool_]:
-    """Return the cells open to flight, bool[W, H]: the owner's without an obstacle at their centre."""
+    """Return a mask of the cells open to flight, bool[W, H]: owned, and without an obstacle at the centre."""
     allowed: NDArray[np.bool_] = np.array(grid.owned)
     if farm.obstacles:
         x, y = np.nonzero(allowed)

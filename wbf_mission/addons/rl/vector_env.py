@@ -1,4 +1,4 @@
-"""Gymnasium vector environment: many runs batched, equal to the single environment to the bit."""
+"""Gymnasium vector environment: many runs in a batch, bit-identical to the single environment."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         return self._observation(), rewards, over, np.zeros(self.num_envs, np.bool_), info
 
     def action_masks(self) -> _Bools:
-        """Return the actions of each run that are "stay" or move its robot, bool[num_envs, 5]."""
+        """Return the mask of valid actions of each run, bool[num_envs, 5]: staying, and possible moves."""
         return self.task.possible(self._batch.cells)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
@@ -206,7 +206,7 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
 def warm_up(begin: Callable[[str], None]) -> None:
     """Compile the training environments ahead of use, by one step."""
     begin("training environments")
-    # Two runs, because arrays of a single run are contiguous and would be compiled separately.
+    # Step two runs: arrays of a single run are contiguous and would be compiled separately.
     envs = SurveyVectorEnv(2, "WBF/Miniberry-10-v1")
     envs.reset(seed=0)
     envs.step(np.zeros(2, np.int64))

@@ -190,7 +190,7 @@ def sim_command(
             {"system": v.system_id, "outcome": v.outcome.value, "outcome_text": v.outcome_text}
             for v in simulated.vehicles
         ],
-        "pictures": sum(camera.image_count for camera in simulated.cameras),
+        "pictures": simulated.images,
         "urls": list(server.urls),
         "tlog": str(tlog) if tlog else None,
     }

@@ -1,4 +1,4 @@
-"""Page for the farmer: areas to treat and to look at again, with maps and costs, in one HTML file.
+"""Page for the farmer in one HTML file: areas to treat and areas to look at again, with maps and costs.
 
 The page loads nothing, so that it can be sent by mail and opened offline. It fits A4 paper.
 """
@@ -22,7 +22,7 @@ from wbf_mission.addons.treatment.zones import HEALTHY, LOOK, TREAT, FieldCosts,
 from wbf_mission.maps.report import percent
 
 _COLOURS = {TREAT: "#b3261e", LOOK: "#f2b705", HEALTHY: "#8fc08b"}
-_LISTED = 3  # Zones of each kind in a table
+_LISTED = 3  # Maximum number of zones of each kind in a table
 _PAGE_MM = 250.0
 _MAP_MM = 88.0
 _MAP_WIDTH, _WIDE_MM, _NARROW_MM, _NARROW_FROM = "MAP", 84, 68, 3
@@ -81,7 +81,7 @@ def write_page(path: Path, of: TreatmentMap) -> None:
 
 def _section(treatment: TreatmentMap, of: ZoneMap, sentence: str) -> str:
     zones = [zone for zone in treatment.zones if zone.field == of.field.name]
-    # The zones to visit: those with the most need, then those with the most gain by a look.
+    # First the zones with the largest area that needs treatment, then the zones where a look saves most.
     worst = sorted((z for z in zones if z.zone == TREAT), key=lambda z: -z.need * z.area_ha)
     look = sorted((z for z in zones if z.zone == LOOK), key=lambda z: -z.gain)
     listed = [*worst[:_LISTED], *look[:_LISTED]]

@@ -39,10 +39,10 @@ def treatment_of_log(
 ) -> TreatmentMap:
     """Return the treatment map of a flight's readings.
 
-    Of the scenario, farm, fields, day, footprint, estimator and seed are used. Without a `log` (`read_track`)
+    The scenario gives the farm, fields, day, footprint, estimator and seed. Without a `log` (`read_track`)
     the readings need positions. `observations` is a table of readings (`read_readings`) or a file of
-    `Observations`; a .tlog with a leaf camera needs none. `costs` and `block_m`: see `zones`. WbfMissionError
-    if a file cannot be read, a value is out of range, or no reading is on the farm.
+    `Observations`; a .tlog of a leaf camera needs no `observations`. `costs` and `block_m`: see `zones`.
+    WbfMissionError if a file cannot be read, a value is out of range, or no reading is on the farm.
     """
     farm, fields = farm_of(scenario.farm)
     scenario = naming_estimator(scenario, farm, fields)

@@ -24,7 +24,7 @@ _HIGHEST_DEG = 84.0
 
 
 class MapError(WbfMissionError, ValueError):
-    """A treatment map that cannot be made or written, or an invalid cost."""
+    """A treatment map cannot be made or written, or a cost is invalid."""
 
 
 def gis(module: str) -> Any:

@@ -30,7 +30,7 @@ _STRIP = 512
 
 
 def is_part(name: str) -> bool:
-    """Return whether `name` is a possible file name in the folder of a treatment map."""
+    """Return whether `name` is the name of a file that `write_map` may write."""
     many = any(name.startswith(start) and name.endswith(end) for start, end in (_VALUES, _RATES))
     return many or name in (PAGE, "zones.geojson", "zones.gpkg", "observations.parquet", SUMMARY)
 
@@ -38,8 +38,8 @@ def is_part(name: str) -> bool:
 def write_map(of: TreatmentMap, folder: Path, progress: Progress, **more: Any) -> list[Path]:
     """Write a treatment map into a folder, and return the files; `more` is added to the summary.
 
-    Each field has map_NAME.tif and prescription_NAME.zip. zones.geojson, zones.gpkg and report.html are for
-    all fields. MapError if the extra ``gis`` is not installed, or the farm does not fit into UTM.
+    Each field gets a map_NAME.tif and a prescription_NAME.zip. All fields share zones.geojson, zones.gpkg and
+    report.html. MapError if the extra ``gis`` is not installed, or the farm does not fit into UTM.
     """
     folder.mkdir(exist_ok=True)
     with gdal_errors(folder):
@@ -73,8 +73,8 @@ def write_geotiff(
     """Write the estimate of one field as a cloud-optimised GeoTIFF, float32, and return its georeference.
 
     Band 1 is the value in the field's unit, band 2 the uncertainty. Cells outside the owner's land or without
-    the field's crops are `NODATA`. `deviation`: the uncertainty is a standard deviation; otherwise it has the
-    estimator's own scale. MapError if rasterio is not installed, or `UtmCells.of` fails.
+    the field's crops are `NODATA`. If `deviation`, the uncertainty is a standard deviation; otherwise it has
+    a scale of the estimator. MapError if rasterio is not installed, or `UtmCells.of` fails.
     """
     rasterio, copying = gis("rasterio"), gis("rasterio.shutil")
     cells = UtmCells.of(farm)
@@ -95,7 +95,7 @@ def write_geotiff(
         "blockysize": _STRIP,
         "BIGTIFF": "IF_SAFER",
     }
-    # GDAL's COG driver can only copy an existing raster; a file on disk saves memory.
+    # GDAL's COG driver can only copy an existing raster; this raster is a file on disk to save memory.
     plain = path.with_name(f".{path.name}.plain.tif")
     scale = "standard deviation" if deviation else "doubt on the estimator's own scale"
     with warnings.catch_warnings():
@@ -159,7 +159,7 @@ def write_prescription(path: Path, farm: Farm, zones: Sequence[Zone]) -> None:
         _write(shape, farm, zones, columns, driver="ESRI Shapefile", encoding="UTF-8")
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
             for part in sorted(Path(folder).iterdir()):
-                # ZipInfo defaults to 1980, so that equal maps give equal files.
+                # ZipInfo's default date is in 1980; so equal maps give equal files.
                 entry = zipfile.ZipInfo(part.name)
                 entry.compress_type = zipfile.ZIP_DEFLATED
                 archive.writestr(entry, part.read_bytes())
@@ -183,9 +183,9 @@ def _write(path: Path, farm: Farm, zones: Sequence[Zone], columns: dict[str, lis
 
 
 def _to_wgs84(farm: Farm, polygons: Sequence[shapely.Polygon]) -> NDArray[np.object_]:
-    """Return polygons of the farm's frame in longitude and latitude.
+    """Convert polygons from the farm's frame to longitude and latitude.
 
-    Longitudes exceed 180 degrees across the antimeridian, so that polygons stay connected.
+    Beyond the antimeridian longitudes exceed 180 degrees, so that polygons stay connected.
     """
     origin = farm.frame.longitude_deg
 

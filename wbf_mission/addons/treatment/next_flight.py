@@ -31,14 +31,14 @@ _WHOLE_FLIGHT = {"greedy": {"ahead": _FAR}, "orienteering": {"horizon": _FAR, "p
 
 @dataclass(frozen=True, slots=True)
 class NextFlight:
-    """Next flight, planned to maximize the expected saving."""
+    """Next flight, planned on a treatment map, with the saving expected from it."""
 
     plan: PlanResult
     vehicle: SingleVehicle
     policy: str
     gain: float  # Expected saving by the flight, in the unit of the costs
-    gain_of_all: float  # Expected saving if the whole farm were known
-    looked_at_ha: float  # Area of crops in the images
+    gain_of_all: float  # Expected saving by perfect information on the whole farm
+    looked_at_ha: float  # Area of crops that the images show
 
     def summary(self) -> dict[str, object]:
         """Return the plan and the gains as plain values, for JSON."""
@@ -47,12 +47,12 @@ class NextFlight:
 
 
 def plan_next(of: TreatmentMap, scenario: Scenario, *, progress: Progress = silent) -> NextFlight:
-    """Plan another flight on the treatment map `of`, with the scenario's vehicle, budget and policy.
+    """Plan the next flight by the treatment map `of`, with the scenario's vehicle, budget and policy.
 
-    The default policy is `greedy`. A policy with an acquisition parameter gets the expected saving of each
-    cell by the map's costs; other policies use the estimate, as in flight. `greedy` and `orienteering` plan
-    for the whole budget, other policies only up to their next decision. WbfMissionError if the policy finds
-    no flight that saves anything, or no path fits the budget.
+    The default policy is `greedy`. If the policy has a parameter "acquisition", its default here is each
+    cell's expected saving by perfect information; other policies use the estimate, as in flight. `greedy` and
+    `orienteering` plan for the whole budget, other policies only up to their next decision. WbfMissionError
+    if no path fits the budget, or the policy finds no flight that saves anything.
     """
     farm, fleet = of.farm, scenario.vehicle
     choice = scenario.mission.policy or Choice("greedy")
@@ -97,7 +97,7 @@ def _policy(of: TreatmentMap, choice: Choice) -> Policy:
 
 
 def _gain_of_cells(of: TreatmentMap) -> Acquisition:
-    """Return an acquisition function: the expected saving of each cell, from its block's saving."""
+    """Return an acquisition function: each cell's expected saving per hectare by perfect information."""
 
     def acquisition(observation: PolicyObservation) -> ValueMap:
         grid = observation.farm.grid()
@@ -113,7 +113,7 @@ def _gain_of_cells(of: TreatmentMap) -> Acquisition:
 
 
 def _cells_shown(farm: Farm, places_m: Points, footprint: int) -> NDArray[np.bool_]:
-    """Return a mask of the cells in images taken at `places_m`."""
+    """Return a mask of the cells that images taken at `places_m` show."""
     shown = np.zeros(farm.grid().shape, np.bool_)
     ix, iy = farm.cell_of(places_m[:, 0], places_m[:, 1])
     dx, dy = footprint_offsets(footprint)

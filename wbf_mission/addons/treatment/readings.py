@@ -52,15 +52,15 @@ def is_cells(path: Path) -> bool:
 def read_readings(path: Path, fields: FieldSet) -> Readings:
     """Read a table with a key column and a column for each sensed field.
 
-    The key is the first entry of `_KEY_READERS` with existing columns. The field of an empty cell was not
-    sensed. ObservationError if the file cannot be read, has no key or none of the fields, or a value is
-    invalid.
+    The key is the first entry of `_KEY_READERS` whose columns the table has. An empty entry means that the
+    field was not sensed. ObservationError if the file cannot be read, has no key or none of the fields, or
+    has an invalid value.
     """
     header, lines = _header(path)
     key = next((names for names in _KEY_READERS if set(names) <= set(header)), None)
     if key is None:
         wanted = "latitude and longitude, name, image, or time"
-        if len(header) == 1 and re.search("[;\t]", header[0]):  # As many spreadsheets write it
+        if len(header) == 1 and re.search("[;\t]", header[0]):  # Many spreadsheets write such files
             wanted += "; separate the columns by commas, and write decimals with a point"
         raise ObservationError(f"{path}: no column gives the place of a reading; give {wanted}")
     columns = [header.index(name) if name in header else None for name in fields.names]
@@ -120,7 +120,7 @@ def _named(header: list[str]) -> list[str]:
 
 
 def _value(where: str, field: Field, text: str) -> float:
-    """Return a reading scaled to 0..1 of its field's range."""
+    """Return a reading, scaled from its field's range to 0..1."""
     text = text.strip()
     if not text or text.lower() == "nan":
         return math.nan
@@ -150,7 +150,7 @@ def _name(texts: list[str]) -> str:
 
 
 def _time(texts: list[str]) -> float:
-    """Return seconds on the log's clock or since 1970; a time without a zone is UTC."""
+    """Return a time as seconds on the log's clock or since 1970; a time without a zone is UTC."""
     try:
         value = parse_number(texts[0])
     except ValueError:
@@ -180,9 +180,9 @@ def join(
     """Return the observations of the farm's cells, and notes about discarded readings.
 
     A reading counts for all cells of the camera's footprint, a square with a side of `footprint` cells.
-    Observations are in order of time if the log has the times, else in the order of the table.
-    ObservationError if the key needs a log, or all readings were discarded. LogError if the log cannot be
-    related to the clock of the times.
+    Observations are in the order of their times; if a time is unknown, they keep the order of the table.
+    ObservationError if the key needs a log, or all readings were discarded. LogError if the log lacks the
+    clock of the times.
     """
     latitude, longitude, time_s = _places(readings, track)
     found = np.isfinite(latitude)

@@ -42,7 +42,7 @@ class TreatmentMap:
 
     @cached_property
     def zone_maps(self) -> tuple[ZoneMap, ...]:
-        """Zone map of each field with crops on the owner's land; MapError if no field has any."""
+        """Zone map of each field whose crops grow on the owner's land; MapError if there is no such field."""
         maps = self._maps(grid=block_grid(self.farm, self.block_m))
         found = tuple(zone_map(of, self.costs[of.field.name]) for of in maps if of.cells.any())
         if not found:

@@ -13,12 +13,12 @@ from geo import Farm
 from wbf_mission.addons.treatment.gis import gis
 from wbf_mission.addons.treatment.zones import HEALTHY, LOOK, TREAT, ZoneMap
 
-_LEAST_OF_A_BLOCK = 0.25  # Smallest area of a zone, as a share of a block
+_LEAST_OF_A_BLOCK = 0.25  # Smallest area of a zone, as a fraction of a block
 
 
 @dataclass(frozen=True, slots=True)
 class Zone:
-    """Connected area with one action for one field."""
+    """Connected area on which one field needs the same action."""
 
     field: str
     zone: int  # `LOOK`, `TREAT` or `HEALTHY` of `wbf_mission.addons.treatment.zones`
@@ -27,7 +27,7 @@ class Zone:
     latitude_deg: float  # Latitude of a point inside
     longitude_deg: float
     area_ha: float  # Area of the polygon
-    need: float  # Expected share that needs treatment
+    need: float  # Fraction of the zone that is expected to need treatment
     gain: float  # Expected saving by perfect information, in the unit of the costs
     rate: float  # Application rate, 0 without treatment
     rate_unit: str

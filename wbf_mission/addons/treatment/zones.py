@@ -1,15 +1,15 @@
-"""Zones to treat, to look at again, and healthy: the action of least expected cost for each block.
+"""Zones by action: treat, look again, or leave. Each block gets the action of least expected cost.
 
-A block is the smallest area that a sprayer can treat. `m` is the share of the block that needs treatment, a
-random variable. ``treat`` is the cost of treatment, ``loss`` the cost of untreated land that needs treatment,
-and ``look`` the cost of another look. The expected costs per hectare of the crop are::
+A block is the smallest area that a sprayer can treat. `m` is the fraction of the block that needs treatment,
+a random variable. ``treat`` is the cost of treatment, ``loss`` the cost of untreated land that needs
+treatment, and ``look`` the cost of another look. The expected costs per hectare of the crop are::
 
     leave            loss E[m]
     treat            treat
     look, then act   look + E[min(treat, loss m)]
 
-The value of a look is the expected value of perfect information, ``min(treat, loss E[m]) - E[min(treat,
-loss m)]`` (Raiffa and Schlaifer, Applied Statistical Decision Theory, 1961). For a disease, m is the share of
+The value of a look is the expected value of perfect information, ``min(treat, loss E[m]) - E[min(treat, loss
+m)]`` (Raiffa and Schlaifer, Applied Statistical Decision Theory, 1961). For a disease, m is the fraction of
 sick plants; it has a beta distribution with the mean and deviation of the farmer's report. For a continuous
 field, m is 1 if the block's mean value is below a threshold, else 0; the mean has a normal distribution.
 """
@@ -67,7 +67,7 @@ class FieldCosts:
         """Return default costs, in the relative unit of the score's error costs.
 
         Treatment of a healthy plant corresponds to an estimate that is 1 too low, so `treat` is
-        ``cost_below``. An untreated sick plant corresponds to one that is 1 too high, so `loss` is
+        ``cost_below``. An untreated sick plant corresponds to an estimate that is 1 too high, so `loss` is
         ``cost_below + cost_above``. Both are multiplied by the field's weight.
         """
         weight, treat, regret = field.weight or 1.0, field.cost_below or 1.0, field.cost_above or 1.0
@@ -77,16 +77,16 @@ class FieldCosts:
 
 
 def is_water(field: Field) -> bool:
-    """Return whether treatment of a field means irrigation; further fields may share the soil's dynamics."""
+    """Return whether a field is treated by irrigation: only "soil", as other fields may have its dynamics."""
     return field.name == "soil" and isinstance(field.dynamics, SoilParameters)
 
 
 def costs_of(field_set: FieldSet, given: Mapping[str, Iterable[str]]) -> dict[str, FieldCosts]:
     """Return the costs of each field from texts of the form ``[FIELD=]NUMBER[UNIT]``.
 
-    The keys of `given` are attributes of `FieldCosts`. If only one of treat and loss is given, the other is
-    scaled in the default proportion. The default of look is `LOOK_SHARE` of treat. MapError if an entry
-    cannot be read, is not positive, or names no field.
+    The keys of `given` are attributes of `FieldCosts`. If only treat or only loss is given, the other keeps
+    the default ratio to it. The default of look is `LOOK_SHARE` of treat. MapError if an entry cannot be
+    read, is not positive, or names no field.
 
     Examples
     --------
@@ -149,7 +149,7 @@ def _read(option: str, text: str, key: str) -> dict[str, float | str]:
 
 
 def block_grid(farm: Farm, block_m: float | None = None) -> MapGrid:
-    """Return a `MapGrid` with blocks as pixels, about `block_m` metres a side, at least one cell.
+    """Return a `MapGrid` whose pixels are the blocks: about `block_m` metres a side, but at least one cell.
 
     The default is 4 m, or a thirtieth of the farm's longer side if that is less.
     """
@@ -167,8 +167,8 @@ class ZoneMap:
     of: FieldMap
     costs: FieldCosts
     zone: NDArray[np.uint8]
-    need: Floats  # Expected share that needs treatment
-    spread: Floats  # Standard deviation of that share
+    need: Floats  # Fraction of the block that is expected to need treatment
+    spread: Floats  # Standard deviation of that fraction
     gain: Floats  # Expected saving per hectare by perfect information
     hectares: Floats  # Area of the crop
 
@@ -183,7 +183,7 @@ class ZoneMap:
         return self.of.grid.pixel * self.of.grid.cell_size_m
 
     def word(self, zone: int) -> str:
-        """Return the name of a zone in words of the field, such as "dry" for `TREAT` and water."""
+        """Return the word for a zone of this field, such as "dry" for `TREAT` if the field is water."""
         return _WORDS["water" if is_water(self.field) else self.field.kind][zone]
 
     def area_ha(self, zone: int) -> float:
@@ -193,9 +193,9 @@ class ZoneMap:
     def gain_of_looks(self, looked_at: Floats) -> float:
         """Return the expected saving from looks; `looked_at` is the number of cells in each block.
 
-        For a share of sick plants with a beta distribution (a, b), n looks reveal the fraction
-        ``n / (n + a + b)`` of the variance (DeGroot, Optimal Statistical Decisions, 1970). In a continuous
-        field a block has a single value, so one look reveals all.
+        If the fraction of sick plants has a beta distribution (a, b), n looks reveal ``n / (n + a + b)`` of
+        its variance (DeGroot, Optimal Statistical Decisions, 1970). In a continuous field a block has a
+        single value, so one look reveals all.
         """
         there = self.zone > NOTHING
         count, need, spread, area = (a[there] for a in (looked_at, self.need, self.spread, self.hectares))
@@ -232,7 +232,7 @@ class ZoneMap:
 
 
 def zone_map(of: FieldMap, costs: FieldCosts) -> ZoneMap:
-    """Return the zones of a field; without a deviation of the estimate, no block is `LOOK`."""
+    """Return the zones of a field; no block is `LOOK` if the estimate has no deviation."""
     there = of.cells > 0
     mean, deviation = of.share[there], of.deviation
     spread = np.zeros_like(mean) if deviation is None else np.maximum(deviation[there], 0.0)
@@ -256,7 +256,7 @@ def zone_map(of: FieldMap, costs: FieldCosts) -> ZoneMap:
 
 
 def _expected_least(mean: Floats, deviation: Floats, limit: float) -> Floats:
-    """Return E[min(limit, s)] of shares s with a beta distribution; s is 0 or 1 at the largest deviation.
+    """Return E[min(limit, s)] for a beta distribution of s; with the largest deviation, s is 0 or 1.
 
     For parameters a, b, t = limit, and the regularized incomplete beta function I::
 
@@ -276,7 +276,7 @@ def _expected_least(mean: Floats, deviation: Floats, limit: float) -> Floats:
 
 
 def _below(mean: Floats, deviation: Floats, threshold: float) -> Floats:
-    """Return the probability of values below a threshold under a normal distribution."""
+    """Return the probability that a normally distributed value is below a threshold."""
     from scipy.special import ndtr
 
     known = deviation > _CERTAIN

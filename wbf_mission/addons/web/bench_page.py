@@ -22,14 +22,15 @@ _NAMES = 3
 _OF_TEXTS = 2
 _EXACT = 2**53
 _NUMBER = re.compile(r"[+-]?\d|-$")
-# A long name may break only behind these characters, or after 24 others.
+# A line may break within a long name only after one of these characters, or after 24 others.
 _PIECE = re.compile(r"[^\s/:,=-]{1,24}[/:,=-]*|[/:,=-]+|\s+")
 
 
 def write_bench_page(path: Path, page: Page, folder: Path, rows: Sequence[BenchRow] = ()) -> None:
     """Write a page as one HTML file: the page `bench` (`wbf_mission.addons.base.pages.bench_page`).
 
-    Pictures of `folder` are embedded, PDFs linked. `rows`: one table of all standings replaces the sections'.
+    Pictures in `folder` are embedded, and PDFs are linked. If `rows` are given, one table of all standings
+    replaces the score tables of the sections.
     """
     groups = list(scored(apart(rows)))
     found = [(group, standings_of(group)) for group in groups]
@@ -42,7 +43,7 @@ def write_bench_page(path: Path, page: Page, folder: Path, rows: Sequence[BenchR
 
 
 def _seeds(group: Scored, planner: str, estimator: str) -> list[tuple[int | str, float, float, str, str]]:
-    """Return (seed, score, final score, failure, start of the key) for each run of a pair."""
+    """Return (seed, score, final score, error, start of key) for each run of a planner and an estimator."""
     k = group.pairs.index((planner, estimator))
     scores, ends = group.scores[k].tolist(), group.final_scores[k].tolist()
     failed = [row.error or "" for row in group.rows[k]]
@@ -77,7 +78,7 @@ def _body(page: Page, folder: Path, whole: Table) -> Iterator[str]:
 
 
 def _table(table: Table, label: str, *, name: str = "") -> Iterator[str]:
-    """Yield a scrollable table; the first columns are names, and both columns of a two-column table."""
+    """Yield a scrollable table. The first `table.texts` columns hold names; in a two-column table both do."""
     names = len(table.header) if len(table.header) == _OF_TEXTS else table.texts
 
     def cells(row: Sequence[str], tag: str) -> str:
@@ -98,7 +99,7 @@ def _table(table: Table, label: str, *, name: str = "") -> Iterator[str]:
 
 
 def _name(text: str) -> str:
-    """Return a text with the places where a line may break."""
+    """Return a text as HTML that marks where a line may break."""
     return "<wbr>".join(map(escape, _PIECE.findall(text)))
 
 

@@ -19,10 +19,10 @@ def block_means(
     y0: int,
     means: NDArray[np.float32],
 ) -> None:
-    """Compute block means of `value`, float32[W, H], over finite cells that are owned and of a wanted crop.
+    """Compute block means of `value`, float32[W, H], over finite, owned cells with a wanted crop.
 
-    Pixel (i, j) of `means`, float32[pixels along x, y], is the block (x0 + i, y0 + j) with `cells` cells
-    along a side; NaN without such a cell. `wanted` is indexed by the numbers in `crop`.
+    Pixel (i, j) of `means`, float32[pixels along x, y], is the mean of block (x0 + i, y0 + j), which has
+    `cells` cells along a side; NaN if the block has no such cell. The numbers in `crop` index `wanted`.
     """
     width, height = value.shape
     sums, counts = np.zeros(means.shape[1], np.float64), np.zeros(means.shape[1], np.int64)

@@ -17,12 +17,12 @@ MAX_WAITING = 50
 
 
 class HurriedProtocol(H11Protocol):
-    """uvicorn's HTTP protocol with deadlines, as uvicorn waits for the rest of a request without limit.
+    """uvicorn's HTTP protocol with deadlines: without them, uvicorn waits for the rest of a request for ever.
 
-    Idle connections after an answer are closed by uvicorn itself.
+    uvicorn itself closes connections that are idle after an answer.
     """
 
-    missing: type | None = None  # h11's state of a client that has to send more
+    missing: type | None = None  # h11's state, if the client has to send more
     since_s = 0.0
     _deadline: asyncio.TimerHandle | None = None
 

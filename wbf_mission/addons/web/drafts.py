@@ -48,7 +48,7 @@ _FIXED = ("farm", "farm_crs", "crop", "repair", "mission", "terrain", "days", "f
 
 
 class DraftError(WbfMissionError, ValueError):
-    """A draft that cannot be read, or requests a forbidden option."""
+    """A draft cannot be read, or requests a forbidden option."""
 
 
 class _Body(msgspec.Struct, forbid_unknown_fields=True):
@@ -83,7 +83,7 @@ class PlannedMission:
     report: Report
 
     def place_of(self, finding: Finding) -> tuple[float, float] | None:
-        """Return the place of a finding on the farm (m); None for a finding of the whole plan."""
+        """Return the place on the farm (m) that a finding is about; None if it is about the whole plan."""
         if finding.item is None:
             return None
         farm, mission = self.plan.farm, self.plan.mission
@@ -104,7 +104,7 @@ class PlannedDraft:
     cuts: tuple[SortiePlan | None, ...]  # Sorties of each vehicle, if one battery is not enough
     vehicles: tuple[SingleVehicle, ...]
     missions: tuple[PlannedMission, ...]
-    coverage: float  # Fraction of the target land seen by all missions together
+    coverage: float  # Fraction of the target land that all missions together cover
     plan_s: float  # Computing time of the plans
     check_s: float  # Computing time of the preflight check
 
@@ -122,7 +122,7 @@ class PlannedDraft:
 
     @property
     def surveys(self) -> bool:
-        """Whether the plan uses a camera given by sensor and lens, which the simulator does not have."""
+        """Whether the plan uses a camera model (sensor and lens), which the simulator does not have."""
         return self.draft.scenario.camera.model is not None
 
     @property
@@ -169,7 +169,7 @@ class PlannedDraft:
 class Drafts:
     """Farms and plans of a studio, cached by content, and a folder for its files.
 
-    `start` is the only scenario that may name files; drafts may not.
+    Only the scenario `start` may name files; drafts may not.
     """
 
     def __init__(self, start: Scenario) -> None:
@@ -264,13 +264,13 @@ class Drafts:
             raise DraftError(f"{key!r:.60} is no option of a draft")
         if known.kind or key in NAMED:
             if given == str(self.start[key]):
-                return self.start[key]  # May be an object from a file of the user
+                return self.start[key]  # This may be an object from a user's file
             self._check_name(key, given)
         return known.read(given) if known.read is not None and isinstance(given, str) else given
 
     @staticmethod
     def _check_name(key: str, given: Any) -> None:
-        """Raise DraftError unless `given` is a known name, as a page must not name a file of code."""
+        """Raise DraftError unless `given` is a known name: a page must not name a file of code."""
         if not isinstance(given, str):
             raise DraftError(f"{key}: {given!r:.60} is no text")
         known = known_names(key)
@@ -305,7 +305,7 @@ def drawn_farm(body: bytes) -> bytes:
 
 
 def planned(draft: Draft, progress: Progress) -> PlannedDraft:
-    """Plan a draft, split into sorties if one battery is not enough, and check it; errors of `plan_fleet`."""
+    """Plan a draft, in sorties if one battery is not enough, and check it; raises `plan_fleet`'s errors."""
     begun_s = time.perf_counter()
     scenario, vehicles = draft.scenario, single_vehicles(draft.scenario)
 

@@ -1,7 +1,7 @@
 """Guard of the web server: refuses requests from other web sites, and sets security headers.
 
-Any web page can make a browser send requests to this server. So the host name of a request must be this
-machine's, not a foreign domain that resolves here. Requests that change or stream data must come from a page
+Any web page can make a browser send requests to this server. So a request must name this machine as its host,
+not a foreign domain that resolves to this machine. Requests that change or stream data must come from a page
 of this server. If the server listens beyond this machine, a browser must have the token.
 """
 
@@ -60,7 +60,7 @@ class Guard:
         return self._without_token(scope, headers, asked)
 
     def _is_here(self, asked: str) -> bool:
-        """Return whether a host and port are this machine's; an address is, as no domain is involved."""
+        """Return whether a host is this machine; any IP address is accepted, as no domain is involved."""
         try:
             split = urlsplit(f"//{asked}")
             name, _ = split.hostname or "", split.port  # Reading an invalid port raises ValueError

@@ -88,12 +88,12 @@ class Layers:
 
     @property
     def scales(self) -> dict[str, float]:
-        """Value of byte 254, by layer."""
+        """Value that byte 254 stands for, by layer."""
         return {name: layer.scale or 1.0 for name, layer in self._layers.items()}
 
     def of_cells(self, value: Floats, crops: Iterable[str]) -> Pixels:
-        """Return the means of float32[W, H] over owned cells of some crops: names, or `ALL_CROPS`."""
-        if value.shape != self._grid.shape:  # Compiled code would read beyond the end
+        """Return the means of `value`, float32[W, H], over owned cells of `crops` (names, or `ALL_CROPS`)."""
+        if value.shape != self._grid.shape:  # Compiled code would read beyond the array
             raise ValueError(f"an array of {value.shape} for a farm of {self._grid.shape} cells")
         named = set(crops)
         grown = ALL_CROPS in named
@@ -101,7 +101,7 @@ class Layers:
         return partial(self._means, value, np.array(wanted))
 
     def of_blocks(self, value: Floats, block_m: float) -> Pixels:
-        """Return the values above zero of float32[w, h], square blocks from the frame's origin."""
+        """Return the positive values of `value`, float32[w, h]: square blocks from the frame's origin."""
         pixel_m = self.raster.pixel_m
 
         def pixels(window: Window) -> Floats:
@@ -119,9 +119,9 @@ class Layers:
     ) -> Drawing:
         """Return a drawing of a layer's new values.
 
-        `pixels` returns the values of a window, NaN without a value. Tiles outside `changed`, bool[tiles
-        along x, y] (`sensors.scoring.information`), keep their values. Byte 254 is `scale`, by default a
-        round number above all means.
+        `pixels` returns the values of a window, NaN where there is none. Tiles outside `changed`, bool[tiles
+        along x, y] (`sensors.scoring.information`), keep their values. Byte 254 stands for `scale`, by
+        default a round number above all means.
         """
         layer = self._layers.get(name) or _Layer(self.shape, scale)
         windows = list(self._windows(changed if name in self._layers else None))
@@ -190,7 +190,7 @@ def warm_up(begin: Callable[[str], None]) -> None:
 
 
 def _bytes(means: Floats, scale: float) -> NDArray[np.uint8]:
-    """Return means as fractions of a scale, 0 to `FULL`."""
+    """Return means as bytes: 0 to `FULL` for 0 to `scale`, `NOTHING` for NaN."""
     pixels, some = np.full(means.shape, NOTHING, np.uint8), np.isfinite(means)
     pixels[some] = np.clip(np.rint(means[some] * (FULL / scale)), 0, FULL)
     return pixels

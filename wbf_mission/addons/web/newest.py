@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 
 class SupersededError(WbfMissionError, RuntimeError):
-    """The job was cancelled: by a newer draft, or by the user."""
+    """The job was cancelled by a newer draft or by the user."""
 
     def __init__(self, why: str = ANOTHER_PAGE) -> None:
         super().__init__(f"superseded: {why}")
@@ -29,8 +29,8 @@ class SupersededError(WbfMissionError, RuntimeError):
 class NewestOnly(Generic[T]):
     """One job at a time in its own thread; a newer job replaces the older.
 
-    The caller of the older job gets an error at once. The older thread ends at its next progress report, and
-    the newer job waits for that at most `PATIENCE_S` seconds.
+    The caller of the older job gets an error at once. The older thread ends at its next progress report. The
+    newer job waits at most `PATIENCE_S` seconds for this end.
 
     >>> NewestOnly[int]().do("a sum", lambda progress: 3 + 4)
     7
@@ -71,7 +71,7 @@ class _Job(Generic[T]):
         return self._future.result()
 
     def stop(self, why: str = ANOTHER_PAGE) -> None:
-        """Cancel the job for all who wait for its result."""
+        """Cancel the job for all callers that wait for its result."""
         with contextlib.suppress(InvalidStateError):
             self._future.set_exception(SupersededError(why))
 
@@ -85,7 +85,7 @@ class _Job(Generic[T]):
             # Two plans at once would slow each other down; a job that does not end is abandoned.
             self._before._idle.wait(PATIENCE_S)
             self._before = None
-        with contextlib.suppress(InvalidStateError):  # The result was cancelled meanwhile
+        with contextlib.suppress(InvalidStateError):  # The job was cancelled meanwhile
             if not self._future.done():
                 try:
                     self._future.set_result(self._work(self._go_on))

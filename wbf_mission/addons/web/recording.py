@@ -38,13 +38,13 @@ _FIXED = ("day", "flight", "item", "items", "mode", "phase", "armed")
 
 
 class Recorder:
-    """Draws the layers of a run in several pixel sizes, and keeps them at moments."""
+    """Draws the layers of a run in several pixel sizes, and keeps the layers of chosen moments."""
 
     def __init__(self) -> None:
         self.views = {longest: View(share=1.0, longest=longest) for longest in PIXELS}
         self._cursors: dict[int, Cursor | None] = dict.fromkeys(self.views)
         self.moments: dict[int, list[schema.Moment]] = {longest: [] for longest in self.views}
-        self.decisions: list[bool] = []  # Whether each moment is one of a decision
+        self.decisions: list[bool] = []  # Whether each moment is that of a decision
 
     def take(self, event: Event) -> None:
         """Draw the layers of an event."""
@@ -60,7 +60,7 @@ class Recorder:
             return
         self.decisions.append(decision)
         for longest, moments in self.moments.items():
-            # Events come from two threads, and the estimate's may be late.
+            # Events come from two threads, and those with estimates may be late.
             at_s = max(time_s, moments[-1].time_s) if moments else time_s
             update = new[longest]
             moments.append(schema.Moment(at_s, day, observations, update.tiles or [], update.scales or {}))
@@ -69,7 +69,8 @@ class Recorder:
 class LiveLayers:
     """Layers of a run in flight: its estimates, and the acquisition map of each decision.
 
-    About `MOMENTS` of the `scored` times are kept. `decided_s` maps the `id` of a decision to its time.
+    The run is scored `scored` times; layers are kept for about `MOMENTS` of these times. `decided_s` maps the
+    `id` of a decision's record to the time of the decision.
     """
 
     def __init__(self, events: EventStream, scored: int) -> None:
@@ -89,7 +90,7 @@ class LiveLayers:
                 self._left -= 1
                 due = self._left % self._every == 0
                 self._last = event.time_s, event.day, event.observations
-                # A recording of results has a model only where it is drawn; do the same here.
+                # Events replayed from results have a model only where it is drawn; do the same here.
                 self.recorder.take(event if due or self._draws_all else replaced(event, model=None))
                 if due:
                     self.recorder.keep(*self._last)
@@ -107,9 +108,9 @@ class LiveLayers:
 def thinned_moments(
     moments: Sequence[schema.Moment], light: Sequence[bool], every: int
 ) -> list[schema.Moment]:
-    """Return one of `every` moments, counted from the last; tiles of skipped moments move to the next.
+    """Return every `every`-th moment, counted back from the last; tiles of skipped moments move to the next.
 
-    At a light moment only the acquisition map is kept; other tiles move to the next moment that is not light.
+    A light moment keeps only the acquisition map; its other tiles move to the next moment that is not light.
     """
     kept, tiles = [], dict[tuple[str, int, int], schema.Tile]()
     for number, (moment, is_light) in enumerate(zip(moments, light, strict=True)):
@@ -123,7 +124,7 @@ def thinned_moments(
 
 
 def thinned_readings(readings: schema.Readings, diseases: Sequence[str], every: int) -> schema.Readings:
-    """Return one of `every` readings, and all sick ones."""
+    """Return every `every`-th reading, and all readings of sick plants."""
     count = len(readings.time_s)
     kept = np.arange(count) % every == 0
     for name in diseases:

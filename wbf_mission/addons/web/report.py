@@ -69,9 +69,9 @@ def write_report(
 ) -> Report:
     """Write the report of a run, or of two over the same farm; ReportError if their farms differ.
 
-    Equal runs give equal bytes. Telemetry logs of the runs add vehicle states. `layers` are those of a run
-    that was just flown; by default estimates at the moments are computed again (`events_of`). The summary
-    also shows the notes `told`. Data is omitted to stay below `most_bytes`.
+    Equal runs give equal bytes. Telemetry logs of the runs add vehicle states. `layers` are the layers of a
+    run that was just flown; by default the estimates are computed again (`events_of`). The summary also shows
+    the notes `told`. Data is omitted to keep the file below `most_bytes`.
     """
     if len(records) > 1:
         _check_farms(*(record.farm for record in records))
@@ -92,7 +92,7 @@ def write_report(
 
 
 class RunPage(LiveLayers):
-    """Report of a run as it is flown: a `wbf_mission.addons.base.pages.RunPage`."""
+    """Report of a run, recorded during the flight: a `wbf_mission.addons.base.pages.RunPage`."""
 
     def write(
         self, path: Path, record: RunRecord, *, log: Path | None, notes: Sequence[str], progress: Progress
@@ -116,9 +116,9 @@ class _Reduced:
     """A reduced form of a recording."""
 
     longest: int  # Pixels along the longer side of the farm
-    every: int = 1  # Keep one of these moments, and the last
-    readings: int = 1  # Keep one of these readings, and all sick ones
-    light: bool = True  # Keep only the acquisition map at decisions
+    every: int = 1  # Keep every `every`-th moment, and the last
+    readings: int = 1  # Keep every `readings`-th reading, and all of sick plants
+    light: bool = True  # Of a decision, keep only the acquisition map
 
 
 _REDUCTIONS = (

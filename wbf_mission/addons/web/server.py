@@ -4,9 +4,9 @@ The run passes events to its view and never waits for this server. Ten times per
 the data that is new to it. Browsers with the same data share the bytes. A browser that does not read is sent
 nothing until it does, and is disconnected after some seconds.
 
-Once per second each browser is sent a beat after the new data, which shows the age of its data. Requests
-carry the newest beat of the page, and the time since then by the page's clock. This limits the age of a
-request without comparing the clocks of two machines.
+Once per second each browser is also sent a beat, which shows the age of the browser's data. Requests carry
+the newest beat that the page has received, and the time since then by the page's clock. So the server can
+refuse old requests without comparing the clocks of two machines.
 """
 
 from __future__ import annotations
@@ -65,11 +65,12 @@ _TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css", "txt"
 class LiveServer:
     """Server of the pages of a view, as a context manager.
 
-    The caller connects `view` to the run's events. A `host` beyond this machine requires `token`, by default
-    a random one, which `url` contains. Without `orders`, pages only show the run. `tiles` are a background
-    map. `routes` are protected by the guard (`wbf_mission.addons.web.guard`), at any path except "/live",
-    "/beats" and "/tiles/..."; they must limit the request bodies themselves. `home` is the page of
-    ``static/`` at "/". MapTilesError if the tiles are unusable; ``with``: LinkError if the port is taken.
+    The caller connects `view` to the run's events. If `host` is reachable from other machines, browsers need
+    `token`, by default a random text that `url` contains. Without `orders`, pages only show the run. `tiles`
+    is the file of a background map. `routes` are protected by the guard (`wbf_mission.addons.web.guard`), at
+    any path except "/live", "/beats" and "/tiles/..."; their handlers must limit the size of request bodies.
+    `home` is the page in ``static/`` that is served at "/". MapTilesError if the tiles are unusable;
+    ``with``: LinkError if the port is taken.
 
     >>> with LiveServer(View()) as server:
     ...     server.url.startswith("http://127.0.0.1:")
@@ -113,7 +114,7 @@ class LiveServer:
             http=HurriedProtocol,
             ws="websockets-sansio",
             ws_max_size=MAX_REQUEST_BYTES,
-            ws_per_message_deflate=False,  # Would cost time for each viewer
+            ws_per_message_deflate=False,  # Compression would take time for each viewer
             lifespan="off",
             log_config=None,
             log_level="error",
@@ -207,10 +208,10 @@ class LiveServer:
             elif self._ending or view is not self._view:
                 return
             await visit.beat(view)
-            await asyncio.sleep(INTERVAL_S - now_s() % INTERVAL_S)  # Common send times allow sharing
+            await asyncio.sleep(INTERVAL_S - now_s() % INTERVAL_S)  # In step: viewers share updates
 
     async def _tell_beats(self, visit: _Visit) -> None:
-        """Send only beats, to a page without a view."""
+        """Send only beats, to a page that does not show a view."""
         while not self._ending:
             await visit.beat(self._view)
             await asyncio.sleep(INTERVAL_S)
@@ -225,7 +226,7 @@ class LiveServer:
             shared = self._shared.get(cursor)
             if shared is None:
                 text, after = await asyncio.to_thread(_encoded, view, cursor)
-                # A new viewer gets the rest with its next update, so the full state may be cached longer.
+                # A new viewer gets newer data with its next update, so the full state may be cached longer.
                 until_s = now_s + INTERVAL_S * (0.9 if cursor else 20.0)
                 shared = self._shared[cursor] = _Shared(view, until_s, text, after)
             return shared.text, shared.cursor
@@ -236,7 +237,7 @@ class LiveServer:
             await visit.send(reply.json().decode())
 
     def _ask(self, text: str | None, visit: _Visit) -> Reply:
-        """Pass on a page's request, once and only while fresh; return the reply."""
+        """Pass on a page's request unless it is too old or was already made; return the reply."""
         if self._orders is None:
             return Reply("", "this page only shows: orders are not allowed", 0)
         try:
@@ -269,7 +270,7 @@ class LiveServer:
 
 
 def _is_ours(record: logging.LogRecord) -> bool:
-    """Return whether a log line concerns the user; malformed input of clients does not."""
+    """Return whether a log line concerns the user; lines about malformed input from clients do not."""
     return not record.getMessage().startswith("Invalid UTF-8")
 
 

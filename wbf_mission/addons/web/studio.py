@@ -218,7 +218,7 @@ class Studio:
 
 
 def _answering(work: Handler) -> Callable[[Request], Any]:
-    """Return an endpoint that answers with a function's result as JSON, or with an "error" line.
+    """Return an endpoint that answers with a function's result as JSON, or with a line under "error".
 
     Errors have status 200: they are normal while typing, and browsers would log each in the console.
     """
@@ -236,7 +236,7 @@ def _answering(work: Handler) -> Callable[[Request], Any]:
             return _json({"error": str(error), "superseded": error.why})
         except WbfMissionError as error:
             return _json({"error": worded(error)})
-        except OSError as error:  # Errors of draft files, for example a full disk
+        except OSError as error:  # Writing draft files failed, for example on a full disk
             return _json({"error": worded(f"files for drafts: {error}")})
         except ClientDisconnect:
             return Response(status_code=400)  # The client has gone
@@ -272,7 +272,7 @@ def _mission(sortie: drafts.PlannedMission) -> dict[str, Any]:
         "plan": plan_shape(planned, plan.farm),
         "battery_used": plan.battery_used,
         "energy_wh": prediction.energy_wh,
-        # Omit warnings that are also findings.
+        # Omit warnings that the findings repeat.
         "warnings": [
             worded(text) for text in plan.warnings if not any(finding.text in text for finding in found)
         ],

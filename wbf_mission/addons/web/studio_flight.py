@@ -19,7 +19,7 @@ from wbf_mission.scenario import Scenario
 
 
 class FlightState(msgspec.Struct, frozen=True):
-    """State of the latest flight: "none", "preparing", "flying" or an outcome, also in words."""
+    """State of the latest flight: "none", "preparing", "flying" or an outcome; `words` explains it."""
 
     outcome: str = "none"
     words: str = ""
@@ -31,7 +31,7 @@ class StudioFlight:
     def __init__(self) -> None:
         self.show: Callable[[View], None] = lambda _view: None
         self._thread: threading.Thread | None = None
-        self._flown = Flown(View(), "none")
+        self._flown = Flown(View())
         self._lock = threading.Lock()
 
     def start(self, scenario: Scenario, pace: float | None, decider: str) -> None:
@@ -51,7 +51,7 @@ class StudioFlight:
         return self._flown.state
 
     def stop(self, wait_s: float = 0.0) -> bool:
-        """Stop the flight and wait for its end; return whether there was one."""
+        """Stop the flight and wait for its end; return whether a flight was running."""
         with self._lock:
             self._flown.stopping.set()
             flies = self._thread is not None and self._thread.is_alive()
@@ -63,7 +63,7 @@ class StudioFlight:
 class Flown:
     """One flight that a view shows and that can be stopped."""
 
-    def __init__(self, view: View, outcome: str, decider: str = "") -> None:
+    def __init__(self, view: View, outcome: str = "none", decider: str = "") -> None:
         self._view, self.state, self._decider = view, FlightState(outcome), decider
         self.stopping = threading.Event()
 
@@ -83,7 +83,7 @@ class Flown:
 
     def _take(self, event: Event) -> None:
         if isinstance(event, RunBegun) and event.farm is not None:
-            # A planned mission is flown from a file with an internal name.
+            # The mission's file has an internal name: show the planner's or policy's name instead.
             title = f"{event.farm.name}, {self._decider}"
             event = replace(event, title=title, planner=self._decider)
         self._view.take(event)
@@ -94,5 +94,5 @@ class Flown:
 
     def _stop_if_asked(self, _event: object) -> None:
         if self.stopping.is_set():
-            self.stopping.clear()  # Once, so that the readings are still evaluated
+            self.stopping.clear()  # Stop only once: the readings must still be evaluated
             raise KeyboardInterrupt

@@ -25,8 +25,8 @@ _LEAST_SCALE = 0.02  # Minimum colour scale, as a share of sick plants
 _MOST_PIXELS = 0.995
 _SICK = ("#e3ecd2", "#f6c66a", "#e2711d", "#8e1f1c", "#4a0b16")
 _PATH_M = 0.002  # Minimum step of a drawn path, as a fraction of the farm's side
-_DENSE_SIDES = 15.0  # Track length, in sides of the farm, from which tracks cover the map
-_SHEET_MM, _LINE_MM = 262.0, 4.5  # Height available below the title, and of a line
+_DENSE_SIDES = 15.0  # Tracks of this length, in sides of the farm, cover the map
+_SHEET_MM, _LINE_MM = 262.0, 4.5  # Height below the title, and height of a line
 _LEAST_MM, _MOST_MM = 18.0, 84.0  # Minimum and maximum height of a map
 _KEY_MM, _HEAD_MM = 12.0, 7.0  # Height of a field's key and heading, with gaps
 _TOLD_WARNINGS = 4
@@ -118,7 +118,7 @@ def _chooser(record: RunRecord) -> str:
 
 
 def _facts(record: RunRecord, *, short: bool = False) -> dict[str, str]:
-    """Return the facts of a run in words, by name; `short` ones are for a comparison."""
+    """Return the facts of a run in words, by name; `short` facts are for a comparison."""
     summary, scenario = record.summary(), record.scenario
     vehicles = list(dict.fromkeys(scenario.vehicle.names))
     count = summary["vehicles"]
@@ -261,7 +261,7 @@ def _flown(record: RunRecord, drawing: FarmDrawing) -> str:
 
 
 def _scale(maps: Sequence[FieldMap]) -> float:
-    """Return the value of the last colour: of a disease at least a small share, else the full range."""
+    """Return the scale of the maps: for a disease its highest share, at least `_LEAST_SCALE`; else 1."""
     if maps[0].field.kind != "disease":
         return 1.0
     # A pixel at a border has few plants, so one sick plant there must not set the scale.

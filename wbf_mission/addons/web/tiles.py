@@ -130,7 +130,7 @@ class _MBTiles:
 
 
 class _Directory(NamedTuple):
-    """Entries of a PMTiles directory as columns; an entry without a run is another directory."""
+    """Entries of a PMTiles directory as columns; an entry with a run of 0 points to another directory."""
 
     ids: list[int]
     runs: list[int]

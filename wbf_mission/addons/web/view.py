@@ -62,7 +62,7 @@ _Scored: TypeAlias = tuple[float, int, int, Score | None]
 
 
 class _Rows(Generic[T]):
-    """Rows with their versions; above a limit, the older half is thinned or dropped."""
+    """Rows with their versions; if there are too many, the older half is thinned or dropped."""
 
     def __init__(self, name: str, limit: int, *, thins: bool = False) -> None:
         self.name, self.limit, self.step = name, limit, 2 if thins else 1
@@ -127,9 +127,9 @@ class _Readings:
 class View:
     """State of a run as shown by pages; a listener of its events.
 
-    The run's threads call `take`, which is fast. Any number of viewers call `update` at any time, without
-    state here. Estimates are drawn in at most `share` of the wall time (1: all), and always at the end of a
-    flight. Layers have at most `longest` pixels per side. `clock` measures the age of vehicle states.
+    The run's threads call `take`, which is fast. Any number of viewers call `update` at any time; the view
+    keeps no state for viewers. Estimates are drawn in at most `share` of the wall time (1: all), and always
+    at the end of a flight. Layers have at most `longest` pixels per side. `clock` measures ages of states.
 
     >>> view = View()
     >>> view.take(events.Noted("the vehicle is heard"))
@@ -148,7 +148,7 @@ class View:
         self._fields: tuple[Field, ...] = ()
         self._skipped: InformationModel | None = None  # Latest estimate, if not drawn
         self._stale: Bools | None = None  # bool[n, tiles along x, y]: tiles changed since the last drawing
-        self._followed: tuple[weakref.ref[Any], int] | None = None  # Values and revision of the latest one
+        self._followed: tuple[weakref.ref[Any], int] | None = None  # Latest estimate's values, revision
         self._draw_at_s = 0.0
 
         self._layers: Layers | None = None
@@ -164,8 +164,8 @@ class View:
         self._readings = _Readings()
         self._scores = _Rows[_Scored]("scores", MAX_STATES, thins=True)
         self._decisions = _Rows[schema.Decision]("decisions", MAX_DECISIONS)
-        self._records: list[tuple[float, DecisionRecord]] = []  # Record times: from the flight's start
-        self._open: dict[int, tuple[str, tuple[str, ...]] | None] = {}  # In progress: last state sent
+        self._records: list[tuple[float, DecisionRecord]] = []  # With times since the start
+        self._open: dict[int, tuple[str, tuple[str, ...]] | None] = {}  # Unfinished: state last sent
         self._said = _Rows[schema.Said]("said", MAX_SAID)
 
     # Output
@@ -183,7 +183,7 @@ class View:
         return round(self._time_s, 2)
 
     def silent_s(self) -> dict[str, float]:
-        """Return the age of each vehicle's newest state; empty in a simulation, where time may stop."""
+        """Return the age of each vehicle's newest state (s); empty in a simulation, where time may stop."""
         if self._run is None or self._run.simulated or self._status.outcome != _RUNNING:
             return {}
         with self._lock:
@@ -191,7 +191,7 @@ class View:
             return {str(number): round(now_s - heard_s, 1) for number, heard_s in self._heard_s.items()}
 
     def update(self, cursor: Cursor | None) -> tuple[schema.Update, Cursor]:
-        """Return the data newer than a cursor, and the next cursor; everything for None."""
+        """Return the data newer than a cursor (None: all data), and the next cursor."""
         at, restart = int(cursor or 0), list[str]()
         with self._lock:
             self._look_after_decisions()
@@ -283,7 +283,7 @@ class View:
                 self._tell(progress=None, question=None, **ended)
 
     def _hear(self, time_s: float) -> int:
-        """Return the version of an event."""
+        """Record the time of an event, and return a new version number."""
         with self._lock:
             self._version += 1
             self._time_s = max(self._time_s, time_s)
@@ -359,7 +359,7 @@ class View:
             self._look_after_decisions()
 
     def _look_after_decisions(self) -> None:
-        """Publish decisions again whose outcomes have changed during their execution."""
+        """Publish again the decisions whose outcomes have changed since they were sent."""
         for number, sent in tuple(self._open.items()):
             time_s, record = self._records[number - 1]
             state = record.refused, tuple(change.outcome for change in record.changes)
@@ -375,7 +375,7 @@ class View:
     def _draw(
         self, name: str, pixels: Pixels, *, stale: Bools | None = None, scale: float | None = None
     ) -> None:
-        """Draw a layer; requires the lock `_drawing`, and layers."""
+        """Draw a layer; the caller holds the lock `_drawing`, and `_layers` is set."""
         assert self._layers is not None
         drawing = self._layers.put(name, pixels, changed=stale, scale=scale)
         with self._lock:
@@ -414,7 +414,7 @@ class View:
             if model is None or self._stale is None or layers is None:
                 return
             began_s = time.perf_counter()
-            # Each field is read when it is drawn, and takes no memory afterwards.
+            # Read each field only when it is drawn, so that it takes no memory afterwards.
             maps = ("value", model.value, 1.0), ("uncertainty", model.uncertainty, None)
             for k, name in enumerate(model.fields):
                 for kind, cells, scale in maps:

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import time
 from pathlib import Path
 
 import pytest
@@ -167,15 +168,28 @@ def test_code_that_ends_its_process_is_a_failure_of_its_runs(tmp_path, code, cap
     assert max(gap.fresh_scores) <= min(gap.open_scores)
 
 
-def test_no_answer_is_taken_for_that_of_another_call(code, monkeypatch):
+SLEEPS = "        import time; time.sleep(2.0)"
+# The answers go over descriptor 3 or higher; a message begins with its length, of which only a part comes.
+STALLS = """        import glob, os, stat, time
+        for name in glob.glob("/proc/self/fd/*"):
+            number = int(name.rsplit("/", 1)[1])
+            if number > 2 and os.path.exists(name) and stat.S_ISSOCK(os.fstat(number).st_mode):
+                os.write(number, bytes([0, 0]))
+        time.sleep(20.0)"""
+
+
+@pytest.mark.parametrize("start", [SLEEPS, STALLS], ids=["sleeps", "stalls"])
+def test_no_answer_is_taken_for_that_of_another_call(code, monkeypatch, start):
     slow = code / "slow.py"
-    slow.write_text(CHEAT.replace("        self.greedy.start()", "        import time; time.sleep(2.0)"))
+    slow.write_text(CHEAT.replace("        self.greedy.start()", start))
     digest = own_digest(own_choice(f"{slow}:Peeper", "policy").made)
     with PolicyApart(code, "planner", "Peeper", digest) as policy:
         monkeypatch.setattr("wbf_mission.addons.boards.apart._MOST_S", 0.5)
+        begun = time.perf_counter()
         for _ in range(2):
             with pytest.raises(WbfMissionError, match="its process ended or answers no more"):
                 policy.call("start")
+        assert time.perf_counter() - begun < 15.0
 
 
 def test_the_interval_is_welchs():

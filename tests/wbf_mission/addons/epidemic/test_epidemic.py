@@ -149,7 +149,8 @@ def test_only_what_was_touched_is_looked_at_anew():
 
 
 @pytest.mark.parametrize(
-    "places", [[(0, 0)], [(3, 4), (3, 5), (9, 20)], [(0, 0), (199, 149)], [(199, 0), (0, 149)]]
+    "places",
+    [[(0, 0)], [(3, 4), (3, 5), (9, 20)], [(60, 70), (63, 75)], [(0, 0), (199, 149)], [(199, 0), (0, 149)]],
 )
 def test_reach_is_a_square_around_each_cell_on_the_farm(places):
     shape = (200, 150)

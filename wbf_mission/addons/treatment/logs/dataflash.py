@@ -17,7 +17,7 @@ _NOWHERE = math.nan
 
 
 class _Formats(dict[int, Any]):
-    """Message formats by number; LogError for a format shorter than its fields, which hangs pymavlink."""
+    """Message formats by number; LogError if a format is shorter than its fields: pymavlink would hang."""
 
     def __setitem__(self, number: int, form: Any) -> None:
         if form.len < _HEAD_BYTES or form.len < _HEAD_BYTES + struct.calcsize(form.msg_struct):
@@ -26,7 +26,7 @@ class _Formats(dict[int, Any]):
 
 
 def read_dataflash(path: Path) -> LogTrack:
-    """Read an ArduPilot .bin: POS (else GPS) for the track, CAM (else TRIG) for the images.
+    """Read an ArduPilot .bin: the track from POS (else GPS), the images from CAM (else TRIG).
 
     The time since boot is TimeUS. pymavlink computes UTC from the GPS week and time in the log.
     """
@@ -53,7 +53,7 @@ def _messages(path: Path) -> Any:
     from pymavlink import DFReader
 
     class Reader(DFReader.DFReader_binary):  # type: ignore[misc]
-        """pymavlink's reader, with a check of the message formats that the log declares."""
+        """pymavlink's reader, which also checks the message formats that the log declares."""
 
         @property
         def formats(self) -> _Formats:

@@ -21,7 +21,7 @@ _NOWHERE = float("nan")
 
 
 def read_telemetry(path: Path) -> LogTrack:
-    """Read a .tlog: positions (GLOBAL_POSITION_INT) and images of the vehicle with the most positions."""
+    """Read from a .tlog the track (GLOBAL_POSITION_INT) and images of the vehicle with the most positions."""
     fixes: dict[int, list[tuple[float, ...]]] = {}
     images: dict[int, dict[int, tuple[float, ...]]] = {}
     messages = 0

@@ -26,7 +26,7 @@ LEAST_UTC_S = 1e9
 
 
 class LogError(WbfMissionError, ValueError):
-    """A log or a folder of pictures that cannot be read, or lacks the requested data."""
+    """A log or a folder of pictures cannot be read, or lacks the requested data."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +61,7 @@ class LogTrack:
 
     @classmethod
     def of(cls, kind: str, rows: ArrayLike, images: LogImages, notes: tuple[str, ...] = ()) -> LogTrack:
-        """Return a track from rows of boot_s, utc_s, latitude_deg, longitude_deg, less rows without a fix."""
+        """Return a track from rows of boot_s, utc_s, latitude_deg, longitude_deg; drop rows without a fix."""
         table = np.asarray(rows, np.float64).reshape(-1, 4)
         fixed = is_position(table[:, 2], table[:, 3])
         boot_s, utc_s, latitude, longitude = table[fixed].T
@@ -70,9 +70,9 @@ class LogTrack:
     def at(self, time_s: Floats) -> tuple[Floats, Floats]:
         """Return latitude and longitude at each time, interpolated linearly between fixes.
 
-        Times are UTC from `LEAST_UTC_S` on, otherwise since boot. Positions are NaN before the first fix,
-        after the last fix, and in gaps of more than `LONGEST_GAP_S`. LogError if the log lacks the clock of
-        the times, or the vehicle was rebooted within the log.
+        Times of at least `LEAST_UTC_S` are UTC; smaller times count from the boot. Positions are NaN before
+        the first fix, after the last fix, and in gaps of more than `LONGEST_GAP_S`. LogError if the log lacks
+        the clock of the times, or the vehicle was rebooted within the log.
         """
         found = np.full((2, len(time_s)), np.nan)
         is_utc = time_s >= LEAST_UTC_S
@@ -97,7 +97,7 @@ class LogTrack:
         return found[0], found[1]
 
     def of_images(self) -> tuple[Floats, Floats]:
-        """Return latitude and longitude of the images; the track supplies positions missing from images."""
+        """Return latitude and longitude of the images; the track gives the positions that images lack."""
         images = self.images
         latitude, longitude = images.latitude_deg.copy(), images.longitude_deg.copy()
         lacks = ~is_position(latitude, longitude)

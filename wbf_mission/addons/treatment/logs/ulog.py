@@ -27,9 +27,9 @@ _LEAST_UTC_US = 1e15
 
 
 def read_ulog(path: Path) -> LogTrack:
-    """Read a PX4 .ulg: `vehicle_global_position`, and `camera_capture` or `camera_trigger` for the images.
+    """Read the track (`vehicle_global_position`) and images (`camera_capture` or `camera_trigger`) of a .ulg.
 
-    Without `vehicle_global_position` the positions are those of the satellite receiver with a 3D fix. UTC is
+    Without `vehicle_global_position` the track has the satellite receiver's positions with a 3D fix. UTC is
     the time since boot plus the median offset of the receiver's `time_utc_usec`.
     """
     ULog = load_extra("pyulog.core", "gis", f"{path}: logs of PX4 need", LogError).ULog

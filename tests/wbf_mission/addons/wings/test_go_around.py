@@ -113,5 +113,5 @@ def test_a_landing_without_a_way_to_it_cannot_be_begun_anew():
 def test_only_a_landing_can_be_broken_off():
     executor = started(item(16, 0.0, 900.0, 50.0))
     executor.advance(20.0)
-    with pytest.raises(VehicleError, match="no landing"):
+    with pytest.raises(VehicleError, match="not flying a landing"):
         executor.mission.go_around()

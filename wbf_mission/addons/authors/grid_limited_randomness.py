@@ -139,7 +139,7 @@ _LEAST_GAIN = 1e-9
 
 
 def insert_by_detour(start_m: Points, places_m: Points, *, returns: bool) -> NDArray[np.int64]:
-    """Order places by inserting each where it lengthens the path least."""
+    """Order places into a path: insert each place where it lengthens the path least."""
     following = _insert(np.vstack((start_m, places_m)), returns)
     order = np.empty(len(places_m), np.int64)
     node = 0

@@ -58,7 +58,7 @@ _MOST = 65534
 Details: TypeAlias = tuple[str, str]
 
 
-# Vehicles of a fleet have almost equal tables, and compressing one takes some hundredths of a second.
+# Cached: the tables of a fleet's vehicles are almost equal, and compressing a table takes time.
 @lru_cache(maxsize=16)
 def _metadata(
     table: tuple[MavParameter, ...], defaults: tuple[float, ...], details: Details

@@ -98,7 +98,7 @@ class GridLimitedRandomness:
         return affordable(vehicle, points)
 
     def _grid(self, terrain: Terrain) -> list[Area]:
-        """Return the flyable part of each grid cell, row by row, boustrophedon."""
+        """Return the flyable part of each grid cell, row by row in alternating directions."""
         x_min, y_min, x_max, y_max = terrain.flyable.bounds
         x = np.linspace(x_min, x_max, self._h_cells + 1).tolist()
         y = np.linspace(y_min, y_max, self._v_cells + 1).tolist()

@@ -184,7 +184,7 @@ class Via:
 
     @property
     def transfers(self) -> TransferMaker:
-        """Makes the mission transfers."""
+        """Factory of mission transfers."""
         return OWN_TRANSFERS
 
     def serve(

@@ -55,7 +55,7 @@ class _Flight:
 
     @property
     def started_s(self) -> float:
-        """Start of the first vehicle's mission, by its first fix (s after the start of the run)."""
+        """Time of the flight's first position fix, of any vehicle (s after the start of the run)."""
         firsts = [float(record.track.time_s[0]) for record in self.records if len(record.track.time_s)]
         return self.begun_s + min(firsts, default=0.0)
 

@@ -109,7 +109,7 @@ class Scored:
     """Environments that do not count, with the pairs that have no row on them; no pair if all runs failed."""
 
     def environments_in_words(self) -> str:
-        """Return the counted environments, the others, and the pairs that lack them, in words."""
+        """Return the counted environments, the other environments and the pairs that lack these, in words."""
         count = f"{len(self.seeds)} environments count" + (f" ({_seeds(self.seeds)})" if self.seeds else "")
         if not self.left_out:
             return f"{count}."

@@ -1,4 +1,4 @@
-"""Ground station that carries out a watcher's orders to vehicles, and confirms each."""
+"""Ground station that carries out a watcher's orders to vehicles, and confirms each order."""
 
 from __future__ import annotations
 

@@ -328,7 +328,7 @@ class LinkHosting(Hosting):
 
     @property
     def transfers(self) -> TransferMaker:
-        """Makes the mission transfers."""
+        """Factory of mission transfers."""
         return self.link.via.transfers
 
     def arming_gate(self, system_id: int) -> ArmingGate:

@@ -172,7 +172,7 @@ def asked_for(query: str) -> tuple[int, int, bool] | None:
 def packed(parameters: ParameterSet, query: str, read_size: int) -> bytes | None:
     """Pack the parameters selected by `query`; None if the query is invalid.
 
-    Padding keeps each value within one of the client's reads of `read_size` bytes.
+    Padding keeps each value within a single read of `read_size` bytes by the client.
     """
     table = parameters.table
     asked = asked_for(query)

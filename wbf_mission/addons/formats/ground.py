@@ -93,7 +93,7 @@ class Ground:
     def heights(
         self, latitude_deg: NDArray[np.float64], longitude_deg: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the heights at points, metres above mean sea level; GroundError if a point has none."""
+        """Return the heights at points, metres above mean sea level; GroundError if a point has no height."""
         found = np.full(np.shape(latitude_deg), np.nan)
         for tile in self.tiles:
             missing = np.isnan(found)

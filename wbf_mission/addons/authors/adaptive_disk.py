@@ -31,7 +31,7 @@ class AuthorsAdaptiveDiskEstimator(AdaptiveDiskEstimator):
 
     Old readings count as much as new ones.
 
-    Only for comparison with the authors' published results; use ``adaptive-disk`` otherwise.
+    Use it only for comparison with the authors' published results; otherwise use ``adaptive-disk``.
 
     Parameters
     ----------

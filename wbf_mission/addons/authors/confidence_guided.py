@@ -24,9 +24,9 @@ from mission.policies.steering import Route, RouteProblem, Steering
 ALL = "all"
 _NAME = "confidence-guided"
 _MOST_SPAN = 1000
-# The authors' Gaussian process has a lengthscale of 2 cells: an observation removes exp(-d^2 / 4) of the
-# variance at a distance of d cells. These fractions of the variance affect only the choice of the waypoints
-# that follow the next one.
+# The authors' Gaussian process has a lengthscale of 2 cells: at a distance of d cells, an observation reduces
+# the variance by the fraction exp(-d^2 / 4). These fractions of the variance affect only the choice of the
+# waypoints that follow the next one.
 _SHARES = neighbour_shares(1.0, 4.0, 3)
 _SAME_CELLS = 0.5
 

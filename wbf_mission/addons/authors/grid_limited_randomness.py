@@ -98,7 +98,7 @@ class GridLimitedRandomness:
         return affordable(vehicle, points)
 
     def _grid(self, terrain: Terrain) -> list[Area]:
-        """Return the flyable part of each grid cell, row by row, boustrophedon."""
+        """Return the flyable part of each grid cell, row by row in alternating directions."""
         x_min, y_min, x_max, y_max = terrain.flyable.bounds
         x = np.linspace(x_min, x_max, self._h_cells + 1).tolist()
         y = np.linspace(y_min, y_max, self._v_cells + 1).tolist()
@@ -139,7 +139,7 @@ _LEAST_GAIN = 1e-9
 
 
 def insert_by_detour(start_m: Points, places_m: Points, *, returns: bool) -> NDArray[np.int64]:
-    """Order places by inserting each where it lengthens the path least."""
+    """Order places into a path: insert each place where it lengthens the path least."""
     following = _insert(np.vstack((start_m, places_m)), returns)
     order = np.empty(len(places_m), np.int64)
     node = 0

@@ -275,7 +275,7 @@ _ALONE = neighbour_shares(0.0, 1.0, 1)
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Values of the plants around a vehicle: float32[w, h] of cells from `low` on, 0 where it cannot fly."""
+    """Values of plants around a vehicle: float32[w, h] of cells from `low` on; 0 outside the flyable area."""
 
     low: NDArray[np.int_]
     values: NDArray[np.float32]
@@ -285,8 +285,8 @@ class Window:
 def window_of(vehicle: VehicleReport, observation: PolicyObservation, promised: Iterable[Points]) -> Window:
     """Return the values of the plants around a vehicle.
 
-    Only unobserved plants near a sick one that can have its disease have a value: 1 beside the sick plant,
-    and 0.3 within three cells of it. Plants on the paths of other vehicles have no value.
+    Only unobserved plants that can have the disease of a sick plant nearby have a value: 1 beside the sick
+    plant, and 0.3 within three cells of it. Plants on the paths of other vehicles have no value.
     """
     cell_m, shape = observation.farm.cell_size_m, np.array(observation.model.shape)
     here = np.asarray(vehicle.position_m) / cell_m

@@ -106,7 +106,7 @@ class VehicleSnapshot:
         return next(((name, known[name] * unit) for name, unit in units.items() if name in known), None)
 
     def as_set(self, options: VehicleOptions) -> VehicleOptions:
-        """Return the options with the vehicle's parameters in place of assumed ones.
+        """Return the options with the vehicle's parameters in place of the assumed values.
 
         Parameters and values outside the motion model's range are ignored.
         """

@@ -161,7 +161,7 @@ def _fieller(
 
 
 def score_text(value: float) -> str:
-    """Return a score or loss with four decimals, a small one with two significant digits, nan as "-".
+    """Return a score or loss with four decimals, a small number with two significant digits, nan as "-".
 
     >>> [score_text(score) for score in (-0.12345, -0.0008, -3.83e-6, -1e-17, float("nan"))]
     ['-0.1235', '-0.00080', '-3.8e-6', '0.0000', '-']

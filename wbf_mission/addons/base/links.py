@@ -106,7 +106,7 @@ def upload_checked(
     force: bool = False,
     open_driver: DriverMaker = own_driver,
 ) -> tuple[TransferReport, Report]:
-    """Query a vehicle, check a mission for it, upload and read back; return transfer and findings.
+    """Query a vehicle; check, upload and read back a mission; return the transfer and the findings.
 
     `around` returns the circumstances of the check for the vehicle's answers. The other parameters and errors
     are those of `mission.ground.link.upload`. Raises PreflightError if the check finds errors, unless
@@ -184,7 +184,7 @@ class Via:
 
     @property
     def transfers(self) -> TransferMaker:
-        """Makes the mission transfers."""
+        """Factory of mission transfers."""
         return OWN_TRANSFERS
 
     def serve(

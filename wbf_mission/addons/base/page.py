@@ -24,7 +24,7 @@ _FENCE = "```"
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table of texts; the first `texts` columns hold words, the others numbers."""
+    """A table of texts; the first `texts` columns hold words, the other columns hold numbers."""
 
     title: str
     header: tuple[str, ...]

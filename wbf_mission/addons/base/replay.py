@@ -55,7 +55,7 @@ class _Flight:
 
     @property
     def started_s(self) -> float:
-        """Start of the first vehicle's mission, by its first fix (s after the start of the run)."""
+        """Time of the flight's first position fix, of any vehicle (s after the start of the run)."""
         firsts = [float(record.track.time_s[0]) for record in self.records if len(record.track.time_s)]
         return self.begun_s + min(firsts, default=0.0)
 
@@ -128,7 +128,7 @@ def _flights(result: RunRecord) -> list[_Flight]:
     firsts = [flight[0].seen_before for flight in together] + [len(result.observations)]
     found, end_s = list[_Flight](), 0.0
     for number, each in enumerate(together):
-        # Results of earlier versions lack the start of a flight: assume that it follows the previous one.
+        # Results of earlier versions lack the starts of flights: let each flight follow the previous flight.
         begun_s = max(each[0].begun_s, end_s)
         found.append(_Flight(each, begun_s, slice(firsts[number], firsts[number + 1])))
         ends = [float(one.track.time_s[-1]) for one in each if len(one.track.time_s)]

@@ -106,10 +106,10 @@ class Scored:
     """Losses by field over the run; `final_losses` are the losses at its end."""
     final_losses: dict[str, NDArray[np.float64]]
     left_out: dict[int, tuple[Pair, ...]]
-    """Environments that do not count, with the pairs without a row there; no pair: nobody has a score."""
+    """Environments that do not count, with the pairs that have no row on them; no pair if all runs failed."""
 
     def environments_in_words(self) -> str:
-        """Return the counted environments, the others, and the pairs that lack them, in words."""
+        """Return the counted environments, the other environments and the pairs that lack these, in words."""
         count = f"{len(self.seeds)} environments count" + (f" ({_seeds(self.seeds)})" if self.seeds else "")
         if not self.left_out:
             return f"{count}."

@@ -95,7 +95,7 @@ def board_table(table: BoardTable) -> Table:
 
 
 def difference_table(table: BoardTable) -> Table:
-    """Return the differences of a table's methods from its best frozen baseline; no rows without one."""
+    """Return the differences of a table's methods from its best baseline; no rows without a baseline."""
     best = next((_cells(line)[_NAMED[0]] for line in table.lines if line.against is None), "")
     others = [line for line in table.lines if line.against is not None]
     columns = ("difference", "difference 95 %", "verdict", "better on")

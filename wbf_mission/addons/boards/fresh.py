@@ -143,7 +143,7 @@ def _welch(old: Sequence[float], new: Sequence[float], methods: int) -> Interval
     if min(len(old), len(new)) < 2:
         return Interval(mean, np.nan, np.nan)
     parts = [float(np.var(each, ddof=1)) / len(each) for each in (old, new)]
-    if (error := sum(parts)) == 0.0:  # For example if all runs failed
+    if (error := sum(parts)) == 0.0:  # Equal scores, for example if all runs failed
         return Interval(mean, mean, mean)
     freedom = error**2 / sum(part**2 / (len(each) - 1) for part, each in zip(parts, (old, new), strict=True))
     reach = float(stats.t.ppf(1.0 - _CHANCE / methods / 2.0, freedom)) * error**0.5

@@ -38,7 +38,7 @@ _ROW = ("key", "scenario", "planner", "estimator", "seed", "error")
 
 
 def rows_in(folder: Path) -> list[BenchRow]:
-    """Return the rows of a benchmark's folder; ResultError if there are none."""
+    """Return the rows of a benchmark's folder; ResultError if the folder has no rows."""
     from wbf_mission.bench.rows import read_rows
     from wbf_mission.results.storage import ResultError
 

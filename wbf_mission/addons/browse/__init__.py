@@ -1,1 +1,1 @@
-"""The commands that show what is known: farms, vehicles, scenarios."""
+"""Commands that list and show the known farms, vehicles and scenarios."""

@@ -215,7 +215,7 @@ class Peer:
         return found
 
     def command(self, command: int, *params: float, tries: int = _TRIES) -> Ack | None:
-        """Send COMMAND_LONG and return its COMMAND_ACK, the last one after IN_PROGRESS; None without one."""
+        """Send COMMAND_LONG; return its COMMAND_ACK, after IN_PROGRESS the last; None without an answer."""
         values = [*params, *[0.0] * (7 - len(params))]
         for number in range(tries):
             question = m.MAVLink_command_long_message(*self.address, command, number, *values)

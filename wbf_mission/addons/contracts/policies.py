@@ -289,7 +289,7 @@ def _lies_inside(vehicle: VehicleReport, points: Points) -> bool:
 
 
 def _check_all_known(policy: Policy, truth: NDArray[np.float32], times: list[float]) -> None:
-    """Check decisions in flight and before a later flight after all cells were seen."""
+    """Check the decisions in flight, and before a later flight, when all cells have been observed."""
     case = next(iter(_cases()))
     farm = get_farm(_FARM)
     x, y = (part.ravel().astype(np.int32) for part in np.indices(farm.grid().shape))

@@ -62,7 +62,7 @@ def learn_all(
 
 
 def _learn_missing(tasks: Sequence[TrainingTask], folder: str | os.PathLike[str] | None, step: Step) -> None:
-    """Train the missing networks: large ones in parallel processes, others one by one."""
+    """Train the missing networks: large trainings run in parallel processes, others one by one."""
     done = 0
     long = all(task.outbreaks * task.epochs >= _WORTH_A_PROCESS for task in tasks)
     may_have_children = (os.cpu_count() or 1) > 1 and not multiprocessing.current_process().daemon

@@ -231,7 +231,8 @@ def _along_a_path(
         cells = chasing_path(begun, truth > 0, longest, rng)
     cells = cells[land[cells[:, 0], cells[:, 1]]]
     for look in range(_LOOKS):
-        # The first look is at a uniformly random time, later looks are mostly towards the path's end.
+        # The first look follows a uniformly random part of the path; later looks mostly follow most of the
+        # path.
         count = int(np.ceil(len(cells) * rng.random() ** (1.0 if look == 0 else 0.3)))
         codes = padded_codes(land)
         x, y = cells[:count].T

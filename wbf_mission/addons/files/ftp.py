@@ -109,7 +109,7 @@ class Packet:
 
 @dataclass(slots=True)
 class _Session:
-    """An open file: `contents` when reading, `path` when writing."""
+    """An open file: `contents` if it is open for reading, `path` if it is open for writing."""
 
     contents: Callable[[int], bytes | None] | None = None
     path: Path = ()

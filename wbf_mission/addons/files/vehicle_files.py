@@ -58,7 +58,7 @@ _MOST = 65534
 Details: TypeAlias = tuple[str, str]
 
 
-# Vehicles of a fleet have almost equal tables, and compressing one takes some hundredths of a second.
+# Cached: the tables of a fleet's vehicles are almost equal, and compressing a table takes time.
 @lru_cache(maxsize=16)
 def _metadata(
     table: tuple[MavParameter, ...], defaults: tuple[float, ...], details: Details
@@ -172,7 +172,7 @@ def asked_for(query: str) -> tuple[int, int, bool] | None:
 def packed(parameters: ParameterSet, query: str, read_size: int) -> bytes | None:
     """Pack the parameters selected by `query`; None if the query is invalid.
 
-    Padding keeps each value within one of the client's reads of `read_size` bytes.
+    Padding keeps each value within a single read of `read_size` bytes by the client.
     """
     table = parameters.table
     asked = asked_for(query)

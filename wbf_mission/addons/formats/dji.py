@@ -332,7 +332,7 @@ def _document(values: Mapping[str, Any]) -> str:
 
 
 def _put(parent: ElementTree.Element, values: Mapping[str, Any]) -> None:
-    """Add elements by name: a mapping is an element with children, a list several elements of one name."""
+    """Add elements by name: a mapping becomes an element with children, a list several elements of a name."""
     for name, value in values.items():
         tag = name if name in _OF_KML else f"wpml:{name}"
         for part in value if isinstance(value, list) else [value]:

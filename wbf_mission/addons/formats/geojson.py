@@ -1,4 +1,4 @@
-"""GeoJSON for a GIS, read and written: our own missions, and drawn lines. Source: RFC 7946."""
+"""GeoJSON for a GIS, read and written: missions of this program, and drawn lines. Source: RFC 7946."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _FILE = msgspec.json.Decoder(_File)
 
 
 def loads(data: bytes) -> Mission | Drawing:
-    """Read one of our own missions, or lines; without lines, the points form a path.
+    """Read a mission that this program wrote, or lines; without lines, the points form a path.
 
     A farm file, and coordinates other than WGS 84 longitude and latitude, are refused.
     """

@@ -1,8 +1,8 @@
 """GPX for GNSS receivers and map programs, read and written. Source: GPX 1.1, topografix.com/GPX/1/1.
 
-One of our own missions has a route of the places to fly to, and waypoints for home, fence, rally points and
-other places. All other data of an item is in ``extensions``, as an element of our own namespace. Commands
-without a place are in the extensions of the route.
+A mission that this program writes has a route of the places to fly to, and waypoints for home, fence, rally
+points and other places. All other data of an item is in ``extensions``, as an element of our own namespace.
+Commands without a place are in the extensions of the route.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _NO_ALTITUDES = "it has no ele"
 
 
 def loads(data: bytes) -> Mission | Drawing:
-    """Read one of our own missions, or routes and track segments; without either, waypoints form a path.
+    """Read a mission of this program, or routes and track segments; without these, waypoints form a path.
 
     Elevations are above mean sea level.
     """

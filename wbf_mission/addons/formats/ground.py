@@ -34,7 +34,7 @@ class _Tile:
     def at(
         self, latitude_deg: NDArray[np.float64], longitude_deg: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the heights (m), bilinear between pixel centres; NaN outside the tile."""
+        """Return the heights (m), interpolated bilinearly between pixel centres; NaN outside the tile."""
         x, y = self.transformer.transform(longitude_deg, latitude_deg)
         a, b, c, d, e, f = self.to_pixel
         with np.errstate(invalid="ignore"):
@@ -93,7 +93,7 @@ class Ground:
     def heights(
         self, latitude_deg: NDArray[np.float64], longitude_deg: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the heights at points, metres above mean sea level; GroundError if a point has none."""
+        """Return the heights at points, metres above mean sea level; GroundError if a point has no height."""
         found = np.full(np.shape(latitude_deg), np.nan)
         for tile in self.tiles:
             missing = np.isnan(found)

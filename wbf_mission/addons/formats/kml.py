@@ -1,4 +1,4 @@
-"""KML and KMZ (KML in a ZIP archive), read and written: our own missions, and paths drawn in Google Earth.
+"""KML and KMZ (zipped KML), read and written: missions of this program, and paths drawn in Google Earth.
 
 Sources: OGC KML 2.3 (12-007r2); developers.google.com/kml/documentation/kmlreference (gx:Track, KMZ).
 """
@@ -36,7 +36,7 @@ _NO_ALTITUDES = "it lies on the ground: altitudeMode is clampToGround"
 
 
 def loads(data: bytes) -> Mission | Drawing:
-    """Read one of our own missions, or lines and tracks; without these, points form a path."""
+    """Read a mission that this program wrote, or lines and tracks; without these, points form a path."""
     root = parse(data, "kml", KML_KIND)
     header = [node for node in root.children if node.tag == "Document"]
     records = [Record(fields, (), f"line {node.line}") for node in header if (fields := _fields(node))]
@@ -61,7 +61,7 @@ def _where(node: Node) -> str:
 
 
 def _fields(node: Node) -> dict[str, str]:
-    """Return the named data of a feature, in our own form or GDAL's (SchemaData)."""
+    """Return the named data of a feature, in this program's form or in GDAL's form (SchemaData)."""
     extended = node.child("ExtendedData")
     if extended is None:
         return {}

@@ -186,7 +186,7 @@ def _record(role: str, index: int, items: Sequence[MissionItem]) -> Record:
 
 
 def are_ours(records: Iterable[Record]) -> bool:
-    """Return whether the records are one of our own missions, not drawn paths."""
+    """Return whether the records are a mission that this program wrote, not drawn paths."""
     return any(record.role in ROLES for record in records)
 
 

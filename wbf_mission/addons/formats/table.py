@@ -1,4 +1,4 @@
-"""CSV for spreadsheets, read and written: our own missions, and tables of places."""
+"""CSV for spreadsheets, read and written: missions of this program, and tables of places."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _MOST_LINES = 2_000_000
 
 
 def loads(data: bytes) -> Mission | Drawing:
-    """Read one of our own missions, or a table with columns of latitude, longitude and altitude.
+    """Read a mission that this program wrote, or a table with columns of latitude, longitude and altitude.
 
     Columns are separated by commas, tabs or semicolons; with semicolons, numbers may have a decimal comma.
     Altitudes are above home, or above sea level if the column is named ``amsl``, ``elevation`` or similar.

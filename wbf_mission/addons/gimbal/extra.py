@@ -80,7 +80,7 @@ GimbalMessage = (
 
 
 class GimbalExtra(VehicleExtra):
-    """Gimbal of the camera; a vehicle has one if the parameter of its firmware was above 0 at boot."""
+    """Gimbal of the camera; a vehicle has a gimbal if its firmware's parameter was above 0 at boot."""
 
     def __init__(self, state: WireState, parameters: ParameterSet, plans: PlanReceiver) -> None:
         super().__init__(state, parameters, plans)

@@ -126,7 +126,7 @@ class _Vehicle:
                 )
 
     def order(self, flight: JointFlight, kind: Maneuver) -> None:
-        """Order the vehicle out of its mission; a vehicle that has not started is no longer started."""
+        """Order the vehicle to leave its mission; if it has not started yet, refuse its start."""
         ground = self.sortie.ground
         if ground.phase in (Phase.MODE, Phase.READY) and ground.arming_gate is not None:
             ground.arming_gate.refuse()

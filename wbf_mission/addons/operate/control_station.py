@@ -1,4 +1,4 @@
-"""Ground station that carries out a watcher's orders to vehicles, and confirms each."""
+"""Ground station that carries out a watcher's orders to vehicles, and confirms each order."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class ControlStation:
     the state of the vehicles is unknown.
     """
 
-    # Differs from the component that watches on the same link.
+    # The component id differs from that of the component that watches the same link.
     system_id, component_id = GROUND_STATION[0], int(m.MAV_COMP_ID_USER1)
     wanted: frozenset[int] | None = None
 

@@ -247,7 +247,7 @@ class LiveLink:
         return ask_vehicle(url, wait_s=self.wait_s, system_id=number, note=note, placed=placed)
 
     def check(self, campaign: Campaign, events: EventStream) -> None:
-        """Refuse plans with errors before take-off, including those of later sorties (`check_sent`)."""
+        """Before take-off, refuse plans with errors, also plans of later sorties (see `check_sent`)."""
         planned, cut = campaign.planned, campaign.cut
         if cut is not None:
             self.note(cut.told())
@@ -320,7 +320,7 @@ class LiveLink:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkHosting(Hosting):
-    """Hosting of vehicles behind links: this program is their ground stations and leaf cameras."""
+    """Hosts vehicles behind links: this program runs their ground stations and leaf cameras."""
 
     link: LiveLink
     heard: Sequence[Heard]
@@ -328,7 +328,7 @@ class LinkHosting(Hosting):
 
     @property
     def transfers(self) -> TransferMaker:
-        """Makes the mission transfers."""
+        """Factory of mission transfers."""
         return self.link.via.transfers
 
     def arming_gate(self, system_id: int) -> ArmingGate:

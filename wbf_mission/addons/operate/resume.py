@@ -124,7 +124,7 @@ class _Listener(FleetWatch):
 
 
 def _of_link(url: str, course: Course, wait_s: float) -> Place:
-    """Return the resume place of a vehicle: its position in flight, else the start of its current item."""
+    """Return a vehicle's resume place: its position if it flies, otherwise the start of its current item."""
     listener = _Listener(course)
     with LinkHost([listener], [url]) as host:
         name = host.urls[0]

@@ -56,7 +56,7 @@ class MissionShots:
         """Return whether to apply the mission's camera command now.
 
         `may_stop` is false during a mission change: an item number of the old mission, applied to the new
-        one, must not stop the images.
+        mission, must not stop the images.
         """
         self._ordered = ordered
         if ordered != self._overruled:

@@ -1,13 +1,13 @@
 """Vehicle kind of fixed wings: airframe and electric power.
 
-Drag is the parabolic polar; n is the load factor of a turn (Anderson, *Aircraft Performance and Design*,
+Drag follows the parabolic polar; n is the load factor of a turn (Anderson, *Aircraft Performance and Design*,
 1999, ch. 5)::
 
     D = q S (CD0 + CL^2 / (pi e AR))     CL = n W / (q S)     q = rho V^2 / 2
     P = (D V + W climb) / efficiency + avionics
 
 `climb` is the rate of energy height, which includes a gain of speed. A glide takes at least the avionics
-power, as a windmilling propeller returns nothing.
+power, because a windmilling propeller returns no energy.
 
 `wbf_mission.addons.wings.motion.kernel` compiles the power model.
 """

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 PLANNED = "#1f4e79"
 CHANGED = "#0b6e4f"
 MOST_ABANDONED = 12
-"""Maximum number of path changes with the abandoned paths drawn; more would hide the flown path."""
+"""Maximum number of path changes for which abandoned paths are drawn; more would hide the flown path."""
 _MOST_RINGS = 60
 _MOST_NAMED = 8
 

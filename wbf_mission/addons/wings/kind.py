@@ -82,7 +82,7 @@ class FixedWingAirframe:
     turn_share: float = 1.0
     """Turn rate over that of a coordinated turn, g tan(bank) / airspeed; below 1 the wing slips outward."""
     elevator_per_lift: float = 0.0
-    """Share of full elevator that trims one more unit of lift coefficient: static stability over elevator
+    """Part of full elevator that trims one more unit of lift coefficient: static stability over elevator
     power. Until pitch control has trimmed a change of airspeed, the nose is too high or too low. 0: always
     trimmed."""
     liftoff_airspeed_m_s: float | None = None

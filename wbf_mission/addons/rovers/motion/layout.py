@@ -79,7 +79,7 @@ class RoverLimits:
     corner_least: float = 0.0
     corner_most: float = 0.0
     simulated: Mapping[str, float] = field(default_factory=dict)
-    """PX4's simulated rover, by columns of `Simulated`; empty: speed and turn rate are as demanded."""
+    """PX4's simulated rover, by columns of `Simulated`; if empty, speed and turn rate are as demanded."""
 
 
 # PX4's simulated rover, and its steering and speed controllers.

@@ -115,7 +115,7 @@ class FixedWingLimits(FixedWingBounds):
     damping: float
     integral: float = 0.0
     switch_share: float = 0.0
-    """NPFG's distance for joining a line before its start or reaching a circle, as a share of the track
+    """Distance at which NPFG joins a line before its start or reaches a circle, as a fraction of the track
     error bound."""
     # Distance and height tolerances of waypoints; an infinite height tolerance disables the check.
     acceptance: float
@@ -142,7 +142,7 @@ class FixedWingLimits(FixedWingBounds):
     ramp_throttle: float = 1.0
     rotation_s: float = 0.0
     height_ahead: float = 1.0
-    """Share of a demanded height's rate that is followed without lag."""
+    """Fraction of the demanded height's rate that is followed without lag."""
     # PX4's throttle control: throttle of level flight, to which the integrator adds; sink rate without
     # throttle; integral (1/s) and damping gain of the energy rate error; time constant of the measured rate;
     # and increase of the demanded rate per load factor (m^2/s^3).

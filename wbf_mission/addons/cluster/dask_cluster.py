@@ -17,12 +17,12 @@ _WAIT_S = 60.0
 
 
 class DaskCluster:
-    """Workers of the Dask scheduler at `address`, with up to `most` runs submitted at a time.
+    """Workers of the Dask scheduler at `address`; up to `most` runs are submitted at a time.
 
-    The address ``local`` starts a cluster with `workers` workers on the loopback interface until `close`.
+    The address ``local`` starts a cluster with `workers` workers on the loopback interface; `close` ends it.
 
-    ClusterError if the package is not installed, the scheduler does not answer or has no workers, or a worker
-    has several threads: a run needs a process to itself.
+    ClusterError if Dask is not installed, the scheduler does not answer or has no workers, or a worker has
+    several threads: a run needs its own process.
     """
 
     def __init__(self, address: str, workers: int) -> None:

@@ -20,7 +20,7 @@ class Stretch:
 
     segment: Segment | None  # None for a leg to a random place
     row: int  # Index of the row in the segment
-    # float64[n, 2]: the last two points are the row's ends, or the far end alone if the vehicle is at the near end.
+    # float64[n, 2]: the row's two ends come last, or only the far end if the vehicle is at the near end.
     points_m: Points
 
 

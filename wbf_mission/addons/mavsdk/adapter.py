@@ -35,7 +35,7 @@ __all__ = ["MavsdkOrders", "MavsdkVia"]
 _POLL_S = 0.02
 _Commanding = m.MAVLink_command_long_message | m.MAVLink_command_int_message
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
-# A STATUSTEXT with the reason may follow a refusal.
+# Time to wait after a refusal for the vehicle's STATUSTEXT with the reason.
 _WORDS_S = 0.3
 _RESULTS = {
     "SUCCESS": m.MAV_RESULT_ACCEPTED,
@@ -51,7 +51,7 @@ _NO_ANSWER = frozenset({"TIMEOUT", "NO_SYSTEM", "CONNECTION_ERROR"})
 
 @dataclass(slots=True)
 class _Order:
-    """A command that MAVSDK carries out.
+    """A command that MAVSDK carries out for the ground station.
 
     The answer is delivered at `due_s`.
     """
@@ -68,16 +68,16 @@ class MavsdkOrders:
 
     Arming, return, landing and PX4's hold use the plugin action; the start of a mission uses mission_raw.
     Every other command uses mavlink_direct, which also retries. Examples are other modes (MAVSDK's hold is
-    LOITER on an ArduCopter, which sinks without a stick), message rates, and the start of an ArduCopter's
-    mission, which takes off only at MISSION_START (MAVSDK's start_mission sets the mode).
+    LOITER on an ArduCopter, in which it sinks without a stick), message rates, and the start of an
+    ArduCopter's mission (it takes off at MISSION_START, but MAVSDK's start_mission sets the mode).
 
-    MAVSDK does not send MISSION_SET_CURRENT. Its set_current_mission_item repeats the message at each other
-    MISSION_CURRENT, without end if a vehicle advances from a command to its next waypoint at once.
+    MAVSDK does not send MISSION_SET_CURRENT. Its set_current_mission_item repeats the message at each
+    MISSION_CURRENT of another item: for ever, if a vehicle goes on from a command at once.
     """
 
     def __init__(self, link: MavsdkLink, vehicle: Vehicle, note: Note) -> None:
         self._link, self._system_id, self._note = link, vehicle.system_id, note
-        # Plugin and function by command, and by its first three parameters where they matter.
+        # Plugin and function by command and, where they matter, by the command's first three parameters.
         self._functions: dict[tuple[int, tuple[float, ...] | None], tuple[type, str]] = {
             (m.MAV_CMD_COMPONENT_ARM_DISARM, (1.0, 0.0, 0.0)): (Action, "arm"),
             (Command.NAV_RETURN_TO_LAUNCH, None): (Action, "return_to_launch"),
@@ -106,7 +106,7 @@ class MavsdkOrders:
     def carry_out(self, message: Message) -> list[Message]:
         """Start a command, and return the messages that answer it at once."""
         assert isinstance(message, _Commanding)
-        # Several message rates may be set at a time; any other command that is pending is retried by MAVSDK.
+        # Several message rates may be set at a time; MAVSDK itself retries any other pending command.
         is_rate = message.command == m.MAV_CMD_SET_MESSAGE_INTERVAL
         if not is_rate and any(order.command == message.command for order in self._orders):
             return [self._ack(message.command, int(m.MAV_RESULT_IN_PROGRESS))]
@@ -127,7 +127,7 @@ class MavsdkOrders:
         return done
 
     def _take_answer(self, order: _Order, now_s: float) -> None:
-        """Read MAVSDK's answer, if any; a result of -1 is no answer of the vehicle."""
+        """Read MAVSDK's answer, if any; a result of -1 means that the vehicle has not answered."""
         answer = order.call.answer()
         if answer is None:
             return
@@ -168,7 +168,7 @@ class MavsdkOrders:
 
 
 class _GroundByMavsdk:
-    """A ground station with commands by MAVSDK, as a component of the link host."""
+    """A ground station whose commands MAVSDK carries out, as a component of the link host."""
 
     def __init__(self, ground: GroundStation, orders: MavsdkOrders) -> None:
         self.system_id, self.component_id = ground.system_id, ground.component_id
@@ -196,7 +196,7 @@ class _GroundByMavsdk:
         return min(self._ground.next_deadline(), self._due_s if self._orders.waiting else math.inf)
 
     def goodbye(self) -> list[Message]:
-        """Return the last messages; the program does not wait for MAVSDK's orders."""
+        """Return the last messages; the program does not wait for MAVSDK's answers."""
         return self._ground.goodbye()
 
     def hand_on(self, messages: Iterable[Message], now_s: float) -> list[Message]:
@@ -213,7 +213,7 @@ class _GroundByMavsdk:
 
 
 class MavsdkVia(Via):
-    """Connection through MAVSDK: link, plans and commands; all else is as without it."""
+    """Connection through MAVSDK: it opens the link, transfers plans and sends commands, and nothing else."""
 
     def __init__(self) -> None:
         self._link: MavsdkLink | None = None
@@ -235,7 +235,7 @@ class MavsdkVia(Via):
         tap: Tap | None,
         note: Note,
     ) -> LinkHost:
-        """Open the link of one vehicle by MAVSDK; `note` is called with refusals.
+        """Open the link of one vehicle by MAVSDK; commands that fail in MAVSDK are passed to `note`.
 
         The log has the messages that MAVSDK forwards, but not those that MAVSDK sends itself.
         """
@@ -253,7 +253,7 @@ class MavsdkVia(Via):
         return TransferDriver(endpoint, on_event=on_event, on_text=on_text, maker=transfers, heartbeat=False)
 
     def check_count(self, vehicles: int) -> None:
-        """Raise LiveFlightError for several vehicles."""
+        """Raise LiveFlightError if there are several vehicles."""
         if vehicles > 1:
             msg = f"--via mavsdk flies one vehicle, not {vehicles}: leave out --via mavsdk, or fly one"
             raise LiveFlightError(msg)

@@ -41,9 +41,9 @@ def mavsdk_url(address: LinkAddress) -> str:
 class MavsdkLink:
     """MAVSDK as a `mission.link.address.Link`.
 
-    MAVSDK has two connections, one to the vehicle and one without a wire, and forwards between them. Bytes
+    MAVSDK has two connections, one to the vehicle and one to this program, and forwards between them. Bytes
     from the vehicle are returned by `receive`, and bytes given to `send` go to the vehicle. MAVSDK is the
-    ground station on the link: it sends the heartbeat, and keeps answers to its own commands and transfers.
+    ground station on the link: it sends the heartbeat, and keeps the answers to its commands and transfers.
 
     Raises LinkError if the address is wrong or MAVSDK cannot open it.
     """
@@ -77,7 +77,7 @@ class MavsdkLink:
             raise LinkError(msg)
 
     def _on_log(self, level: LogLevel, text: str, _file: str | None, _line: int) -> bool:
-        """Keep MAVSDK's log off the terminal; its last error explains a connection that cannot be opened."""
+        """Keep MAVSDK's log off the terminal; the log's last error says why a connection cannot be opened."""
         if level is LogLevel.ERROR:
             self._complaint = text
         return True
@@ -117,7 +117,7 @@ class MavsdkLink:
     def _system(self, system_id: int) -> System:
         """Return a vehicle, waiting until MAVSDK has connected to it.
 
-        Before that, MAVSDK does not know the autopilot and would not answer an ArduPilot.
+        Until it has, MAVSDK does not know the autopilot and would not answer an ArduPilot.
         """
         if system_id in self._systems:
             return self._systems[system_id]

@@ -58,12 +58,12 @@ _REASONS = {
     MissionRawResult.TRANSFER_CANCELLED: FailureReason.CANCELLED,
 }
 _POLL_S = 0.02
-# MAVSDK has its own timeout; this one is for a call that is never answered.
+# MAVSDK has a timeout itself; this timeout is for a call that MAVSDK never answers.
 _LONGEST_S = 300.0
 
 
 def mavsdk_transfers(link: Callable[[], MavsdkLink]) -> TransferMaker:
-    """Return transfers by MAVSDK, over the link that is open when a transfer starts."""
+    """Return transfers by MAVSDK; each uses the link that is open when the transfer starts."""
     return TransferMaker(partial(MavsdkUpload, link=link), partial(MavsdkDownload, link=link))
 
 
@@ -178,9 +178,9 @@ class MavsdkDownload(_Transfer):
 
 
 class _Sending(_Transfer):
-    """Uploads a plan; ends with `UploadComplete` or `TransferFailed`, without the plan's id.
+    """Uploads a plan; ends with `UploadComplete` (without the plan's id) or `TransferFailed`.
 
-    The plan is a `MissionUpload` that is never started.
+    A `MissionUpload` that is never started holds the plan.
     """
 
     _verb = "upload"
@@ -211,8 +211,8 @@ class _Sending(_Transfer):
     def _ends(self, result: MissionRawResult, raw: Sequence[RawItem] = ()) -> tuple[Event, ...]:  # noqa: ARG002
         if result is MissionRawResult.SUCCESS:
             return (UploadComplete(self.mission_type, self._count),)
-        # After a refusal, a vehicle that overwrites in place may hold either plan. After a timeout it may
-        # hold the new plan, which a download shows.
+        # After a refusal, a vehicle that overwrites its plan in place may hold the old or the new plan. After
+        # a timeout it may hold the new plan, which a download shows.
         timeout = _REASONS.get(result) is FailureReason.TIMEOUT
         state = PlanState.OLD if self._profile.atomic and not timeout else PlanState.UNKNOWN
         return (self._failure(result, state),)
@@ -221,7 +221,7 @@ class _Sending(_Transfer):
 class MavsdkUpload(VerifiedUpload):
     """Uploads a plan, downloads it and compares.
 
-    MAVSDK's failure is reported, unless the vehicle did not answer but holds the plan.
+    A failure in MAVSDK is reported, unless it is a missing answer and the vehicle holds the plan.
     """
 
     def __init__(

@@ -50,7 +50,7 @@ _ONLY_POSITION, _ONLY_VELOCITY, _BOTH = 0xDF8, 0xC07, 0xC00
 
 
 class ModesExtra(VehicleExtra):
-    """Modes that no mission needs, in firmwares that have them."""
+    """Modes that no mission needs, if the firmware has them."""
 
     def __init__(self, state: WireState, parameters: ParameterSet, plans: PlanReceiver) -> None:
         super().__init__(state, parameters, plans)
@@ -106,7 +106,7 @@ class ModesExtra(VehicleExtra):
             self._pilot.order(self.guided.setpoints.begin)
 
     def begin(self, mode: Mode, before: Mode) -> None:
-        """Begin to hold an attitude, a flip, a circle, or the wait for a target."""
+        """Begin a mode: hold an attitude, flip, circle, or wait for a target."""
         pilot = self._pilot
         if mode is Mode.ATTITUDE:
             self.guided.attitude.take()
@@ -120,7 +120,7 @@ class ModesExtra(VehicleExtra):
             self._circle()
 
     def fly_on(self) -> None:
-        """Continue a guided flight, to follow or to flip; after CIRCLE, stop pointing the nose."""
+        """Continue guided flight, following or a flip; after CIRCLE, stop pointing the nose inward."""
         pilot, attitude = self._pilot, self.guided.attitude
         ended = self.guided.setpoints.expired() if pilot.mode is Mode.GUIDED else None
         if ended is not None:
@@ -153,7 +153,7 @@ class ModesExtra(VehicleExtra):
         self.guided.auto_yaw.forget()
 
     def _circle(self) -> None:
-        """Circle about a point ahead with the nose inward, as in ArduCopter's CIRCLE mode.
+        """Circle about a point ahead, with the nose inward, as ArduCopter's CIRCLE mode does.
 
         Follows ``AC_Circle::init`` and ``calc_velocities``.
         """
@@ -178,9 +178,9 @@ class ModesExtra(VehicleExtra):
             executor.flight.look_at((x, y))
 
     def _orbit(self, command: VehicleCommand) -> None:
-        """DO_ORBIT (PX4): radius, speed, heading, -, position; defaults are 10 m, the cruise speed, and here.
+        """DO_ORBIT (PX4): radius (default 10 m), speed (cruise speed), heading, -, centre (present position).
 
-        PX4 reads the altitude as above sea level in every frame.
+        In every frame, PX4 takes the altitude as above sea level.
         """
         pilot, modes = self._pilot, self.state.mavlink.modes
         radius, speed, nose, _, _, _, altitude = command.params
@@ -240,7 +240,7 @@ class ModesExtra(VehicleExtra):
         pilot.goto(*pilot.frame.to_wgs84(x, y), altitude, mode=mode, heading=KEEP)
 
     def _go_around(self, command: VehicleCommand) -> None:
-        """DO_GO_AROUND (ArduPlane): abort the landing and climb to a height; 0 selects the landing's own."""
+        """DO_GO_AROUND (ArduPlane): abort the landing and climb to a height (0: that set by the landing)."""
         height = command.params[0]
         self._pilot.go_around(height if math.isfinite(height) and height > 0.0 else None)
 

@@ -49,7 +49,7 @@ class _Target:
     velocity_s: float
 
     def move(self, now_s: float) -> None:
-        """Predict the target to `now_s`; a silent target stands still."""
+        """Predict the target's position at `now_s`; a target that has fallen silent counts as standing."""
         passed_s, self.now_s = now_s - self.now_s, now_s
         if now_s - self.heard_s >= _STALE_S:
             self.velocity_m_s = [0.0, 0.0, 0.0]
@@ -76,7 +76,7 @@ class _Target:
 
 
 class FollowPilot:
-    """Flies at a distance and an angle from the target's course, with the nose towards the target."""
+    """Flies at a distance from the target, at an angle to its course, with the nose towards it."""
 
     def __init__(self, controls: Controls) -> None:
         self._controls = controls
@@ -120,7 +120,7 @@ class FollowPilot:
         x, y, z = controls.state.position_m
         height_m = max(_HEIGHT.of(get), _LEAST_HEIGHT_M)
         if _ALTITUDE_MODE.of(get) == _TRACKS_TARGET:
-            # The target's altitude may be below the ground or above the vehicle's maximum altitude.
+            # The target may be below the ground or above the vehicle's maximum altitude.
             height_m = min(max(height_m + target.position_m[2], _LOWEST_M), controls.spec.max_altitude_m)
         executor, gain = controls.executor, _GAIN.of(get)
         east, north, _ = executor.motion.stopping_point()
@@ -128,7 +128,7 @@ class FollowPilot:
         if abs(height_m - z) < _NEAR_HEIGHT_M:
             sine, cosine = math.sin(self._orbit_rad), math.cos(self._orbit_rad)
             along = self._turning_rad_s * distance_m
-            # A position setpoint this far ahead in time makes the controller fly at the setpoint's velocity.
+            # A position setpoint this far ahead makes the controller fly at the setpoint's velocity.
             lead_s = 1.0 / max(gain, _LEAST_GAIN)
             east = target.position_m[0] + distance_m * sine + lead_s * (v_east + along * cosine)
             north = target.position_m[1] + distance_m * cosine + lead_s * (v_north - along * sine)

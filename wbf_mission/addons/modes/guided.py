@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 __all__ = ["AttitudeTarget", "Flip", "GuidedFlight", "Setpoint"]
 
 _SLOWEST_M_S = 0.05
-# A vehicle on the ground ignores setpoints up to this height above the vehicle: MAVLink rounds heights.
+# A vehicle on the ground ignores setpoints less than this height above it, as MAVLink rounds heights.
 _GROUND_MARGIN_M = 0.01
-# Share of the top speed above which ArduCopter turns the nose to the velocity (`AC_PosControl`).
+# Fraction of the top speed above which ArduCopter turns the nose along the velocity (`AC_PosControl`).
 _TURNING_SHARE = 0.05
-# Minimum height of position setpoints; below, real autopilots press the vehicle onto the ground.
+# Minimum height of position setpoints; below it, real autopilots press the vehicle onto the ground.
 _LOWEST_M = 0.1
 
 
@@ -87,7 +87,7 @@ class SetpointFollower:
         return self._controls.now_s - self._taken_s <= self._parameters.setpoint_timeout_s
 
     def listens_in(self, mode: Mode) -> bool:
-        """Whether setpoints are accepted in a mode, perhaps only for later."""
+        """Whether setpoints are accepted in a mode, even if only stored for later."""
         return self._rules.needs_stream or mode in (Mode.GUIDED, Mode.TAKEOFF)
 
     def take(self, setpoint: Setpoint | AttitudeTarget) -> None:
@@ -102,7 +102,7 @@ class SetpointFollower:
             self.fly()
 
     def expired(self) -> Mode | None:
-        """Warn if setpoints have stopped, and return the mode to enter then; None while they arrive."""
+        """If setpoints have stopped, warn, and return the mode to enter; None if no other mode is needed."""
         if self.is_fresh:
             return None
         if self._rules.needs_stream:
@@ -221,7 +221,7 @@ class AttitudePilot:
         """Fly an attitude until the next order.
 
         `manoeuvre` flies in place of the attitude: a function of a time step (s) that sets `roll_rad`, calls
-        `move`, and returns whether it has ended.
+        `move`, and returns whether the manoeuvre has ended.
         """
         if self._target is None:
             state = self._controls.state
@@ -236,16 +236,16 @@ class AttitudePilot:
         return self._flown_s - self._taken_s
 
     def check(self) -> bool:
-        """Fly until now, and return whether a manoeuvre has ended."""
+        """Fly on to the present time, and return whether a manoeuvre has ended."""
         target, controls = self._target, self._controls
         if target is None:
             return False
         if controls.now_s - self._taken_s > self._parameters.setpoint_timeout_s:
-            # GUID_TIMEOUT: level, at the present height.
+            # After GUID_TIMEOUT the vehicle levels and holds its height.
             target = _LEVEL
         if controls.landed is LandedState.ON_GROUND:
             lifts = target.climb_m_s > 0.0 or (math.isnan(target.climb_m_s) and target.thrust > 1.0)
-            # The vehicle takes off in the first step after a rest on the ground.
+            # On the ground only the latest step counts: the vehicle takes off in it.
             self._flown_s, self._velocity_m_s = controls.now_s - _STEP_S, (0.0, 0.0, 0.0)
             if not lifts:
                 controls.flown_attitude = None
@@ -270,7 +270,7 @@ class AttitudePilot:
         return over
 
     def _lean(self, target: AttitudeTarget, step_s: float) -> None:
-        """Lean as commanded, at most ANGLE_MAX, and move by the thrust."""
+        """Lean as commanded, but at most by ANGLE_MAX, and move by the thrust."""
         roll, pitch = target.roll_rad, target.pitch_rad
         if math.isnan(roll):
             roll = self.roll_rad + step_s * target.rates_rad_s[0]
@@ -308,7 +308,7 @@ class AttitudePilot:
 
 
 _ROLL_ACCELERATION = Setting("ATC_ACCEL_R_MAX", 110_000.0, math.radians(0.01))
-# MOT_THST_HOVER of ArduPilot's simulator; FLIP adds and subtracts shares of full throttle.
+# MOT_THST_HOVER of ArduPilot's simulator; FLIP adds and subtracts fractions of full throttle.
 _HOVER = 0.39
 # FLIP_ROTATION_RATE, FLIP_THR_INC, FLIP_THR_DEC, FLIP_RECOVERY_ANGLE, FLIP_TIMEOUT_MS; ATC_ANG_RLL_P.
 _RATE_RAD_S, _MORE, _LESS, _DONE_RAD, _LONGEST_S = (
@@ -353,7 +353,7 @@ _SLEWS_IN = frozenset({Mode.GUIDED, Mode.TAKEOFF, Mode.MISSION, Mode.RTL, Mode.L
 
 
 class AutoYaw:
-    """CONDITION_YAW: a turn at a rate while the vehicle flies, kept until the vehicle flies something else.
+    """CONDITION_YAW: turns to a heading in flight, and keeps it until the vehicle flies something else.
 
     Source: ArduCopter's ``autoyaw.cpp``.
     """
@@ -365,17 +365,17 @@ class AutoYaw:
 
     @property
     def active(self) -> bool:
-        """Whether an ordered heading is in force."""
+        """Whether a heading of CONDITION_YAW is in force."""
         return self._flown is not None
 
     def forget(self) -> None:
-        """Record that the heading is controlled otherwise."""
+        """Record that something else controls the heading."""
         self._flown = None
 
     def order(self, angle_rad: float, rate_rad_s: float, direction: int, *, relative: bool) -> None:
         """Turn to a compass heading or, if `relative`, by an angle.
 
-        `rate_rad_s` is limited to the vehicle's own rate; without a positive rate the own rate is used.
+        `rate_rad_s` is limited to the vehicle's maximum yaw rate, which is also used if it is not positive.
         `direction` is 1 for clockwise, -1 for counter-clockwise, and 0 for the short way.
         """
         if self._controls.mode not in _SLEWS_IN or self._controls.landed is LandedState.ON_GROUND:
@@ -436,7 +436,7 @@ class GuidedFlight:
             pilot.mode = Mode.GUIDED
         if pilot.mode is Mode.GUIDED and pilot.armed:
             if self.auto_yaw.active:
-                # An unchanged target must be flown again, because it includes a heading.
+                # An unchanged setpoint must be flown again, because it also sets the heading.
                 self.auto_yaw.forget()
                 self.setpoints.forget()
             self.setpoints.fly()

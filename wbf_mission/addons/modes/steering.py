@@ -38,7 +38,7 @@ _IGNORE_RATES, _IGNORE_THRUST, _IGNORE_ATTITUDE = 7, 64, 128
 _IGNORE_MOTION = 63
 # Lower limit of the hover thrust; MPC_THR_HOVER and MOT_THST_HOVER have minima of 0.1 and 0.125.
 _LEAST_HOVER = 0.1
-# Minimum lift (m/s^2), which keeps a vehicle steerable; maximum thrust, in hover thrusts.
+# Minimum lift (m/s^2), which keeps a vehicle steerable; maximum thrust, in units of the hover thrust.
 _LEAST_LIFT, _MOST_THRUST = 1.0, 2.0
 # Tolerance of a unit quaternion's squared length.
 _UNIT = 2e-3
@@ -128,7 +128,7 @@ def _attitude_of(
 ) -> AttitudeTarget | None:
     """Return the target of SET_ATTITUDE_TARGET as ArduCopter reads it; None stops the vehicle.
 
-    `climbs`: thrust 1 is the climb speed, 0 the descent speed. Otherwise `hover` is the hover thrust.
+    If `climbs`, thrust 1 means the climb speed, and 0 the descent speed. Otherwise thrust `hover` hovers.
     """
     mask = int(message.type_mask)
     rates = [message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate]
@@ -179,7 +179,7 @@ def _enu(north: float, east: float, down: float, yaw: float) -> Position:
 
 
 def _masked(vector: Position, mask: int) -> Position:
-    """Return the vector with ignored components as NaN; the mask bits are in the order north, east, down."""
+    """Return the vector with NaN for ignored components; mask bits 0, 1, 2 are north, east, down."""
     hidden = bool(mask & 3) or math.isnan(vector[0] + vector[1])
     flat = (math.nan, math.nan) if hidden else vector[:2]
     return *flat, math.nan if mask & 4 else vector[2]

@@ -57,7 +57,7 @@ class Cost(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     observations: int
     """0 for a score."""
     cpu_s: float | None
-    """None if above the limit, or refused for lack of memory."""
+    """None if the time was above the limit, or the estimator refused for lack of memory."""
     machine: str
 
 

@@ -30,7 +30,7 @@ class ShownRun:
     """Data drawn for one run."""
 
     path_m: NDArray[np.float32]
-    """[n, 2], flown; rows of NaN separate flights."""
+    """[n, 2]: the path flown; rows of NaN separate flights."""
     truth: NDArray[np.float32]
     """[fields, w, h] at the end of the run, like `estimate`; subsampled on a large farm."""
     estimate: NDArray[np.float32]

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 PLANNED = "#1f4e79"
 CHANGED = "#0b6e4f"
 MOST_ABANDONED = 12
-"""Maximum number of path changes with the abandoned paths drawn; more would hide the flown path."""
+"""Maximum number of path changes for which abandoned paths are drawn; more would hide the flown path."""
 _MOST_RINGS = 60
 _MOST_NAMED = 8
 
@@ -31,7 +31,7 @@ _Points = NDArray[np.float64]
 def plot_run(record: RunRecord, path: Path) -> Path:
     """Write the farm with the paths of a run as a PNG picture.
 
-    A single flight is drawn with its planned path. Several flights differ by colour: by day if the run has
+    Of a single flight, the planned path is drawn, too. Several flights differ in colour by day if the run has
     several days, else by vehicle or flight number. A ring marks each position where a vehicle changed to
     another path. If there are at most `MOST_ABANDONED` changes, thin dashed lines show the abandoned paths.
     """
@@ -49,7 +49,7 @@ def plot_run(record: RunRecord, path: Path) -> Path:
     axes.legend(loc="upper right", bbox_to_anchor=(1.0, -0.1), ncols=3, fontsize=7, frameon=False)
     if crops is not None:
         axes.add_artist(crops)
-        crops.set_clip_on(False)  # The layout makes room only for unclipped artists
+        crops.set_clip_on(False)  # The layout makes no room for clipped artists
     how = "mission file" if record.plan.planner is None else record.plan.planner
     axes.set_title(f"{record.farm.name}: {how}, {record.plan.vehicle.name}")
     return save_figure(figure, path)
@@ -97,7 +97,7 @@ def _draw_changes(axes: Axes, decisions: Sequence[DecisionRecord]) -> None:
         return
     places = np.array([change.position_m for change, _ in flown])
     few = len(flown) <= _MOST_RINGS
-    # Many rings would hide the paths, so they become points beneath the paths.
+    # Many rings would hide the paths: draw points beneath the paths instead.
     axes.plot(
         *places.T,
         marker="o" if few else ".",

@@ -1,8 +1,8 @@
 """PNG pictures of a run: the farm, one map sheet per field, and the score over time.
 
 The sheet of a field shows cells, or pixels of several cells on a large farm (`maps.blocks`), with the flown
-path and marks on observed sick plants. Colour scales run between light and dark, for readers with red-green
-colour blindness.
+path and marks on observed sick plants. Colour scales run from light to dark (or back), for readers with
+red-green colour blindness.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 FINDS = "#0072b2"
 PATH = "#3b3b3b"
-_LARGEST_SHARE = 0.02  # Minimum top of the colour scale of sick plants on a large farm
+_LARGEST_SHARE = 0.02  # Minimum upper end of the colour scale of sick plants on a large farm
 _SHARE_RANGE = 50.0
 _MARGIN = 0.04
 _MOST_DAYS_NAMED = 12
@@ -59,8 +59,8 @@ def plot_field(
 ) -> Path:
     """Write the map sheet of one field as a PNG file: estimate, minimum, standard deviation and truth.
 
-    `truth` is the map of the true values, if known; `flown_m`, float64[n, 2], the path over ground in the
-    farm's frame; `about` the first line of the title.
+    `truth` is the map of the true values, if known. `flown_m`, float64[n, 2], is the path over ground in the
+    farm's frame. `about` is the first line of the title.
     """
     kind, grid = estimate.field.kind, estimate.grid
     left, low, right, high = farm.owner_area.bounds
@@ -150,11 +150,11 @@ class _Style(NamedTuple):
 
 
 def _styles(of: FieldMap) -> tuple[_Style, _Style, _Style]:
-    """Return the styles of the share, the minimum and the deviation of a field."""
+    """Return the styles of a field's panels: share, minimum and deviation."""
     from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
     field, deviation = of.field, of.deviation
-    # Pixels with few plants, at borders, have large deviations that would flatten the colour scale.
+    # Pixels at borders have few plants and so large deviations, which would flatten the colour scale.
     whole = of.cells >= 0.9 * of.cells.max()
     most = 1.0 if deviation is None else float(np.max(deviation[whole], initial=0.0))
     doubt = {"cmap": "viridis", "vmin": 0.0, "vmax": max(most, 1e-6)}

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from geo.grid import FarmGrid
 
 MOVE_NAMES = ("stay", "east", "north", "west", "south")
-"""Actions by number: along x, along y, and back."""
+"""Names of the actions, by number; east is along x, north along y."""
 MOVES = np.array([(0, 0), (1, 0), (0, 1), (-1, 0), (0, -1)])
 MOVES.flags.writeable = False
 

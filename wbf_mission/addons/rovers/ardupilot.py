@@ -41,14 +41,14 @@ if TYPE_CHECKING:
 __all__ = ["FIRMWARE"]
 
 _SKID = 73.0
-# Distance of the vehicle from Rover's S-curve target, which rounds the corners itself.
+# Largest acceptance radius: the vehicle stays this near to its S-curve target, which rounds the corners.
 _FOLLOWS_M = 0.3
-# Rover stays armed at home: the longest delay possible.
+# Rover stays armed at home: this is the longest delay possible.
 _NEVER_DISARM_S = 3599.0
-# Maximum snap of the S-curves, m/s^4 (AR_WPNAV_SNAP_MAX), and acceleration used if none is limited.
+# Maximum snap of the S-curves, m/s^4 (AR_WPNAV_SNAP_MAX); acceleration limit if no parameter sets one.
 _SNAP = 15.0
 _ANY_ACCELERATION = 20.0
-# Time constants of speed after throttle, and of turns by tracks, from ArduPilot's simulator.
+# Time constants with which speed follows throttle, and tracks turn, from ArduPilot's simulator.
 _DRIVE_LAG_S = 20.0 / 10.0
 _TRACK_LAG_S = 0.2
 
@@ -60,7 +60,7 @@ class ArduRover(RoverProcedures):
     parameters = motion_parameters("rover-motion", __package__)
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
-        """Return the vehicle with the speeds and the acceptance radius of its parameters."""
+        """Return the vehicle with the speeds and the acceptance radius set by its parameters."""
         cruise, limit = self.value(spec, "WP_SPEED"), spec.speed_limit_m_s
         return replace(
             spec,

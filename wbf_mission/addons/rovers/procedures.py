@@ -34,7 +34,7 @@ class RoverProcedures(FlightProcedures):
     def takeoff_legs(
         self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
     ) -> list[Leg]:
-        """Return a leg without effect, as rovers do not take off."""
+        """Return a leg without effect, because rovers do not take off."""
         return [Leg((here[0], here[1], 0.0), speed, kind=LegKind.TAKEOFF)]
 
     def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:

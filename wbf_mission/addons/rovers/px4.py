@@ -27,8 +27,8 @@ __all__ = ["FIRMWARE"]
 _DIFFERENTIAL = 6.0
 _GRIP_M_S2 = 0.4 * GRAVITY_M_S2
 # Rover of the simulator (`sih.cpp`): force of full throttle, rolling resistance over weight, wheel base,
-# maximum wheel angle and cornering stiffness. The simulator filters its outputs only in those 4 ms steps in
-# which new ones arrive, every 10 ms.
+# maximum wheel angle and cornering stiffness. The simulator filters its outputs only in 4 ms steps with new
+# outputs, which arrive every 10 ms.
 _SIH_ROVER = 5.0
 _SIH_FORCE_N = 400.0
 _SIH_ROLLING = 0.3
@@ -45,7 +45,7 @@ class Px4Rover(RoverProcedures):
     parameters = motion_parameters("px4-rover-motion", __package__)
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
-        """Return the vehicle with the speeds and the acceptance radius of its parameters."""
+        """Return the vehicle with the speeds and the acceptance radius set by its parameters."""
         limit = self.value(spec, "RO_SPEED_LIM")
         cruise = limit if limit > 0.0 else spec.cruise_speed_m_s
         limit = limit / 0.95 if limit > 0.0 else spec.speed_limit_m_s
@@ -95,7 +95,7 @@ class Px4Rover(RoverProcedures):
         )
         if value["SIH_VEHICLE_TYPE"] != _SIH_ROVER:
             return own
-        # The tyres of the simulated rover hold in every turn.
+        # The simulated rover's tyres hold in every turn: no limit on lateral acceleration.
         simulated = self.numbers(spec) | _simulated(own, value, spec.step_s)
         return replace(own, lateral=math.inf, simulated=simulated)
 

@@ -29,7 +29,7 @@ _CALIBRATION_TEXTS = (
 
 
 class SetupExtra(VehicleExtra):
-    """Calibrations and outputs of firmwares that have them; most change nothing in the simulator."""
+    """Calibrations and outputs, if the firmware has them; most change nothing in the simulator."""
 
     def __init__(self, state: WireState, parameters: ParameterSet, plans: PlanReceiver) -> None:
         super().__init__(state, parameters, plans)
@@ -49,7 +49,7 @@ class SetupExtra(VehicleExtra):
         }
 
     def _calibrate(self, command: VehicleCommand) -> None:
-        """Calibrate the gyroscopes: PX4's sequence of status texts, which clients wait for.
+        """Calibrate the gyroscopes: PX4's calibration: a sequence of status texts, for which clients wait.
 
         A vehicle at rest has no offsets to estimate, so only time passes. Sources: PX4
         ``calibration_messages.h`` and ``gyro_calibration.cpp``.

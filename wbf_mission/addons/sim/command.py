@@ -200,7 +200,7 @@ def sim_command(
 
 
 def _with_camera(given: options.Given, chosen: bool | None) -> bool | None:
-    """Return whether vehicles carry a camera (implied by its options); None is the autopilot's default."""
+    """Return whether vehicles carry a camera (its options imply one); None leaves it to the autopilot."""
     defined = options_of(CameraOptions).values()
     asked = next((option.flag for option in defined if option.key in given.changes), None)
     if chosen is False and asked is not None:
@@ -224,12 +224,12 @@ def _rows(simulated: Simulated, values: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _some(urls: Sequence[str]) -> list[str]:
-    """Return the first links, and the number of the others."""
+    """Return the links, or the first links and the number of the others."""
     return list(urls) if len(urls) <= _SHOWN_LINKS else [*urls[:7], f"{len(urls) - 7} more"]
 
 
 def _signing(key: str | None) -> Signing | None:
-    """Return the signing of messages with a key as given on the command line; None without a key."""
+    """Return the message signing for a key given on the command line; None without a key."""
     if key is None:
         return None
     import time

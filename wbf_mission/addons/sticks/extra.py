@@ -42,7 +42,7 @@ _SWITCHES = (1800, 1000, 1000, 1800, *[0] * 10)
 
 
 class SticksExtra(VehicleExtra):
-    """Flight by the sticks of a ground station, if the firmware has rules for sticks."""
+    """Manual flight by a ground station's sticks, if the firmware has rules for sticks."""
 
     def __init__(self, state: WireState, parameters: ParameterSet, plans: PlanReceiver) -> None:
         super().__init__(state, parameters, plans)
@@ -67,11 +67,11 @@ class SticksExtra(VehicleExtra):
         return "no sticks" if self._flown is not None and self._flown.lacks(mode) else None
 
     def why_not_arm(self, mode: Mode) -> str | None:
-        """Return the reason of the sticks against arming in a mode, or None."""
+        """Return the reason why the sticks prevent arming in a mode, or None."""
         return None if self._flown is None else self._flown.why_not_arm(mode)
 
     def on_armed(self) -> None:
-        """Forget sticks that are silent at arming."""
+        """Forget the sticks if they are silent at arming."""
         if self._flown is not None:
             self._flown.forget()
 
@@ -121,7 +121,7 @@ class SticksExtra(VehicleExtra):
     def _from_channels(
         self, message: m.MAVLink_rc_channels_override_message, rules: StickRules
     ) -> Sticks | None:
-        """Return the sticks of roll, pitch, throttle and yaw; a channel without override is centred."""
+        """Return roll, pitch, throttle and yaw sticks from channels 1 to 4; released channels are centred."""
         channels = (message.chan1_raw, message.chan2_raw, message.chan3_raw, message.chan4_raw)
         self._channels = [
             before if now == _KEPT else now for before, now in zip(self._channels, channels, strict=True)
@@ -135,7 +135,7 @@ class SticksExtra(VehicleExtra):
         return Sticks(-back, right, up, turn)
 
     def _rc_channels(self, source: WireState) -> Message:
-        """RC_CHANNELS: a ground station's overrides, else the channels of ArduPilot's simulated receiver."""
+        """RC_CHANNELS: the ground station's overrides, or channels of ArduPilot's simulated receiver."""
         rules, heard = self._rules, self.sticks
         if rules is None or not rules.overrides:
             return m.MAVLink_rc_channels_message(source.boot_ms, 0, *([UNUSED] * 18 + [255]))

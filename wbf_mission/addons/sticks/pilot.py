@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["StickPilot", "StickTilt", "StickWing"]
 
-# After a longer gap the manual flight restarts from the present motion.
+# After a longer gap, manual flight restarts from the present motion.
 _LONGEST_STEP_S = 0.5
 # Largest simulated lean, which excludes flips.
 _MOST_LEAN_RAD = math.radians(70.0)
@@ -48,8 +48,8 @@ class StickTilt:
     def fly(self, sticks: Sticks, climb_m_s: float | None, heading: Heading, *, by_rate: bool) -> None:
         """Fly by the sticks.
 
-        `climb_m_s` is the vertical speed; 0 holds the height, and None takes the throttle stick as thrust.
-        `by_rate`: the sticks command roll and pitch rates, and centred sticks keep the lean (ACRO).
+        `climb_m_s` is the vertical speed; 0 holds the height, and None takes the throttle stick as thrust. If
+        `by_rate`, the sticks command roll and pitch rates, and centred sticks keep the lean (ACRO).
         """
         controls, rules = self._controls, self._rules
         state = controls.state
@@ -64,7 +64,7 @@ class StickTilt:
         thrust = 1.0 if climb_m_s is not None else self._thrust(sticks.up)
         lean_rad = math.hypot(forward_rad, right_rad)
         if climb_m_s is not None:
-            # The stick commands acceleration; the thrust grows with the lean to keep its vertical part.
+            # The stick commands acceleration: thrust grows with the lean, so that lift stays the same.
             most_rad = min(rules.lean.of(self._parameters), _MOST_LEAN_RAD)
             scale = GRAVITY_M_S2 * math.tan(most_rad) / most_rad
         else:
@@ -133,7 +133,7 @@ def _fall(speed: float, air_speed: float, acceleration: float, drag_1_s: float, 
     return final + (speed - final) * math.exp(-drag_1_s * step_s)
 
 
-# Length of a straight path, and the distance after which a new path is ordered.
+# Length of a straight path, and the distance on it after which a new path is ordered.
 _AHEAD_M, _AGAIN_M = 2000.0, 1000.0
 # Bank below which a straight path is flown; minimum height of a path; maximum circle radius; resolution of
 # stick positions, within which an order is not repeated.
@@ -156,7 +156,7 @@ class StickWing:
         self._flown = None
 
     def fly(self, limits: WingSticks, bank: float, pitch: float) -> None:
-        """Fly at shares (-1 to 1) of the maximum bank and pitch; no effect on the ground."""
+        """Fly at fractions (-1 to 1) of the maximum bank and pitch; this has no effect on the ground."""
         controls = self._controls
         state = controls.state
         if controls.landed is LandedState.ON_GROUND:
@@ -189,12 +189,12 @@ class StickWing:
         return end / self._controls.spec.cruise_speed_m_s if limits.by_rate else math.tan(end)
 
 
-# Place of an action in the order of severity.
+# Rank of an action by severity.
 _severity = (
     *(Action.NONE, Action.WARN, Action.HOLD, Action.RETURN),
     *(Action.LAND, Action.DISARM, Action.TERMINATE),
 ).index
-# Look-ahead time of a rover's course under steering.
+# Look-ahead time of a rover's course while it is steered.
 _STEERS_AHEAD_S = 0.5
 # Stick position of 90 % throttle, ArduPlane's threshold for a go-around (``Plane::update_flight_stage``).
 _FULL_THROTTLE = 0.8
@@ -203,7 +203,7 @@ _DOWN = -0.94
 
 
 class StickPilot:
-    """Manual flight while stick messages arrive; `lost`: the messages have stopped."""
+    """Manual flight while stick messages arrive; `lost` is true if they have stopped."""
 
     def __init__(self, controls: Controls, rules: StickRules) -> None:
         self._controls = controls
@@ -223,8 +223,8 @@ class StickPilot:
     def take(self, sticks: Sticks, *, flown: bool = True, by_rate: bool = False) -> Mode | None:
         """Fly by the sticks; centred sticks stop the vehicle.
 
-        `flown`: the sticks move the vehicle in the custom mode. `by_rate`: the sticks command rates in that
-        mode. Returns the mode to resume if the sticks return while the vehicle is only holding.
+        `flown`: whether the sticks move the vehicle in the custom mode. `by_rate`: whether they command
+        rates. If the sticks return while the vehicle holds after their loss, return the mode to resume.
         """
         self._heard_s = self._controls.now_s
         self._shown = sticks
@@ -266,7 +266,7 @@ class StickPilot:
         return mode in self._rules.impossible or (mode in self._rules.needed and not self.heard)
 
     def why_not_arm(self, mode: Mode) -> str | None:
-        """Return the reason of the sticks against arming, or None."""
+        """Return the reason why the sticks prevent arming, or None."""
         arming = self._rules.loss.arming
         if arming is not None and arming.of(self._parameters) and self._sticks is not None and not self.heard:
             return "Radio failsafe on"

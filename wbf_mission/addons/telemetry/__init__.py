@@ -1,1 +1,1 @@
-"""Telemetry of a simulated vehicle that ground stations show, and the flight does not need."""
+"""Telemetry of a simulated vehicle that is shown by ground stations but not needed for the flight."""

@@ -42,9 +42,9 @@ _WORDS = {
     "continuous": ("", "enough", "look again", "too low"),
 }
 LOOK_SHARE = 0.1
-"""Default cost of a look as a share of the treatment cost: assumed, as drones cost less than sprayers."""
+"""Default cost of a look as a fraction of the treatment cost: assumed, as drones cost less than sprayers."""
 DRY_BELOW = 0.4
-"""Default threshold of a continuous field, as a share of the field's range: an assumption."""
+"""Default threshold of a continuous field, as a fraction of the field's range: an assumption."""
 BLOCK_M = 4.0  # Default side of a block
 _LEAST_BLOCKS = 30
 _AMOUNT = re.compile(r"([-+.\de]+)\s*([^\s=,].{0,15})?", re.IGNORECASE)

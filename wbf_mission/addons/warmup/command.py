@@ -19,8 +19,8 @@ Example
 wbf-mission warm-up
 """
 
-# Flights that run all compiled functions but the vehicles' motion.
-# Each policy has its own route search, and `gp` has extra functions for farms that need tiles.
+# Flights that run all compiled functions except those of the vehicles' motion. Each policy has its own route
+# search, and `gp` has extra functions for farms that need tiles.
 _FLIGHTS: dict[str, dict[str, str]] = {
     "estimator adaptive-disk": {"planner": "spiral", "vehicle": "ideal", "estimator": "adaptive-disk"},
     "estimator gp": {
@@ -68,7 +68,7 @@ def warm_up_command(output: Output) -> None:
 
 
 def fly_all(announce: Callable[[str], None]) -> None:
-    """Fly all of `_FLIGHTS`, each announced before."""
+    """Fly all of `_FLIGHTS`, and announce each flight before its start."""
     from wbf_mission.flight import fly
     from wbf_mission.scenario import Scenario
 

@@ -39,12 +39,12 @@ from wbf_mission.scenario.scenario import all_options
 
 MAX_BODY_BYTES = MAX_FILE_BYTES
 _KEPT = 8
-"""Number of cached plans and farms, so that an undone draft is available at once."""
+"""Number of cached plans and farms: after an undo, the earlier draft's plan is there at once."""
 _DRAWN = "farm.geojson"
 """Internal file name of a drawn farm."""
 _LONGEST_NAME = 60
 _FIXED = ("farm", "farm_crs", "crop", "repair", "mission", "terrain", "days", "flights_per_day")
-"""Options excluded from drafts: the farm is drawn, and a page must not name files."""
+"""Options that drafts do not have: the farm is drawn, and a page must not name files."""
 
 
 class DraftError(WbfMissionError, ValueError):

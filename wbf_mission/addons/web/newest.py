@@ -14,7 +14,7 @@ from wbf_mission.progress import Progress
 ANOTHER_PAGE, GIVEN_UP = "another page", "given up"
 """Reasons why the planning of a draft ended early."""
 PATIENCE_S = 3.0
-"""Maximum wait of a new job for the end of a cancelled one (s)."""
+"""Maximum time that a new job waits for the end of the cancelled job (s)."""
 T = TypeVar("T")
 
 

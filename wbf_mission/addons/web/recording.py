@@ -23,7 +23,7 @@ MOMENTS = 40
 PIXELS = (LONGEST, LONGEST // 2, LONGEST // 4)
 """Sizes in which layers are kept: pixels along the longer side of the farm."""
 _SMALL_CELLS = 40_000
-"""Up to this number of cells, every estimate is drawn, so that each decision shows its own."""
+"""Up to this number of cells, every estimate is drawn, so that each decision shows the estimate it used."""
 _ACQUISITION = "acquisition"
 _TOLERANCES = {
     "x": 0.02,
@@ -33,7 +33,7 @@ _TOLERANCES = {
     "battery": 0.002,
     "heading_deg": 2.0,
 }
-"""Maximum deviation of dropped states from the line between kept ones, in their units."""
+"""Maximum deviation of a dropped state from the line between the states kept, in the values' units."""
 _FIXED = ("day", "flight", "item", "items", "mode", "phase", "armed")
 
 

@@ -49,11 +49,11 @@ from wbf_mission.run.orders import Orders, too_late
 INTERVAL_S = 0.1
 BEAT_S = 1.0
 OLD_S = 3.0
-"""Age of the newest beat from which a page marks its data as old and gives no orders (s)."""
+"""If its newest beat is older than this (s), a page marks its data as old and gives no orders."""
 STALLED_S = 10.0
-"""Maximum time for which a browser may accept no data (s); TCP can measure it on Linux only."""
+"""Maximum time for which a browser may accept no data (s); only on Linux can TCP measure it."""
 SEND_TIMEOUT_S = 20.0
-"""Maximum time for a browser to read an update before the next one (s)."""
+"""Maximum time for which sending an update to a browser may take (s)."""
 MAX_REQUEST_BYTES = 4096
 MAX_CONNECTIONS = 200
 _ENDING_S = 2.0

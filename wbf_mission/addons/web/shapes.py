@@ -14,7 +14,7 @@ from wbf_mission.addons.web import schema
 from wbf_mission.events import Planned
 
 _SIMPLER = 5000
-"""Precision of outlines: the farm's longer side divided by this, a fraction of a pixel."""
+"""Precision of outlines: the farm's longer side divided by this number, which is a fraction of a pixel."""
 _COMMANDS = {int(command): command.name.partition("_")[2].replace("_", " ").lower() for command in Command}
 _MAX_ITEMS = 1000
 

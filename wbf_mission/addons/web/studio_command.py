@@ -40,8 +40,8 @@ def studio_command(
     port: Annotated[
         int | None,
         option(
-            f"Where the page is served, 0 for any free port; by default {_USUAL_PORT} or, if taken, any:"
-            " browsers keep drafts by the port.",
+            "Port of the page; 0 takes any free port. Browsers keep drafts by port. "
+            f" [default: {_USUAL_PORT}, or any free port if that is taken]",
             panel=_PAGE,
             parser=options.whole_number_in(0, 65_535),
         ),

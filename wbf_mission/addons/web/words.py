@@ -18,7 +18,7 @@ _OTHERS = {
     "--wind": "Wind speed",
     "--wind-shear": "Wind shear",
 }
-"""Inputs of the page that are no draft options, or several."""
+"""Inputs of the page that are no draft option, or that stand for several options."""
 
 
 def worded(text: object) -> str:

@@ -45,7 +45,7 @@ __all__ = ["FIRMWARE"]
 
 _ROLL_RATE = 75.0
 _ANY_RATE = 180.0
-# ArduPlane assumes flight until a filter has seen a lower ground speed (``is_flying.cpp``).
+# ArduPlane assumes flight until the filtered ground speed is lower than this (``is_flying.cpp``).
 _SEEMS_TO_FLY_M_S = 1.5
 _NOTICES_S = 2.9
 
@@ -103,7 +103,7 @@ class ArduPlane(WingProcedures):
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
         """Return the vehicle with the values set by its parameters."""
         friction = None if spec.airframe is None else spec.airframe.ground_drag_1_s
-        # ArduPlane's delay counts from the end of assumed flight; the vehicle still rolls for a while after.
+        # ArduPlane's delay counts from the end of assumed flight, when the vehicle still rolls for a while.
         rolls = math.log(_SEEMS_TO_FLY_M_S / STOPPED_M_S) / friction if friction else 0.0
         delay = max(self.value(spec, "LAND_DISARMDELAY") + _NOTICES_S - rolls, 0.0)
         return replace(super().fit(spec), disarm_delay_s=delay)
@@ -147,7 +147,7 @@ def _control(value: Mapping[str, float]) -> dict[str, float]:
 
 
 def arduplane_landing(items: Sequence[MissionItem], parameters: RuntimeParameters) -> str | None:
-    """Return the reason against arming if a return would ignore the landing sequence; None if fine."""
+    """Return the reason against arming if a return would ignore the landing sequence; else None."""
     has_landing = any(item.command == Command.DO_LAND_START for item in items)
     if has_landing and parameters.settings.get("RTL_AUTOLAND", 0.0) == 0.0:
         return "DO_LAND_START set and RTL_AUTOLAND disabled"
@@ -225,7 +225,7 @@ _STICKS = StickRules(
         regained="RC Failsafe Cleared",
     ),
 )
-# ArduPlane stores acceptance and pass radii of waypoints, and the pitch of a take-off.
+# Unlike other parameters, ArduPlane stores waypoints' acceptance and pass radii, and a take-off's pitch.
 _PROFILE = replace(
     ROOMY_PROFILE,
     lossy={
@@ -244,6 +244,6 @@ FIRMWARE = Firmware(
     behaviour=replace(MISSION, refuses_to_arm=arduplane_landing),
     reference=partial(reference_parameters, "arduplane", package=__package__),
     sticks=_STICKS,
-    # Waypoints are flown to; WP_RADIUS does not start a turn before.
+    # The vehicle flies up to a waypoint; WP_RADIUS does not make it turn before.
     cornering=Cornering(2.0),
 )

@@ -1,13 +1,13 @@
 """Vehicle kind of fixed wings: airframe and electric power.
 
-Drag is the parabolic polar; n is the load factor of a turn (Anderson, *Aircraft Performance and Design*,
+Drag follows the parabolic polar; n is the load factor of a turn (Anderson, *Aircraft Performance and Design*,
 1999, ch. 5)::
 
     D = q S (CD0 + CL^2 / (pi e AR))     CL = n W / (q S)     q = rho V^2 / 2
     P = (D V + W climb) / efficiency + avionics
 
 `climb` is the rate of energy height, which includes a gain of speed. A glide takes at least the avionics
-power, as a windmilling propeller returns nothing.
+power, because a windmilling propeller returns no energy.
 
 `wbf_mission.addons.wings.motion.kernel` compiles the power model.
 """
@@ -82,7 +82,7 @@ class FixedWingAirframe:
     turn_share: float = 1.0
     """Turn rate over that of a coordinated turn, g tan(bank) / airspeed; below 1 the wing slips outward."""
     elevator_per_lift: float = 0.0
-    """Share of full elevator that trims one more unit of lift coefficient: static stability over elevator
+    """Part of full elevator that trims one more unit of lift coefficient: static stability over elevator
     power. Until pitch control has trimmed a change of airspeed, the nose is too high or too low. 0: always
     trimmed."""
     liftoff_airspeed_m_s: float | None = None

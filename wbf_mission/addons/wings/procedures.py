@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = ["WingProcedures", "airspeeds_in_order"]
 
-# Accelerations of a thrown or catapulted take-off and of a rolling one; airspeed of a throw as a share of the
-# minimum airspeed.
+# Accelerations of a thrown or catapulted take-off and of a ground roll; airspeed of a throw as a fraction of
+# the minimum airspeed.
 _THROW_M_S2, _ROLL_M_S2, _THROW_SHARE = 20.0, 3.0, 0.85
 # A landing closer than this has no approach direction.
 _APPROACH_M = 30.0
@@ -85,6 +85,6 @@ class WingProcedures(FixedWingProcedures):
 
 
 def airspeeds_in_order(least: float, trim: float, most: float) -> tuple[float, float, float]:
-    """Return the airspeeds sorted, for any parameter values."""
+    """Return the airspeeds in order; the trim airspeed, at least 3 m/s, bounds the others."""
     trim = max(trim, 3.0)
     return min(least, trim), trim, max(most, trim)

@@ -147,7 +147,7 @@ FIRMWARE = replace(
     rules=replace(RULES, defaults=replace(RULES.defaults, mission_requirement=2)),
     procedures=Px4FixedWing(),
     takes_off=False,
-    # No recording has a fixed wing's mission that ends with a return.
+    # No recording shows a fixed wing's mission that ends with a return.
     behaviour=replace(MISSION, return_lag_s=None),
     cornering=Cornering(2.0),
     sticks=_STICKS,

@@ -26,7 +26,7 @@ from wbf_mission.addons.rovers.motion.layout import STOPPED
 
 Drive = IntEnum(
     "Drive",
-    "SPEED_ASKED TURN_ASKED "  # Demanded speed and turn rate, after their limits.
+    "SPEED_ASKED TURN_ASKED "  # Demanded speed and turn rate, within limits.
     "STEER_ERROR STEER_I DRIVE_ERROR DRIVE_I "  # Filtered errors and integrators.
     "PIVOTS "  # 1: turning on the spot; 2: pausing after the turn.
     "PIVOTS_NEXT "  # Whether to turn on the spot at the next waypoint.
@@ -38,19 +38,19 @@ Drive = IntEnum(
 # Parameters of the law besides those of S-curves; SI units, radians, throttle and steering from -1 to 1.
 DriveLaw = IntEnum(
     "DriveLaw",
-    "ACCELERATION DECELERATION "  # Limits of the demanded speed's change.
+    "ACCELERATION DECELERATION "  # Limits on changes of the demanded speed.
     "LATERAL TURN_SPEED "  # Maximum lateral acceleration; speed kept in turns.
     "NEAR "  # Distance within which a stop counts as reached.
     "STEER_ACCELERATION STEER_RATE "  # Limits of the demanded turn rate.
     "STEER_FF STEER_P STEER_I STEER_IMAX STEER_FILTER "  # Steering controller of the turn rate.
     "SCALE_BASE "  # Speed above which the steering is scaled down.
     "TIGHTEST "  # Turn radius at full steering; 0 for a tracked vehicle.
-    "STEER_LAG "  # Filter gain of turns by tracks.
+    "STEER_LAG "  # Filter gain of turns of a tracked vehicle.
     # Turns on the spot (delay in steps); an angle of 0 disables them.
     "ANGLE_P PIVOT_ANGLE PIVOT_RATE PIVOT_DELAY "
     "DRIVE_BASE DRIVE_P DRIVE_I DRIVE_IMAX DRIVE_FILTER "  # Throttle controller of the speed.
     "STOP_SPEED "  # Speed below which a stopping vehicle has zero throttle.
-    "TOP_SPEED DRIVE_LAG",  # Speed at full throttle; filter gain of the speed after throttle.
+    "TOP_SPEED DRIVE_LAG",  # Speed at full throttle; its filter gain.
     start=len(Law),
 )
 GUIDE, LAW = record_type(Guide, Drive), record_type(Law, DriveLaw)
@@ -63,8 +63,8 @@ _PIVOTED = radians(5.0)
 _LEAST_RATE = radians(1.0)
 # Minimum speed for the conversion of lateral acceleration to turn rate.
 _LEAST_SPEED_M_S = 1.0
-# Heading estimates drift by half a degree (from recordings). With no error, a vehicle would never turn to a
-# target exactly behind it.
+# Heading estimates drift by half a degree (from recordings). Without an error, a vehicle would never turn to
+# a target exactly behind it.
 _HEADING_ERROR = radians(0.5)
 # Wheel angle at full steering; at partial steering the curvature is proportional to the sine of the angle.
 _LOCK = radians(35.0)
@@ -80,9 +80,9 @@ def _limited(value: float, limit: float) -> float:
 def ask(state: Record, guide: Record, law: Record, step: int) -> float:
     """Set the demanded speed and return the demanded turn rate.
 
-    The speed is the forward component of the wanted velocity. In a corner, it stays above the speed of the
-    tightest turn at half of the lateral acceleration. The turn rate follows from the wanted lateral
-    acceleration.
+    The speed is the forward component of the wanted velocity. In a corner it stays above `turn_speed`, the
+    speed of the tightest turn at half of the maximum lateral acceleration. The turn rate follows from the
+    wanted lateral acceleration.
     """
     if guide.pivots != 0.0:
         _slow_down(guide, law, 0.0)
@@ -118,7 +118,7 @@ def _slow_down(guide: Record, law: Record, wanted: float) -> None:
 
 @compiled(allocates=False)
 def _pivot(state: Record, guide: Record, law: Record, step: int) -> float:
-    """Return the turn rate of a turn on the spot towards the waypoint; end the turn within 5 degrees."""
+    """Return the turn rate of a turn on the spot to the waypoint; the turn ends at an error of 5 degrees."""
     bearing = atan2(guide.end_x - state.position_x, guide.end_y - state.position_y)
     error = (bearing - state.heading + pi) % (2.0 * pi) - pi
     rate = _limited(law.angle_p * error, law.pivot_rate)
@@ -144,7 +144,7 @@ def steer(state: Record, guide: Record, law: Record, rate: float) -> None:
         return
     guide.steer_error += law.steer_filter * (rate - state.heading_rate - guide.steer_error)
     error = guide.steer_error
-    # Wheels cannot turn a standing vehicle, so its integrator may only shrink.
+    # Wheels cannot turn a standing vehicle, so the integrator may only shrink while the vehicle stands.
     if speed > law.scale_base or error * guide.steer_i < 0.0:
         guide.steer_i = _limited(guide.steer_i + law.steer_i * error * dt, law.steer_imax)
     output = law.steer_ff * rate + law.steer_p * error + guide.steer_i
@@ -204,7 +204,7 @@ def drive(state: Record, guide: Record, law: Record) -> None:
 
 @compiled(allocates=False)
 def look_along(state: Record, guide: Record) -> None:
-    """Set the lag behind the target, and the speed along the target's direction."""
+    """Set the vehicle's lag behind the target, and its speed in the target's direction."""
     wx, wy = guide.vx, guide.vy
     wanted = sqrt(wx * wx + wy * wy)
     guide.lag = guide.along = 0.0
@@ -229,7 +229,7 @@ def _stop_here(state: Record, guide: Record, law: Record) -> None:
 
 @compiled(allocates=False)
 def _turns_by(x: float, y: float, from_x: float, from_y: float, bearing: float) -> float:
-    """Return the angle between a bearing and a leg; 0 for a leg without length."""
+    """Return the angle between a bearing and a leg; 0 if the leg has no length."""
     dx, dy = x - from_x, y - from_y
     if dx * dx + dy * dy < at.LEAST_WAY * at.LEAST_WAY:
         return 0.0

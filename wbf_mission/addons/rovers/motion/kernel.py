@@ -1,4 +1,4 @@
-"""Compiled motion of a ground vehicle: pure pursuit, with turns at its turn radius or on the spot.
+"""Compiled motion of a ground vehicle: pure pursuit, with turns at a turn radius or on the spot.
 
 docs/fixed-wing-and-rover.md describes the model. Pure pursuit is that of R. C. Coulter, "Implementation of
 the pure pursuit path tracking algorithm", CMU-RI-TR-92-01, 1992. A vehicle without `force` has exactly the
@@ -26,17 +26,17 @@ SLOW_SHARE = 0.1
 PIVOT_GAIN = 2.0
 
 
-# Rover of PX4's simulator, and PX4's control of it: the bicycle model of
-# ``Sih::generate_rover_ackermann_dynamics`` and the lag before it in ``Sih::read_motors`` (PX4 1.17,
-# `sih.cpp`); ``AckermannRateControl``, ``AckermannActControl`` and ``RoverControl::speedControl``. Lags are
-# integrated exactly over a step, because the time constants of the tyres are short at low speed. PX4 does not
-# steer below its estimated speed of ``RO_SPEED_TH``.
+# Rover of PX4's simulator: the bicycle model of ``Sih::generate_rover_ackermann_dynamics`` and the lag before
+# it in ``Sih::read_motors`` (PX4 1.17, `sih.cpp`). PX4's controllers of the rover: ``AckermannRateControl``,
+# ``AckermannActControl`` and ``RoverControl::speedControl``. Lags are integrated exactly over a step, because
+# the time constants of the tyres are short at low speed. PX4 does not steer below its estimated speed of
+# ``RO_SPEED_TH``.
 _STEERS_M_S = 0.1
 
 
 @compiled(allocates=False)
 def thought_speed(state: Record, limits: Record) -> float:
-    """Return the speed that PX4 estimates from the throttle, used for steering."""
+    """Return the speed that PX4 estimates from the throttle, and uses for steering."""
     return float(state.throttle * limits.throttle_speed)
 
 
@@ -82,8 +82,8 @@ def throttle(state: Record, limits: Record, wanted: float) -> None:
 def move(state: Record, limits: Record) -> None:
     """Update the ground velocity and turn rate by one step of PX4's simulator.
 
-    Drag acts along each axis of the Earth separately, so it depends on the direction of travel. The turn's
-    loss of sideways speed counts twice, as in the simulator: in the tyre force, and in the motion itself.
+    Drag acts along each axis of the Earth separately, so it depends on the direction of travel. As in the
+    simulator, the sideways speed lost in a turn counts twice: in the tyre force, and in the motion itself.
     """
     dt, ahead, right, yaw = limits.step_s, state.speed, state.sideways, state.heading
     share = limits.actuator_share
@@ -119,7 +119,7 @@ def move(state: Record, limits: Record) -> None:
 
 @compiled(allocates=False)
 def _bearing(state: Record, row: Record, limits: Record, pace: float) -> float:
-    """Return the bearing to the pursued point: on the leg, at the look-ahead distance of a speed."""
+    """Return the bearing to the pursued point on the leg, at the look-ahead distance for a speed."""
     x, y = state.position_x, state.position_y
     ahead = min(max(limits.ahead_gain * pace, limits.ahead_min), limits.ahead_max)
     gx, gy = row.x - x, row.y - y
@@ -140,7 +140,7 @@ def _bearing(state: Record, row: Record, limits: Record, pace: float) -> float:
 
 @compiled(allocates=False)
 def _may_turn(state: Record, row: Record, sense: float, radius: float) -> bool:
-    """Return whether a waypoint is outside the tightest turn; inside, a vehicle circles it for ever."""
+    """Return whether a waypoint is outside the tightest turn; if inside, the vehicle circles it for ever."""
     cx = state.position_x + sense * radius * cos(state.heading)
     cy = state.position_y - sense * radius * sin(state.heading)
     dx, dy = row.x - cx, row.y - cy

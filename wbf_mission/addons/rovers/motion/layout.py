@@ -30,7 +30,7 @@ Leg = IntEnum(
     "X Y KIND "
     "RADIUS "  # Acceptance radius.
     "SPEED "
-    "NEAR "  # Distance for notification of arrival.
+    "NEAR "  # Distance at which arrival is notified.
     "END_SPEED "  # Speed at the end.
     "PAUSE "
     "HEADING "  # Heading to keep.
@@ -57,7 +57,7 @@ class RoverLimits:
     ahead_gain: float
     ahead_min: float
     ahead_max: float
-    # Heading errors at which a turn on the spot starts and ends, and its rate; a start of 0 disables it.
+    # Heading errors at which a turn on the spot starts (0: never) and ends, and its turn rate.
     pivot_begin: float
     pivot_end: float
     pivot_rate: float
@@ -68,18 +68,18 @@ class RoverLimits:
     corner_max: float
     passes: bool
     """Whether a waypoint counts as reached when passed."""
-    # Turn rate per heading error, and its maximum acceleration; 0: curvature by pure pursuit.
+    # Turn rate per heading error (0: curvature by pure pursuit), and maximum change of the turn rate.
     yaw_p: float = 0.0
     yaw_acceleration: float = 0.0
     jerk: float = 0.0
     """Maximum jerk of braking; 0 is no limit."""
-    # Fraction of the maximum speed lost in a corner of 180 degrees, and speed limits there. Negative: the
-    # lateral acceleration sets the speed.
+    # Fraction of the maximum speed lost in a corner of 180 degrees, and speed limits in corners. If the
+    # fraction is negative, the lateral acceleration sets the speed.
     corner_slows: float = -1.0
     corner_least: float = 0.0
     corner_most: float = 0.0
     simulated: Mapping[str, float] = field(default_factory=dict)
-    """PX4's simulated rover, by columns of `Simulated`; empty: speed and turn rate are as demanded."""
+    """PX4's simulated rover, by columns of `Simulated`; if empty, speed and turn rate are as demanded."""
 
 
 # PX4's simulated rover, and its steering and speed controllers.
@@ -88,17 +88,17 @@ Simulated = IntEnum(
     "THROTTLE_SPEED SPEED_P SPEED_I "  # Throttle controller of the speed, m/s and s/m.
     "WHEEL_BASE STEER_MAX "  # Metres; maximum wheel angle.
     "STEER_STEP "  # Maximum change of steering per step, as a share of full steering.
-    # Wheel angle by turn rate: feed-forward, s; proportional, s; and integral gain, 1.
+    # Gains of the wheel angle over turn rate: feed-forward, s; proportional, s; integral, 1.
     "RATE_FF RATE_P RATE_I "
     "FORCE FRICTION "  # Per mass: force of full throttle, and rolling friction, m/s^2.
     # Cornering stiffness per mass and per moment of inertia; yaw damping per moment of inertia.
     "GRIP TURN_GRIP TURN_DAMPING "
-    "ACTUATOR_SHARE "  # Share of an actuator output's change that is followed per step.
-    "DRAG "  # Per mass and squared speed along each axis of the Earth, 1/m.
+    "ACTUATOR_SHARE "  # Fraction of an output's change that the actuator follows per step.
+    "DRAG "  # Drag per mass and squared speed along each axis of the Earth, 1/m.
     "NORTH_1 NORTH_2 NORTH_3 EAST_1 EAST_2 EAST_3",  # North and east vectors in the axes of the Earth.
     start=0,
 )
-# The energy at which the drive ends, the time step, the vehicle's limits, and PX4's simulated rover.
+# Columns of the energy at which the drive ends, the time step, the limits, and PX4's simulated rover.
 OF_ROVER = [each.name for each in fields(RoverLimits) if each.name != "simulated"]
 LIMITS = record_type(["energy_limit", "step_s", *OF_ROVER], Simulated)
 STATE, LEG = record_type(State, Wheels), record_type(Leg)

@@ -62,7 +62,7 @@ class Rover(CompiledMotion):
         return 0.0, 0.0, float(self.state[Wheels.SPEED]), float(self.state[Wheels.THROTTLE])
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
-        """Start in motion at time 0, with nothing used, as if driven there."""
+        """Set the vehicle in motion at time 0, with no energy used, as if it had driven there."""
         super().place_in_flight(position_m, velocity_m_s, heading_rad)
         self.state[Wheels.SPEED : Wheels.PIVOTING + 1] = 0.0
         self.state[Wheels.YAW_ASKED :] = 0.0
@@ -85,7 +85,7 @@ class Rover(CompiledMotion):
             radius = float(legs["radius"][i])
             stops = i == n - 1 or radius <= 0.0 or legs["pause"][i] > 0.0
             rows[i, Leg.KIND] = wheels.STOP if stops else wheels.THROUGH
-            # Neither autopilot uses the acceptance radius of an item on wheels.
+            # With rovers, neither autopilot uses the acceptance radius of an item.
             rows[i, Leg.RADIUS] = law.acceptance
             if int(legs["kind"][i]) in NOT_DRIVEN:
                 rows[i, Leg.KIND] = wheels.AT_ONCE
@@ -95,7 +95,7 @@ class Rover(CompiledMotion):
         self._begin(rows.view(wheels.LEG)[:, 0])
 
     def _corners(self, rows: NDArray[np.float64]) -> None:
-        """Set the radius and end speed of each corner, with braking distance for later corners."""
+        """Set the radius and end speed of each corner, so that the vehicle can brake for later corners."""
         law = self.law
         ends = np.vstack([self.state[None, State.POSITION_X : State.POSITION_Z], rows[:, : Leg.KIND]])
         ways = np.diff(ends, axis=0)
@@ -140,14 +140,14 @@ class Rover(CompiledMotion):
         self._begin(row.view(wheels.LEG)[:, 0])
 
     def stopping_point(self) -> Position:
-        """Return the position of rest after braking now."""
+        """Return the position at which the vehicle comes to rest if it brakes now."""
         x, y = self.state[State.POSITION_X : State.POSITION_Z].tolist()
         speed, yaw = float(self.state[Wheels.SPEED]), float(self.state[State.HEADING])
         distance = 0.5 * speed * speed / self.law.deceleration
         return x + distance * math.sin(yaw), y + distance * math.cos(yaw), 0.0
 
     def lose_power(self) -> None:
-        """Stop, as the motor has no power."""
+        """Stop, because the motor has no power."""
         self._limit.speed_max = 1e-3
 
     def touch_down(self) -> None:
@@ -157,13 +157,13 @@ class Rover(CompiledMotion):
         self.state[Wheels.YAW_ASKED :] = 0.0
 
     def _numbers(self, spec: VehicleSpec) -> Mapping[str, float]:
-        """Take the law of a vehicle, and return the kernel's limits besides time step and energy."""
+        """Set `law` for a vehicle; return the kernel's limits except time step and energy."""
         law = self.law = self._limits_of(spec)
         return {**{name: getattr(law, name) for name in wheels.OF_ROVER}, **law.simulated}
 
 
-# Legs followed by pure pursuit: bends of a curve, and repeated position setpoints, for which ArduPilot's
-# Rover uses no S-curves either.
+# Legs followed by pure pursuit: bends of a curve, and repeated position setpoints. ArduPilot's Rover uses no
+# S-curves for them either.
 _PURSUED = (LegKind.ARC, LegKind.SETPOINT)
 
 
@@ -188,7 +188,7 @@ class ArduRover(AlongCurves, Rover):
         "_rows",
     )
     generic = Rover.dynamics
-    # A return starts from the stop of the vehicle.
+    # A return starts from the point where the vehicle would stop.
     begins_anew = LegKind.HOME
 
     def __init__(
@@ -206,7 +206,7 @@ class ArduRover(AlongCurves, Rover):
         self._rest()
 
     def _rest(self) -> None:
-        """Reset the guidance: no path, at the vehicle's speed."""
+        """Reset the guidance: no path, and the vehicle's present speed."""
         self._rows = None
         self.guide[:] = 0.0
         self.guide[Guide.LEVEL] = self.spec.cruise_speed_m_s
@@ -214,7 +214,7 @@ class ArduRover(AlongCurves, Rover):
         self.guide[Drive.SPEED_ASKED] = self.state[Wheels.SPEED]
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
-        """Start in motion at time 0, with nothing used, as if driven there.
+        """Set the vehicle in motion at time 0, with no energy used, as if it had driven there.
 
         If the first leg lies ahead, its speed profile starts at the vehicle's speed.
         """
@@ -242,7 +242,7 @@ class ArduRover(AlongCurves, Rover):
         super().steer(velocity_m_s, height_m=height_m, heading=heading)
 
     def lose_power(self) -> None:
-        """Stop, as the motor has no power."""
+        """Stop, because the motor has no power."""
         super().lose_power()
         self.numbers[DriveLaw.TOP_SPEED] = 0.0
 

@@ -1,6 +1,6 @@
 """Compiled airframe of a fixed wing: thrust and drag, motion in the air and on the ground.
 
-Drag is the parabolic polar, D = q S (CD0 + CL^2 / (pi e AR)), with the lift of the load factor (Anderson,
+Drag follows the parabolic polar, D = q S (CD0 + CL^2 / (pi e AR)), at the lift of the load factor (Anderson,
 *Aircraft Performance and Design*, 1999, ch. 5), as in `sim_vehicle.energy.power`. Thrust is proportional to
 throttle and independent of airspeed, as in the simulators of ArduPilot (``SIM_Plane.cpp``) and PX4
 (``sih.cpp``).
@@ -58,10 +58,10 @@ def _roll(state: Record, limits: Record, bank: float) -> None:
 
 @compiled(allocates=False)
 def _trim(state: Record, limits: Record, lift: float, v: float) -> None:
-    """Add the pitch error of an untrimmed elevator, and let the integral of pitch control remove it.
+    """Add the pitch error of an untrimmed elevator; the integral of pitch control then removes the error.
 
-    A demanded rate is the angle error over the time constant. It moves the elevator by ``FF s + P s^2``, and
-    its integral by ``I s^2`` per second, where s is scaling speed over airspeed.
+    The demanded pitch rate is the angle error over the time constant. The rate moves the elevator by ``FF s +
+    P s^2``, and the rate's integral by ``I s^2`` per second, where s is scaling speed over airspeed.
     """
     if state.trimmed == 0.0:
         state.trimmed = lift
@@ -80,9 +80,9 @@ def _trim(state: Record, limits: Record, lift: float, v: float) -> None:
 def pitch_up(state: Record, limits: Record, pitch: float) -> float:
     """Pitch towards the commanded angle, and return the climb rate of the resulting lift.
 
-    Lift turns the path until the angle of attack carries the weight. A stable airframe needs another elevator
-    position for another lift. Until the integral of pitch control (``AP_PitchController.cpp``) provides it,
-    the angle settles where the demanded rate does.
+    Lift turns the path until the angle of attack carries the weight. If the lift changes, a stable airframe
+    needs another elevator position. Until the integral of pitch control (``AP_PitchController.cpp``) provides
+    this position, the demanded rate does, at the price of a pitch error.
     """
     dt = limits.step_s
     v = max(state.airspeed, SLOW_M_S)
@@ -172,7 +172,7 @@ def drop(state: Record, limits: Record, wx: float, wy: float) -> None:
 
 @compiled(allocates=False)
 def blow(state: Record, wx: float, wy: float, rising: float) -> None:
-    """Change the wind: ground velocity stays the same, air velocity changes."""
+    """Change the wind: the ground velocity stays the same, and the air velocity changes."""
     if state.doing == FLYING or state.doing == FLARE:
         ae, an, up = state.velocity_x - wx, state.velocity_y - wy, state.velocity_z - rising
         state.airspeed = max(sqrt(ae * ae + an * an + up * up), SHORT)
@@ -236,7 +236,7 @@ def take_off(state: Record, limits: Record, wx: float, wy: float) -> None:
     rate = limits.launch * throttle
     if limits.launch <= 0.0:
         v = state.airspeed
-        # The vehicle rolls level: drag is that of the lift at zero angle of attack.
+        # The vehicle rolls level: its drag is that at zero angle of attack.
         load = limits.lift_level * v * v / GRAVITY_M_S2
         rate = limits.thrust * throttle - drag(limits, v, load) - limits.ground_drag * v
     roll_on_ground(state, limits, rate, wx, wy)

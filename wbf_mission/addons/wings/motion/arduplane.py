@@ -21,13 +21,13 @@ _LEVEL_OFF_FROM_M = 10.0
 _LINED_UP_RAD = 0.1745
 _ON_LINE_M = 5.0
 _SLOW_BANK = 0.4363
-# The approach line aims at a point this far behind the landing point.
+# The approach line aims at a point this far beyond the landing point.
 _PROJECTION_M = 500.0
 
 
 @compiled(allocates=False)
 def begin_slope(state: Record, row: Record, limits: Record) -> None:
-    """Set, at the start of a leg, whether its height is reached at once or along a slope."""
+    """At the start of a leg, set whether its height is reached at once or along a slope."""
     rise = row.z - state.begin_z
     along = state.position_z > _CLIMB_ALONG_M or state.position_z > row.z
     small = abs(rise) < limits.slope_min
@@ -39,7 +39,7 @@ def begin_slope(state: Record, row: Record, limits: Record) -> None:
 
 @compiled(allocates=False)
 def _ahead_of_landing(state: Record, row: Record) -> tuple[float, float]:
-    """Return the length of the leg to a landing, and the fraction flown."""
+    """Return the length of the leg to a landing, and the fraction of the leg that is flown."""
     dx, dy = row.x - state.begin_x, row.y - state.begin_y
     length2 = max(dx * dx + dy * dy, 1.0)
     rx, ry = state.position_x - state.begin_x, state.position_y - state.begin_y

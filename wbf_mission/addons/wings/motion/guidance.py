@@ -40,7 +40,7 @@ def ground_speed(state: Record) -> float:
 
 @compiled(inline="always")
 def _error_bound(ground: float, limits: Record) -> float:
-    """Return the distance to a path within which NPFG turns along it."""
+    """Return the distance to a path within which NPFG turns in to the path."""
     constant = limits.period * limits.damping
     return float(ground * constant if ground > 1.0 else 0.5 * constant * (ground * ground + 1.0))
 
@@ -130,7 +130,7 @@ def _l1_line(
 ) -> tuple[float, float, float]:
     """Return L1's lateral acceleration along a leg, and its bearing (east, north).
 
-    The vehicle is at (`rx`, `ry`) from the start of a leg with unit direction (`te`, `tn`) and a length.
+    (`rx`, `ry`) is the vehicle's position from the leg's start, (`te`, `tn`) the leg's unit direction.
     """
     ve, vn = state.velocity_x, state.velocity_y
     ground = max(ground_speed(state), 0.1)
@@ -245,7 +245,7 @@ def _steer_circle(
     else:
         ground = max(ground_speed(state), 1e-3)
         oe, on = state.velocity_x / ground, state.velocity_y / ground
-    # Clockwise is the outward direction rotated to the right.
+    # The clockwise direction is the outward direction rotated to the right.
     te, tn = sense * on, -sense * oe
     error = sense * (radius - away)
     return _npfg(state, limits, error, te, tn, sense / radius, wx, wy)[0]
@@ -261,9 +261,9 @@ def circles(state: Record, row: Record, arrived: bool) -> bool:
 
 @compiled(allocates=False)
 def _comes_along_line(state: Record, row: Record, limits: Record) -> bool:
-    """Return whether ArduPlane approaches a mission's circle along the line from the previous waypoint.
+    """Return whether ArduPlane now approaches a mission's circle along the line from the last waypoint.
 
-    It follows the line until near the circle (``Plane::update_loiter``); a return flies directly to it.
+    It leaves the line near the circle (``Plane::update_loiter``). A return leads directly to the circle.
     """
     of_mission = row.kind == at.CIRCLE and row.at_once == 0.0
     return bool(limits.law != NPFG and of_mission and isnan(state.bearing) and state.direct == 0.0)
@@ -273,7 +273,7 @@ def _comes_along_line(state: Record, row: Record, limits: Record) -> bool:
 def steer(
     state: Record, row: Record, arrived: bool, limits: Record, wx: float, wy: float
 ) -> tuple[float, float, float]:
-    """Return the lateral acceleration of the guidance, and the bearing of a line."""
+    """Return the guidance's lateral acceleration, and the bearing along a line (0, 0 on a circle)."""
     kind = row.kind
     if state.doing == at.FLARE and (limits.law == NPFG or kind != at.LANDING):
         return 0.0, 0.0, 0.0
@@ -302,7 +302,7 @@ def steer(
 def leg_airspeed(
     row: Record, arrived: bool, limits: Record, be: float, bn: float, wx: float, wy: float
 ) -> float:
-    """Return the airspeed of a leg, raised to hold the minimum ground speed along a bearing."""
+    """Return the airspeed of a leg, raised if the minimum ground speed along a bearing requires it."""
     kind = row.kind
     airspeed = row.airspeed
     if kind == at.TAKEOFF:
@@ -357,7 +357,7 @@ def circled(state: Record, row: Record, limits: Record, step: int) -> bool:
         room = radius + min(limits.acceptance, 0.5 * radius)
         if limits.law == NPFG:
             room = radius + max(limits.acceptance, _switch_distance(state, limits))
-        # At a high airspeed the tightest turn is wider than the circle.
+        # At a high ground speed the tightest turn may be wider than the circle.
         tight = ground * ground / (GRAVITY_M_S2 * tan(limits.bank_limit))
         room = max(room, 2.2 * tight)
         height = state.target if row.on_circle > 0.0 else row.z

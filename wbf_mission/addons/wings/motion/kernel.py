@@ -33,7 +33,7 @@ from wbf_mission.addons.wings.motion.px4 import px4_control
 
 fixed_wing_power = compiled(allocates=False)(own_kind.fixed_wing_power)
 
-# A leg times out after this time plus the time that it takes at a slow speed.
+# A leg times out after this time plus the time that the leg takes at a slow speed.
 PATIENCE_S = 120.0
 SLOW_SHARE = 0.15
 
@@ -60,7 +60,7 @@ def _enter(state: Record, counters: Integers, route: Record, limits: Record, own
     state.turned, state.bearing, state.pause_end = 0.0, float("nan"), inf
     state.guidance = 0.0
     before = route[leg - 1].kind if leg > 0 else at.FALL
-    # ArduPlane keeps a line from the centre of a circle, but none after a take-off.
+    # ArduPlane follows a line from the centre of the previous circle, but no line after a take-off.
     if before == at.LINE or (before == at.CIRCLE and limits.law != NPFG):
         state.begin_x, state.begin_y, state.begin_z = route[leg - 1].x, route[leg - 1].y, route[leg - 1].z
         state.direct = 0.0
@@ -164,9 +164,9 @@ def _feel(
 def _leave(
     state: Record, counters: Integers, row: Record, route: Record, limits: Record, own: tuple[()]
 ) -> None:
-    """Start the next leg, or set the circle to fly after the end of a route.
+    """End a leg: the next leg may start, or, after the last leg, set the circle to fly.
 
-    The circle is that of the last leg, or one around the end of the leg.
+    The circle is that of the last leg or, if the leg has none, a circle around its end.
     """
     if counters[col.ARRIVED] == 0:
         state.give_up_step = inf

@@ -34,11 +34,11 @@ Wing = IntEnum(
     "SINCE "  # Seconds since arming on the ground, lift-off, or the start of the flare.
     "BANK_DEMAND PITCH_DEMAND THROTTLE_DEMAND "
     "TARGET "  # Demanded height; at first the height at the start of the leg.
-    "SLOPE "  # Height to gain along the leg; 0: at once.
+    "SLOPE "  # Height to gain along the leg; 0: the height is changed at once.
     "STAGE "  # Stage of a landing: LINING_UP, APPROACH or PREFLARE.
-    "LEVEL_OFF "  # Height below the take-off height at which the nose comes down; 0: not yet.
+    "LEVEL_OFF "  # Height left to climb when the nose started to come down; 0: not yet.
     # Total energy control.
-    "RUNNING "  # Whether it is running.
+    "RUNNING "  # Whether the controller is running.
     "LAST_SPEED SPEED_DEMAND SPEED_RATE_FILTER ACCELERATION_FILTER SPEED_MAX HEIGHT_IN HEIGHT_LIMITED "
     "HEIGHT_FILTER HEIGHT_OFFSET HEIGHT_DEMAND CLIMB_SCALE SINK_SCALE ENERGY_RATE_ERROR "
     "THROTTLE_INTEGRAL THROTTLE_LAST "
@@ -48,14 +48,14 @@ Wing = IntEnum(
     "THROTTLE_CLIP "  # -1, 0 or 1.
     "BALANCE_CLIP UNDERSPEED UNDERSPEED_S BAD_DESCENT "
     "PATH_RATE "  # Rate at which the path bends upward.
-    "SLIP "  # Turn rate that the side force has followed.
+    "SLIP "  # Turn rate that the lagging side force has reached.
     "NOSE_UP "  # Pitch error while the integral of pitch control lags.
-    "TRIMMED "  # Lift coefficient, as in LIFT_SLOPE, to which the elevator is trimmed; 0: not yet.
+    "TRIMMED "  # Lift coefficient (unit of LIFT_LEVEL) for which the elevator is trimmed; 0: not yet.
     "FLARE_FROM "  # Height at the start of the flare; NaN before.
     "FLARE_RATE "  # Climb rate at the start of the flare.
     "FLARE_FOLLOWED FLARE_IDEAL "
     "LAST_KIND "  # Kind of the previous leg.
-    # PX4's total energy control: followed height and its rate, and filtered energy rate divided by weight.
+    # PX4's total energy control: height followed, rate of this height, filtered energy rate over weight.
     "REFERENCE REFERENCE_RATE TOTAL_RATE "
     "WIND_UP",
     start=len(State),
@@ -71,9 +71,9 @@ SHORT = 0.5
 Leg = IntEnum(
     "Leg",
     "X Y Z KIND "
-    "RADIUS "  # Acceptance radius; 0: the autopilot's.
+    "RADIUS "  # Acceptance radius; 0: the autopilot's default.
     "AIRSPEED "
-    "NEAR "  # Distance for notification of arrival.
+    "NEAR "  # Distance at which arrival is notified.
     "CIRCLE_RADIUS "  # Positive for clockwise.
     "TURNS "
     "EXIT_X EXIT_Y "  # Point towards which to leave the circle; NaN: anywhere.
@@ -83,7 +83,7 @@ Leg = IntEnum(
     "TURN_ANGLE "  # Angle to the next leg.
     "SLOPE "  # Slope of a circular landing.
     "AT_ONCE "  # Whether the leg is a return, which climbs at once over any distance.
-    "ON_CIRCLE",  # Whether the height is changed on the circle.
+    "ON_CIRCLE",  # Whether the height is changed while circling.
     start=0,
 )
 LINE, CIRCLE, TAKEOFF, LANDING, CIRCULAR_LANDING, FALL = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
@@ -115,7 +115,7 @@ class FixedWingLimits(FixedWingBounds):
     damping: float
     integral: float = 0.0
     switch_share: float = 0.0
-    """NPFG's distance for joining a line before its start or reaching a circle, as a share of the track
+    """Distance at which NPFG joins a line before its start or reaches a circle, as a fraction of the track
     error bound."""
     # Distance and height tolerances of waypoints; an infinite height tolerance disables the check.
     acceptance: float
@@ -126,26 +126,26 @@ class FixedWingLimits(FixedWingBounds):
     """Minimum ground speed; the airspeed is raised to reach it."""
     takeoff_airspeed: float
     """Airspeed of the climb-out."""
-    # Airspeed of lift-off, and acceleration until then; 0: ground roll by the vehicle's thrust.
+    # Airspeed of lift-off, and acceleration until lift-off (0: a ground roll by the vehicle's thrust).
     rotation: float
     launch: float
     # Height below which `level_bank` limits the bank.
     level_height: float = 0.0
     level_bank: float
     landing_airspeed: float
-    # Height or time above ground at which the flare starts, and its sink rate.
+    # Height, or time before touchdown, at which the flare starts, and sink rate of the flare.
     flare_height: float
     flare_s: float
     flare_sink: float
-    # Throttle ramp of a take-off roll: its duration and final throttle; time from lift-off to the full climb.
+    # Throttle ramp of a take-off roll: its duration and final throttle; time from lift-off to full climb.
     ramp_s: float = 0.0
     ramp_throttle: float = 1.0
     rotation_s: float = 0.0
     height_ahead: float = 1.0
-    """Share of a demanded height's rate that is followed without lag."""
+    """Fraction of the demanded height's rate that is followed without lag."""
     # PX4's throttle control: throttle of level flight, to which the integrator adds; sink rate without
-    # throttle; integral (1/s) and damping of the energy rate error; time constant of the measured rate; and
-    # its increase per load factor (m^2/s^3).
+    # throttle; integral (1/s) and damping gain of the energy rate error; time constant of the measured rate;
+    # and increase of the demanded rate per load factor (m^2/s^3).
     level_throttle: float = 0.0
     sink_min: float = 0.0
     total_integrator: float = 0.0
@@ -166,9 +166,9 @@ Limits = IntEnum(
     "PARASITIC "  # Drag divided by mass and squared airspeed.
     "INDUCED "  # Induced drag divided by mass, times squared airspeed, per squared load.
     "LIFT_LEVEL "  # Lift divided by mass and squared airspeed, at zero angle of attack.
-    "LIFT_SLOPE "  # The same lift coefficient per radian of angle of attack.
+    "LIFT_SLOPE "  # Increase of LIFT_LEVEL per radian of angle of attack.
     "TURN_SHARE "
-    "TRIM_CHANGE "  # Elevator angle per change of lift coefficient, as in LIFT_SLOPE.
+    "TRIM_CHANGE "  # Elevator angle per change of lift coefficient (unit of LIFT_LEVEL).
     "ENERGY_LIMIT THROTTLE_LIMIT "
     # Limits of ArduPlane: energy control, pitch, landing and take-off; SI units, radians, throttle 0 to 1.
     "TIME_S INTEGRATOR PITCH_DAMPING THROTTLE_DAMPING ROLL_TO_THROTTLE SPEED_WEIGHT DEMAND_S "

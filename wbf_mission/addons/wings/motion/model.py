@@ -72,7 +72,7 @@ class FixedWing(CompiledMotion):
         return bank, pitch, airspeed, throttle
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
-        """Start in steady flight at time 0, with nothing used, as if flown there."""
+        """Set the vehicle in steady flight at time 0, with no energy used, as if it had flown there."""
         super().place_in_flight(position_m, velocity_m_s, heading_rad)
         state = self.state
         east, north, up = velocity_m_s
@@ -92,14 +92,14 @@ class FixedWing(CompiledMotion):
         """Start a route from the vehicle's current position and speed."""
         before, first, arrived = self._route, self.leg, self.counters[col.ARRIVED] != 0
         legs = self._legs(route).view(wing.LEG)[:, 0]
-        # A replanned leg to the same waypoint keeps its line.
+        # If the first leg leads to the same waypoint as before, keep its line.
         if (
             before is None
             or arrived
             or legs[0].kind != wing.LINE
             or not math.hypot(legs[0].x - before[first].x, legs[0].y - before[first].y) < 1.0
         ):
-            # The first leg starts at the last waypoint reached, otherwise at the vehicle's position.
+            # The first leg starts at the last waypoint if this was reached, else at the vehicle's position.
             self.state[Wing.BEGIN_X] = math.nan
             if before is not None and arrived and before[-1].kind == wing.LINE:
                 self.state[Wing.BEGIN_X : Wing.BEGIN_X + 3] = before[-1].x, before[-1].y, before[-1].z
@@ -110,7 +110,7 @@ class FixedWing(CompiledMotion):
         legs, n = route.legs, len(route.legs)
         rows = np.zeros((n, len(Leg)))
         rows[:, : Leg.KIND] = route.points_m
-        # A default radius is left to the autopilot, and ArduPlane stores radii in one byte.
+        # 0 leaves a default radius to the autopilot; ArduPlane stores other radii in one byte.
         radius = np.where(legs["radius"] == self.spec.acceptance_radius_m, 0.0, legs["radius"])
         rows[:, Leg.RADIUS] = np.floor(np.minimum(radius, 255.0))
         speed = np.where(np.isnan(legs["speed"]), law.airspeed_trim, legs["speed"])
@@ -168,7 +168,7 @@ class FixedWing(CompiledMotion):
                 rows[i, Leg.TURN_ANGLE] = abs(math.atan2(ax * by - ay * bx, ax * bx + ay * by))
 
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
-        """Fall if commanded straight down; other velocities are refused.
+        """Fall, if the velocity points straight down.
 
         Raises
         ------
@@ -186,7 +186,7 @@ class FixedWing(CompiledMotion):
         self._begin(row.view(wing.LEG)[:, 0])
 
     def stopping_point(self) -> Position:
-        """Return the centre of a hold: that of the current circle, or else the vehicle's position."""
+        """Return the centre of a hold: the centre of the current circle, or else the vehicle's position."""
         route = self._route
         if route is not None and self.state[Wing.DOING] == wing.FLYING:
             centred = route["kind"][-1] in (wing.CIRCLE, wing.LINE, wing.TAKEOFF)
@@ -203,13 +203,13 @@ class FixedWing(CompiledMotion):
         self._limit.throttle_limit = 0.0
 
     def update_spec(self, spec: VehicleSpec) -> None:
-        """Change defaults and limits at once; those of legs take effect from the next route on."""
+        """Change defaults and limits at once; those that legs contain take effect from the next route on."""
         throttle = self._limit.throttle_limit
         super().update_spec(spec)
         self._limit.throttle_limit = throttle
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
-        """Set the maximum climb and descent rates; None restores the autopilot's own."""
+        """Set the maximum climb and descent rates; None restores the autopilot's default."""
         law, limit = self.law, self._limit
         limit.climb_rate = min(climb_m_s or law.climb_rate, law.climb_max)
         limit.sink_rate = min(descent_m_s or law.sink_rate, law.sink_max)
@@ -223,7 +223,7 @@ class FixedWing(CompiledMotion):
         self.state[Wing.BEGIN_X] = math.nan
 
     def _numbers(self, spec: VehicleSpec) -> Mapping[str, float]:
-        """Take the law of a vehicle, and return the kernel's limits besides time step and energy."""
+        """Set `law` for a vehicle; return the kernel's limits except time step and energy."""
         law = self.law = self._limits_of(spec)
         power = spec.power if isinstance(spec.power, FixedWingPowerSpec) else _TYPICAL
         frame = FixedWingAirframe() if spec.airframe is None else spec.airframe

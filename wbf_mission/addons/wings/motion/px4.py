@@ -16,7 +16,7 @@ THROTTLE_S = 0.4
 
 @compiled(allocates=False)
 def _near_ground(state: Record, limits: Record, level: bool) -> float:
-    """Return the bank limit near the ground, for wing tip clearance and wings-level climbs."""
+    """Return the bank limit near the ground: for wing tip clearance, and for level wings in a climb-out."""
     bank = limits.bank_limit
     height = state.position_z
     if level and height < limits.level_height:
@@ -27,7 +27,7 @@ def _near_ground(state: Record, limits: Record, level: bool) -> float:
 
 @compiled(allocates=False)
 def _climb(state: Record, limits: Record, height: float, full: bool) -> float:
-    """Return the climb rate towards a height, followed at limited rates (``TECSReferenceModel``)."""
+    """Return the climb rate towards a height, approached at limited rates (``TECSReferenceModel``)."""
     here, dt = state.position_z, limits.step_s
     if state.running == 0.0:
         state.running, state.reference_rate = 1.0, 0.0
@@ -61,8 +61,8 @@ def _height_along(state: Record, row: Record, limits: Record) -> float:
 def _throttle(state: Record, limits: Record, asked: float, load: float) -> float:
     """Return the throttle for an energy rate divided by weight (``TECSControl::_calcThrottleControl``).
 
-    The throttle is the parameters' prediction for the rate plus an integral of the error, slow by default. A
-    motor or drag that the parameters do not describe therefore disturbs the airspeed for a minute.
+    The throttle is predicted from the parameters, plus damping and an integral of the error, slow by default.
+    So a motor or drag that differs from the parameters disturbs the airspeed for a minute.
     """
     most, least = limits.climb_max, -limits.sink_min
     asked = min(max(asked + limits.total_for_load * (load - 1.0) / GRAVITY_M_S2, least), most)
@@ -85,8 +85,8 @@ def _energy(
 ) -> tuple[float, float, float]:
     """Return throttle, climb rate and energy rate (over weight) demanded by total energy control.
 
-    The sum of the demanded rates of height and speed sets the throttle (`_throttle`), their difference the
-    pitch. A shortage of energy is shared.
+    The sum of the demanded rates of height and speed sets the throttle (`_throttle`), and their difference
+    sets the pitch. Height and speed share a shortage of energy.
     """
     v = max(state.airspeed, SHORT)
     climb = _climb(state, limits, height, full)
@@ -101,7 +101,7 @@ def _energy(
         climb = limits.climb_max
     else:
         throttle = _throttle(state, limits, climb + fast, load)
-    # In a climb-out, at low airspeed or without power, speed has priority and the remaining energy climbs.
+    # In a climb-out, at low airspeed or without power, speed comes first: energy left over goes into height.
     least_speed = min(limits.airspeed_min, limits.landing_airspeed)
     slow = min(max(10.0 * (1.0 - v / least_speed), 0.0), 1.0)
     if full or limits.throttle_limit == 0.0:
@@ -121,7 +121,7 @@ def _approach(state: Record, row: Record, limits: Record) -> float:
         # The line continues below the ground, to avoid slowing down before the flare.
         height = min(slope * to_go, max(state.begin_z, 0.0))
     else:
-        # Circular descent: the demanded height is below the vehicle, by an offset for the slope's sink rate.
+        # Circular descent: demand a height so far below the vehicle that it sinks at the slope's rate.
         height = state.position_z - row.slope * ground_speed(state) * limits.height_s
     if state.position_z <= max(limits.flare_height, limits.flare_s * max(-state.velocity_z, 0.0)):
         state.doing = FLARE

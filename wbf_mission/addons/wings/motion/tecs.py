@@ -4,8 +4,8 @@ Behaviour as published for ``AP_TECS`` (P. Riseborough, 2013; ArduPlane 4.5 to 4
 ``TECS_*``, after A. A. Lambregts, "Vertical flight path and speed control autopilot design using total energy
 principles", AIAA 83-2239. Throttle controls the sum of potential and kinetic energy: feed-forward from the
 wanted rate around TRIM_THROTTLE, damping and an integral. Pitch controls their difference. The controller
-assumes a climb at TECS_CLMB_MAX with full throttle, and a sink at TECS_SINK_MIN without; the airframe may
-differ. All energies are per mass.
+assumes a climb at TECS_CLMB_MAX with full throttle, and a sink at TECS_SINK_MIN without throttle; the
+airframe may differ. All energies are per mass.
 """
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ def _notice_underspeed(state: Record, slowest: float, v: float, stage: float) ->
 
 @compiled(allocates=False)
 def _speed_weight(state: Record, limits: Record, stage: float, portion: float, sinking: bool) -> float:
-    """Return the weight of the airspeed in pitch control, 0 to 2; the height has the rest of 2."""
+    """Return the weight of the airspeed in pitch control, 0 to 2; the height's weight is the rest of 2."""
     if state.underspeed > 0.0 or stage == CLIMB_OUT or sinking:
         return 2.0
     weight = _clip(limits.speed_weight, 0.0, 2.0)
@@ -229,7 +229,7 @@ def control_energy(
         rate = _demand_height(state, limits, stage, target, pitch_min, pitch_max)
     _notice_underspeed(state, slowest, v, stage)
 
-    # Energies, and the unsteady part of their rates.
+    # Energies and their rates; kinetic rates without the part that their filters have followed.
     wanted = state.speed_demand
     kinetic, wanted_kinetic = 0.5 * v * v, 0.5 * wanted * wanted
     potential, wanted_potential = GRAVITY_M_S2 * height, GRAVITY_M_S2 * state.height_demand
@@ -316,7 +316,7 @@ def control_energy(
         state.throttle_floor = min(state.throttle_floor, 0.0) if stage != CLIMB_OUT else throttle_max
     state.throttle_clip = clip
     state.throttle_demand = throttle
-    # Far too low and still losing energy at full throttle: the demanded airspeed is unreachable.
+    # If the vehicle is far too low and still loses energy at full throttle, the airspeed is unreachable.
     losing = potential_rate + kinetic_rate < 0.0
     falls = error > _BAD_DESCENT and losing and throttle >= 0.9 * throttle_max
     stays = state.bad_descent > 0.0 and error > 0.0

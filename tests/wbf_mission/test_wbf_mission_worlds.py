@@ -68,7 +68,7 @@ def test_a_world_counts_by_what_is_in_it(tmp_path):
 
 
 def test_a_world_that_cannot_be_is_told_before_anything_is_flown(capsys, tmp_path):
-    with pytest.raises(EnvironmentDataError, match="world wrong-soil: nothing of tylcv"):
+    with pytest.raises(EnvironmentDataError, match="world wrong-soil: no table for tylcv"):
         resolve(scenario_with(SMALL, {"world": "wrong-soil", "fields": ("tylcv",)}))
     assert main(["fly", "--farm", "miniberry-10", "--world", "nowhere", "--out", str(tmp_path / "r")]) == 2
     assert "unknown world 'nowhere': choose wrong-kernel" in capsys.readouterr().err

@@ -156,7 +156,7 @@ class Detections:
     def segments(
         self, observation: PolicyObservation, terrains: Sequence[Terrain], ahead: Sequence[Segment]
     ) -> list[Segment]:
-        """Return segments around the completed groups of detections."""
+        """Return new segments around the groups of detections that are complete."""
         fields = self._fields(observation)
         seen = observation.observations
         latest, self._known = self._known, len(seen)

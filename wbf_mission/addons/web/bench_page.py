@@ -1,4 +1,4 @@
-"""Report of a benchmark as one HTML file: a table to sort and filter; each row opens to scores by seed.
+"""Report of a benchmark as one HTML file: a table to sort and filter, whose rows open to scores by seed.
 
 Without scripts the page shows the same tables, unsorted.
 """

@@ -32,7 +32,7 @@ NOTHING, FULL = 255, 254
 
 
 class _Layer:
-    """One layer: means float32[pixels along x, y], NaN without a value, and the displayed bytes."""
+    """One layer: means float32[pixels along x, y], NaN where there is none, and the displayed bytes."""
 
     def __init__(self, shape: tuple[int, int], scale: float | None) -> None:
         self.means = np.full(shape, np.nan, np.float32)
@@ -73,7 +73,7 @@ class Layers:
     """Layers over one farm.
 
     `put` is slow and is called by one thread at a time. `draw`, `show` and `scales` are fast and need the
-    lock of the shared layers. Arrays have the farm's cells. A side has at most `longest` pixels.
+    lock of the shared layers. Arrays have a value per cell. A layer has at most `longest` pixels per side.
     """
 
     def __init__(self, farm: Farm, longest: int = LONGEST) -> None:

@@ -56,7 +56,7 @@ def studio_command(
 ) -> None:
     """Plan in the browser: draw a farm, choose, see path and figures at once; save, upload, fly and watch.
 
-    The page is served to this machine only, until Ctrl-C; other options are with what it begins.
+    The page is served to this machine only, until Ctrl-C. Options of the scenario set the first draft.
     """
     import webbrowser
 

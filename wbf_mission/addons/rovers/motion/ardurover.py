@@ -42,15 +42,15 @@ DriveLaw = IntEnum(
     "LATERAL TURN_SPEED "  # Maximum lateral acceleration; speed kept in turns.
     "NEAR "  # Distance within which a stop counts as reached.
     "STEER_ACCELERATION STEER_RATE "  # Limits of the demanded turn rate.
-    "STEER_FF STEER_P STEER_I STEER_IMAX STEER_FILTER "  # Steering controller of the turn rate.
+    "STEER_FF STEER_P STEER_I STEER_IMAX STEER_FILTER "  # Turn rate controller, by steering.
     "SCALE_BASE "  # Speed above which the steering is scaled down.
     "TIGHTEST "  # Turn radius at full steering; 0 for a tracked vehicle.
     "STEER_LAG "  # Filter gain of turns of a tracked vehicle.
     # Turns on the spot (delay in steps); an angle of 0 disables them.
     "ANGLE_P PIVOT_ANGLE PIVOT_RATE PIVOT_DELAY "
-    "DRIVE_BASE DRIVE_P DRIVE_I DRIVE_IMAX DRIVE_FILTER "  # Throttle controller of the speed.
+    "DRIVE_BASE DRIVE_P DRIVE_I DRIVE_IMAX DRIVE_FILTER "  # Speed controller, by throttle.
     "STOP_SPEED "  # Speed below which a stopping vehicle has zero throttle.
-    "TOP_SPEED DRIVE_LAG",  # Speed at full throttle; its filter gain.
+    "TOP_SPEED DRIVE_LAG",  # Speed at full throttle; filter gain of the speed.
     start=len(Law),
 )
 GUIDE, LAW = record_type(Guide, Drive), record_type(Law, DriveLaw)

@@ -85,7 +85,7 @@ class RoverLimits:
 # PX4's simulated rover, and its steering and speed controllers.
 Simulated = IntEnum(
     "Simulated",
-    "THROTTLE_SPEED SPEED_P SPEED_I "  # Throttle controller of the speed, m/s and s/m.
+    "THROTTLE_SPEED SPEED_P SPEED_I "  # Speed controller, by throttle: m/s and s/m.
     "WHEEL_BASE STEER_MAX "  # Metres; maximum wheel angle.
     "STEER_STEP "  # Maximum change of steering per step, as a share of full steering.
     # Gains of the wheel angle over turn rate: feed-forward, s; proportional, s; integral, 1.

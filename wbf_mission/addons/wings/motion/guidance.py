@@ -21,7 +21,7 @@ from wbf_mission.addons.wings.motion import layout as at
 from wbf_mission.addons.wings.motion.tecs import PERIOD_S
 
 NPFG, L1 = 0.0, 1.0
-# Within this margin below the airspeed, NPFG gradually gives up bearings across the wind.
+# If the crosswind is less than this below the airspeed, NPFG fades out the acceleration for curvature.
 AIRSPEED_BUFFER = 1.5
 LEAST_RADIUS_M = 0.5
 _CAPTURE = 0.7071
@@ -116,7 +116,7 @@ def _npfg(
 
 @compiled(allocates=False)
 def _decide(nu: float, state: Record) -> float:
-    """Limit an angle, and keep the turn direction when the goal is behind."""
+    """Limit the angle to the goal, and keep the turn direction while the goal is behind the vehicle."""
     last = state.guidance
     if abs(nu) > _DECIDED and abs(last) > _DECIDED and nu * last < 0.0:
         nu = last

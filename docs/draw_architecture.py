@@ -65,7 +65,7 @@ class Room:
 
 
 def rooms_of(graph: grimp.ImportGraph) -> dict[str, Room]:
-    """All rooms by name; a floor's own modules are the room of the floor's name."""
+    """All rooms by name; the modules directly in a floor form a room with the floor's name."""
     sizes: dict[str, list[int]] = {}
     for module in graph.modules:
         path = ROOT / (module.replace(".", "/") + ".py")

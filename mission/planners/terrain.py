@@ -330,8 +330,8 @@ class Terrain:
     def lengths(self, places_m: Points) -> NDArray[np.float64]:
         """Return the lengths of the shortest paths between positions, float64[n, n].
 
-        The lengths are straight distances between separate parts, and everywhere if the visibility graph
-        would be large.
+        A length is the straight distance if the positions lie in separate parts. All lengths are, if the
+        visibility graph would be too large.
         """
         # Imported here because scipy.sparse is slow to import, and only this method needs it.
         from scipy.sparse import csr_array

@@ -149,7 +149,7 @@ def rehearsed_tracks(
 
 
 def _rehearsed_airs(spec: VehicleSpec, wind: Wind | None, pairs: int, *, estimate_errors: bool) -> list[Air]:
-    """Return the winds to fly in, each with estimate errors or None."""
+    """Return the winds of the flights, each with errors of the position estimate, or None for no errors."""
     winds = rehearsals(wind, pairs)
     if not (estimate_errors and estimate_errs(spec)):
         return [(air, None) for air in winds]

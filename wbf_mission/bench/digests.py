@@ -172,7 +172,7 @@ class _Plain:
         file = None if top in PACKAGES or top in sys.stdlib_module_names else _file_of(module)
         if not is_own(module):
             return [f"{module}.{name}", "" if file is None else _of_file(file)]
-        # A user's file counts by its contents and its neighbours: its module name depends on the folder.
+        # A user's file and its neighbours are covered, not the module's name: it depends on the folder.
         # A script (``__main__``) counts without its neighbours, because it may write files there.
         beside = "" if file is None or module in ("__main__", "__mp_main__") else self._beside(file)
         return [name, "" if file is None else _of_file(file), *([beside] if beside else [])]

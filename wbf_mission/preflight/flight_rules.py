@@ -278,7 +278,7 @@ _COMFORT = 0.1
     Rule("flight", NOTE, "{flight}", measured=rules.LEFT),
 )
 def check_battery(subject: Subject) -> Iterator[Finding]:
-    """Compare the remaining battery at landing with the reserve, and report the flight's use."""
+    """Compare the battery charge at landing with the reserve, and report the charge that the flight uses."""
     prediction, battery = subject.prediction, subject.vehicle.battery
     if prediction is None:
         return

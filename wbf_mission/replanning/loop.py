@@ -175,7 +175,7 @@ class DecisionLoop:
         self._flight = flight
         self._compute_s = compute_s
         self._kept_distance = kept_distance
-        self._asked_s = self._asked_at_s = 0.0  # Last question, by the mission's and by the host's clock
+        self._asked_s = self._asked_at_s = 0.0  # Times of the last question, on both clocks
         self._took_s = 0.0
         self._observations = 0
         self._reached = 0

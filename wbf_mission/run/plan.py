@@ -45,7 +45,7 @@ def plan(scenario: Scenario, *, progress: Progress = silent) -> PlanResult:
 def plan_fleet(
     scenario: Scenario, *, farm: Farm | None = None, progress: Progress = silent
 ) -> tuple[PlanResult, ...]:
-    """Plan for all vehicles of a scenario, in the order of their system ids; errors as of `plan`.
+    """Plan for all vehicles of a scenario, in the order of their system ids; it raises the errors of `plan`.
 
     `farm` is the scenario's farm if it is loaded already. The plans of a policy are its first paths, decided
     without observations.

@@ -40,7 +40,7 @@ class Decider:
     """The planner, policy or mission file that decides the paths."""
 
     policy: Policy  # A `FixedPlan` for a planner, a `KeepPath` for a mission from a file
-    name: str  # What messages call it: ``planner spiral``, ``policy greedy``
+    name: str  # Name in messages: ``planner spiral``, ``policy greedy``
     label: str  # Its name with its parameters
     mission: PlanResult | None = None  # Plan of a mission file; None for a planner or policy
     # Sorties of a mission, in the order of their flights; empty for a mission flown in one sortie

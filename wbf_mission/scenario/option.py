@@ -120,7 +120,7 @@ def option(default: Any, text: str, panel: str, /, **more: Any) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Base of the parts: a frozen dataclass of options that checks its values."""
+    """Base class of a scenario's parts: a frozen dataclass of options that checks its values."""
 
     COMPOUND: ClassVar[tuple[Option, ...]] = ()
 

@@ -208,7 +208,7 @@ class Via:
         """Raise LiveFlightError for more vehicles than this access supports."""
 
     def check(self, scenario: Scenario, vehicle: Vehicle) -> None:
-        """Raise LiveFlightError if a vehicle that was heard cannot fly the scenario by this access."""
+        """Raise LiveFlightError if a discovered vehicle cannot fly the scenario over this kind of link."""
 
 
 def via_named(name: str) -> Via:

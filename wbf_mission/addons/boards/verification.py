@@ -38,7 +38,7 @@ Method = tuple[str, str, str]
 
 @dataclass(frozen=True, slots=True)
 class FlownAgain:
-    """Comparison of a row with its second flight: `EQUAL`, `CLOSE`, `OTHER`, or `ENDLESS` (timeout)."""
+    """Comparison of a row with that of a second flight: `EQUAL`, `CLOSE`, `OTHER`, or `ENDLESS` (timeout)."""
 
     method: Method
     seed: int

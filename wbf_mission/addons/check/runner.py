@@ -193,7 +193,7 @@ def _keep_plans(peer: Peer, stack: ExitStack, warnings: list[str]) -> None:
             try:
                 peer.put_back(plans)
             except TransferError:
-                # The vehicle may still wait for an upload that a check left open, until its timer expires.
+                # The vehicle waits for an upload that a check left open until the vehicle's timer expires.
                 peer.sleep(peer.profile.abort_s + 1.0)
                 peer.put_back(plans)
         except TransferError as error:

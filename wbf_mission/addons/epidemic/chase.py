@@ -33,7 +33,7 @@ def chasing_path(begun: Cells, sick: NDArray[np.bool_], longest: int, rng: Gener
     stride = int(rng.integers(3, 13))
     decisions = -(-(longest - count) // stride)
     draws = rng.random((max(decisions, 1), _CANDIDATES + _NEAR_SICK, 2))
-    # Unrelated attractive spots stand for the other diseases, which attract the drone, too.
+    # The other diseases attract the drone, too: random spots of higher value stand for them.
     worth = np.full(sick.shape, 1.0)
     attraction = float(10.0 ** rng.uniform(0.3, 1.7))
     for spot in rng.random((int(rng.integers(0, 4)), 2)):

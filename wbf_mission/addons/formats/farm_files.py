@@ -298,7 +298,7 @@ def _as_written(wkb: bytes, at: int) -> tuple[dict[str, Any], int]:
 def _coordinates(
     own: str | None, given: str | None, shapes: NDArray[Any], name: str, document: Document
 ) -> Coordinates | None:
-    # GeoPackages without a coordinate system name a local coordinate system.
+    # A GeoPackage without a coordinate system declares a local one.
     if own and not own.startswith(("LOCAL_CS", "ENGCRS")):
         if given is not None:
             raise FarmError(f"has a coordinate system of its own; leave out that it is {given!r:.60}")

@@ -47,7 +47,7 @@ def risen_fraction(before: float | None, lowest: float | None) -> float | None:
 class BatteryWait:
     """Waits for a vehicle's battery change before its next sortie."""
 
-    needs: float | None  # Required reading of the battery; None for an endless battery
+    needs: float | None  # Least battery reading for the next sortie; None for an endless battery
     # Called every half second: True once the operator has changed the battery, False to end the mission, None
     # before an answer. Without an operator the reading decides.
     asks: Callable[[], bool | None] | None

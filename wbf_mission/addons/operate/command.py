@@ -153,7 +153,7 @@ def _named(heard: Contact) -> tuple[str, str]:
 
 
 class _Printer:
-    """Printer of a watched fleet: one header, then a line for each vehicle and report, and its texts.
+    """Printer of a watched fleet: one header, then a line for each report of a vehicle, and its texts.
 
     A repeated text is printed at most every 30 s, with the number of times.
     """

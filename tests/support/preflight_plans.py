@@ -76,7 +76,16 @@ def checked(mission, *, vehicle="quad", autopilot="px4", wind=0.0, gust=0.0, tur
     return check_mission(mission, Circumstances(options, weather, **more))
 
 
-@cache
 def findings(mission, **more):
-    """The findings by their codes, computed once for the same plan and circumstances."""
+    """The findings by their codes, computed once for the same plan and circumstances.
+
+    A vehicle's snapshot has no hash, so a check against it is made each time.
+    """
+    return (_findings if "snapshot" in more else _kept_findings)(mission, **more)
+
+
+def _findings(mission, **more):
     return {one.code: one for one in checked(mission, **more).report.findings}
+
+
+_kept_findings = cache(_findings)

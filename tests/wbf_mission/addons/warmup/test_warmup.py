@@ -16,7 +16,7 @@ from sensors.scoring.information import InformationModel
 from wbf_mission.addons.warmup.command import fly_all
 from wbf_mission.events import DayBegun, Estimated, RunBegun
 from wbf_mission.addons.rl.vector_env import SurveyVectorEnv
-from wbf_mission.addons.rl import warm_up as training
+from wbf_mission.addons.rl import vector_env as training
 from wbf_mission.addons.web import layers
 from wbf_mission.addons.web.view import View
 

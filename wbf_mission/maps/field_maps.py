@@ -53,11 +53,11 @@ class _FieldCells:
             mask[self._seen(columns)] = True
         return mask
 
-    def unseen(self, columns: slice) -> NDArray[np.bool_]:
-        """Return a new mask of those without an observation."""
-        mask = self.mask(columns)
-        mask[self._seen(columns)] = False
-        return mask
+    def unseen(self, mask: NDArray[np.bool_], columns: slice) -> NDArray[np.bool_]:
+        """Return a new mask, `mask` of these columns without the observed cells."""
+        unseen = mask.copy()
+        unseen[self._seen(columns)] = False
+        return unseen
 
     def _seen(self, columns: slice) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         within = (self.seen_x >= columns.start) & (self.seen_x < columns.stop)
@@ -242,9 +242,9 @@ def _from_probabilities(
 
     def expected(columns: slice, strip: MapGrid) -> tuple[Floats, Floats]:
         (healthy, *_) = model.probabilities_in(model.fields[k], columns)
-        sick.append(1.0 - healthy[cells.unseen(columns)])
-        counted.append(np.unique(sick[-1], return_counts=True))
         mask = cells.mask(columns)
+        sick.append(1.0 - healthy[cells.unseen(mask, columns)])
+        counted.append(np.unique(sick[-1], return_counts=True))
         return pixel_sums(strip, mask, healthy)[0], pixel_sums(strip, mask, model.value[k, columns])[1]
 
     sums, least = _by_strips(grid, expected)
@@ -252,7 +252,7 @@ def _from_probabilities(
     of_strips = iter(sick)
 
     def suspected(columns: slice, strip: MapGrid) -> tuple[Floats, Floats]:
-        may_be = cells.unseen(columns)
+        may_be = cells.unseen(cells.mask(columns), columns)
         may_be[may_be] = next(of_strips) >= least_sick_unseen
         return pixel_sums(strip, may_be, model.value[k, columns])
 

@@ -109,7 +109,7 @@ def _require_bounded(path: Path, metadata: Any) -> None:
 
 
 SUFFIX = ".zarr.zip"
-_CHUNK_CELLS = 1_000_000  # 4 MB, of which several copies exist while a chunk is packed
+_CHUNK_CELLS = 1_000_000  # 4 MB; several copies of a chunk exist while it is packed
 _DIMENSIONS = ("day", "field", "x", "y")
 
 

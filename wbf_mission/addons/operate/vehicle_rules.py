@@ -257,7 +257,8 @@ def check_motion_settings(subject: Subject, snapshot: VehicleSnapshot) -> Iterat
     """Find speeds and acceptance radius that differ from the plans' assumptions."""
     items, legs = subject.items, legs_of(subject)
     orders = [k for k, item in enumerate(items) if item.command == Command.DO_CHANGE_SPEED]
-    if any(leg.item < min(orders, default=math.inf) and leg.length_m > 1.0 for leg in legs):
+    first_order = min(orders, default=math.inf)
+    if any(leg.item < first_order and leg.length_m > 1.0 for leg in legs):
         yield from _other(subject, snapshot, "other-speed")
     fastest = snapshot.told(Meaning.FASTEST)
     wanted = max((leg.speed_m_s for leg in legs), default=0.0)

@@ -169,7 +169,7 @@ def test_code_that_ends_its_process_is_a_failure_of_its_runs(tmp_path, code, cap
 
 
 SLEEPS = "        import time; time.sleep(2.0)"
-# The answers go over descriptor 3 or higher; a message begins with its length, of which only a part comes.
+# The answers go over descriptor 3 or higher. A message begins with its length; only half of that comes here.
 STALLS = """        import glob, os, stat, time
         for name in glob.glob("/proc/self/fd/*"):
             number = int(name.rsplit("/", 1)[1])

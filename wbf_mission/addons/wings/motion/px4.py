@@ -121,7 +121,7 @@ def _approach(state: Record, row: Record, limits: Record) -> float:
         # The line continues below the ground, to avoid slowing down before the flare.
         height = min(slope * to_go, max(state.begin_z, 0.0))
     else:
-        # Circular descent: demand a height so far below the vehicle that it sinks at the slope's rate.
+        # Circular descent: the demanded height is below the vehicle, so that it sinks at the slope's rate.
         height = state.position_z - row.slope * ground_speed(state) * limits.height_s
     if state.position_z <= max(limits.flare_height, limits.flare_s * max(-state.velocity_z, 0.0)):
         state.doing = FLARE

@@ -15,6 +15,7 @@ from preflight_plans import (
     fenced,
     findings,
     good,
+    speed,
     takeoff,
 )
 
@@ -238,6 +239,11 @@ def test_no_less_than_nothing_is_left_in_an_empty_battery():
 def test_the_vehicles_own_reasons_are_told():
     ill = vehicle(sensors_health=SENSORS & ~(1 << 28), reasons=("GPS 1: Bad fix", "Battery low"))
     assert "GPS 1: Bad fix, Battery low" in findings(good(), snapshot=ill)["not-ready"].text
+
+
+def test_a_second_order_of_speed_leaves_no_leg_to_the_vehicles_own_speed():
+    mission = good(at(40, 0), speed(4.0), at(0, 40))
+    assert "other-speed" not in findings(mission, snapshot=px4(MPC_XY_CRUISE=8.0))
 
 
 def test_names_of_newer_versions_count_first():

@@ -178,4 +178,4 @@ def test_what_is_left_out_of_a_farm_is_told(name, folder, capsys):
     assert main(words(name, folder / "fields.geojsonl", folder)) in (0, 1, 3)
     told = capsys.readouterr().err
     assert "1 left out, points that are neither home nor rally: Silo" in told
-    assert "feature 1 ('patch 1'): a ring was open, closed over " in told
+    assert "feature 1 ('patch 1'): an open ring was closed over " in told

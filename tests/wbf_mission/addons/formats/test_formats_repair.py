@@ -174,7 +174,7 @@ def test_a_ring_is_closed_or_refused_by_what_it_lacks(
         path = write(Path(folder), field(given_ring))
         if not closed_end and gap_m > 2 * side_m:
             with pytest.raises(
-                FarmError, match=r"a ring is open over .* part of it is missing; draw it anew"
+                FarmError, match=r"a ring is open over .* part of the ring is missing; draw it anew"
             ):
                 load_farm(path)
             return

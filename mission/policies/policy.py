@@ -222,7 +222,7 @@ def make_policy(policy: str | Policy, /, **parameters: Any) -> Policy:
             raise PlanningError(msg)
         if parameters:
             msg = (
-                f"parameter {sorted(parameters)[0]!r}: a policy that is an object has its parameters already"
+                f"parameter {sorted(parameters)[0]!r}: a policy object already has its parameters"
             )
             raise ParameterError(msg)
         return policy

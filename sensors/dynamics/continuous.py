@@ -243,8 +243,7 @@ class SmoothParameters(ContinuousDynamics):
 
 
 def _weights(width: float) -> NDArray[np.float64]:
-    """Return the weights of a smoothing Gaussian along an axis; `width` is the standard deviation in
-    cells."""
+    """Return the weights of a smoothing Gaussian along an axis; `width` is its deviation in cells."""
     reach = int(_TRUNCATED_AT * width + 0.5)
     weights: NDArray[np.float64] = exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
     weights /= weights.sum()

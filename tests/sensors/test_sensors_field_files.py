@@ -174,7 +174,7 @@ def test_packages_register_fields(monkeypatch: pytest.MonkeyPatch) -> None:
     assert field_names() == ("tylcv", "ccr", "soil", "rust")
     for points, message in (
         ([point("rust", "sensors.no_such:RUST")], "cannot be loaded"),
-        ([point("rust", "sensors.field_files:field_names")], "not a sensors.fields.Field of this name"),
+        ([point("rust", "sensors.field_files:field_names")], "not a sensors.fields.Field with this name"),
         ([point("rust", here), point("rust", "another:RUST")], "registered twice"),
         ([], "no field 'rust', expected one of tylcv, ccr, soil"),
     ):

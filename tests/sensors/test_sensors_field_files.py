@@ -114,7 +114,7 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
         ({"kind": "disease"}, "likelihood is missing"),
         ({"crops": []}, "crops empty"),
         ({"crops": ["Maize!"]}, "crop .Maize!. is no name of a crop; names of crops are up to 40"),
-        ({"crops": ["tomato", "tomato"]}, "and each once"),
+        ({"crops": ["tomato", "tomato"]}, "crops, each once"),
         ({"default": 2.0}, "default 2 is not in 0..1"),
         ({"default": float("nan")}, "default nan"),
         ({"weight": -1.0}, "weight -1.0"),

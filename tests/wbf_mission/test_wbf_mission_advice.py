@@ -134,7 +134,7 @@ def test_preflight_checks_the_plan_of_plan_over_the_same_farm(crop, folder, caps
 def test_how_a_farm_is_read_needs_one(name, how, folder, capsys):
     rest = [one.format(folder=folder) for one in READERS[name]]
     assert main([name, *rest, *how]) == 2
-    assert f"error: {how[0]} has an effect only with --farm: give that, too" in capsys.readouterr().err
+    assert f"error: {how[0]} has an effect only with --farm: give --farm, too" in capsys.readouterr().err
 
 
 def texts_of(module):

@@ -68,7 +68,7 @@ def test_bench_run_flies_a_family(capsys, tmp_path):
     assert main(["bench", "run", "--family", "smoth", *few]) == 2
     assert "unknown family 'smoth': give one of own, worlds, smooth" in capsys.readouterr().err
     assert main(["bench", "run", str(tmp_path / "a.toml"), "--family", "smooth", *few]) == 2
-    assert "give one of them" in capsys.readouterr().err
+    assert "give only one of the two" in capsys.readouterr().err
 
 
 def test_an_unknown_family_is_told():

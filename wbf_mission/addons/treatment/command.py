@@ -224,7 +224,7 @@ def _check_next(
         idle = [key for key in _OF_NEXT if key in given.changes]
         if idle:
             flag = options.flag_of(idle[0])
-            raise ScenarioError(f"{flag} has an effect only with --next: give that, too, or leave it out")
+            raise ScenarioError(f"{flag} has an effect only with --next: give --next, too, or leave it out")
         return
     from mission.files import writer_for
 

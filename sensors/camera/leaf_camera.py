@@ -235,8 +235,7 @@ def ground_offset(quaternion: Sequence[float], height_m: float) -> tuple[float, 
     """Return the east and north offset (m) of the point where the optical axis meets flat ground.
 
     The distance is the height times the tangent of the axis's angle from straight down. Beyond 10 km
-    (ArduPilot's ``AP_MOUNT_POI_DIST_M_MAX``), or if the axis does not point down, both offsets are
-    `NOWHERE_M`.
+    (ArduPilot's ``AP_MOUNT_POI_DIST_M_MAX``), or unless the axis points down, both are `NOWHERE_M`.
 
     The quaternion (w, x, y, z) is from CAMERA_IMAGE_CAPTURED; it turns the forward axis into the optical
     axis. A quaternion that is no rotation (zeros, NaN) means straight down.

@@ -134,17 +134,14 @@ class _DailyCourse:
 class Measured(ContinuousDynamics):
     """Prior of a field that is only measured: without a model, the field cannot be simulated.
 
-    Values are normally distributed about the mean of the readings. Readings of earlier days count as much as
-    readings of the present day.
+    Values are normally distributed about the mean of the readings. Readings of all days count equally.
 
     Parameters
     ----------
     correlation_length_m : float
-        Lengthscale of the squared exponential kernel, metres. At this distance the correlation is 0.61,
-        ``exp(-1/2)``.
+        Lengthscale of the squared exponential kernel, metres. The correlation at this distance is 0.61.
     spread : float
-        Standard deviation of the latent function (the field without noise), as a fraction of the field's
-        range.
+        Standard deviation of the latent function (field without noise), as a fraction of the range.
     noise : float
         Standard deviation of a cell's value from the latent function, as a fraction of the field's range.
 

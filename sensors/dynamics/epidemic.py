@@ -166,8 +166,7 @@ class EpidemicParameters:
     def on_window(self, shape: tuple[int, int], seeds: int) -> EpidemicParameters:
         """Return the parameters for simulating only a window of a farm of this shape (cells).
 
-        The kernel keeps the size that it has on the farm, as the default size for the window's width may be
-        smaller.
+        The kernel keeps the farm's size, as the default size for the window's width may be smaller.
 
         >>> TYLCV.on_window((100, 100), seeds=2).kernel_size
         5
@@ -234,8 +233,7 @@ def draw_seeds(
     """Draw the seeds, the cells infected on day 0, as ascending flat indices in C order.
 
     Seeds are uniform over the susceptible cells. With `spread_cells`, only the first seed is uniform, and the
-    other seeds are normally distributed about the first. Seeds may coincide, which gives fewer than `count`
-    cells.
+    other seeds are normally distributed about the first. Seeds that coincide are one cell.
     """
     if spread_cells is not None:
         return _draw_cluster(susceptible, count, rng, spread_cells)
@@ -343,8 +341,8 @@ class Outbreak:
     ----------
     together : float
         Sum of the squared sizes of outbreaks divided by the sum of the sizes, in sick plants. If outbreaks
-        start at random points and do not meet, this is the ratio of the variance to the mean of a farm's
-        number of sick plants.
+        start at random points and do not meet, this is the ratio of variance to mean of the number of sick
+        plants.
     illness : float
         Mean of (1 - value) over all sick plants.
     """

@@ -3,8 +3,7 @@
 The calibration is measured on relevant cells that were not observed.
 
 For a disease, the calibration of the probability that a plant is sick is measured. This is the class
-probability or, if the estimate has no classes, follows from a normal distribution with its value and
-deviation.
+probability or, without classes, that of a normal distribution with the value and deviation.
 
 - The Brier score is the mean squared error of the probability (Brier 1950).
 - The log loss is the mean negative log likelihood.
@@ -90,8 +89,7 @@ def calibration(
     fields : FieldSet
         The fields, in the order of the arrays.
     states_deviation : bool
-        Whether the model's uncertainty is a standard deviation. If not, only diseases that have class
-        probabilities are measured.
+        Whether the uncertainty is a standard deviation. If not, only diseases with class probabilities count.
 
     Returns
     -------

@@ -168,9 +168,7 @@ def run_command(
     ] = None,
     sealed: Annotated[
         Path | None,
-        option(
-            "File with a round's secret ('bench seal'), to fly the round's environments.", panel=RUN_PANEL
-        ),
+        option("Secret file of a round ('bench seal'), to fly its environments.", panel=RUN_PANEL),
     ] = None,
     selected: dict[str, Any],
     flying: Flying,

@@ -80,10 +80,7 @@ _READERS: Mapping[Any, Reader[Any]] = {int: _reader(parse_whole), float: number}
 Jobs = Annotated[
     int,
     option(
-        "Number of parallel processes; -1 is one per core.",
-        parser=whole_number_in(-1, 1024),
-        min=-1,
-        max=1024,
+        "Number of processes; -1 uses one for each core.", parser=whole_number_in(-1, 1024), min=-1, max=1024
     ),
 ]
 

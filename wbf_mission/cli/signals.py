@@ -21,8 +21,7 @@ def install() -> None:
     """Make the signals raise KeyboardInterrupt in the main thread.
 
     After the first signal, a command closes its files and prints its results. The second signal stops this
-    work too, and the third ends the process at once. A signal within a second of another is ignored as a
-    repeat.
+    work too, and the third ends the process at once. A signal within a second of another is ignored.
     """
     _received.clear()
     _repeats[0] = Repeats()

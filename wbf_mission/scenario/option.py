@@ -1,8 +1,7 @@
 """The definition of an option of a run, kept in the metadata of a dataclass field.
 
 A part of a scenario is a frozen dataclass whose fields are made by `option`. The part checks values against
-the fields' definitions. Scenario files and the command line (`wbf_mission.cli.options`) use the same
-definitions.
+the fields' definitions. Scenario files and the command line (`wbf_mission.cli.options`) use them too.
 """
 
 from __future__ import annotations

@@ -292,7 +292,7 @@ class VehicleOptions(Part):
     )
     autopilot: str = option(
         DEFAULT_AUTOPILOT,
-        "Autopilot to simulate; a list gives each vehicle its autopilot",
+        "Autopilot to simulate; a list gives one per vehicle",
         VEHICLE,
         choices=autopilot_names(),
         kind="autopilot",

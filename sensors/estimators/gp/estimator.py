@@ -85,8 +85,7 @@ class GaussianProcessEstimator(BaseEstimator):
     optimise : bool
         Whether to learn mean and kernel; if False, `prior_mean` and `kernel` are used.
     length_bounds, noise_bounds, amplitude_bounds : tuple of two floats
-        Bounds for the fit to observations: lengthscales (cells), variances of noise and of the latent
-        function.
+        Bounds for the fit to observations: lengthscales (cells), variances of noise and latent function.
     clip : bool
         Whether to clip means to 0..1, the range of every field.
     states : {"classes", "mean"}

@@ -232,8 +232,7 @@ def _read_layer(
     if geometries is None or not len(geometries):
         return
     if len(document.entries) + len(geometries) > MAX_FEATURES:
-        msg = f"{where or 'it '}has more than {MAX_FEATURES} features; take only the features of one farm"
-        raise FarmError(msg)
+        raise FarmError(f"{where or 'it '}has more than {MAX_FEATURES} features; leave out other farms")
     shapes = shapely.from_wkb(geometries, on_invalid="fix")
     if int(shapely.get_num_coordinates(shapes).sum()) > MAX_VERTICES:
         raise FarmError(f"{where}has more than {MAX_VERTICES} vertices; simplify the polygons")

@@ -207,7 +207,7 @@ def made_by_one(path: Path) -> Iterator[None]:
         yield
 
 
-_LONGEST_NAME = 240  # Leaves room for the suffixes of hidden folders within 255 bytes
+_LONGEST_NAME = 240  # Longer names leave no room for suffixes within 255 bytes
 
 
 class FolderError(WbfMissionError, ValueError):
@@ -311,7 +311,7 @@ class AtomicFolder:
         self._held.close()
 
     def commit(self, filled: Path | None = None) -> None:
-        """Replace the content by that of the folder `filled`, on the same disk (default: `self.filled`)."""
+        """Replace the content with the entries of `filled`, on the same disk (default: `self.filled`)."""
         filled = filled or self.filled
         for entry in filled.iterdir():
             to_disk(entry)

@@ -28,7 +28,7 @@ _IMPORT = re.compile(
     r"^(?:from[ ]+([\w.]+)[ ]+import[ ]+(\([^)]*\)|[^\n]*)|import[ ]+([\w.]+))", re.MULTILINE
 )
 
-_VERSIONS_KEPT = 8  # Cached versions per module; a git branch checked out again finds its own
+_VERSIONS_KEPT = 8  # Versions cached per module, for git branches that are checked out again
 
 _INTERNALS = {
     "numba.core.caching": "_CacheLocator CompileResultCacheImpl._locator_classes FunctionCache._impl_class "
@@ -108,7 +108,7 @@ def compiled(
     if dispatcher is not function and _is_known_inside():
         _set_up()
         _without_literals(dispatcher)
-        # numba's ``enable_caching`` sets the same attribute.
+        # numba's ``enable_caching`` would set this attribute to the cache class of numba.
         dispatcher._cache = _cache_class()(function)
         _one_process_at_a_time(dispatcher)
     return dispatcher
@@ -141,7 +141,7 @@ def _one_process_at_a_time(dispatcher: Any) -> None:
 
     def compile_alone(signature: Any) -> Any:
         with own_lock:
-            if running:  # A recursive call with other types
+            if running:  # The function calls itself with other types
                 return compile_it(signature)
             running.append(signature)
             try:

@@ -33,7 +33,7 @@ _CYTHON = frozenset({".pyx", ".pxi", ".pxd"})
 
 @cache
 def is_users_file(file: str) -> bool:
-    """Return whether a source file is the user's, not this project's, an installed package's or Python's."""
+    """Return whether a source file belongs to the user, not to this project, a package or Python."""
     path = Path(file).absolute()
     if file.startswith("<frozen") or {"site-packages", "dist-packages"} & set(path.parts):
         return False

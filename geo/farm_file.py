@@ -35,17 +35,17 @@ from geo.imports import entry_points, load_named
 from geo.texts import FOOT_M, one_line
 
 FORMATS_GROUP = "wbf_mission.farm_formats"
-"""Group of entry points, each named by a file suffix without the dot. The function reads a farm file, given a
-path, a layer or None and a coordinate system or None, and returns a `geo.features.Document`."""
+"""Group of entry points, each named by a file suffix without the dot. Its function takes a path, an optional
+layer and an optional coordinate system, and returns a `geo.features.Document`."""
 REPAIRS_GROUP = "wbf_mission.farm_repairs"
 """Group of entry points. ``mended`` returns the repaired parts of a feature and adds notes on the repair."""
 _GEOJSON = (".geojson", ".json", ".geojsonl", ".geojsons", ".ndjson", ".jsonl")
-_ADDED = (".kml", ".kmz", ".shp", ".zip", ".gpkg", ".gpx", ".poly")  # By the add-on `formats`
+_ADDED = (".kml", ".kmz", ".shp", ".zip", ".gpkg", ".gpx", ".poly")  # The add-on `formats` reads these
 _MAX_RALLY = 100
 _MAX_RASTER_STEPS = 20_000_000  # Painting more crossings of edges and cell columns takes minutes.
 _MAX_GAP = 2.0  # A ring's closing side may be at most twice as long as its longest side.
 _MAX_SPAN_M = 20_000.0  # Features farther apart are of several farms or have wrong coordinates.
-_SENSIBLE_CELLS = 4_000_000  # Farms above this get larger cells, unless the file gives the size.
+_SENSIBLE_CELLS = 4_000_000  # Farms with more cells get larger cells, unless the file gives the size.
 _ROUND_CELLS_M = (FOOT_M, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 _MIN_CELL_M = 0.01
 _MAX_CELL_M = 1000.0
@@ -115,7 +115,7 @@ def farm_suffixes() -> tuple[str, ...]:
 
 
 def split_layer(text: str) -> tuple[Path, str | None]:
-    """Split QGIS's ``FILE|layername=LAYER`` into file and layer; the layer is None if `text` names none.
+    """Split QGIS's ``FILE|layername=LAYER`` into file and layer; without a layer, None.
 
     >>> split_layer("farm.gpkg|layername=fields 2026"), split_layer("farm.gpkg")
     ((PosixPath('farm.gpkg'), 'fields 2026'), (PosixPath('farm.gpkg'), None))
@@ -182,8 +182,8 @@ def _farm_of(document: Document, default_name: str, crop: str | None, *, repair:
 def _closed(feature: Feature, notes: list[str]) -> Feature:
     """Return a feature with closed rings; raise FarmError if part of a ring is missing.
 
-    Many programs (DJI Pilot 2, scripts) leave out the last position, which repeats the first. A ring whose
-    closing side would be more than twice as long as its longest side lacks a part.
+    Many programs (DJI Pilot 2, scripts) leave out the last position, which repeats the first. A part is
+    missing if the side that closes a ring is more than twice as long as the ring's longest side.
     """
     if all(np.array_equal(ring[0], ring[-1]) for ring in feature.rings):
         return feature
@@ -236,15 +236,15 @@ def _contents(document: Document, *, repair: bool) -> tuple[list[Feature], list[
 
 
 def _completed(features: list[Feature], crop: str | None, notes: list[str]) -> list[Feature]:
-    """Fill in the default crop or owner if no patch names any; raise FarmError if only some patches do."""
+    """Fill in a crop or owner that no patch names; raise FarmError if only some patches name it."""
     patches = [feature for feature in features if not feature.obstacle]
     given = {"crop": crop, "owner": None}
     for key, default in (("crop", DEFAULT_CROP), ("owner", DEFAULT_OWNER)):
         without = [feature for feature in patches if getattr(feature, key) is None]
         if given[key] is None and 0 < len(without) < len(patches):
-            advice = ", or name the crop of those that have none with --crop" if key == "crop" else ""
+            advice = ", or give --crop for patches without a crop" if key == "crop" else ""
             raise FarmError(
-                f'{without[0].where}: property "{key}" is missing; give one to each patch{advice}'
+                f'{without[0].where}: property "{key}" is missing; give each patch its {key}{advice}'
             )
         if given[key] is None and without:
             given[key] = default
@@ -359,7 +359,7 @@ def _frame(document: Document, patches: list[Feature]) -> tuple[LocalFrame, bool
         return frame, True
     points = np.concatenate([patch.rings[0] for patch in patches])
     frame = LocalFrame(float(points[0, 1]), float(points[0, 0]), altitude_m, rotation_deg)
-    # The corner and the direction of north depend on each other (meridian convergence): iterate.
+    # Iterations are needed, as corner and direction of north depend on each other (meridian convergence).
     for _ in range(4):
         x_m, y_m = frame.from_wgs84(points[:, 1], points[:, 0])
         latitude_deg, longitude_deg = frame.to_wgs84(float(x_m.min()), float(y_m.min()))

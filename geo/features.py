@@ -38,7 +38,7 @@ ATTRIBUTES: Mapping[str, tuple[str, ...]] = {
     "height_m": ("height_m", "height"),
     "margin_m": ("margin_m", "margin"),
 }
-"""Names that other files use for each property of a farm file, the preferred name first, in any case."""
+"""Names of each property in other files, in order of preference; upper and lower case are equal."""
 LATITUDES = ("latitude", "lat", "latitude_deg", "lat_deg", "gps_latitude", "gpslatitude", "gps_lat")
 LONGITUDES = (
     *("longitude", "lon", "lng", "long", "longitude_deg", "lon_deg", "gps_longitude", "gpslongitude"),
@@ -85,7 +85,7 @@ def farm_properties(properties: Mapping[str, Any], *, literal: bool) -> dict[str
     """Return the non-empty properties of a feature under the names that farm files use.
 
     Values are converted, because other formats have no booleans and write numbers as text. With `literal`, a
-    property whose name is already that of farm files keeps its value.
+    property that already has the name used in farm files keeps its value.
 
     >>> farm_properties({"CROP_NAME": "Maize (silage)", "Height": "6.5", "id": 4}, literal=True)
     {'crop': 'maize silage', 'height_m': 6.5}
@@ -132,7 +132,7 @@ def crop_of(text: str) -> str:
 class Entry:
     """A feature as read from a file, not yet checked."""
 
-    number: int  # Count within the layer, from 1.
+    number: int  # Number of the feature within its layer, from 1.
     properties: dict[str, Any]
     geometry: object  # GeoJSON geometry; None if the feature has no geometry.
     crs: Coordinates | None = None  # Coordinate system; None is WGS 84.
@@ -258,7 +258,7 @@ def _members(geometry: dict[str, Any]) -> list[dict[str, Any]] | None:
 
 
 def _no_area(geometry: dict[str, Any]) -> str:
-    """Return the reason to leave out a geometry: it has no area. Empty for polygons and invalid geometry."""
+    """Return the reason to leave out a geometry that has no area; empty for other and invalid geometry."""
     inner = _members(geometry)
     if inner is not None:
         reasons = [_NO_AREA.get(str(member.get("type")), "") for member in inner]

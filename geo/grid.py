@@ -98,15 +98,15 @@ class FarmGrid:
 
     @property
     def further_crops(self) -> str:
-        """Names of the crops that only this farm has and not the benchmark, as one text for digests."""
+        """Names of this farm's crops that are not in the benchmark, as one text for digests."""
         return "".join(f"{name};" for name in self.crops[len(Crop) :])
 
     def of_crops(self, names: Iterable[str], where: Any = ...) -> NDArray[np.bool_]:
-        """Return a new mask, bool[W, H] or the part `where` of it, of cells of any owner with these crops."""
+        """Return a new mask of cells with these crops, of any owner, as bool[W, H] or its part `where`."""
         crop = self.crop[where]
         mask = np.zeros(crop.shape, np.bool_)
         numbers = [self.crops.index(name) for name in names if name in self.crops]
-        # np.isin would take eight bytes per cell. A strip of rows at a time stays in the processor's cache.
+        # np.isin would take eight bytes per cell. Strips of rows stay in the processor's cache.
         rows = max(1, _CELLS_AT_ONCE * len(crop) // max(1, crop.size))
         for first in range(0, len(crop), rows):
             part = slice(first, first + rows)

@@ -5,7 +5,7 @@ The name is followed by a colon and by ``key=value`` pairs with commas between t
 - a number: ``3``, ``0.3``, ``-1e-3``;
 - ``true``, ``false`` or ``none``;
 - a list of values in brackets, ``[1, 10]``, which becomes a tuple;
-- any other text. It needs double quotes if it has a comma or bracket, or looks like one of the above.
+- any other text, with double quotes if the text has a comma or bracket or looks like a value above.
 """
 
 from __future__ import annotations

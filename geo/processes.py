@@ -47,7 +47,7 @@ class Repeats:
 
 
 def ignore_interrupts() -> None:
-    """Ignore interrupts in a worker process: each process of a command gets them, the parent handles them."""
+    """Ignore interrupts in a worker process: all processes get them, and the parent handles them."""
     for number in INTERRUPTS:
         signal.signal(number, signal.SIG_IGN)
 
@@ -119,7 +119,7 @@ def interrupts_held() -> Iterator[None]:
         with interrupts_noted():
             yield
         return
-    # Otherwise the resource tracker starts with the first worker and unblocks the signals.
+    # The resource tracker is started now; if the first worker started it, it would unblock the signals.
     resource_tracker.ensure_running()
     # The mask applies only to this thread and processes that it starts; another thread may get the signal.
     with interrupts_noted():

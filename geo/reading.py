@@ -84,7 +84,7 @@ _SYNTAX = {
     "trailing comma in object": "a comma stands before a closing brace",
     "trailing comma in array": "a comma stands before a closing bracket",
     "object keys must be strings": "a name has to stand in double quotes",
-    "invalid escape character in string": "a backslash stands before a character that takes none",
+    "invalid escape character in string": "a backslash stands before a character that cannot follow it",
     "invalid number": "JSON has no such number",
 }
 
@@ -194,7 +194,7 @@ def not_toml(error: tomllib.TOMLDecodeError) -> str:
 
 
 def _in_words(text: str) -> str:
-    """Return a message of msgspec, which does not name the place, as readable text."""
+    """Return a message of msgspec, from which the place is cut off, as readable text."""
     if found := re.fullmatch(r"Object missing required field `(.*)`", text):
         return f"{found[1]} is missing"
     if found := re.fullmatch(r"Object contains unknown field `(.*)`", text):

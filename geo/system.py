@@ -75,7 +75,7 @@ def use_memory_again() -> None:
     _call_c(
         "mallopt",
         (-8, 2),  # M_ARENA_MAX: threads share two arenas; each arena keeps its freed memory.
-        (-3, 32 * 2**20),  # M_MMAP_THRESHOLD: chunks of maps are below this largest allowed value.
+        (-3, 32 * 2**20),  # M_MMAP_THRESHOLD: this is the largest value; chunks of maps are smaller.
         (-1, 2**31 - 1),  # M_TRIM_THRESHOLD: freed memory is not returned.
     )
 
@@ -235,7 +235,7 @@ def _address_space() -> Iterator[AvailableMemory]:
 
 
 def _address_space_taken() -> int | None:
-    """Return the size of this process's address space (bytes); None if unknown or not limitable."""
+    """Return the bytes of this process's address space; None if it is unknown or cannot be limited."""
     import psutil
 
     with contextlib.suppress(OSError, psutil.Error):  # /proc may not be mounted

@@ -1,4 +1,4 @@
-"""Functions to escape untrusted text, parse numbers strictly and format times and lengths; the foot."""
+"""Functions that escape text, parse numbers and format times and lengths; also the length of a foot."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ class RunEstimate:
 
     The estimator learns the observations between two scored times together, in the order in which they were
     added. The results depend neither on the speed of the threads nor on the parts in which observations
-    arrive. If the estimator fails, the next call raises the error. The caller ends the thread with `close`.
+    arrive. If the estimator fails, a later call raises the error. The caller ends the thread with `close`.
 
     The estimate is scored after each `every` observations of a flight and at the flight's end, and on later
     days also before the first observation. If a flight is cancelled, `hold` scores the present estimate as

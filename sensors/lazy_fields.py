@@ -67,7 +67,7 @@ class LazyFields(NDArrayOperatorsMixin):
         return getattr(ufunc, method)(*arrays, **kwargs)
 
     def __getattr__(self, name: str) -> Any:
-        # Other attributes of an array, such as mean(), are those of the array that is read
+        # Any other attribute, such as mean(), is taken from the array that is read
         if name.startswith("_"):
             raise AttributeError(name)
         return getattr(np.asarray(self), name)

@@ -160,8 +160,8 @@ class Observations:
     def save(self, path: str | Path) -> None:
         """Write a `.parquet` or `.csv` file atomically.
 
-        The columns are x, y, time_s, day and, named after it, a column for each field. The value of a field
-        that was not sensed is null (in CSV: empty).
+        The columns are x, y, time_s, day and a column for each field, which has the field's name. The value
+        of a field that was not sensed is null (in CSV: empty).
         """
         path = Path(path)
         save, _ = _format_of(path)

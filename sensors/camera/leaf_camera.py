@@ -20,7 +20,7 @@ HEALTHY = 1.0
 INFECTED = 0.5
 MAX_FOOTPRINT_CELLS = 64
 NOWHERE_M = 1e7
-"""East and north offset given to an image that shows no ground: so far away is no farm."""
+"""East and north offset given to an image that shows no ground; no farm reaches as far as this."""
 MOST_READINGS = 1 << 24
 """Limit of the numbers of readings: 32-bit floats hold all whole numbers up to this limit exactly."""
 _FARTHEST_M = 10_000.0
@@ -180,7 +180,7 @@ class LeafCamera:
         if cells > 1:
             x, y = (x[:, None] + self._dx).ravel(), (y[:, None] + self._dy).ravel()
         low, right, top = self._low, width - self._high, height - self._high
-        # Python ints are compared here because this is four times as fast as comparing arrays, on a hot path.
+        # On this hot path Python ints are compared, which is four times as fast as comparing arrays.
         if images and low <= min(ix) and max(ix) < right and low <= min(iy) and max(iy) < top:
             values = self._read(x, y)
         else:
@@ -234,8 +234,8 @@ def footprint_offsets(footprint_cells: int) -> tuple[NDArray[np.int64], NDArray[
 def ground_offset(quaternion: Sequence[float], height_m: float) -> tuple[float, float]:
     """Return the east and north offset (m) of the point where the optical axis meets flat ground.
 
-    The distance is the height times the tangent of the axis's angle from straight down. Beyond 10 km
-    (ArduPilot's ``AP_MOUNT_POI_DIST_M_MAX``), or unless the axis points down, both are `NOWHERE_M`.
+    The distance is the height times the tangent of the angle from straight down. If it exceeds 10 km
+    (ArduPilot's ``AP_MOUNT_POI_DIST_M_MAX``) or the axis does not point down, both offsets are `NOWHERE_M`.
 
     The quaternion (w, x, y, z) is from CAMERA_IMAGE_CAPTURED; it turns the forward axis into the optical
     axis. A quaternion that is no rotation (zeros, NaN) means straight down.
@@ -299,7 +299,7 @@ class ImageList:
 
 
 class NumberingCamera:
-    """A leaf camera whose readings are not values but numbers, which count the flight's readings.
+    """A leaf camera that returns, in place of each value, the number of the reading within the flight.
 
     `ImageList.read` replaces the numbers by readings of an environment, so that a flight can be reused for
     several environments. Readings of cells outside the farm's `shape` are NaN. The cameras of a fleet share

@@ -164,12 +164,12 @@ class Imaging:
 
     @property
     def sure_along_m(self) -> float:
-        """Length (m) along the flight that an image shows even if taken `image_distance_m` off its place."""
+        """Length (m) along the flight that is in an image even if it is shifted by `image_distance_m`."""
         return max(self.along_m - 2.0 * self.image_distance_m, 0.0)
 
     @property
     def interval_speed_m_s(self) -> float:
-        """Largest ground speed (m/s) at which the camera is fast enough for the distance between images."""
+        """Largest ground speed (m/s) at which the camera can keep the distance between images."""
         interval = self.camera.min_interval_s
         return self.image_distance_m / interval if interval > 0.0 else math.inf
 

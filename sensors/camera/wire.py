@@ -4,7 +4,7 @@ An image is sent in two standard messages: CAMERA_IMAGE_CAPTURED has the image's
 DEBUG_FLOAT_ARRAY has the readings (`sensors.camera.layout`). A large footprint needs several
 DEBUG_FLOAT_ARRAY messages. Messages of an image share the time since boot and the image index, of which
 ``array_id`` has the low 16 bits. An image's cell is where the optical axis meets flat ground
-(`ground_offset`), seen from the reported position (resolution 1e-7 degree). Its other cells follow
+(`ground_offset`), seen from the reported position (resolution 1e-7 degree). Other cells are in the order of
 `footprint_offsets`.
 
 No MAVLink library is imported: a message is recognised by its ``id``, and its fields are read as attributes.

@@ -20,7 +20,7 @@ _LEAST_COARSE_CELLS = 8
 
 
 class Course(Protocol):
-    """Computes the days of a continuous field on a farm."""
+    """Computes a continuous field on a farm day by day."""
 
     @property
     def pieces(self) -> int:

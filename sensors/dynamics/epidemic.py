@@ -166,7 +166,7 @@ class EpidemicParameters:
     def on_window(self, shape: tuple[int, int], seeds: int) -> EpidemicParameters:
         """Return the parameters for simulating only a window of a farm of this shape (cells).
 
-        The kernel keeps the farm's size, as the default size for the window's width may be smaller.
+        The kernel keeps its size on the farm; the default size for the window's width may be smaller.
 
         >>> TYLCV.on_window((100, 100), seeds=2).kernel_size
         5
@@ -233,7 +233,7 @@ def draw_seeds(
     """Draw the seeds, the cells infected on day 0, as ascending flat indices in C order.
 
     Seeds are uniform over the susceptible cells. With `spread_cells`, only the first seed is uniform, and the
-    other seeds are normally distributed about the first. Seeds that coincide are one cell.
+    other seeds are normally distributed about the first. Seeds may coincide.
     """
     if spread_cells is not None:
         return _draw_cluster(susceptible, count, rng, spread_cells)

@@ -85,7 +85,7 @@ def _rings(size: int) -> dict[int, list[tuple[int, int]]]:
 
 @lru_cache(maxsize=64)
 def make_kernel(shape: str, size: int, length_cells: float = 1.0) -> DistanceKernel:
-    """Return the kernel of a shape.
+    """Return the distance kernel of a given shape and size.
 
     Parameters
     ----------

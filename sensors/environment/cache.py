@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 LIMIT_VARIABLE = "WBF_MISSION_ENVIRONMENT_CACHE_MB"
 DEFAULT_LIMIT_MB = 2000
 CACHED_FROM_CELLS = 1_000_000
-"""Number of cells from which an environment is cached; smaller ones are generated faster than read."""
+"""Number of cells from which farms are cached; smaller farms are generated faster than read."""
 
 _ENTRY = re.compile(r"[0-9a-f]{32}")
 _LEFTOVER = re.compile(r"\.[0-9a-f]{32}\.(partial|older)")
@@ -54,7 +54,7 @@ class EnvironmentCache:
     def of_user(cls) -> EnvironmentCache:
         """Return the cache in the user's cache folder (`geo.system`).
 
-        The variable WBF_MISSION_ENVIRONMENT_CACHE_MB sets the limit (MB, default 2000); 0 is no cache.
+        The variable WBF_MISSION_ENVIRONMENT_CACHE_MB sets the limit (MB, default 2000); 0 turns it off.
         """
         text = os.environ.get(LIMIT_VARIABLE, "").strip() or str(DEFAULT_LIMIT_MB)
         if not (text.isascii() and text.isdecimal() and len(text) <= 9):
@@ -186,7 +186,7 @@ class EnvironmentMemory:
         fields: FieldSet = PAPER_FIELDS,
         progress: Progress | None = None,
     ) -> tuple[Environment, bool]:
-        """Return an environment from memory or else from `cache`, and whether the disk had it.
+        """Return an environment from memory or else from `cache`, and whether it was read from disk.
 
         Other callers get the same environment, so it must not be changed.
         """

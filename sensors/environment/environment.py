@@ -289,7 +289,7 @@ class Environment:
         """
         self._check_day(day)
         few = _few_cells(ix, iy, self.shape)
-        if few:  # As usual for a camera's images between two positions
+        if few:  # A camera takes few images between two positions
             return self._sample_few(day, few)
         x, y = np.broadcast_arrays(np.atleast_1d(ix), np.atleast_1d(iy))
         if x.ndim != 1 or x.dtype.kind not in "iu" or y.dtype.kind not in "iu":

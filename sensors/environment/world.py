@@ -42,7 +42,7 @@ Value = bool | int | float | str
 
 
 class Drawn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """Distribution of a parameter's value, the published value times a factor or an entry of a list."""
+    """Distribution of a parameter: the published value times a factor, or an entry of a list."""
 
     factor: tuple[float, float] | None = None
     one_of: tuple[Value, ...] | None = None

@@ -78,7 +78,7 @@ class Estimator(Protocol):
         ...
 
 
-_OUTSIDE = 1e-4  # Rounding may exceed 0..1 by this
+_OUTSIDE = 1e-4  # Rounding may move values out of 0..1 by this
 
 
 def model_fault(estimator: object, model: object) -> str | None:
@@ -261,14 +261,14 @@ def published_views(published: Views, own: Views) -> Views:
 
 
 def prepare_estimator(estimator: Estimator, days: Sequence[int], progress: Progress | None = None) -> None:
-    """Call the method `prepare` (see `BaseEstimator.prepare`) of an estimator that has it."""
+    """If an estimator has a method `prepare` (see `BaseEstimator.prepare`), call this method."""
     prepare = getattr(estimator, "prepare", None)
     if prepare is not None:
         prepare(days, progress)
 
 
 def advance_estimator(estimator: Estimator, day: int) -> None:
-    """Call the method `advance` (see `BaseEstimator.advance`) of an estimator that has it."""
+    """If an estimator has a method `advance` (see `BaseEstimator.advance`), call this method."""
     advance = getattr(estimator, "advance", None)
     if advance is not None:
         advance(day)

@@ -63,7 +63,7 @@ class Transition:
 
     @property
     def correlation(self) -> float:
-        """Correlation (0.001..1) of earlier and later values, by the variance that readings leave."""
+        """Correlation (0.001..1) of earlier and later values, computed from the unexplained variance."""
         known = 1.0 - float(self.variances.mean()) / self.spread if self.spread > 0.0 else 1.0
         return float(np.sqrt(np.clip(known, _LEAST_CORRELATION**2, 1.0)))
 
@@ -153,7 +153,7 @@ def _moments(weights: _Floats, values: _Floats) -> tuple[float, float]:
 def _simulated(
     parameters: ContinuousDynamics, shape: tuple[int, int], day: int, seed: int, name: str
 ) -> _Floats:
-    """Return simulated values on a day. For a seed, all days belong to the same simulated weather."""
+    """Return simulated values on a day. Equal seeds simulate the same weather for every day."""
     rngs = [stream(seed, "carrying", name, str(number)) for number in range(_WEATHERS)]
     fields = parameters.simulate_coarse(shape, (day,), _SOIL_CELLS, rngs).ravel()
     fields.flags.writeable = False

@@ -91,7 +91,7 @@ def tiles_of_boxes(
 
 
 def least_sick(sick: NDArray[np.floating], counts: NDArray[np.integer] | None = None) -> float:
-    """Return the least probability to be sick that a plant in `InformationModel.may_be_sick` has.
+    """Return the least probability of being sick of any plant in `InformationModel.may_be_sick`.
 
     `counts` is the number of plants with each probability in `sick`, by default 1.
 

@@ -39,7 +39,7 @@ app = typer.Typer(
 )
 _GROUPS = {
     "bench": "Fly many runs that can be compared.",
-    "farm": ("List farms; show a farm, draw it, save it as GeoJSON, or generate environments of it."),
+    "farm": ("List farms; show a farm, draw it, save it as GeoJSON, or generate its environments."),
     "vehicle": "List vehicles, or show a vehicle and its endurance.",
 }
 _COMMANDS = {

@@ -118,7 +118,7 @@ class _Saving:
         Path | None,
         option("Folder for the results.  [default: runs/ and a name from the scenario]", panel=_OUT),
     ] = None
-    files: Annotated[bool, option("Write results into a folder; else only print them.", panel=_OUT)] = True
+    files: Annotated[bool, option("Write results into a folder, or only print them.", panel=_OUT)] = True
     plots: Annotated[bool, option("Draw pictures into the folder.", panel=_OUT)] = True
     animate: Annotated[
         bool, option("Also write an animation of the run (run.gif).", "--animate", panel=_OUT)

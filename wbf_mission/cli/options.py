@@ -223,7 +223,7 @@ class Given:
         return None if name is None else replace(self.scenario().farm, name=name)
 
     def change(self, base: Scenario) -> Scenario:
-        """Return `base` with the given options; raise ScenarioError if an option is invalid or useless."""
+        """Return `base` with the given options; raise ScenarioError if one is invalid or has no effect."""
         chosen = scenario_with(base, {key: _own(key, value) for key, value in self.changes.items()})
         self._check_effects(chosen.to_dict(), is_fleet=len(chosen.vehicle.fleet) > 1)
         return chosen
@@ -329,7 +329,7 @@ def scenario_options(
     `parts` are names of parts, in the order that ``--help`` gives to their options. The command's first
     parameter is named ``given`` and gets a `Given`. `without` has the keys of options to leave out
     (``scenario`` for ``--scenario``). `more` has parts that do not belong to `Scenario`. `defaults` has
-    defaults that differ from the options' (None for no default).
+    defaults that differ from those of the options (None for no default).
     """
     known = {
         str(defined.flag).removeprefix("--").replace("-", "_"): (part, defined)
@@ -404,7 +404,7 @@ def _command_line_type(defined: Option) -> Any:
 
 
 def _help(defined: Option, default: Any, flags: set[str]) -> str:
-    """Make an option's help of subject, range or unit, details, other options it depends on, and default."""
+    """Return an option's help, with subject, range or unit, details, options it depends on, and default."""
     scale = defined.allowed if not (defined.choices or defined.read) else ""
     choices = f": {defined.allowed}" if defined.choices else ""
     depends, needs = "", (defined.needs,) if defined.needs and not defined.sets else ()

@@ -1,6 +1,6 @@
 """Scenario files, and the catalogue of scenarios and their families.
 
-A scenario file is TOML with the options as keys. What it contains is not trusted.
+A scenario file is TOML with the options as keys. Its content is not trusted.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Family:
         *("lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint"),
         *("greedy", "rolling-horizon"),
     )
-    estimators: tuple[str, ...] = ("adaptive-disk", "gp", "epidemic")  # Installed, and model the fields
+    estimators: tuple[str, ...] = ("adaptive-disk", "gp", "epidemic")  # Installed models of the fields
 
 
 class _Families(msgspec.Struct, forbid_unknown_fields=True):

@@ -1,7 +1,7 @@
 """The definition of an option of a run, kept in the metadata of a dataclass field.
 
 A part of a scenario is a frozen dataclass whose fields are made by `option`. The part checks values against
-the fields' definitions. Scenario files and the command line (`wbf_mission.cli.options`) use them too.
+the fields' definitions. These also serve scenario files and the command line (`wbf_mission.cli.options`).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Option:
     high: float | None = None
     choices: tuple[str, ...] = ()  # Words that are valid.
     default: str = ""  # Description of a default whose value does not explain itself.
-    flag: str | None = None  # Name on the command line; None: set by another option only.
+    flag: str | None = None  # Name on the command line; None if only another option sets it.
     metavar: str | None = None  # Placeholder for the value in ``--help``.
     example: str = ""  # Valid text, for the error if a number is given in place of a text.
     # Kind of the names to complete: farm, planner, policy, estimator, vehicle, autopilot; or empty.

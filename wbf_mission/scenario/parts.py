@@ -56,7 +56,7 @@ class FarmOptions(Part):
         key="farm",
         kind="farm",
     )
-    day: int = option(6, "Day of the environment; the first day if several", RUN, low=0, high=LAST_DAY)
+    day: int = option(6, "Day of the environment; the first of several days", RUN, low=0, high=LAST_DAY)
     days: int = option(1, "Number of successive days that are flown", RUN, low=1, high=LAST_DAY)
     flights_per_day: int = option(
         1, "Flights per day; each flight has full batteries and the whole budget", RUN, low=1, high=100
@@ -99,7 +99,7 @@ class FarmOptions(Part):
         return get_farm(self.name, crop=self.crop, crs=self.crs, repair=self.repair)
 
     def load_world(self) -> World | None:
-        """Return the world; None if fields develop as published. Raise EnvironmentDataError if unusable."""
+        """Return the world; None if fields develop as published. Raise EnvironmentDataError if invalid."""
         if self.world is None:
             return None
         from sensors.environment.world import World

@@ -41,7 +41,7 @@ class CellPosterior(ABC):
 
     @abstractmethod
     def condition(self, x: Cells, y: Cells, values: Floats, weights: Floats | None = None) -> None:
-        """Update with further observations; `weights` divide their noise variances."""
+        """Update with further observations; `weights` divide the observations' noise variances."""
 
 
 _BLOCK_ROWS = 128
@@ -51,7 +51,7 @@ _RESULT_ROWS = 3
 def merge_repeated(
     x: Cells, y: Cells, values: Floats, noise: float, weights: Floats | None = None
 ) -> tuple[Cells, Cells, Floats, Floats]:
-    """Merge observations of equal cells; return x, y, mean value and noise variance of distinct cells.
+    """Merge observations of the same cell; return x, y, mean value and noise variance of each cell.
 
     A cell's noise variance is `noise` divided by the cell's number of observations, or by the sum of their
     `weights`. Merging is exact for a Gaussian process: k readings with independent noise are equivalent to
@@ -86,7 +86,7 @@ class ExactPosterior(CellPosterior):
         return 8 * (rows + _RESULT_ROWS) * shape[0] * shape[1]
 
     def condition(self, x: Cells, y: Cells, values: Floats, weights: Floats | None = None) -> None:
-        """Update with further observations; `weights` divide their noise variances."""
+        """Update with further observations; `weights` divide the observations' noise variances."""
         x, y, values, noise = merge_repeated(x, y, values, self.kernel.noise, weights)
         for start in range(0, len(x), _BLOCK_ROWS):
             part = slice(start, start + _BLOCK_ROWS)
@@ -146,14 +146,14 @@ class WindowedPosterior(CellPosterior):
 
     @staticmethod
     def fits(n_observations: int, shape: tuple[int, int], kernel: RbfKernel, most_bytes: float) -> bool:
-        """Return whether windows are accurate enough, and those of `n_observations` fit into `most_bytes`."""
+        """Return whether windows are accurate enough and `n_observations` windows fit into `most_bytes`."""
         reach_x, reach_y = _reach(kernel)
         needed = 8.0 * n_observations * (2 * reach_x + 1) * (2 * reach_y + 1)
         noisy = kernel.noise >= LEAST_NOISE * kernel.amplitude
         return noisy and needed <= most_bytes and shape[0] * shape[1] <= MOST_CELLS
 
     def condition(self, x: Cells, y: Cells, values: Floats, weights: Floats | None = None) -> None:
-        """Update with further observations; `weights` divide their noise variances."""
+        """Update with further observations; `weights` divide the observations' noise variances."""
         x, y, values, noise = merge_repeated(x, y, values, self.kernel.noise, weights)
         used = len(self._rows)
         self._rows.append(np.empty((len(x), *self._rows.array.shape[1:])))

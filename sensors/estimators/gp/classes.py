@@ -1,8 +1,8 @@
 """Class probabilities of plants, derived from a Gaussian process's posterior mean of a disease.
 
 The normal distribution of the process does not give the probability that a plant is sick, but this
-probability rises with the posterior mean of the illness. Illness is 1 minus the value. Let i be its posterior
-mean, i0 its prior mean, and p0 the fraction of sick plants. The model of the odds that a plant is sick is
+probability rises with the posterior mean of the illness. Let i be the posterior and i0 the prior mean of the
+illness (1 minus the value), and p0 the fraction of sick plants. The model of the odds that a plant is sick is
 
     p / (1 - p) = p0 / (1 - p0) ((max(i, 0) / i0 + c) / (1 + c))^slope
 
@@ -41,7 +41,7 @@ _COLUMNS_AT_ONCE = 64
 
 @dataclass(frozen=True, slots=True)
 class ClassLink:
-    """Parameters that the module's formula has for a disease, a farm and a day.
+    """Parameters of the module's formula, for one disease, farm and day.
 
     Parameters
     ----------

@@ -182,7 +182,7 @@ class FieldProcess:
             for day, following in pairwise([*earlier, self._day]):
                 x, y = self._cells.array[days == day].T
                 values = self._as_of_today(day, self._values.array[days == day])
-                # The first day's readings count fully on small farms, where model errors matter later only.
+                # On small farms the first day's readings count fully: model errors matter only later.
                 exactly = day == earlier[0] and not self._crowds
                 counted = None if exactly else self._no_crowd().weights(x, y)
                 whole.condition(x, y, values, counted)

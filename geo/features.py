@@ -44,7 +44,7 @@ LONGITUDES = (
     *("longitude", "lon", "lng", "long", "longitude_deg", "lon_deg", "gps_longitude", "gpslongitude"),
     *("gps_lon", "gps_lng", "gps_long"),
 )
-"""Names of longitude columns in tables, as returned by `column_name`; `LATITUDES` is for latitude columns."""
+"""Names of longitude columns as `column_name` returns them; `LATITUDES` has those of latitude columns."""
 DEGREES = ("", "deg", "degrees", "°")
 """Units of position columns."""
 KNOWN = frozenset(name for names in ATTRIBUTES.values() for name in names)

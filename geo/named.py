@@ -35,7 +35,7 @@ def parse_named(text: str) -> tuple[str, dict[str, Parameter]]:
     """Parse a name and its parameters.
 
     Spaces around names, keys and values are ignored. Raise ParameterError if the name is missing, a pair is
-    no ``key=value``, a key is repeated, or a value is not finite.
+    not ``key=value``, a key is repeated, or a value is not finite.
 
     Examples
     --------

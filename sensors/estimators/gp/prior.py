@@ -60,7 +60,7 @@ _in_memory: dict[str, tuple[FieldPrior, ...]] = {}
 
 @dataclass(frozen=True, slots=True)
 class FieldPrior:
-    """The prior of a field: mean and kernel, and for a disease with sick plants the link to classes."""
+    """The prior of a field: mean, kernel and, for a disease with sick plants, the link to classes."""
 
     mean: float
     kernel: RbfKernel

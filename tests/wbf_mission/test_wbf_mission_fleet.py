@@ -236,7 +236,7 @@ def test_vehicles_of_a_fleet_may_see_different_fields():
     np.testing.assert_array_equal(fast.observations.values, result.observations.values)
     assert [one.sensed for one in SurveyTask(mixed).cameras] == [("tylcv", "ccr"), ("soil",)]
     for fields, text in (
-        (("tylcv;ccr;soil",), "vehicles 2, but camera fields are those of 3"),
+        (("tylcv;ccr;soil",), "vehicles 2, but camera fields are given for 3"),
         (("tylcv;",), "camera fields are empty"),
         (("tylcv;rust",), "unknown field 'rust'"),
     ):

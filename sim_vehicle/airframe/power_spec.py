@@ -175,8 +175,7 @@ def positive(what: str, spec: object, *names: str) -> None:
 
 
 def within(what: str, spec: object, *ranges: tuple[str, float, float]) -> None:
-    """Raise VehicleError if an attribute is neither None nor within its range; the error names the first
-    one."""
+    """Raise VehicleError with the name of the first attribute that is neither None nor in range, if any."""
     for name, low, high in ranges:
         value = getattr(spec, name)
         if value is not None and (not _is_number(value) or not low <= value <= high):

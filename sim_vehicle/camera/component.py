@@ -266,7 +266,7 @@ class CameraComponent:
         return self._by_interval(p[0] / 1000.0, 0)
 
     def _mine(self, camera_id: float) -> bool:
-        """Return whether a camera id addresses this camera, or a camera of the autopilot (1 to 6)."""
+        """Return whether this camera obeys a camera id; it also stands in for the autopilot's (1 to 6)."""
         return camera_id < 7.0 or camera_id == self.component_id
 
     def _shoot_by_distance(self, message: CommandMessage, p: Parameters) -> _Obeyed:
@@ -421,7 +421,7 @@ class LeafCameraComponent(CameraComponent):
         return messages
 
     def _cell_under(self, exposure: Exposure) -> tuple[int, int]:
-        """Return the cell in the camera's line of sight, on flat ground; off the farm if it sees the sky."""
+        """Return the cell that the camera faces on flat ground; off the farm if the camera faces the sky."""
         farm = self._farm
         x_m, y_m = farm.frame.from_wgs84(exposure.latitude_e7 / _E7, exposure.longitude_e7 / _E7)
         if self._position_error is not None:

@@ -141,11 +141,11 @@ class MissionSequencer:
     ) -> bool:
         """Replace the mission in flight, go on at item `seq`, and return whether the vehicle turns at once.
 
-        The vehicle keeps its speeds. During a take-off, it first climbs to the take-off height. During a
-        return item, it completes the return, and the mission ends. The mission also ends if it has no item
-        `seq`. With `at_waypoints`, the vehicle turns at once only if the old item is a waypoint and the new
-        mission has an item `seq`; otherwise it completes the old item, then the next item. With
-        `keeps_jumps`, jumps stay counted.
+        The vehicle keeps its speeds. In a take-off, it first climbs to the take-off height. During a return
+        item, it completes the return, and the mission ends. The mission also ends if it has no item `seq`.
+        With `at_waypoints`, the vehicle turns at once only if the old item is a waypoint and the new mission
+        has an item `seq`; otherwise it completes the old item, then the next item. With `keeps_jumps`, jumps
+        stay counted.
         """
         self.flight.ready("change the mission")
         flown = self.items[self.current_seq].command if self.current_seq < len(self.items) else _WAYPOINT

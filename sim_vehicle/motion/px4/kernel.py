@@ -2,7 +2,7 @@
 
 Mechanisms and constants are from PX4 v1.17: ``FlightTaskAuto`` and ``PositionSmoothing`` (trajectory),
 ``FlightTaskOrbit``, ``mc_pos_control`` (``PositionControl``, ``Takeoff``), ``navigator/mission_block``
-(acceptance of waypoints), ``land_detector``, ``simulator_sih`` (airframe). docs/vehicle-model.md lists the
+(acceptance of waypoints), ``land_detector``, ``simulator_sih`` (airframe). See docs/vehicle-model.md for
 gaps.
 
 State and counters are as in `sim_vehicle.motion.multirotor.kernel`; the record `GUIDE` holds the memory of

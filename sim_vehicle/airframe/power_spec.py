@@ -96,7 +96,7 @@ class _PowerSpec:
     mass_kg: float
     """Mass of the vehicle, with battery and payload."""
     efficiency: float
-    """Propulsive power (rotorcraft: shaft power) over electric power, after propeller, motor, ESC, wiring."""
+    """Efficiency of the propulsion: propulsive power (of rotorcraft: shaft power) over electric power."""
     # Constant power of autopilot and radio, and constant power of the camera.
     avionics_w: float = 8.0
     camera_w: float = 4.0

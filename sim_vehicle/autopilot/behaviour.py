@@ -213,7 +213,7 @@ class MissionBehaviour:
     refuses_to_arm: MissionRule = no_rule
     """Rule that refuses arming in any mode because of the loaded mission (ArduPlane)."""
     unknown_current_s: float = 0.0
-    """Time after a change of the mission during which MISSION_CURRENT has the number 65535, no item (PX4)."""
+    """Time after a change of the mission during which MISSION_CURRENT has 65535, for no item (PX4)."""
     stopped_state: bool = False
     """Whether MISSION_CURRENT outside the mission mode reports the state "not started" (2) and the mode
     "unknown" (0), like ArduPilot. Otherwise the state is "paused" (4) and the mode is "suspended" (2)."""

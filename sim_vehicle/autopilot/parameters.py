@@ -1,9 +1,8 @@
 """Parameters of a firmware: metadata on MAVLink, values at run time, and tables of the real firmware.
 
 The tables are CSV files in ``lists/`` with name, type, default, documented range and unit of each parameter.
-Comments at the top of a table name its sources. ``*-motion`` tables hold the parameters of the motion, with a
-short description and the constant of the law of motion that each sets. Parameter editors show the
-``*-details`` and ``*-choices`` tables.
+Comments at the top of a table name its sources. ``*-motion`` tables also have a short description, and a
+constant of the law of motion. Parameter editors show the ``*-details`` and ``*-choices`` tables.
 """
 
 from __future__ import annotations

@@ -266,7 +266,7 @@ class CameraComponent:
         return self._by_interval(p[0] / 1000.0, 0)
 
     def _mine(self, camera_id: float) -> bool:
-        """Return whether this camera obeys a camera id; it also stands in for the autopilot's (1 to 6)."""
+        """Return whether this camera obeys a camera id; it also acts as the autopilot's cameras (1 to 6)."""
         return camera_id < 7.0 or camera_id == self.component_id
 
     def _shoot_by_distance(self, message: CommandMessage, p: Parameters) -> _Obeyed:

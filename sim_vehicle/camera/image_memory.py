@@ -24,7 +24,7 @@ _MIB_PER_IMAGE = 1e-4
 _PADDING = [0.0] * 58
 _SINGLE = Struct("<4f")
 _UNKNOWN = 65535
-_TAKEN = Struct("<9q")  # These numbers and the readings (float32) make an image.
+_TAKEN = Struct("<9q")  # Images are stored as these numbers, then the readings.
 
 
 class Image(NamedTuple):

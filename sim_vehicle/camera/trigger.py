@@ -193,7 +193,7 @@ class CameraTrigger:
         east = _turn(fix.longitude_e7 - anchor.longitude_e7) * per_east
         length = math.hypot(north, east)
         if length < STILL_M:
-            # Only the time of the anchor advances, so that slow motion counts in the end, but sway does not.
+            # Only the time of the anchor advances, so that slow motion adds up, but sway does not.
             if fix.time_ms - anchor.time_ms > _STEP_MS:
                 self._anchor = fix._replace(latitude_e7=anchor.latitude_e7, longitude_e7=anchor.longitude_e7)
             return

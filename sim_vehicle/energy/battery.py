@@ -134,7 +134,7 @@ class BatteryMeter:
 
 
 def _charge(share: float, low_v: float, high_v: float) -> float:
-    """Return the charge of a fraction of the energy that is drawn between two voltages, Ah per Wh."""
+    """Return the charge over capacity (Ah/Wh) of a fraction of the energy, drawn between two voltages."""
     rise = high_v - low_v
     if rise < 1e-6 * low_v:
         return share / low_v

@@ -228,7 +228,7 @@ class MissionExecutor:
         self.flight.fly(legs, FlightPhase.GOTO)
 
     def _return_circling(self, position_m: Position | None, speed: float) -> None:
-        """Return a fixed wing to a circle at `position_m` or over home, or to the mission's landing."""
+        """Fly a fixed wing to a circle at `position_m` or over home, or to the mission's landing."""
         here = self.motion.position_m
         if position_m is not None:
             height = max(position_m[2], self.mission.spec_about_home(self.spec).return_altitude_m, here[2])
@@ -273,7 +273,7 @@ class MissionExecutor:
         return self.flight.take_events()
 
     def course_through(self, limit_s: float) -> Generator[tuple[int, bool], MotionEvent, list[FlightEvent]]:
-        """Do as `fly_through`, while the caller advances the motion; see `MissionSequencer.course`."""
+        """Fly as `fly_through` does, while the caller advances the motion; see `MissionSequencer.course`."""
         yield from self.mission.course(self._step_at(limit_s), stop_each=False)
         return self.flight.take_events()
 

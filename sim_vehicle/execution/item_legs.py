@@ -119,7 +119,7 @@ class _Planner:
             if not 0 <= following < len(items) or items[following].command not in CONDITIONS:
                 break
             plan.unsure = True
-            # Whether a condition is met shows only in flight; the legs are then planned again.
+            # Conditions can be met only in flight; the legs are then planned again.
             following = condition_items(items, following)[-1] + 1
         passes = 0 <= following < len(items) and items[following].command in PASSED_COMMANDS
         return following if passes else None
@@ -137,7 +137,7 @@ class _Planner:
         self.plan.extend(legs, seq, done=hold <= 0.0, speed=speed)
 
     def _position_after_spline(self, seq: int) -> Position | None:
-        """Return the position to which the path continues after a spline waypoint, or None if it does not."""
+        """Return the position to which the path continues after a spline waypoint, or None if it ends."""
         items, following = self._items, seq + 1
         while following < len(items) and items[following].command in DO_COMMANDS:
             if items[following].command == _JUMP:
@@ -237,8 +237,8 @@ class _Planner:
 
         The position is None if a jump or an item without a position comes first. The far point is None unless
         the autopilot turns towards the zero coordinates of a return item. As in ArduPilot's
-        ``Location::get_bearing_to``, the bearing to it is computed on a plane, with degrees of longitude
-        scaled at the mean latitude.
+        ``Location::get_bearing_to``, its bearing is computed on a plane, with longitudes scaled at the mean
+        latitude.
         """
         items = self._items
         for following in range(seq + 1, min(seq + 1 + _LOOK_AHEAD, len(items))):
@@ -340,9 +340,8 @@ def spline_legs(
     parallel to the line from the previous to the next position. Both tangents have the length of the straight
     path, which prevents loops.
 
-    `path` holds the start, the end, and the position after the end; without the last, the curve ends in the
-    direction of the straight line. `tangent` is the direction at the start; zero stands for the straight
-    line's.
+    `path` holds the start, the end, and the position after the end; without the latter, the curve ends along
+    the straight line. `tangent` is the direction at the start; a zero vector stands for the straight line.
     """
     begin, end, ahead = path
     straight = (end[0] - begin[0], end[1] - begin[1], end[2] - begin[2])

@@ -222,7 +222,7 @@ def landing_start(items: Sequence[MissionItem], positions: Sequence[Position], h
 def landing_restart(
     items: Sequence[MissionItem], positions: Sequence[Position], seq: int, here: Position
 ) -> int | None:
-    """Return the item at which an aborted landing restarts: the landing start, else the previous position.
+    """Return the item at which an aborted landing restarts: DO_LAND_START, else the previous position.
 
     Source: ArduPilot's ``AP_Landing::restart_landing_sequence``.
     """

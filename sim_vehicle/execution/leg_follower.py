@@ -77,7 +77,7 @@ class LegPlan:
     open: bool = False
     """Whether the plan was cut short and must be extended before its end."""
     unsure: bool = False
-    """Whether a command between the items of the plan may change it."""
+    """Whether a command between the items of the plan may change the plan."""
 
     def add(self, leg: Leg, seq: int = -1, *, done: bool = False, speed: float | None = None) -> None:
         """Append a leg."""

@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Position
 
-# Number of legs before the end of a cut plan at which it is extended, so that the vehicle never brakes there.
+# A plan that was cut short is extended when this many legs are left, so that the vehicle never brakes there.
 _REPLAN_BEFORE = 64
 _CANNOT_FLY = -2
 _LANDING_COMMANDS = frozenset({16, 18, 19, 21, 31})
@@ -68,7 +68,7 @@ class ReturnPoints:
     home_m: Position = (0.0, 0.0, 0.0)
     """Position of home relative to the start: east, north, up."""
     rally_m: tuple[Position, ...] = ()
-    """East, north, and the minimum height of the path there."""
+    """Rally points: east, north, and the minimum height of the path to the point."""
 
     def nearest(self, position_m: Position) -> Position:
         """Return the point nearest to a position: east, north, and the minimum height of the path there.
@@ -90,8 +90,8 @@ class MissionSequencer:
     With `takes_off`, a mission that begins on the ground without a take-off item climbs first, as in PX4. The
     climb ends at the height of the first position, or at the take-off altitude if this is higher.
     `epoch_unix_s` is the Unix time at simulated time 0. `current_seq` is the index of the present or next
-    item; it is -1 without a mission. `settings` has the speeds and the heading for later legs, which items
-    and orders change.
+    item, -1 without a mission. `settings` has the speeds and heading for later legs; items and orders change
+    them.
     """
 
     def __init__(
@@ -141,11 +141,10 @@ class MissionSequencer:
     ) -> bool:
         """Replace the mission in flight, go on at item `seq`, and return whether the vehicle turns at once.
 
-        The vehicle keeps its speeds. In a take-off, it first climbs to the take-off height. During a return
-        item, it completes the return, and the mission ends. The mission also ends if it has no item `seq`.
-        With `at_waypoints`, the vehicle turns at once only if the old item is a waypoint and the new mission
-        has an item `seq`; otherwise it completes the old item, then the next item. With `keeps_jumps`, jumps
-        stay counted.
+        The vehicle keeps its speeds. It first climbs to the height of a take-off item. It completes a return
+        item, and then the mission ends. The mission also ends if it has no item `seq`. With `at_waypoints`,
+        the vehicle turns at once only if the old item is a waypoint and item `seq` exists; otherwise it
+        completes the old item, then the next item. With `keeps_jumps`, jump counters keep their values.
         """
         self.flight.ready("change the mission")
         flown = self.items[self.current_seq].command if self.current_seq < len(self.items) else _WAYPOINT
@@ -183,7 +182,7 @@ class MissionSequencer:
             self._positions = self._item_positions()
 
     def spec_about_home(self, spec: VehicleSpec) -> VehicleSpec:
-        """Return `spec` with its return altitude above the start in place of above home."""
+        """Return `spec` with its return altitude converted from above home to above the start."""
         up_m = self.return_points.home_m[2]
         return spec if up_m == 0.0 else replace(spec, return_altitude_m=spec.return_altitude_m + up_m)
 
@@ -335,9 +334,8 @@ class MissionSequencer:
     def course(self, target: int, *, stop_each: bool) -> Generator[tuple[int, bool], MotionEvent, None]:
         """Fly until a motion step, while the caller advances the motion.
 
-        This coroutine yields ``(max_steps, stop_each)``. The caller calls the motion's `advance` with these
-        arguments and sends the MotionEvent back. Without `stop_each`, the coroutine ends when the mission is
-        over.
+        This coroutine yields ``(max_steps, stop_each)``. The caller advances the motion with these arguments
+        and sends the MotionEvent back. Without `stop_each`, the coroutine ends when the mission is over.
         """
         motion = self._motion
         while motion.step < target:

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from sim_vehicle.energy.battery import BatteryState
 
 EPOCH_UNIX_S = 1_780_315_200.0
-"""Unix time at simulated time 0, 2026-06-01T12:00:00Z; being constant, it gives equal runs equal logs."""
+"""Unix time at simulated time 0, 2026-06-01T12:00:00Z; it is constant, so that equal runs have equal logs."""
 
 
 class LandedState(IntEnum):

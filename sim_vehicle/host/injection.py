@@ -88,7 +88,7 @@ class Injection:
 
 
 def injection(faults: Sequence[AnyFault | str], seed: int | SeedSequence = 0) -> Injection:
-    """Return the injection of faults (objects or text); raises VehicleError if a fault is invalid."""
+    """Return an `Injection` of faults (objects or texts); raises VehicleError if a fault is invalid."""
     if not faults:
         return Injection(seed)
     made: Injection = fault_part("session")(faults, seed)

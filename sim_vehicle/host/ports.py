@@ -49,8 +49,8 @@ class ServerUrl:
 class Client:
     """A peer of a port, with a stream of bytes in each direction.
 
-    Outgoing frames are collected until `flush`, so that, as from autopilots, datagrams are few but large.
-    `radio` applies faults to the frames. See `ServerUrl` for `systems` and `link`.
+    Outgoing frames are collected until `flush`; as with autopilots, datagrams are thus few but large. `radio`
+    applies faults to the frames. See `ServerUrl` for `systems` and `link`.
     """
 
     def __init__(self, name: str, write: Callable[[bytes], None]) -> None:
@@ -250,8 +250,7 @@ def open_port(url: str, *, at_once: bool = False) -> ServerPort:
     ``udpin:HOST:PORT`` waits for clients. ``udpout:HOST:PORT`` sends to one client and serves all peers that
     answer; a local port may follow, as in ``udpout:127.0.0.1:14550,18570``. ``tcpin:HOST:PORT`` waits for
     connections. ``tcp:HOST:PORT`` connects, and reconnects after a loss. ``serial:DEVICE:BAUD`` opens a
-    serial line, and reopens it when the device returns. `at_once` is passed to
-    `mission.link.sockets.UdpSocket`.
+    serial line, and reopens it if it was lost. `at_once` is passed to `mission.link.sockets.UdpSocket`.
 
     Raises LinkError if the address is invalid, in use or unreachable, VehicleError for an invalid local port.
     """

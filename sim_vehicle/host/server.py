@@ -344,7 +344,7 @@ class Server(Closing):
                     routes.clear()
                 routes[key] = route
             locals_, clients = route
-            numbered: dict[str, bytes] = {}  # Frames with the sequence numbers of each named link.
+            numbered: dict[str, bytes] = {}  # The frame as renumbered for each named link.
             for client in clients:
                 data = frame
                 if client.link and not link and isinstance(source, _Local) and client.link in source.writers:

@@ -87,7 +87,7 @@ class VirtualLink:
             self._arrived.append(frame)
 
     def wait(self, link: Link, seconds: float) -> None:  # noqa: ARG002
-        """Advance the clock until a frame arrives or for `seconds`; only ``TransferDriver`` needs `link`."""
+        """Advance the clock to the next frame, at most by `seconds`; only ``TransferDriver`` needs `link`."""
         if not self._arrived:
             self._pass_time(max(0.0, seconds), lambda: bool(self._arrived))
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = ["HANDLERS", "CommandReceiver", "enter_mode", "set_custom_mode"]
 
-# Maximum number of remembered last commands of clients, because clients can change their address at will.
+# Maximum number of clients whose last command is remembered, as clients can change their address at will.
 _MOST_PEERS = 256
 _HEARTBEAT_US = 1e6
 # Threshold of parameter 1 above which DO_FLIGHTTERMINATION terminates (common.xml).
@@ -286,7 +286,7 @@ def _terminate(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
 
 
 def _set_home(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """Execute DO_SET_HOME: here if parameter 1 is 1, else at a position; PX4 takes altitudes AMSL."""
+    """Execute DO_SET_HOME: here if parameter 1 is 1, else at a position; PX4 takes altitudes as AMSL."""
     pilot, state = vehicle.pilot, vehicle.state
     x, y, up = pilot.state.position_m
     position = pilot.frame.to_wgs84(x, y)

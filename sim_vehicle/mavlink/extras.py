@@ -54,7 +54,7 @@ class VehicleExtra(PilotExtra):
         self.plans = plans
         # Handlers by message id; they get the message and the time, after the vehicle's handler has run.
         self.handlers: Mapping[int, Callable[[Any, float], Iterable[Message] | None]] = {}
-        # Handlers by MAV_CMD; if the vehicle also has a handler, its result is the result of the command.
+        # Handlers by MAV_CMD; if the vehicle also has a handler, the command has the vehicle's result.
         self.commands: Mapping[int, Callable[[VehicleCommand], Result]] = {}
         # Telemetry builders by message id; a builder returns None if there is nothing to send.
         self.builders: Mapping[int, Callable[[WireState], Message | None]] = {}

@@ -29,7 +29,7 @@ _REPEAT_S = 1.0
 
 
 class Schedule:
-    """Message intervals and due times; default rates by message id, in sending order, give the first.
+    """Intervals and due times of messages; `rates_hz` has the initial rates, in the order of sending.
 
     Times are whole microseconds, and messages are due at multiples of their intervals. Messages of different
     rates therefore fall due together, and one motion step serves all of them.
@@ -120,7 +120,7 @@ class StatusTexts:
 
 
 class ItemReports:
-    """Reports of reached items, repeated as the autopilot does, and the delayed MISSION_CURRENT."""
+    """Reports of reached items, repeated as by the autopilot, and the delayed MISSION_CURRENT."""
 
     def __init__(self, state: WireState) -> None:
         self._state = state

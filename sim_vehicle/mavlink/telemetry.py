@@ -38,7 +38,7 @@ _CHARGE_STATES = (
 )
 _NO_BATTERY = (0, 1, 1, 32767, [UNUSED] * 10, -1, -1, -1, -1, 0, 0)
 _HOME_Q = [1.0, 0.0, 0.0, 0.0]
-# Flags of all estimates, and of those that need no position (attitude and vertical motion).
+# Flags of all estimates, and of the estimates that need no position (attitude and vertical motion).
 ESTIMATES_OK = 1 | 2 | 4 | 8 | 16 | 32 | 256 | 512
 ESTIMATES_BLIND = 1 | 4 | 32
 _FIX_3D = 3
@@ -297,7 +297,7 @@ BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
 
 
 def built(message_id: int, source: WireState) -> tuple[Message, ...]:
-    """Return the message with this id for the present state; empty if unknown or not due to be sent."""
+    """Return the message with this id for the present state; empty if unknown, or if there is none now."""
     builder = BUILDERS.get(message_id)
     message = None if builder is None else builder(source)
     return () if message is None else (message,)

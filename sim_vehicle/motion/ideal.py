@@ -1,4 +1,4 @@
-"""The paper's ideal robot: it moves a cell per time step, without dynamics, battery, take-off or landing.
+"""The paper's ideal robot: it moves one cell per time step and climbs at once; it has no battery.
 
 A robot that is at most one cell away from its waypoint moves exactly to the waypoint; this shorter move still
 takes a whole time step (see docs/vehicle-model.md). Otherwise the robot moves one cell along the straight

@@ -57,7 +57,7 @@ def attitude_of(east: float, north: float, up: float, heading_rad: float) -> tup
 class MotionModel(ABC):
     """Motion of one vehicle, such as `Multirotor` or `IdealRobot`.
 
-    Methods that most models do not need do nothing by default.
+    By default, methods that only some models need do nothing.
     """
 
     spec: VehicleSpec

@@ -125,7 +125,7 @@ def kernel_of(
     ) -> int:
         """Advance for ``max_steps`` steps along the route, or until an event occurs, and return the event.
 
-        If a step both completes a leg and empties the battery, the event is ENERGY, but ``arrivals`` has the
+        If a step both completes a leg and empties the battery, the event is ENERGY, and ``arrivals`` has the
         leg.
 
         Parameters

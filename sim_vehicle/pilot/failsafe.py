@@ -53,7 +53,7 @@ class BatteryWatch:
         self.reported = _ALMOST_EMPTY
 
     def check(self) -> int:
-        """Return the battery level if it is higher than ever since arming, else 0."""
+        """Return the battery level if it has not been as high since arming, else 0."""
         battery = self._controls.state.battery
         if battery is None:
             return 0

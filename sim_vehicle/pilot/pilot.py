@@ -339,7 +339,7 @@ class Pilot(Controls):
         else:
             self.hold_in(mode)
         if speed_m_s is None and self.behaviour.replays_speed:
-            # When the mission resumes, it gets its speed back.
+            # The mission gets its speed back when it resumes.
             speed_m_s = self.spec.cruise_speed_m_s
         self.order(
             lambda: self.executor.goto(
@@ -492,7 +492,7 @@ class Pilot(Controls):
         elif isinstance(event, LandingRestarted):
             starts = self.mission.items[event.seq].command == Command.DO_LAND_START
             how = "via DO_LAND_START:" if starts else "sequence at waypoint"
-            # ArduPilot counts home as item 0, so the number is `+ 1`.
+            # ArduPilot counts home as item 0, so the notice adds 1.
             self.note(Severity.NOTICE, f"Restarted landing {how} {event.seq + 1}")
         elif isinstance(event, MissionComplete):
             self.mission.complete = True

@@ -65,9 +65,9 @@ def batteries_needed(
     """Return the number of full batteries, used down to their reserves, that a mission needs.
 
     If one battery is too little, the vehicle interrupts the mission when the remaining charge just suffices
-    for the return, and continues there with the next battery (see `battery_changes`). The result is 0 for a
-    vehicle without a battery. It is None if no number suffices, because the mission cannot be flown, or
-    because one battery cannot reach a position and return.
+    for the return; the next battery continues there (see `battery_changes`). The result is 0 for a vehicle
+    without a battery. It is None if no number suffices, because the mission cannot be flown, or because one
+    battery cannot reach a position and return.
 
     Examples
     --------

@@ -59,7 +59,7 @@ class InFlight:
 
 
 class OnwardPredictor:
-    """Predictor of what remaining missions cost a vehicle: a flight through waypoints, then a return.
+    """Predictor of the cost of a vehicle's remaining mission: a flight through waypoints, then a return.
 
     The vehicle's motion model flies many paths in one compiled call, in a wind without gusts. For
     multirotors, the time steps are longer than in a simulated flight, which changes the result by about 1 %.

@@ -84,7 +84,7 @@ def wind_at(row: Floats, height_m: float) -> tuple[float, float, float]:
 
 @compiled(inline="always", allocates=False)
 def reference_term(height_m: float) -> float:
-    """Return the term with the height in MIL-F-8785C's length scales and intensities near the ground."""
+    """Return the term of MIL-F-8785C's length scales and intensities that contains the height."""
     return 0.177 + 0.000823 * height_m / FOOT_M
 
 

@@ -125,7 +125,7 @@ COPTER_MAVLINK = MavlinkProfile(
     truth_message=int(m.MAVLINK_MSG_ID_SIM_STATE),
     stream_parameters=_STREAM_PARAMETERS,
     motor_us=_motor_us,
-    # MOT_THST_HOVER of ArduPilot's simulator.
+    # This is MOT_THST_HOVER of ArduPilot's simulator.
     hover_share=0.39,
     gps_fix=6,
     refused_result=int(m.MAV_RESULT_FAILED),
@@ -272,7 +272,7 @@ def _battery_parameters(spec: VehicleSpec) -> list[MavParameter]:
 _HOME = frozenset({int(m.MAVLINK_MSG_ID_HOME_POSITION)})
 _PLACE = _HOME | {int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT), int(m.MAVLINK_MSG_ID_GPS_RAW_INT)}
 _ACCELS, _GYROS = "Accels inconsistent", "Gyros inconsistent"
-# Times of ArduCopter 4.7 (SITL), in simulated seconds.
+# The times are from ArduCopter 4.7 (SITL), in simulated seconds.
 COLD_BOOT = ColdBoot(
     stages=(
         BootStage(0.0, _ACCELS, untold=_PLACE),

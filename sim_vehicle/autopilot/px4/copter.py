@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.weather.wind import Wind
 
-# The reference airframe (SIH quadrotor 10040) has SIH_KDV / SIH_MASS, MPC_THR_MIN, and 1 / MC_ROLL_P.
+# These are SIH_KDV / SIH_MASS, MPC_THR_MIN and 1 / MC_ROLL_P of the reference airframe (SIH 10040).
 _SIH_DRAG_1_S = 1.0
 _LOWEST_THRUST = 0.12
 _SIH_ATTITUDE_S = 1.0 / 6.5
@@ -105,7 +105,7 @@ class Px4MultirotorProcedures(FlightProcedures):
         return legs
 
     def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
-        """Return the legs to a position (none within the acceptance radius) and straight down."""
+        """Return the leg to a position (none within the acceptance radius), and the leg straight down."""
         return over_and_down(spec, above, last, speed, spec.acceptance_radius_m)
 
     def return_legs(

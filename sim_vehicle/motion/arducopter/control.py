@@ -37,7 +37,7 @@ Guide = IntEnum(
     "Guide",
     "PX PY PZ VX VY VZ AX AY AZ "  # Position, velocity and acceleration of the target.
     "BEGIN_X BEGIN_Y BEGIN_Z END_X END_Y END_Z "  # Start and end of the leg.
-    "PACE "  # Time of the target over real time.
+    "PACE "  # Speed of the target's time, relative to real time.
     "LAG "  # Error along the track.
     "ALONG "  # Speed along the track.
     # The velocity loop has an integrator, a filtered error, and a filtered rate of this error.
@@ -196,7 +196,7 @@ def move(state: Record, guide: Record, law: Record, rising: float) -> float:
     guide.target_y += law.target_filter * (guide.asked_y - guide.target_y)
     guide.lean_y += law.lean_filter * (guide.target_y - guide.lean_y)
     share = 1.0 + guide.thrust / GRAVITY_M_S2
-    # The drag acts in the rotor plane; without the rotors' momentum drag, it also acts normal to the plane.
+    # The drag acts in the rotor plane, and normal to it, where it has no part from the rotors' momentum.
     lx, ly = guide.lean_x, guide.lean_y
     stretch = sqrt(lx * lx + ly * ly + GRAVITY_M_S2 * GRAVITY_M_S2)
     nx, ny, nz = lx / stretch, ly / stretch, GRAVITY_M_S2 / stretch

@@ -211,7 +211,7 @@ def begin(
 
 @compiled(inline="always")
 def _blurred_share(share: float, blur: float) -> float:
-    """Return the mean of `share` clipped to 0..1 if `share` varies uniformly by up to `blur`."""
+    """Return the mean of `share` clipped to 0..1 if `share` varies uniformly by up to +-`blur`."""
     high, low = share + blur, share - blur
     if low >= 1.0 or high <= 0.0 or (low >= 0.0 and high <= 1.0):
         return min(max(share, 0.0), 1.0)

@@ -25,7 +25,7 @@ HEAD = 13
 TIME, MADE, LENGTH, UX, UY, UZ, FLAT, RISE, SNAP, JERK, SPEED, ACCEL, ACCEL_Z = range(HEAD)
 SEGMENTS, COLUMNS = 23, 6
 (
-    SEGMENT_TIME,  # Value at the end of the segment, like acceleration, speed and position.
+    SEGMENT_TIME,  # Like acceleration, speed and position, this is the value at the end of the segment.
     SEGMENT_SHAPE,  # Shape of the jerk: 0 constant, 1 rising, -1 falling.
     SEGMENT_JERK,
     SEGMENT_ACCELERATION,
@@ -109,7 +109,7 @@ def _speed_change(
 
 @compiled(allocates=False)
 def _peak_acceleration(jerk: float, ramp: float, v0: float, length: float) -> float:
-    """Return the peak acceleration of a speed change over `length` without a plateau, a cubic's root."""
+    """Return the peak acceleration of a speed change over `length` without a plateau (root of a cubic)."""
     peak = (length * jerk * jerk) ** (1.0 / 3.0)
     for _ in range(30):
         t = peak / jerk + ramp
@@ -153,7 +153,7 @@ def _put(curve: Floats, i: int, shape: float, lasts: float, jerk: float) -> None
 
 @compiled(allocates=False)
 def _put_change(curve: Floats, i: int, jerk: float, ramp: float, full: float, middle: float) -> None:
-    """Write the seven segments of a speed change, from segment `i`."""
+    """Write the seven segments of a speed change, the first of which is segment `i`."""
     _put(curve, i, 1.0, ramp, jerk)
     _put(curve, i + 1, 0.0, full, jerk)
     _put(curve, i + 2, -1.0, ramp, jerk)
@@ -178,7 +178,7 @@ def _put_nothing(curve: Floats, first: int, last: int, source: int) -> None:
 
 @compiled(allocates=False)
 def _put_end(head: Floats, curve: Floats, length: float) -> None:
-    """Write the braking within a length, and lengthen the cruise so that both end with the leg."""
+    """Write the braking within a length, and lengthen the cruise so that the profile ends with the leg."""
     speed = curve[_CRUISE, SEGMENT_SPEED]
     jerk, ramp, full, middle = _speed_change(head[SNAP], head[JERK], 0.0, head[ACCEL], speed, length)
     _put_change(curve, _CRUISE + 1, -jerk, ramp, full, middle)

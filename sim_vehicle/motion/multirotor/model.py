@@ -131,7 +131,7 @@ def _speed_within(distance: float, limit: float, jerk: float) -> float:
 
 @compiled(allocates=False)
 def _shared(level: float, vertical: float, flat: float, rise: float) -> tuple[float, float, float]:
-    """Return the limits along a leg (horizontal part `flat`, vertical `rise`), across, and normal to both."""
+    """Return the limits along, across and normal to a leg, whose direction has parts `flat` and `rise`."""
     normal = _NORMAL * min(
         _ALONG * level / rise if rise > 0.0 else inf, vertical / flat if flat > 0.0 else inf
     )

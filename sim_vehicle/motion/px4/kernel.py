@@ -43,7 +43,7 @@ Leg = IntEnum(
     "X Y Z BEFORE_X BEFORE_Y BEFORE_Z AFTER_X AFTER_Y AFTER_Z "
     "RADIUS "  # Acceptance radius.
     "SPEED "
-    "HEADING "  # NaN for towards the target, infinity for no turn, minus infinity for an orbit's centre.
+    "HEADING "  # NaN: to the target; infinity: no turn; minus infinity: to the centre of the orbit.
     "NEAR "  # Distance at which NEAR is reported.
     "KIND "  # `LegKind`.
     "PAUSE "
@@ -90,7 +90,7 @@ Own = tuple[Record, Record, Floats]
 # Factor on the vertical speed threshold of the land detector in its state "maybe landed".
 MAYBE_LANDED = 2.5
 
-# The reference airframe (SIH quadrotor 10040) has four times SIH_T_MAX, divided by SIH_MASS.
+# This is 4 SIH_T_MAX / SIH_MASS of the reference airframe (SIH quadrotor 10040).
 SIH_THRUST_M_S2 = 20.0
 # Time constant of the motors in SIH; the body rates respond about as fast.
 MOTOR_S = 0.05
@@ -411,7 +411,7 @@ def _fly(g: Record, law: Record, state: Record, wanted: Vector, flying: bool, tu
 
 @compiled(allocates=False)
 def _inside(row: Record, law: Record, state: Record, error: float) -> bool:
-    """Return whether the navigator accepts the vehicle's position at the waypoint, heading apart."""
+    """Return whether the navigator accepts the vehicle's position at the waypoint (not its heading)."""
     kind, rise = row.kind, row.z - (state.position_z + error)
     if kind == _ORBIT:
         return False

@@ -134,7 +134,7 @@ def level_speed(
     jerk: float,
     gain: float,
 ) -> float:
-    """Return the horizontal speed from which the corner ahead, and a stop at the next one, are possible.
+    """Return the horizontal speed that still allows the corner ahead, and a stop at the waypoint after it.
 
     `gain` is the fraction of the acceleration that is used in corners.
     """
@@ -153,7 +153,7 @@ def level_speed(
 def climb_speed(
     place: Vector, target: Vector, after: Vector, radius: float, top: float, accel: float, jerk: float
 ) -> float:
-    """Return the vertical speed from which the heights of the target and the next waypoint are possible.
+    """Return the vertical speed that still allows the heights of the target and the next waypoint.
 
     As in PX4, the angle between both legs is measured in the plane of height and distance from the origin.
     """

@@ -92,8 +92,7 @@ def load_vehicle(path: Path) -> VehicleSpec:
 
     The keys are fields of `VehicleSpec`. The tables are ``[battery]``, ``[power]``, ``[airframe]``,
     ``[published]``, and a table of parameters for each autopilot (``[px4]``, ``[ardupilot]``). The key
-    ``base`` names the vehicle that supplies the missing values. By default, this is the base of the file's
-    kind.
+    ``base`` names the vehicle that supplies missing values, by default the base of the file's kind.
 
     Raises
     ------

@@ -78,8 +78,7 @@ class VehicleKind:
     base: str
     """Name of the vehicle that supplies values missing from a vehicle file of this kind."""
     typical: str
-    """Name of the vehicle to use if only the kind is known; the motion of this vehicle is compiled ahead of
-    time."""
+    """Name of the vehicle to use if only the kind is known; its motion is compiled ahead of time."""
     vehicles: Traversable = _VEHICLES
     """Folder of vehicle files; the name of a file is the name of its vehicle."""
     power: type[AnyPowerSpec] | None = None

@@ -4,9 +4,8 @@ The error of a receiver along an axis is the sum of a first-order Gauss-Markov p
 and white noise (receiver), as in Rankin, *An error model for sensor simulation: GPS and differential GPS*,
 IEEE PLANS 1994. Beard and McLain (*Small Unmanned Aircraft*, 2012, section 7.5) use Rankin's numbers. The
 process has a standard deviation of 4.7 m along a horizontal axis and 9.2 m upwards, and a time constant of
-1100 s. The white noise has 0.4 m along a horizontal axis and 0.7 m upwards. The horizontal and vertical
-dilutions of precision are 1.3 and 1.8. `SensorNoise` sets the size of the errors; the ratios and the time
-constant are fixed.
+1100 s. The white noise has a deviation of 0.4 m horizontally and 0.7 m upwards. The dilutions of precision
+are 1.3 (horizontal) and 1.8. `SensorNoise` sets the size of the errors; the ratios are fixed.
 
 The error of a barometer has the same two parts (Sabatini and Genovese, *Sensors* 13(11), 2013). The autopilot
 measures heights from the barometer's reading at power-up. The estimate follows the sensors with a time

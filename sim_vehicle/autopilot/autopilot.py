@@ -67,9 +67,8 @@ class Firmware:
     """Function that returns a vehicle's lateral drift due to estimate errors, as the standard deviation per
     horizontal axis (`sim_vehicle.airframe.estimate_errors`). None if the estimate is exact."""
     return_height: tuple[str, float] | None = None
-    """Name of the parameter for the minimum return altitude above home, and the size of its unit in metres. A
-    fleet in altitude layers sets the parameter for each vehicle. None if a fleet leaves the return altitude
-    as it is."""
+    """Name of the parameter for the minimum return altitude above home, and its unit in metres. A fleet in
+    altitude layers sets the parameter for each vehicle. None if fleets do not change return altitudes."""
     reference: Callable[[], Sequence[MavParameter]] = tuple
     """Function that returns all parameters of the real firmware; unsupported parameters are only stored."""
 
@@ -248,8 +247,7 @@ def with_return_margin(spec: VehicleSpec) -> VehicleSpec:
     PX4 returns at ``RTL_RETURN_ALT`` if the distance from home exceeds ``RTL_MIN_DIST``, otherwise lower. A
     vehicle that drifts beyond this distance climbs and descends 20 m more, so predictions assume the higher
     altitude even for distances shorter by the margin. ArduCopter needs no margin: its return altitude
-    (``RTL_CONE_SLOPE``, ``RTL_CLIMB_MIN``) is a continuous function of the distance, and its position
-    estimate is exact.
+    (``RTL_CONE_SLOPE``, ``RTL_CLIMB_MIN``) varies continuously with the distance, and its estimate is exact.
 
     Examples
     --------

@@ -42,9 +42,8 @@ _Obeyed: TypeAlias = int | list[Message]
 class CameraComponent:
     """A MAVLink camera that takes images on mission commands and sends the readings of the images.
 
-    The camera takes its position from the GLOBAL_POSITION_INT messages of the system's autopilot, which
-    should arrive at 10 Hz, and at least at 1 Hz. The camera requests these messages if they do not arrive,
-    because ArduPilot sends only requested messages.
+    The camera takes its position from the autopilot's GLOBAL_POSITION_INT messages, best at 10 Hz, at least
+    at 1 Hz. It requests them if they do not arrive, because ArduPilot sends only requested messages.
 
     Images are triggered by DO_SET_CAM_TRIGG_DIST, DO_SET_CAM_TRIGG_INTERVAL, IMAGE_START_CAPTURE and the
     autopilot's CAMERA_TRIGGER. The camera stops when the vehicle disarms or the autopilot restarts.

@@ -236,9 +236,8 @@ class _Planner:
         """Return the position to which the vehicle leaves a circle, and a far point in direction 0° N 0° E.
 
         The position is None if a jump or an item without a position comes first. The far point is None unless
-        the autopilot turns towards the zero coordinates of a return item. As in ArduPilot's
-        ``Location::get_bearing_to``, its bearing is computed on a plane, with longitudes scaled at the mean
-        latitude.
+        the autopilot turns towards the zero coordinates of a return item. Its bearing is computed on a plane
+        with scaled longitudes, as in ArduPilot's ``Location::get_bearing_to``.
         """
         items = self._items
         for following in range(seq + 1, min(seq + 1 + _LOOK_AHEAD, len(items))):

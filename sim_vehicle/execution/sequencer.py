@@ -90,8 +90,7 @@ class MissionSequencer:
     With `takes_off`, a mission that begins on the ground without a take-off item climbs first, as in PX4. The
     climb ends at the height of the first position, or at the take-off altitude if this is higher.
     `epoch_unix_s` is the Unix time at simulated time 0. `current_seq` is the index of the present or next
-    item, -1 without a mission. `settings` has the speeds and heading for later legs; items and orders change
-    them.
+    item, -1 without a mission. `settings` has the speeds and heading of later legs.
     """
 
     def __init__(
@@ -141,10 +140,10 @@ class MissionSequencer:
     ) -> bool:
         """Replace the mission in flight, go on at item `seq`, and return whether the vehicle turns at once.
 
-        The vehicle keeps its speeds. It first climbs to the height of a take-off item. It completes a return
-        item, and then the mission ends. The mission also ends if it has no item `seq`. With `at_waypoints`,
-        the vehicle turns at once only if the old item is a waypoint and item `seq` exists; otherwise it
-        completes the old item, then the next item. With `keeps_jumps`, jump counters keep their values.
+        The vehicle keeps its speeds. It completes the climb of a take-off item first. It completes a return
+        item, which ends the mission. The mission also ends if it has no item `seq`. With `at_waypoints`, the
+        vehicle turns at once only if the old item is a waypoint and item `seq` exists; otherwise it completes
+        the old item, then the next item. With `keeps_jumps`, jump counters keep their values.
         """
         self.flight.ready("change the mission")
         flown = self.items[self.current_seq].command if self.current_seq < len(self.items) else _WAYPOINT

@@ -102,7 +102,7 @@ class ReadyCallback(NamedTuple):
 
 
 def _received(link: Link, client: Client) -> list[tuple[Client, bytes]]:
-    """Return the frames received over a client's link; set the client's `alive` to False if it is lost."""
+    """Return the frames received over a client's link; if the link is lost, set `alive` to False."""
     try:
         pieces = link.receive()
     except LinkError:

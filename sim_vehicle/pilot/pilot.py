@@ -124,9 +124,8 @@ class Pilot(Controls):
     ) -> MissionChange:
         """Replace the mission; a mission that cannot be flown is stored, but not flown.
 
-        `marked` is the item at which to continue; by default, in flight, this is the item with the present
-        number. `whole` is False for a part of an upload that overwrites the mission in place; a part is not
-        checked.
+        `marked` is the item at which to continue, by default (in flight) the item with the present number.
+        `whole` is False for a part of an upload that overwrites the mission in place; a part is not checked.
         """
         mission, behaviour = self.mission, self.behaviour
         # A falling vehicle only stores the mission, because a falling autopilot does not notice the fall.

@@ -2,8 +2,7 @@
 
 Mechanisms and constants are from PX4 v1.17: ``FlightTaskAuto`` and ``PositionSmoothing`` (trajectory),
 ``FlightTaskOrbit``, ``mc_pos_control`` (``PositionControl``, ``Takeoff``), ``navigator/mission_block``
-(acceptance of waypoints), ``land_detector``, ``simulator_sih`` (airframe). See docs/vehicle-model.md for
-gaps.
+(acceptance), ``land_detector``, ``simulator_sih`` (airframe). For gaps see docs/vehicle-model.md.
 
 State and counters are as in `sim_vehicle.motion.multirotor.kernel`; the record `GUIDE` holds the memory of
 the autopilot. Positions are east-north-up relative to the start.

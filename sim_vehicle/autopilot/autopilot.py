@@ -134,7 +134,7 @@ class Autopilot:
 
 
 def get_autopilot(name: str = DEFAULT_AUTOPILOT) -> Autopilot:
-    """Return the autopilot with this name; upper and lower case are equal.
+    """Return the autopilot with this name, in which case does not matter.
 
     Raises
     ------

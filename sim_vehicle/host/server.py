@@ -168,7 +168,7 @@ class Server(Closing):
         return self._selector.dropped
 
     def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
-        """Serve until ``until(now_s)`` is true, `limit_s` simulated seconds are over, `stop`, or Ctrl-C."""
+        """Serve until ``until(now_s)`` is true, for `limit_s` simulated seconds, or until `stop`/Ctrl-C."""
         end_s = self.now_s + limit_s
         self._origin_s = self.now_s - self._wall_s()
         try:

@@ -27,7 +27,7 @@ SPACING_M = 4.0
 
 
 def start_positions(home: GeoPoint, count: int, spacing_m: float = SPACING_M) -> list[GeoPoint]:
-    """Return start positions. The first is home, and the others are on a square spiral around home.
+    """Return start positions: home for the first vehicle, and a square spiral around home for the others.
 
     Raises VehicleError unless the spacing is 0.1 m to 1 km.
 

@@ -120,7 +120,7 @@ class StatusTexts:
 
 
 class ItemReports:
-    """Reports of reached items, repeated as by the autopilot, and the delayed MISSION_CURRENT."""
+    """Reports of reached items, with the autopilot's repetitions, and the delayed MISSION_CURRENT."""
 
     def __init__(self, state: WireState) -> None:
         self._state = state

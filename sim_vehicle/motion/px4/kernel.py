@@ -112,7 +112,7 @@ PROGRESS = 0.98
 # Maximum centripetal acceleration in FlightTaskOrbit, and speed back to the circle per metre of distance.
 ORBIT_M_S2 = 2.0
 ORBIT_1_S = 1.0
-# Distance at which a point stands for the direction ahead.
+# Distance of the point ahead at which the nose of an orbiting vehicle aims.
 _AHEAD_M = 1e3
 
 

@@ -67,14 +67,14 @@ class BatterySpec:
         if not self.empty_cell_v < self.cell_voltage_v < self.full_cell_v <= 5.0:
             msg = (
                 f"battery: empty_cell_v {self.empty_cell_v}, cell_voltage_v {self.cell_voltage_v} and "
-                f"full_cell_v {self.full_cell_v} must ascend and be at most 5"
+                f"full_cell_v {self.full_cell_v} must be in ascending order, at most 5"
             )
             raise VehicleError(msg)
         levels = (self.critical_fraction, self.reserve_fraction)
         if not all(_is_number(level) for level in levels) or not 0.0 <= levels[0] <= levels[1] < 1.0:
             msg = (
                 f"battery: critical_fraction {self.critical_fraction} and reserve_fraction "
-                f"{self.reserve_fraction} must ascend within 0..1"
+                f"{self.reserve_fraction} must be in ascending order, within 0..1"
             )
             raise VehicleError(msg)
 

@@ -42,7 +42,7 @@ def test_limits_must_be_positive_numbers(value):
 def test_impossible_batteries_are_refused():
     with pytest.raises(VehicleError, match="capacity_wh"):
         BatterySpec(capacity_wh=0.0, cells=4)
-    with pytest.raises(VehicleError, match="ordered"):
+    with pytest.raises(VehicleError, match="ascending order"):
         BatterySpec(capacity_wh=10.0, cells=4, reserve_fraction=0.1, critical_fraction=0.2)
     with pytest.raises(VehicleError, match="resistance"):
         BatterySpec(capacity_wh=10.0, cells=4, resistance_ohm=-1.0)

@@ -121,7 +121,7 @@ class Wind:
         names = ("east_m_s", "north_m_s", "gust_m_s", "correlation_s")
         within("wind", self, *((name, -200.0, 200.0) for name in names))
         if self.gust_m_s < 0.0 or self.correlation_s <= 0.0:
-            msg = f"wind: gust_m_s {self.gust_m_s} is negative or correlation_s {self.correlation_s} not above 0"
+            msg = f"wind: gust_m_s {self.gust_m_s} is negative or correlation_s {self.correlation_s} is <= 0"
             raise VehicleError(msg)
         if not 1.0 <= self.height_m <= HIGHEST_M:
             msg = f"wind: the height {self.height_m} m of the mean wind is outside 1..304"

@@ -1,6 +1,6 @@
 """Batches of vehicles: one compiled call advances each vehicle along its route as if it were alone.
 
-The numbers of the vehicles are rows of arrays, ``[vehicle, number]``. Each vehicle keeps views of its rows,
+Arrays ``[vehicle, number]`` hold one row of numbers for each vehicle. Each vehicle keeps views of its rows,
 so its routes, parameters and positions are used as without a batch. Loops call single vehicles' kernels.
 """
 

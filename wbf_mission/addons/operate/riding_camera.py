@@ -1,4 +1,4 @@
-"""Leaf camera beside a real autopilot: follows its telemetry, and stays silent if a camera is on board."""
+"""Leaf camera for a real autopilot: follows its telemetry, and stays silent if a camera is on board."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class MissionShots:
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """Place of a mission item report, and the observed distance between this place and the telemetry gap."""
+    """Vehicle's place at an item report, and distance flown between this place and a telemetry gap."""
 
     place: _Place
     metres: float = 0.0
@@ -98,8 +98,9 @@ def images_in(silence: Silence, mission: Mission, item: int) -> int:
     """Return the approximate number of images that the mission orders during a telemetry gap.
 
     The path leads along the items' positions, from the last item report before the gap to the first item
-    report after it. The observed parts at both ends do not count. The vehicle's speed along the path is taken
-    as constant. Without a camera command in the mission, the camera continues as before the gap.
+    report after it. The parts of the path that were observed, at both ends, are left out. The vehicle's speed
+    along the path is taken as constant. Without a camera command in the mission, the camera continues as
+    before the gap.
 
     An ``item`` equal to or above the number of items means that the mission is over.
     """
@@ -166,7 +167,7 @@ def _without(legs: Sequence[tuple[float, Shots]], metres: float) -> list[tuple[f
 def _images(legs: list[tuple[float, Shots]], silence: Silence) -> int:
     """Return the number of images on legs, each with a length and a camera command.
 
-    Legs longer than the vehicle can fly in the time, such as those of a replaced mission, are shortened.
+    Legs that are too long for the time, such as legs of a replaced mission, are shortened.
     """
     whole_m = sum(length_m for length_m, _ in legs)
     flown = min(1.0, silence.reach_m / whole_m) if whole_m > 0.0 else 1.0
@@ -199,11 +200,11 @@ _UNKNOWN_ITEM = 65535
 class RidingCamera:
     """Leaf camera that follows a vehicle by telemetry alone.
 
-    The camera first listens for a camera on board; if there is one, it stays silent for good. An autopilot
-    with its own camera driver also commands this camera (DO_SET_CAM_TRIGG_DIST, CAMERA_TRIGGER). Such a
-    command may be lost or late, and other autopilots send none. So in a mission the last camera command
-    before the item in MISSION_CURRENT applies (`MissionShots`). A stop applies in any mode: PX4 reports the
-    last item, the return, after it has switched from mission to return mode, where its images stop anyway.
+    This component first listens for a camera on board; if a camera is on board, it stays silent for good. An
+    autopilot with a camera driver also commands this camera (DO_SET_CAM_TRIGG_DIST, CAMERA_TRIGGER). Such a
+    command may be lost or late, and other autopilots send no commands. In a mission, therefore, the camera
+    obeys the last camera command before the item in MISSION_CURRENT (`MissionShots`). It obeys a stop in any
+    mode, because PX4 reports the last item, the return, only after it has switched to return mode.
     """
 
     def __init__(
@@ -279,8 +280,8 @@ class RidingCamera:
         self._home = int(profile_for(message.autopilot).home_at_zero)
         armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         self._in_mission = armed and is_in_mission(message)
-        # The mission is over only in a mode that the vehicle enters for the mission's final return and for
-        # nothing else.
+        # The mission is over only in a mode that the vehicle enters for no other purpose than the mission's
+        # final return.
         ends = VehicleModes(message.autopilot, message.type).ends(Command.NAV_RETURN_TO_LAUNCH)
         self._returns = armed and ends == {mode_name(message)}
 
@@ -298,7 +299,7 @@ class RidingCamera:
             self._shots.commanded = True
 
     def _on_single(self) -> None:
-        """The autopilot triggers single images: applying the mission's commands would take images twice."""
+        """Stop the camera's series: the autopilot triggers single images, which would be taken twice."""
         if not self._shots.single:
             self._shots.single = True
             self._camera.trigger.stop()
@@ -329,7 +330,7 @@ class RidingCamera:
                 self._seen = Seen(places[1])
             elif self._seen is not None:
                 self._seen = replace(self._seen, metres=self._seen.metres + apart_m(*places))
-        # After a gap the item may be reported before the position.
+        # After a gap, the vehicle may report the item before the position.
         self._then = (self._item, self._seen, self._does)
 
     @property
@@ -363,6 +364,6 @@ class RidingCamera:
         command = Command.DO_SET_CAM_TRIGG_INTERVAL if by_time else Command.DO_SET_CAM_TRIGG_DIST
         value = ordered.interval_ms if by_time else ordered.distance_m
         order = command_long((self.system_id, self.component_id), command, value, 0.0, 1.0)
-        # Sends the first image; the acknowledgement goes to nobody.
+        # The answers have the first image; nobody awaits the acknowledgement.
         answers = self._camera.receive(order, now_s)
         return [answer for answer in answers if not is_a(answer, mavlink.MAVLink_command_ack_message)]

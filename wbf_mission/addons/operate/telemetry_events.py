@@ -42,12 +42,12 @@ class Watch(Protocol):
         """Update the state to `now_s`."""
 
     def seen(self) -> Iterable[tuple[float, Observations]]:
-        """Return the observations since the last call, each with the time at which its clock started."""
+        """Return the observations since the last call, with the time at which their vehicle was booted."""
 
 
 @dataclass(slots=True)
 class _Told:
-    """State of the events already sent about a vehicle."""
+    """Record of the events already sent about a vehicle."""
 
     mission: Mission | None = None
     texts: int = 0

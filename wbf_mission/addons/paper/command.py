@@ -37,7 +37,8 @@ def paper_command(
     spec: Annotated[
         Path | None,
         typer.Argument(
-            help="Planners and estimators to compare, in one scenario (TOML); the options below change it."
+            help="File (TOML) with the planners and estimators to compare, in one scenario; the options "
+            "below change it."
             "  [default: the paper's experiment in five environments]"
         ),
     ] = None,
@@ -82,7 +83,7 @@ def paper_command(
                 progress=progress,
             )
     except BenchmarkInterrupted as stop:
-        output.warn(f"{stop}; the same command flies the others")
+        output.warn(f"{stop}; repeat the command to fly the other runs")
         return ExitCode.INTERRUPTED
     warn_of_failures(output, made.rows)
     write_page(made.files[0].with_suffix(".html"), made.page, out)

@@ -39,7 +39,7 @@ class ShownRun:
 
     @classmethod
     def flown(cls, run: BenchRun) -> Self:
-        """Fly a run and return its data; WbfMissionError if the run fails, or has no estimate."""
+        """Fly a run and return its data; raise WbfMissionError if the run fails, or has no estimate."""
         result = fly(run.scenario)
         if result.outcome is Outcome.INTERRUPTED:
             raise KeyboardInterrupt
@@ -68,7 +68,7 @@ class ShownRun:
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read a file that `save` wrote; ResultError if the file is no saved run."""
+        """Read a file that `save` wrote; raise ResultError if the file is not a saved run."""
         try:
             with np.load(path, allow_pickle=False) as file:
                 arrays = {name: np.asarray(file[name], np.float32) for name in _ARRAYS}
@@ -92,8 +92,8 @@ def shown_runs(
 ) -> dict[tuple[str, str], ShownRun]:
     """Return the data drawn for each run, by planner and estimator; runs absent from the folder are flown.
 
-    ResultError if a file in the folder is damaged, another WbfMissionError if a run has no result to draw.
-    At Ctrl-C, finished runs stay in the folder.
+    Raises ResultError if a file in the folder is damaged, another WbfMissionError if a run has no result. At
+    Ctrl-C, finished runs stay in the folder.
     """
     from joblib import effective_n_jobs
 

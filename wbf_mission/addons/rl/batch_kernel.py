@@ -25,7 +25,7 @@ class Rules(NamedTuple):
 
     moves: NDArray[np.int64]  # int64[actions, 2]
     allowed: NDArray[np.bool_]  # bool[W, H]
-    every: int  # Number of readings between scored times; the last reading is scored, too
+    every: int  # Number of readings between scored times; the last reading is also scored
     radii: NDArray[np.int64]  # int64[N + 1]: disk radius after each number of readings
     # int64[radii, radii]: half-width of a disk's row, by radius and distance from the centre.
     half_widths: NDArray[np.int64]
@@ -62,7 +62,7 @@ class Runs(NamedTuple):
 
 @compiled(nogil=True, allocates=False)
 def resume_errors(rules: Rules, runs: Runs, run: int, time: int) -> None:
-    """Write a run's sums of squared errors to ``sums[run, time]``; tiles resume at their column `dirty`."""
+    """Write a run's sums of squared errors to ``sums[run, time]``; each tile resumes at column `dirty`."""
     masks, truth, estimate = rules.masks, runs.truth[run], runs.value[run]
     dirty, partial, sums = runs.dirty[run], runs.partial[run], runs.sums[run, time]
     width, height = masks.shape[1], masks.shape[2]

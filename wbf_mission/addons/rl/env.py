@@ -67,17 +67,17 @@ class SurveyEnv(OneEpisode, gymnasium.Env[Observation, Any]):
     estimator : Estimator or str
         Estimator of the maps.
     block : int, optional
-        Side of a map block, cells. The default is 1, or as many as make 64 blocks on a farm of more than 64
-        cells along a side.
+        Side of a map block, cells. By default, the smallest side that gives at most 64 blocks along each side
+        of the farm.
     render_mode : {"rgb_array", "human"}, optional
         ``rgb_array``: `render` returns a frame. ``human``: a window is updated at every step.
     render_field : str, optional
-        Field to draw; by default the one with the largest weight in the score.
+        Field to draw; by default the field with the largest weight in the score.
 
     Raises
     ------
     TrainingError
-        If the scenario is not of one of the paper's robots, or an option is invalid.
+        If the scenario is not for one of the paper's robots, or an option is invalid.
     WbfMissionError
         If the scenario or the estimator is unknown.
     """
@@ -113,7 +113,7 @@ class SurveyEnv(OneEpisode, gymnasium.Env[Observation, Any]):
         Parameters
         ----------
         seed : int, optional
-            The environment equals that of ``bench run`` with this seed. By default a seed from 2^32 on is
+            The environment is the same as in ``bench run`` with this seed. By default a seed from 2^32 on is
             drawn, which no benchmark uses.
         options : dict, optional
             Ignored.

@@ -25,7 +25,7 @@ from wbf_mission.scenario import Scenario
 class SurveyParallelEnv(OneEpisode, ParallelEnv):  # type: ignore[misc]  # PettingZoo is not typed
     """Robots that survey a farm together, with a common reward.
 
-    Parameters and errors are those of `wbf_mission.addons.rl.env.SurveyEnv`, for one or several robots.
+    For parameters and errors, see `wbf_mission.addons.rl.env.SurveyEnv`; there may be several robots.
     """
 
     metadata: ClassVar[dict[str, Any]] = {

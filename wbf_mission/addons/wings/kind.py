@@ -80,14 +80,14 @@ class FixedWingAirframe:
     lift_level: float = 0.3
     lift_slope: float = 5.0
     turn_share: float = 1.0
-    """Turn rate over that of a coordinated turn, g tan(bank) / airspeed; below 1 the wing slips outward."""
+    """Ratio to the turn rate of a coordinated turn, g tan(bank) / airspeed; below 1 the wing slips outward."""
     elevator_per_lift: float = 0.0
-    """Part of full elevator that trims one more unit of lift coefficient: static stability over elevator
-    power. Until pitch control has trimmed a change of airspeed, the nose is too high or too low. 0: always
-    trimmed."""
+    """Fraction of full elevator that trims one more unit of lift coefficient: static stability divided by
+    elevator power. Until pitch control has trimmed a change of airspeed, the nose is too high or too low. 0
+    means always trimmed."""
     liftoff_airspeed_m_s: float | None = None
-    """Airspeed of lift-off by the vehicle's own thrust; None: thrown, or rolling as the autopilot's
-    parameters say."""
+    """Airspeed of lift-off by the vehicle's own thrust; None: a throw or a ground roll by the autopilot's
+    parameters."""
     ground_drag_1_s: float | None = None
     """Deceleration per speed on the ground; None: grass, with a constant deceleration."""
 
@@ -106,7 +106,7 @@ class FixedWingAirframe:
 
 
 def fixed_wing_power(power: NDArray[np.float64], airspeed: float, climb: float, load: float) -> float:
-    """Return the power of a fixed wing, watts from the cells of its battery.
+    """Return the power that a fixed wing draws from the cells of its battery, in watts.
 
     Parameters
     ----------

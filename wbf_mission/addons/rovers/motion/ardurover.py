@@ -35,20 +35,20 @@ Drive = IntEnum(
 )
 
 
-# Parameters of the law besides those of S-curves; SI units, radians, throttle and steering from -1 to 1.
+# Parameters of the control law besides S-curves; SI units, radians, throttle and steering from -1 to 1.
 DriveLaw = IntEnum(
     "DriveLaw",
     "ACCELERATION DECELERATION "  # Limits on changes of the demanded speed.
     "LATERAL TURN_SPEED "  # Maximum lateral acceleration; speed kept in turns.
     "NEAR "  # Distance within which a stop counts as reached.
     "STEER_ACCELERATION STEER_RATE "  # Limits of the demanded turn rate.
-    "STEER_FF STEER_P STEER_I STEER_IMAX STEER_FILTER "  # Turn rate controller, by steering.
+    "STEER_FF STEER_P STEER_I STEER_IMAX STEER_FILTER "  # Controller of the turn rate by the steering.
     "SCALE_BASE "  # Speed above which the steering is scaled down.
     "TIGHTEST "  # Turn radius at full steering; 0 for a tracked vehicle.
     "STEER_LAG "  # Filter gain of turns of a tracked vehicle.
     # Turns on the spot (delay in steps); an angle of 0 disables them.
     "ANGLE_P PIVOT_ANGLE PIVOT_RATE PIVOT_DELAY "
-    "DRIVE_BASE DRIVE_P DRIVE_I DRIVE_IMAX DRIVE_FILTER "  # Speed controller, by throttle.
+    "DRIVE_BASE DRIVE_P DRIVE_I DRIVE_IMAX DRIVE_FILTER "  # Controller of the speed by the throttle.
     "STOP_SPEED "  # Speed below which a stopping vehicle has zero throttle.
     "TOP_SPEED DRIVE_LAG",  # Speed at full throttle; filter gain of the speed.
     start=len(Law),

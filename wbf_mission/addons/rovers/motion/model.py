@@ -85,7 +85,7 @@ class Rover(CompiledMotion):
             radius = float(legs["radius"][i])
             stops = i == n - 1 or radius <= 0.0 or legs["pause"][i] > 0.0
             rows[i, Leg.KIND] = wheels.STOP if stops else wheels.THROUGH
-            # With rovers, neither autopilot uses the acceptance radius of an item.
+            # For rovers, neither autopilot uses the acceptance radius of an item.
             rows[i, Leg.RADIUS] = law.acceptance
             if int(legs["kind"][i]) in NOT_DRIVEN:
                 rows[i, Leg.KIND] = wheels.AT_ONCE
@@ -162,8 +162,8 @@ class Rover(CompiledMotion):
         return {**{name: getattr(law, name) for name in wheels.OF_ROVER}, **law.simulated}
 
 
-# Legs followed by pure pursuit: bends of a curve, and repeated position setpoints. ArduPilot's Rover uses no
-# S-curves for them either.
+# Legs followed by pure pursuit: bends of a curve, and repeated position setpoints. ArduPilot's Rover does not
+# use S-curves for these legs either.
 _PURSUED = (LegKind.ARC, LegKind.SETPOINT)
 
 

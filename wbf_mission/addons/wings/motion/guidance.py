@@ -21,7 +21,7 @@ from wbf_mission.addons.wings.motion import layout as at
 from wbf_mission.addons.wings.motion.tecs import PERIOD_S
 
 NPFG, L1 = 0.0, 1.0
-# If the crosswind is less than this below the airspeed, NPFG fades out the acceleration for curvature.
+# If airspeed less crosswind is below this, NPFG fades out the acceleration for curvature.
 AIRSPEED_BUFFER = 1.5
 LEAST_RADIUS_M = 0.5
 _CAPTURE = 0.7071
@@ -98,7 +98,7 @@ def _npfg(
         )
         acceleration = airspeed * ratio * rate * held * along * along
     if abs(wind_across) < airspeed and (wind_along > 0.0 or wind < airspeed):
-        # Wind triangle: heading that makes good the bearing.
+        # Wind triangle: with this heading, the course over ground is the bearing.
         forward = sqrt(airspeed * airspeed - wind_across * wind_across)
         he = forward * be + wind_across * bn
         hn = forward * bn - wind_across * be
@@ -263,7 +263,8 @@ def circles(state: Record, row: Record, arrived: bool) -> bool:
 def _comes_along_line(state: Record, row: Record, limits: Record) -> bool:
     """Return whether ArduPlane now approaches a mission's circle along the line from the last waypoint.
 
-    It leaves the line near the circle (``Plane::update_loiter``). A return leads directly to the circle.
+    ArduPlane leaves the line near the circle (``Plane::update_loiter``). A return leads directly to the
+    circle.
     """
     of_mission = row.kind == at.CIRCLE and row.at_once == 0.0
     return bool(limits.law != NPFG and of_mission and isnan(state.bearing) and state.direct == 0.0)

@@ -62,7 +62,7 @@ def _throttle(state: Record, limits: Record, asked: float, load: float) -> float
     """Return the throttle for an energy rate divided by weight (``TECSControl::_calcThrottleControl``).
 
     The throttle is predicted from the parameters, plus damping and an integral of the error, slow by default.
-    So a motor or drag that differs from the parameters disturbs the airspeed for a minute.
+    Therefore a motor or a drag that differs from the parameters disturbs the airspeed for a minute.
     """
     most, least = limits.climb_max, -limits.sink_min
     asked = min(max(asked + limits.total_for_load * (load - 1.0) / GRAVITY_M_S2, least), most)
@@ -86,7 +86,7 @@ def _energy(
     """Return throttle, climb rate and energy rate (over weight) demanded by total energy control.
 
     The sum of the demanded rates of height and speed sets the throttle (`_throttle`), and their difference
-    sets the pitch. Height and speed share a shortage of energy.
+    sets the pitch. If energy is short, both height and speed fall short.
     """
     v = max(state.airspeed, SHORT)
     climb = _climb(state, limits, height, full)

@@ -149,7 +149,7 @@ def _notice_underspeed(state: Record, slowest: float, v: float, stage: float) ->
 
 @compiled(allocates=False)
 def _speed_weight(state: Record, limits: Record, stage: float, portion: float, sinking: bool) -> float:
-    """Return the weight of the airspeed in pitch control, 0 to 2; the height's weight is the rest of 2."""
+    """Return the weight of the airspeed in pitch control, 0 to 2; the height's weight is 2 minus it."""
     if state.underspeed > 0.0 or stage == CLIMB_OUT or sinking:
         return 2.0
     weight = _clip(limits.speed_weight, 0.0, 2.0)
@@ -173,8 +173,8 @@ def control_energy(
     """Set the demanded pitch and throttle for a height and an airspeed; call every `PERIOD_S`.
 
     `stage` is CRUISE, CLIMB_OUT, LAND or FLARING. `portion` is the fraction of the leg flown, which reduces
-    the speed weight in a landing. `least_pitch` is the minimum pitch of a take-off. With a dead motor, pitch
-    holds the airspeed alone.
+    the speed weight in a landing. `least_pitch` is the minimum pitch of a take-off. If the motor is dead,
+    pitch alone holds the airspeed.
     """
     if state.running == 0.0:
         _begin(state, limits)
@@ -229,7 +229,7 @@ def control_energy(
         rate = _demand_height(state, limits, stage, target, pitch_min, pitch_max)
     _notice_underspeed(state, slowest, v, stage)
 
-    # Energies and their rates; kinetic rates without the part that their filters have followed.
+    # Energies and their rates; the kinetic rates are high-pass filtered.
     wanted = state.speed_demand
     kinetic, wanted_kinetic = 0.5 * v * v, 0.5 * wanted * wanted
     potential, wanted_potential = GRAVITY_M_S2 * height, GRAVITY_M_S2 * state.height_demand

@@ -39,10 +39,12 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
     estimator : str
         ``adaptive-disk``, the only batched estimator.
     block : int, optional
-        See `SurveyEnv`. render_mode : {"rgb_array"}, optional
+        See `SurveyEnv`.
+    render_mode : {"rgb_array"}, optional
         `render` returns a frame of each run.
     render_field : str, optional
-        See `SurveyEnv`. autoreset_mode : AutoresetMode or str
+        See `SurveyEnv`.
+    autoreset_mode : AutoresetMode or str
         Time at which a finished run restarts: at the next step (``NextStep``), in the same step
         (``SameStep``), or at `reset` with ``options={"reset_mask": ...}`` (``Disabled``).
     copy : bool

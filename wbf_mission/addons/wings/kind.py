@@ -80,7 +80,7 @@ class FixedWingAirframe:
     lift_level: float = 0.3
     lift_slope: float = 5.0
     turn_share: float = 1.0
-    """Ratio to the turn rate of a coordinated turn, g tan(bank) / airspeed; below 1 the wing slips outward."""
+    """Ratio to the turn rate of a coordinated turn, g tan(bank) / airspeed; below 1 it slips outward."""
     elevator_per_lift: float = 0.0
     """Fraction of full elevator that trims one more unit of lift coefficient: static stability divided by
     elevator power. Until pitch control has trimmed a change of airspeed, the nose is too high or too low. 0

@@ -1,4 +1,4 @@
-"""Report of a benchmark as one HTML file: a table to sort and filter, whose rows open to scores by seed.
+"""Report of a benchmark as one HTML file: a table to sort and filter; a row opens to show scores by seed.
 
 Without scripts the page shows the same tables, unsorted.
 """
@@ -78,7 +78,7 @@ def _body(page: Page, folder: Path, whole: Table) -> Iterator[str]:
 
 
 def _table(table: Table, label: str, *, name: str = "") -> Iterator[str]:
-    """Yield a scrollable table. The first `table.texts` columns hold names; in a two-column table both do."""
+    """Yield a scrollable table. The first `table.texts` columns have names; of two columns, both have."""
     names = len(table.header) if len(table.header) == _OF_TEXTS else table.texts
 
     def cells(row: Sequence[str], tag: str) -> str:
@@ -104,5 +104,5 @@ def _name(text: str) -> str:
 
 
 def _numbers(text: str) -> str:
-    """Return numbers with intervals on one line; an interval in brackets may be on the next."""
+    """Return numbers with intervals on one line; an interval in brackets may be on the next line."""
     return escape(text).replace(" to ", " to&nbsp;" if "(" in text else "&nbsp;to&nbsp;")

@@ -1,4 +1,4 @@
-"""Compiled means over blocks of a farm's cells: millions of cells in few pixels."""
+"""Compiled means over blocks of a farm's cells, which show millions of cells in few pixels."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ class NewestOnly(Generic[T]):
     def do(self, what: str, work: Callable[[Progress], T]) -> T:
         """Return the result of `work`, or raise its error; callers with equal `what` share a job.
 
-        SupersededError when another job is requested, or `stop` is called.
+        Raises SupersededError when another job is requested, or `stop` is called.
         """
         with self._lock:
             job = self._job

@@ -1,7 +1,7 @@
 """Messages between the server and a page; tools/write_page_schema.py generates `page/src/schema.ts`.
 
-A page receives an `Update` with all data when it connects, then updates with new data. Times are seconds
-since the start of the run, places metres in the farm frame. Infinite and missing numbers are null.
+A page receives an `Update` with all data when it connects, then updates with new data. Times are in seconds
+since the start of the run, and places in metres of the farm frame. Infinite and missing numbers are null.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class FieldInfo(Struct):
     unit: str
     range: tuple[float, float]  # Values in `unit` of 0 and 1
     colours: tuple[str, ...]
-    """Two or more "#rrggbb" from 0 to 1; empty for the page's own colours of this kind."""
+    """Two or more "#rrggbb" from 0 to 1; empty if the page's colours for this kind are used."""
 
 
 class Raster(Struct):
@@ -166,7 +166,7 @@ class Readings(Struct):
 
 
 class Scores(Struct):
-    """Estimates as columns; the losses by field."""
+    """Estimates as columns, and losses by field."""
 
     time_s: list[float]
     day: list[int]
@@ -194,7 +194,7 @@ class Change(Struct):
 
 
 class Decision(Struct):
-    """A decision of a policy; replaces an older version, as outcomes change during its execution."""
+    """A decision of a policy; it replaces its older version, as outcomes change while it is executed."""
 
     number: int
     time_s: float
@@ -241,7 +241,7 @@ class Status(Struct):
     reason: str
     progress: Progress | None
     question: Question | None
-    orders: tuple[str, ...]  # Orders allowed to this page; empty for a page that only shows
+    orders: tuple[str, ...]  # Orders that this page may give; empty if it may give no orders
 
 
 class Run(Struct):
@@ -285,7 +285,7 @@ class Beat(Struct):
 class Update(Struct, omit_defaults=True):
     """New data; a missing member is unchanged.
 
-    Lists and columns are appended to. Other members are replaced; `tiles` and `decisions` item by item.
+    Lists and columns have rows to append. Other members are replaced; `tiles` and `decisions` item by item.
     """
 
     time_s: float
@@ -311,7 +311,7 @@ class Update(Struct, omit_defaults=True):
         """Return the update as JSON."""
         try:
             return msgspec.json.encode(self)
-        except UnicodeEncodeError:  # File names may contain bytes that are no text
+        except UnicodeEncodeError:  # File names may contain bytes that are not text
             return msgspec.json.encode(_as_text(msgspec.to_builtins(self)))
 
 
@@ -328,7 +328,7 @@ class Moment(Struct):
 class Recording(Update, kw_only=True):
     """A finished run within a page: all data, and the layers at some moments."""
 
-    moments: list[Moment]  # In order of time; tiles replace those of earlier moments
+    moments: list[Moment]  # In order of time; a tile replaces the same tile of earlier moments
 
 
 Positive: TypeAlias = Annotated[float, Meta(ge=0.0, le=1e9)]
@@ -338,7 +338,7 @@ Number: TypeAlias = Annotated[int, Meta(ge=1, le=2**53)]
 class Given(Struct, forbid_unknown_fields=True):
     """Time of a request: the newest beat of the page, and the seconds since then by the page's clock."""
 
-    number: Number  # Greater than all earlier ones: each request counts once
+    number: Number  # Greater than all earlier numbers: each request counts once
     beat_s: Positive
     after_s: Positive
 

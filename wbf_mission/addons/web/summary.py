@@ -40,7 +40,7 @@ def run_title(record: RunRecord) -> str:
 
 
 def summary_of(record: RunRecord, *, notes: Sequence[str] = ()) -> str:
-    """Return the summary of a run as an HTML element; `notes` concern the page below it."""
+    """Return the summary of a run as an HTML element; `notes` concern the page below the summary."""
     facts, warnings = _facts(record), _shown_warnings(record)
     reports = _reports(record)
     shown = [field_map for field_map in record.maps if field_map.field.name in reports]
@@ -189,8 +189,8 @@ def _about(report: FieldReport) -> str:
         sure = f"90 % sure: {write(report.low)} to {write(report.high)}"
     what = "of the plants are expected sick" if disease else "on average"
     if report.is_of_seen:
-        what = "of the plants that were looked at are sick" if disease else "on average of what was looked at"
-        sure = "of what nobody looked at nothing is known"
+        what = "of the plants that were looked at are sick" if disease else "on average in the cells seen"
+        sure = "nothing is known of the others"
     main = f"{write(report.expected)} {what}"
     interval = [
         "" if block.low is None or block.high is None else f"{write(block.low)} to {write(block.high)}"

@@ -45,7 +45,7 @@ MAX_PLANS = 500
 MAX_DECISIONS = 2_000
 MAX_SAID = 2_000
 MAX_CANDIDATES = 40
-"""Maximum number of candidates per decision, best first."""
+"""Maximum number of candidates per decision; the best are kept."""
 _MAX_TEXT = 500
 _WARNING, _INFO = 4, 6  # MAV_SEVERITY
 _RUNNING = "running"
@@ -80,11 +80,11 @@ class _Rows(Generic[T]):
             self.thinned = version
 
     def keep(self, kept: Sequence[bool]) -> None:
-        """Remove the other rows."""
+        """Keep only the rows for which `kept` is true."""
         self.rows, self.versions = list(compress(self.rows, kept)), list(compress(self.versions, kept))
 
     def after(self, cursor: int, restart: list[str]) -> list[T]:
-        """Return the rows newer than a cursor; all rows, noted in `restart`, after a thinning."""
+        """Return the rows newer than a cursor; after a thinning, return all rows and note it in `restart`."""
         if 0 < cursor < self.thinned:
             restart.append(self.name)
             cursor = 0
@@ -128,8 +128,9 @@ class View:
     """State of a run as shown by pages; a listener of its events.
 
     The run's threads call `take`, which is fast. Any number of viewers call `update` at any time; the view
-    keeps no state for viewers. Estimates are drawn in at most `share` of the wall time (1: all), and always
-    at the end of a flight. Layers have at most `longest` pixels per side. `clock` measures ages of states.
+    keeps no state for viewers. Drawing estimates takes at most `share` of the wall time (1: all are drawn);
+    the last estimate of a flight is always drawn. Layers have at most `longest` pixels per side. `clock`
+    measures ages of states.
 
     >>> view = View()
     >>> view.take(events.Noted("the vehicle is heard"))
@@ -146,7 +147,7 @@ class View:
         self._drawing, self._lock = threading.RLock(), threading.RLock()
         self._begun: events.RunBegun | None = None
         self._fields: tuple[Field, ...] = ()
-        self._skipped: InformationModel | None = None  # Latest estimate, if not drawn
+        self._skipped: InformationModel | None = None  # Latest estimate, if it is not drawn yet
         self._stale: Bools | None = None  # bool[n, tiles along x, y]: tiles changed since the last drawing
         self._followed: tuple[weakref.ref[Any], int] | None = None  # Latest estimate's values, revision
         self._draw_at_s = 0.0
@@ -164,8 +165,8 @@ class View:
         self._readings = _Readings()
         self._scores = _Rows[_Scored]("scores", MAX_STATES, thins=True)
         self._decisions = _Rows[schema.Decision]("decisions", MAX_DECISIONS)
-        self._records: list[tuple[float, DecisionRecord]] = []  # With times since the start
-        self._open: dict[int, tuple[str, tuple[str, ...]] | None] = {}  # Unfinished: state last sent
+        self._records: list[tuple[float, DecisionRecord]] = []  # Times since the start, and decisions
+        self._open: dict[int, tuple[str, tuple[str, ...]] | None] = {}  # Unfinished: state that was sent last
         self._said = _Rows[schema.Said]("said", MAX_SAID)
 
     # Output
@@ -407,7 +408,7 @@ class View:
                 self._draw_skipped()
 
     def _draw_skipped(self) -> None:
-        """Draw the latest estimate unless already drawn."""
+        """Draw the latest estimate unless it is drawn already."""
         with self._drawing:
             model, self._skipped = self._skipped, None
             layers, crops = self._layers, {field.name: field.crops for field in self._fields}

@@ -232,7 +232,9 @@ def test_thresholds_and_reports_are_in_the_unit_of_their_field():
     assert zone_map(of, costs).zone[:, 0].tolist() == [TREAT, HEALTHY]
     with pytest.raises(MapError, match=r"--low-below 0.4: ph lies in 4..9; give a number in this range"):
         costs_of(FieldSet((PH,)), {"below": ["0.4"]})
-    with pytest.raises(MapError, match="--low-below soil=-1: soil lies in 0..1; give a number in this range"):
+    with pytest.raises(
+        MapError, match=r"--low-below soil=-1: soil lies in 0..1; give a number in this range"
+    ):
         costs_of(PAPER_FIELDS, {"below": ["soil=-1"]})
     (told,) = report_of_maps(get_farm("miniberry-10"), (field_map([0.5], [0.01], field=PH),)).fields
     assert told.expected == 6.5 and 6.4 < told.low < 6.5 < told.high < 6.6

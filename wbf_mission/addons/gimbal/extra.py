@@ -126,7 +126,7 @@ class GimbalExtra(VehicleExtra):
         self.gimbal.boot()
 
     def execute(self, command: VehicleCommand) -> None:
-        """Execute a mission item; in a mission, DO_MOUNT_CONTROL always sets angles."""
+        """Execute a mission item; a mission's DO_MOUNT_CONTROL always sets angles."""
         if command.id == m.MAV_CMD_DO_MOUNT_CONTROL:
             params = (*command.params[:6], float(m.MAV_MOUNT_MODE_MAVLINK_TARGETING))
             command = replace(command, params=params)
@@ -139,7 +139,7 @@ class GimbalExtra(VehicleExtra):
             self.gimbal.wake()
 
     def is_ready(self, message_id: int) -> bool:
-        """Return whether a message can be sent; the gimbal's messages need an awake gimbal."""
+        """Return whether a message can be sent; the gimbal's messages cannot before the gimbal is awake."""
         return message_id not in self.builders or self.gimbal.awake
 
     def camera_attitude(self, boot_us: float) -> Attitude | None:
@@ -156,7 +156,7 @@ class GimbalExtra(VehicleExtra):
             return _FAILED
         pitch, yaw, pitch_rate, yaw_rate, flags = command.params[:5]
         if not command.long and command.frame in (0, 3, 10):
-            flags *= 1e7  # the field was scaled as a latitude, but holds flags
+            flags *= 1e7  # the field was scaled like a latitude, but it holds flags
         if not 0.0 <= flags < 2**32:
             return _FAILED
         return _turn(self.gimbal, round(flags), (0.0, pitch, yaw), (0.0, pitch_rate, yaw_rate))

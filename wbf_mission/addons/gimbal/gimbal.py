@@ -36,7 +36,7 @@ _HIGH = _settings(ROLL_MAX=30.0, PITCH_MAX=20.0, YAW_MAX=180.0)
 _NEUTRAL = _settings(NEUTRAL_X=0.0, NEUTRAL_Y=-90.0, NEUTRAL_Z=0.0)
 _RETRACTED = _settings(RETRACT_X=0.0, RETRACT_Y=0.0, RETRACT_Z=0.0)
 _DEFAULT_MODE = Setting("MNT1_DEFLT_MODE", 1.0)
-# Number of attitudes kept, to look up an earlier image's attitude: 10 s at 50 steps per second.
+# Number of attitudes that are kept to look up an image's attitude later: 10 s at 50 steps per second.
 _REMEMBERED = 512
 _TURN = 2.0 * math.pi
 
@@ -93,7 +93,7 @@ class Gimbal:
         self.boot()
 
     def boot(self) -> None:
-        """Reset to rest in the default mode."""
+        """Reset the gimbal: it rests in the default mode."""
         self.fitted = self._fitting is not None and self._fitting.of(self._parameters) > 0.0
         # Whether sticks control the yaw relative to north instead of relative to the vehicle.
         self.yaw_lock = False

@@ -58,7 +58,7 @@ class Bidder:
         self.until_free = until_free  # Cost of the work that the vehicle keeps
         self.limit = limit  # Maximum total cost
         self.returns = returns  # Whether the costs include the return home
-        # Awarded segments in order of flight: index in the list of segments, and variant.
+        # Awarded segments in order of flight, each as index in the list of segments, and variant.
         self.route: list[tuple[int, int]] = []
 
     @property
@@ -71,7 +71,7 @@ class Bidder:
         return cost + self._home(at)
 
     def bid(self, segment: int) -> Bid | None:
-        """Return the bid for a segment, by the cheapest insertion into the route; None if unaffordable."""
+        """Return the bid for the segment's cheapest place in the route; None if unaffordable."""
         if not math.isfinite(self.own[segment]):
             return None
         before, best = self.cost, Bid(math.inf, 0, 0)
@@ -97,7 +97,7 @@ class Bidder:
 
 
 def hold_auction(bidders: Sequence[Bidder], offered: Iterable[int]) -> list[int]:
-    """Award one segment at a time to the lowest bid for any segment; return the unsold segments.
+    """Award segments one at a time, always by the lowest of all bids; return the unsold segments.
 
     A bid is the vehicle's total cost, so that all vehicles end with similar costs (rule MiniMax of sequential
     single-item auctions; Lagoudakis et al. 2005, Koenig et al. 2006). Equal bids go to the first bidder.

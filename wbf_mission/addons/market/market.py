@@ -133,7 +133,7 @@ class Market:
         self._day = day
 
     def _divide(self, observation: PolicyObservation) -> dict[int, float]:
-        """Put the coarse segments of every area on the market; return the row spacing of each vehicle."""
+        """Offer the coarse segments of every area; return each vehicle's row spacing."""
         spacings: dict[int, float] = {}
         vehicles = list(observation.steerable)
         while vehicles:
@@ -151,7 +151,7 @@ class Market:
         return spacings
 
     def _settle(self, observation: PolicyObservation) -> bool:
-        """Update the progress of all contracts; return whether segments came back on the market."""
+        """Update the progress of all contracts; return whether segments were returned to the market."""
         returned: list[Segment] = []
         for vehicle in observation.vehicles:
             contract = self._contracts.get(vehicle.system_id)
@@ -304,7 +304,7 @@ def _same(before: Points, after: Points) -> bool:
 
 
 def _beyond(stretches: list[Stretch], flown: Points) -> list[Segment]:
-    """Return the segments with the rows that a path leaves unfinished."""
+    """Return the segments that a path leaves unfinished, with the unfinished rows."""
     whole = Contract(tuple(stretches), _points(stretches))
     whole.follow(whole.points_m[max(len(flown) - 1, 0) :])
     here = flown[-1] if len(flown) else whole.points_m[0]

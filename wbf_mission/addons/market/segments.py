@@ -47,7 +47,7 @@ class Segment:
     rows: tuple[Row, ...]  # Sorted by line, then along the line
 
     def ordered(self, variant: int) -> list[tuple[int, Points]]:
-        """Return number and ends, float64[2, 2], of each row, flown back and forth from corner `variant`.
+        """Return each row's number and ends, float64[2, 2]; rows are flown to and fro from corner `variant`.
 
         Bit 0 of `variant` means that the first row is flown backwards; bit 1, that the last line comes first.
         """
@@ -109,7 +109,7 @@ def groups_of(cells: NDArray[np.integer], reach: float) -> list[NDArray[np.intp]
 
 
 def corners_of(segments: Sequence[Segment]) -> Points:
-    """Return the start points of each segment's variants, then their end points, float64[segments, 8, 2]."""
+    """Return start points, then end points of each segment's 4 variants, float64[segments, 8, 2]."""
     corners = np.empty((len(segments), 2 * VARIANTS, 2))
     for k, segment in enumerate(segments):
         for variant in range(VARIANTS):

@@ -35,7 +35,7 @@ __all__ = ["MavsdkOrders", "MavsdkVia"]
 _POLL_S = 0.02
 _Commanding = m.MAVLink_command_long_message | m.MAVLink_command_int_message
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
-# Time to wait after a refusal for the vehicle's STATUSTEXT with the reason.
+# Time to wait, after a refusal, for the vehicle's STATUSTEXT with the reason.
 _WORDS_S = 0.3
 _RESULTS = {
     "SUCCESS": m.MAV_RESULT_ACCEPTED,
@@ -67,9 +67,10 @@ class MavsdkOrders:
     """Commands to the autopilot, carried out by MAVSDK; each result is returned as a COMMAND_ACK.
 
     Arming, return, landing and PX4's hold use the plugin action; the start of a PX4's mission uses
-    mission_raw. All other commands use mavlink_direct, which also retries. Hold on an ArduCopter does so
-    because MAVSDK's hold sets LOITER, in which an ArduCopter sinks without a stick. The start of its mission
-    does so because an ArduCopter takes off at MISSION_START, but MAVSDK's start_mission only sets the mode.
+    mission_raw. All other commands use mavlink_direct, which also retries. Hold on an ArduCopter is such a
+    command, because MAVSDK's hold sets LOITER, in which an ArduCopter without sticks sinks. The start of an
+    ArduCopter's mission is another: it takes off at MISSION_START, but MAVSDK's start_mission only sets the
+    mode.
 
     MAVSDK does not send MISSION_SET_CURRENT. Its set_current_mission_item would repeat the message whenever
     the vehicle reports another current item: for ever, if the vehicle completes the item at once.
@@ -162,7 +163,7 @@ class MavsdkOrders:
         )
 
     def _ack(self, command: int, result: int) -> Message:
-        """Return a COMMAND_ACK as if sent by the vehicle."""
+        """Return a COMMAND_ACK that looks as if the vehicle had sent it."""
         frame = self._writer.encode(m.MAVLink_command_ack_message(command, result))
         return FrameReader().feed(frame)[0]
 
@@ -196,7 +197,7 @@ class _GroundByMavsdk:
         return min(self._ground.next_deadline(), self._due_s if self._orders.waiting else math.inf)
 
     def goodbye(self) -> list[Message]:
-        """Return the messages before the end of the link; the program does not wait for MAVSDK's answers."""
+        """Return the last messages before the link closes, without waiting for MAVSDK's answers."""
         return self._ground.goodbye()
 
     def hand_on(self, messages: Iterable[Message], now_s: float) -> list[Message]:
@@ -255,7 +256,7 @@ class MavsdkVia(Via):
     def check_count(self, vehicles: int) -> None:
         """Raise LiveFlightError if there are several vehicles."""
         if vehicles > 1:
-            msg = f"--via mavsdk flies one vehicle, not {vehicles}: leave it out, or fly only one vehicle"
+            msg = f"--via mavsdk flies one vehicle, not {vehicles}: leave out the option, or fly one vehicle"
             raise LiveFlightError(msg)
 
     def check(self, scenario: Scenario, vehicle: Vehicle) -> None:
@@ -263,7 +264,8 @@ class MavsdkVia(Via):
         policy = scenario.mission.policy
         if policy is not None and vehicle.vehicle_type in (vehicle.profile.change_modes or {}):
             msg = (
-                f"policy {policy} changes the mission in flight, which --via mavsdk does not do with "
+                f"policy {policy} changes the mission in flight, but --via mavsdk does not change missions "
+                f"of "
                 f"{vehicle.profile.name}: leave out --via mavsdk, or give a planner instead"
             )
             raise LiveFlightError(msg)

@@ -180,7 +180,7 @@ class MavsdkDownload(_Transfer):
 class _Sending(_Transfer):
     """Uploads a plan; ends with `UploadComplete` (without the plan's id) or `TransferFailed`.
 
-    A `MissionUpload` that is never started holds the plan.
+    The plan is kept in a `MissionUpload`, which is never started.
     """
 
     _verb = "upload"

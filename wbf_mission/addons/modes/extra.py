@@ -178,9 +178,9 @@ class ModesExtra(VehicleExtra):
             executor.flight.look_at((x, y))
 
     def _orbit(self, command: VehicleCommand) -> None:
-        """Handle DO_ORBIT (PX4); by default radius 10 m, cruise speed and the present position as the centre.
+        """Handle DO_ORBIT (PX4); defaults: radius 10 m, cruise speed, present position as the centre.
 
-        PX4 takes the altitude as above sea level, whatever the frame.
+        PX4 takes the altitude to be above sea level, whatever the frame.
         """
         pilot, modes = self._pilot, self.state.mavlink.modes
         radius, speed, nose, _, _, _, altitude = command.params
@@ -240,7 +240,7 @@ class ModesExtra(VehicleExtra):
         pilot.goto(*pilot.frame.to_wgs84(x, y), altitude, mode=mode, heading=KEEP)
 
     def _go_around(self, command: VehicleCommand) -> None:
-        """Handle DO_GO_AROUND (ArduPlane): abort the landing and climb (height 0: its own climb height)."""
+        """Handle DO_GO_AROUND (ArduPlane): abort the landing and climb; 0 is the landing item's height."""
         height = command.params[0]
         self._pilot.go_around(height if math.isfinite(height) and height > 0.0 else None)
 

@@ -1,7 +1,7 @@
 """PX4's follow-me mode: the vehicle flies at a distance from a target that sends its position.
 
-Sources: PX4's ``TargetEstimator.cpp`` and ``FlightTaskAutoFollowTarget.cpp``. Unlike PX4, this model has no
-acceleration and no output filter in the estimate, and no jerk limit of the angle about the target.
+Sources: PX4's ``TargetEstimator.cpp`` and ``FlightTaskAutoFollowTarget.cpp``. Unlike PX4, the estimate has no
+acceleration and no output filter, and the angle about the target has no jerk limit.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ _SLOWEST_M_S = 0.05
 _GROUND_MARGIN_M = 0.01
 # Fraction of the top speed above which ArduCopter turns the nose along the velocity (`AC_PosControl`).
 _TURNING_SHARE = 0.05
-# Minimum height of position setpoints; lower setpoints make real autopilots press onto the ground.
+# Minimum height of position setpoints; with lower setpoints, real autopilots press onto the ground.
 _LOWEST_M = 0.1
 
 
@@ -64,7 +64,7 @@ class Setpoint:
         return math.isnan(self.position_m[0]) and not all(math.isnan(v) for v in self.velocity_m_s)
 
     def lifts_from(self, height_m: float) -> bool:
-        """Whether a multirotor takes off for the setpoint (PX4's ``MulticopterPositionControl::Run``)."""
+        """Whether the setpoint makes a multirotor take off (``MulticopterPositionControl::Run`` of PX4)."""
         return self.position_m[2] > height_m + _GROUND_MARGIN_M or self.velocity_m_s[2] > 0.0
 
 
@@ -87,7 +87,7 @@ class SetpointFollower:
         return self._controls.now_s - self._taken_s <= self._parameters.setpoint_timeout_s
 
     def listens_in(self, mode: Mode) -> bool:
-        """Whether setpoints are accepted in a mode, even if only stored for later."""
+        """Whether setpoints are accepted in a mode; some modes only store them for later."""
         return self._rules.needs_stream or mode in (Mode.GUIDED, Mode.TAKEOFF)
 
     def take(self, setpoint: Setpoint | AttitudeTarget) -> None:
@@ -369,7 +369,7 @@ class AutoYaw:
         return self._flown is not None
 
     def forget(self) -> None:
-        """Record that something else controls the heading."""
+        """Record that CONDITION_YAW no longer controls the heading."""
         self._flown = None
 
     def order(self, angle_rad: float, rate_rad_s: float, direction: int, *, relative: bool) -> None:
@@ -442,7 +442,7 @@ class GuidedFlight:
             self.setpoints.fly()
 
     def take_attitude(self, target: AttitudeTarget | None) -> None:
-        """Fly an attitude in the guided modes, or stop if it is None; for a mode with a stream, store it."""
+        """Fly an attitude in the guided modes; None stops. An attitude is stored for a mode with a stream."""
         pilot = self._pilot
         if target is not None and pilot.rules.needs_stream:
             self.setpoints.take(target)

@@ -60,7 +60,7 @@ class Steering:
         if is_a(message, m.MAVLink_set_attitude_target_message):
             mavlink = self._state.mavlink
             if mavlink.hover_thrust is None:
-                pilot.complain("Setpoint refused: attitudes are not flown")
+                pilot.complain("Setpoint refused: no attitude control")
                 return
             climbs = mavlink.thrust_climbs
             climbs &= not int(_GUIDED_OPTIONS.of(pilot.parameters)) & _THRUST_AS_THRUST
@@ -162,7 +162,7 @@ def _attitude_of(
 
 
 def _attitude_for(acceleration: Position, heading: float, turn: float, yaw: float) -> AttitudeTarget:
-    """Return attitude and thrust for an acceleration (east, north, up); a NaN component counts as 0."""
+    """Return attitude and thrust for an acceleration (east, north, up); NaN components count as 0."""
     east, north, up = (0.0 if math.isnan(part) else part for part in acceleration)
     up = max(up, _LEAST_LIFT - GRAVITY_M_S2) + GRAVITY_M_S2
     roll, pitch = attitude_of(east, north, up, yaw if math.isnan(heading) else heading)

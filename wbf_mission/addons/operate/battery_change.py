@@ -14,7 +14,7 @@ from wbf_mission.planning import PlanResult
 __all__ = ["REAL_FULL", "BatteryWait", "needed_fraction", "risen_fraction"]
 
 REAL_FULL = 0.95
-"""Least reading of a fresh battery; below 1 because batteries age and autopilots estimate charge by
+"""Lowest reading of a charged battery; it is below 1 because batteries age, and autopilots estimate charge by
 voltage."""
 _LOOK_S = 0.5
 # Time (s) without a battery message after which the vehicle is assumed to send no battery messages.
@@ -32,7 +32,7 @@ def needed_fraction(plan: PlanResult) -> float | None:
 
 
 def risen_fraction(before: float | None, lowest: float | None) -> float | None:
-    """Return the least battery fraction that shows a battery change: `lowest` plus half the used charge.
+    """Return the lowest battery fraction that shows a battery change: `lowest` plus half the used charge.
 
     `before` is the battery fraction before the last sortie; `lowest` is the lowest fraction during this
     sortie. The result is None if either is unknown.

@@ -40,7 +40,7 @@ class Step:
 
 
 def is_ready(wanted: OperatorCommand, heard: VehicleMonitor) -> bool:
-    """Return whether the telemetry that `step_of` needs was received."""
+    """Return whether the telemetry needed by `step_of` was received."""
     if wanted.order == "takeoff":
         # A disarmed vehicle is not given this order, whatever its position.
         return not heard.state.armed or (heard.position_heard_s > -math.inf and heard.flies is not None)
@@ -150,7 +150,7 @@ class CommandSession:
         self._step: Step | None = None
         self._order: Order | None = None
         self._accepted = False
-        self._before = StateBefore.of(self._contact.monitor, -math.inf)  # state when the order was given
+        self._before = StateBefore.of(self._contact.monitor, -math.inf)  # when the order was given
         self._shown_before = self._obeyed = False
         self._refusal: tuple[str, float] | None = None
         self._begun_s = self._message_s = math.inf
@@ -250,7 +250,7 @@ class CommandSession:
 
     @property
     def _said(self) -> str:
-        """Last warning of the vehicle since the order; empty if none."""
+        """Last warning of the vehicle since the order; empty if there was none."""
         return self._contact.texts.last_warning("", self._texts_before)
 
     @property
@@ -307,7 +307,7 @@ class CommandSession:
         return lost or self._before.is_overruled(monitor, expected)
 
     def _begin(self, now_s: float) -> list[Message]:
-        """Send the order once the required telemetry is known, or overdue."""
+        """Send the order once the required telemetry has arrived or is overdue."""
         vehicle = self.vehicle
         if vehicle is None or not (is_ready(self._wanted, self._contact.monitor) or now_s >= self._ready_s):
             return []
@@ -326,7 +326,7 @@ class CommandSession:
         return self._order.send(now_s)
 
     def _say(self, step: Step, now_s: float) -> list[Message]:
-        """Repeat the unacknowledged message until the vehicle's telemetry confirms the order."""
+        """Send the message, which has no acknowledgement, until the telemetry confirms the order."""
         assert step.message is not None
         self._accepted = True
         self._message_s = now_s + _SAY_AGAIN_S + self._trip_s

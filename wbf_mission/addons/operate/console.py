@@ -34,10 +34,10 @@ _APART_M = 0.5 * SPACING_M
 """Distance between vehicles on the ground below which the console warns (m)."""
 _STARTING = (Phase.ARM, Phase.START)
 _ABLE = (Stage.ASKING, Stage.WAITING)
-_QUESTION = "[h]old, [r]eturn, [l]eave it flying, [c]ontinue? Ctrl-C again leaves it flying"
+_QUESTION = "[h]old, [r]eturn, [l]eave it flying, [c]ontinue? Press Ctrl-C again to leave it flying"
 _QUESTION_OF_ALL = (
     "all: [h]old, [r]eturn, [l]eave them flying, [c]ontinue; add a number for one vehicle, such as r{number}?"
-    " Ctrl-C again leaves them flying"
+    " Press Ctrl-C again to leave them flying"
 )
 _ANSWER = re.compile(r"([hrlc])[a-z]*\s*(\d*)")
 _CHOICES = {"h": Maneuver.HOLD, "r": Maneuver.RETURN}
@@ -126,7 +126,7 @@ class _Vehicle:
                 )
 
     def order(self, flight: JointFlight, kind: Maneuver) -> None:
-        """Order the vehicle to leave its mission; if it has not started yet, refuse its start."""
+        """Order the vehicle to leave its mission; if the vehicle has not started yet, refuse the start."""
         ground = self.sortie.ground
         if ground.phase in (Phase.MODE, Phase.READY) and ground.arming_gate is not None:
             ground.arming_gate.refuse()
@@ -195,7 +195,7 @@ class TerminalConsole:
         if (stood_s := self._standstill.look()) and self._words and sys.stdin.isatty():
             while _line():
                 pass
-            self._output.warn(f"the program stood still for {stood_s:.0f} s: input from before is discarded")
+            self._output.warn(f"the program stood still for {stood_s:.0f} s: text typed before is discarded")
             self._asked = False
             if self._stopping:
                 self._output.note(self._question)

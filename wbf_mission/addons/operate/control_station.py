@@ -27,7 +27,7 @@ _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 
 
 def commands_of(order: WatchersOrder, heard: VehicleMonitor) -> list[OperatorCommand]:
-    """Return the commands that carry out an order; the first commands arm a vehicle that must be armed."""
+    """Return the commands that carry out an order; they begin with arming if the vehicle must be armed."""
     if order.order not in (START, "arm"):
         return [order.command]
     begins = order.order == START
@@ -59,7 +59,7 @@ class ControlStation:
     the state of the vehicles is unknown.
     """
 
-    # The component id differs from that of the component that watches the same link.
+    # The component that watches the same link has another component id.
     system_id, component_id = GROUND_STATION[0], int(m.MAV_COMP_ID_USER1)
     wanted: frozenset[int] | None = None
 

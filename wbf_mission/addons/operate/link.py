@@ -54,19 +54,19 @@ _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 
 
 def _in_a_layer(finding: Finding) -> Finding:
-    """Return a finding unchanged; but a finding about the return altitude becomes a warning about layers."""
+    """Return a finding unchanged, except that a wrong return altitude becomes a warning about layers."""
     if finding.code != "other-return":
         return finding
-    text = "the return is not at the height of the vehicle's layer: other vehicles may fly there"
+    text = "the vehicle would not return at the height of its layer: other vehicles may fly there"
     return replace(
         finding, severity=Severity.WARNING, text=text, fix="set the parameter to the planned height"
     )
 
 
 def require_single_flight(scenario: Scenario) -> None:
-    """Raise LiveFlightError for a run of several flights, and for the paper's ideal robots."""
+    """Raise LiveFlightError if a run has several flights, or the paper's ideal robots."""
     if scenario.farm.days * scenario.farm.flights_per_day > 1:
-        msg = "--connect flies a single flight, as it cannot change batteries; leave out days and flights"
+        msg = "--connect flies only one flight, as it cannot change batteries; leave out days and flights"
         raise LiveFlightError(msg)
     for name in scenario.vehicle.fleet:
         if get_vehicle(name).is_ideal:
@@ -109,7 +109,7 @@ def wanted_vehicles(
 
 @dataclass(slots=True)
 class LiveLink:
-    """Vehicles behind one or several links, and the operator of their flight.
+    """Vehicles behind one or several links, and the operator of the flight.
 
     Parameters
     ----------
@@ -357,5 +357,5 @@ def riding_camera(sortie: Sortie) -> RidingCamera:
 
 
 def connect(output: Output, urls: Sequence[str], *, via: str, **options: Any) -> LiveLink:
-    """Return the vehicles behind links, with the operator at the terminal of a command."""
+    """Return the vehicles behind links; their operator uses the terminal of the command."""
     return LiveLink(urls, TerminalConsole(output, options["orders"]), via=via_named(via), **options)

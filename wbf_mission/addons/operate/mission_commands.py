@@ -59,7 +59,7 @@ _CHECKED = options.scenario_options(
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """Options of a check that are not options of a run."""
+    """Options that a check has and a run does not have."""
 
     camera_interval: Annotated[
         float | None,
@@ -232,7 +232,7 @@ def preflight_command(
     output: Output,
     file: Annotated[Path, typer.Argument(help="Mission file: .plan, .waypoints, .json, .kml ...")],
     around: Surroundings,
-    connect: Annotated[str | None, options.link("Link to the vehicle; then it is checked as well")] = None,
+    connect: Annotated[str | None, options.link("Link to the vehicle; also checks the vehicle")] = None,
     system_id: options.SystemId = None,
     wait: options.Wait = 10.0,
 ) -> int:

@@ -18,7 +18,7 @@ from wbf_mission.run.record import FlightRecord
 __all__ = ["RealSorties", "reached_place"]
 
 _MOST_IN_VAIN = 2
-"""Sorties in a row without progress after which the run stops."""
+"""Number of sorties in a row without progress after which the run stops."""
 
 
 class RealSorties:
@@ -46,7 +46,7 @@ class RealSorties:
         return self._progress
 
     def note(self, flight: int, record: FlightRecord) -> None:
-        """Update the place that the vehicle has reached in the mission, after a flight."""
+        """After a flight, update the place that the vehicle has reached in the mission."""
         sortie = self.cut.sorties[flight - 1]
         reached = sortie.end
         if not record.outcome.is_good and self._progress is not None:

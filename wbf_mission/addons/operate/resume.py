@@ -122,7 +122,7 @@ class _Listener(FleetWatch):
 
 
 def _of_link(url: str, course: Course, wait_s: float) -> Place:
-    """Return where a vehicle resumes: at its position if it flies, else at the start of its current item."""
+    """Return a vehicle's resume place: its position in flight, else the start of its current item."""
     listener = _Listener(course)
     with LinkHost([listener], [url]) as host:
         name = host.urls[0]

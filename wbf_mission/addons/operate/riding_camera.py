@@ -32,9 +32,9 @@ class MissionShots:
     """Compares the camera's shooting with the mission's camera commands.
 
     If the autopilot commands the camera, the mission's command applies after a short delay, since the
-    autopilot's command may still arrive; otherwise it applies at once. So the effect of a lost, late or
-    reordered command ends after this delay. A ground station's command holds until the mission's command
-    changes. An autopilot that triggers single images needs no comparison.
+    autopilot's command may still arrive; otherwise it applies at once. A lost, late or reordered command
+    therefore has an effect only until the end of this delay. A ground station's command holds until the
+    mission's command changes. An autopilot that triggers single images needs no comparison.
     """
 
     def __init__(self) -> None:
@@ -74,7 +74,7 @@ class MissionShots:
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """Vehicle's place at an item report, and distance flown between this place and a telemetry gap."""
+    """Vehicle's place at an item report, and distance flown between this place and the telemetry gap."""
 
     place: _Place
     metres: float = 0.0
@@ -233,7 +233,7 @@ class RidingCamera:
             -1,
             None,
             Shots(),
-        )  # Item, place and shots at the last position
+        )  # Item, place and camera command at the last position
         self._silence: Silence | None = None
         self._fastest_m_s = 0.0
         self.missed = 0
@@ -305,7 +305,7 @@ class RidingCamera:
             self._camera.trigger.stop()
 
     def _on_position(self, message: mavlink.MAVLink_global_position_int_message, now_s: float) -> None:
-        """Note a telemetry gap for the count of missed images; reset after a restart of the autopilot."""
+        """Note a telemetry gap, to count missed images; reset after a restart of the autopilot."""
         before, (item, lead, did) = self._before, self._then
         self._before = message
         self._fastest_m_s = max(self._fastest_m_s, math.hypot(message.vx, message.vy) / 100.0)
@@ -335,7 +335,7 @@ class RidingCamera:
 
     @property
     def _does(self) -> Shots:
-        """Current automatic shooting of the camera."""
+        """Distance or interval of the camera's automatic images at present."""
         trigger = self._camera.trigger
         return Shots(trigger.distance_m, trigger.interval_us / 1000.0)
 
@@ -364,6 +364,6 @@ class RidingCamera:
         command = Command.DO_SET_CAM_TRIGG_INTERVAL if by_time else Command.DO_SET_CAM_TRIGG_DIST
         value = ordered.interval_ms if by_time else ordered.distance_m
         order = command_long((self.system_id, self.component_id), command, value, 0.0, 1.0)
-        # The answers have the first image; nobody awaits the acknowledgement.
+        # The answers include the first image. The acknowledgement is dropped, because nobody awaits it.
         answers = self._camera.receive(order, now_s)
         return [answer for answer in answers if not is_a(answer, mavlink.MAVLink_command_ack_message)]

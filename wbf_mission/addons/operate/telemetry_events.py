@@ -36,7 +36,7 @@ class Watch(Protocol):
 
     @property
     def missions(self) -> Mapping[int, Mission]:
-        """Known missions by system id; a changed mission is another object."""
+        """Known missions by system id; a changed mission is a new object."""
 
     def look(self, now_s: float) -> None:
         """Update the state to `now_s`."""

@@ -137,7 +137,7 @@ def check_estimator(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Fin
     _state(
         "battery-now",
         ERROR,
-        "the battery is at {holds:.0%} now: less than the reserve would be left after the flight",
+        "the battery is at {holds:.0%} now: after the flight, less than the reserve would be left",
         "charge or change the battery",
         rules.LEFT,
         by_vehicle=True,
@@ -174,7 +174,7 @@ _HEIGHT_M = 10.0
     _state(
         "other-ground-height",
         WARNING,
-        "the plan has heights above the sea, but the ground here is not at the height of the plan's home",
+        "the plan has heights above the sea, but the vehicle's ground is not as high as the plan's home",
         "give heights above home, or correct the height of the plan's home",
         rules.at_most("difference in height", "m"),
     ),
@@ -207,13 +207,13 @@ def _is_unsettled(snapshot: VehicleSnapshot) -> bool:
     return not snapshot.estimator_flags & m.ESTIMATOR_POS_HORIZ_ABS
 
 
-_NOTICEABLE = 0.05  # Relative difference of speeds above which it is reported
+_NOTICEABLE = 0.05  # Relative difference of speeds above which a difference is reported
 
 _NOTICEABLE_RADIUS_M = 0.5
 
 _NOTICEABLE_HEIGHT_M = 1.0
 
-# Parameter, name of the value that plans assume for it, and its relative and absolute tolerance
+# Parameter, name of the value that plans assume for it, relative and absolute tolerance
 _ASSUMED = {
     "other-speed": (Meaning.CRUISE_SPEED, "cruise_speed_m_s", _NOTICEABLE, 0.0),
     "other-radius": (Meaning.ACCEPTANCE_RADIUS, "acceptance_radius_m", 0.0, _NOTICEABLE_RADIUS_M),

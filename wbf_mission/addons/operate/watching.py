@@ -1,4 +1,4 @@
-"""Watch of all vehicles on a link: latest telemetry and link quality."""
+"""Watches all vehicles on a link: their latest telemetry and the link quality."""
 
 from __future__ import annotations
 

@@ -59,8 +59,8 @@ def paper_command(
 ) -> int:
     """Make the figures of the paper: farms, fifteen days, planners with estimators, costs.
 
-    The captions and numbers are written to paper.md and paper.html. Flights and costs are kept, so a second
-    call only draws.
+    The captions and numbers are written to paper.md and paper.html. Flights and costs are kept, so that a
+    second call only draws.
     """
     from wbf_mission.addons.paper.make import make_paper
     from wbf_mission.bench.benchmark import BenchmarkInterrupted

@@ -92,7 +92,7 @@ class _Sheets:
         return [self.folder / f"{name}.{suffix}" for suffix in self.formats]
 
     def picture(self, name: str, shows: str) -> Picture:
-        """Return a picture for the page: the PNG if one is written."""
+        """Return a picture for the page: a PNG if there is one, else another format."""
         suffix = FORMATS[0] if FORMATS[0] in self.formats else self.formats[0]
         return Picture(f"{name}.{suffix}", shows)
 

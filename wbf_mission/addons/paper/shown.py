@@ -79,7 +79,7 @@ class ShownRun:
         found = cls(**arrays, axis_max=axis_max)
         fit = all(arrays[name].ndim == axes for name, axes in _ARRAYS.items())
         if not fit or found.path_m.shape[1] != 2 or found.truth.shape != found.estimate.shape:
-            raise ResultError(f"{path}: holds no run to be shown (its arrays do not fit); remove it")
+            raise ResultError(f"{path}: holds no run to be shown (its arrays have wrong shapes); remove it")
         return found
 
 
@@ -90,7 +90,7 @@ def _keep(run: BenchRun, path: Path) -> None:
 def shown_runs(
     runs: list[BenchRun], folder: Path, *, jobs: int, progress: Progress
 ) -> dict[tuple[str, str], ShownRun]:
-    """Return the data drawn for each run, by planner and estimator; runs absent from the folder are flown.
+    """Return each run's data to draw, by planner and estimator; runs absent from the folder are flown.
 
     Raises ResultError if a file in the folder is damaged, another WbfMissionError if a run has no result. At
     Ctrl-C, finished runs stay in the folder.

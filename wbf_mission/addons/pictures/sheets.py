@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 FINDS = "#0072b2"
 PATH = "#3b3b3b"
-_LARGEST_SHARE = 0.02  # On a large farm, the colour scale of sick plants ends at this fraction or higher
+_LARGEST_SHARE = 0.02  # Lowest end of the colour scale of sick plants on a large farm
 _SHARE_RANGE = 50.0
 _MARGIN = 0.04
 _MOST_DAYS_NAMED = 12
@@ -150,7 +150,7 @@ class _Style(NamedTuple):
 
 
 def _styles(of: FieldMap) -> tuple[_Style, _Style, _Style]:
-    """Return the styles of a field's panels: share, minimum and deviation."""
+    """Return the styles of a field's panels: fraction of sick plants or mean, minimum, deviation."""
     from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
     field, deviation = of.field, of.deviation

@@ -1,7 +1,7 @@
 """Compiled step of many runs with adaptive disks.
 
-The results are bit-identical to those of a flight. `sensors.estimators.adaptive_disk` paints each cell by the
-newest disk that covers it, and `sensors.scoring.score_sums` adds the errors. Here, while the radius is
+The results equal the results of a flight to the last bit. `sensors.estimators.adaptive_disk` paints each cell
+by the newest disk that covers it, and `sensors.scoring.score_sums` adds the errors. Here, while the radius is
 unchanged, only the new disk is painted. A tile's sums resume at the first changed column.
 """
 
@@ -50,7 +50,7 @@ class Runs(NamedTuple):
     value: NDArray[np.float32]  # float32[B, k, W, H]
     uncertainty: NDArray[np.float32]  # float32[B, k, W, H]
     visited: NDArray[np.float32]  # float32[B, W, H]: 1 in observed cells
-    # int64[B, tiles along x, tiles along y]: first column of the tile whose sums are outdated.
+    # int64[B, tiles along x, tiles along y]: the tile's first column with outdated sums.
     dirty: NDArray[np.int64]
     # float64[B, k, tiles along x, tiles along y, TILE_CELLS + 1, 2]: sums of squared errors up to each
     # column, over all cells and over the cells estimated too high.

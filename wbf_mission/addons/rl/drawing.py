@@ -35,11 +35,11 @@ _LAND = {
     "wetland": "#9ccfb8",
 }
 _OTHER_CROP = "#e6dcc0"
-_NEIGHBOURS = 0.5  # Colour strength of land that is not the owner's
+_NEIGHBOURS = 0.5  # Colour strength of the neighbours' land
 _ROBOTS = ("#d0146e", "#111111", "#009e73", "#0072b2", "#8c6d31", "#7f3fbf")
 _TONES = 256
 
-# A pixel is a number of four bytes, because these are fast to copy; the fourth byte is dropped at the end.
+# Pixels are numbers of four bytes, which are fast to copy; the fourth byte is dropped at the end.
 _Pixels = Any
 
 

@@ -31,7 +31,7 @@ class OneEpisode:
     _episode: Episode | None = None
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Return a frame, uint8[height, width, 3]; None if it goes to a window, or without a render mode."""
+        """Return a frame, uint8[height, width, 3]; None if a window shows it, or without a render mode."""
         return self._rendering.frame(self._begun().scene())
 
     def close(self) -> None:
@@ -139,7 +139,7 @@ class SurveyEnv(OneEpisode, gymnasium.Env[Observation, Any]):
         return observations_of(self.shown, episode)[0], reward, episode.ended, False, info
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Return the mask of valid actions, bool[5], for MaskablePPO: staying, and possible moves."""
+        """Return the mask of valid actions (staying and possible moves), bool[5], for MaskablePPO."""
         masks: NDArray[np.bool_] = self.task.possible(self._begun().cells)[0]
         return masks
 

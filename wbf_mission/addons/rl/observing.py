@@ -73,7 +73,7 @@ def _unit(shape: tuple[int, ...]) -> spaces.Box:
 
 @compiled(nogil=True, allocates=False)
 def block_means(array: NDArray[np.float32], block: int, out: NDArray[np.float32]) -> None:
-    """Write the means of the square blocks of maps, limited to 0..1, to `out`.
+    """Write the means of square blocks of maps to `out`, limited to 0..1.
 
     `array` is float32[n, W, H], and `out` float32[n, ceil(W / block), ceil(H / block)]; blocks at the far
     borders are smaller.

@@ -111,7 +111,7 @@ class SurveyParallelEnv(OneEpisode, ParallelEnv):  # type: ignore[misc]  # Petti
         )
 
     def action_masks(self) -> dict[str, NDArray[np.bool_]]:
-        """Return, by robot, the mask of valid actions, bool[5]: staying, and possible moves."""
+        """Return each robot's mask of valid actions (staying and possible moves), bool[5]."""
         return dict(zip(self.possible_agents, self.task.possible(self._begun().cells), strict=True))
 
     def close(self) -> None:

@@ -52,7 +52,7 @@ class Rendering:
 
 
 class Window:
-    """Window with at most `FRAMES_A_SECOND`; the first frame opens it. Copying it makes a new window."""
+    """Window for at most `FRAMES_A_SECOND`; the first frame opens it. A copy opens another window."""
 
     def __init__(self) -> None:
         try:

@@ -1,4 +1,4 @@
-"""Gymnasium vector environment: many runs in a batch, bit-identical to the single environment."""
+"""Gymnasium vector environment: many runs in a batch, equal to single environments to the last bit."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         return self._observation(), rewards, over, np.zeros(self.num_envs, np.bool_), info
 
     def action_masks(self) -> _Bools:
-        """Return the mask of valid actions of each run, bool[num_envs, 5]: staying, and possible moves."""
+        """Return each run's mask of valid actions (staying and possible moves), bool[num_envs, 5]."""
         return self.task.possible(self._batch.cells)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:

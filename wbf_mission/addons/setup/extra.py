@@ -29,7 +29,7 @@ _CALIBRATION_TEXTS = (
 
 
 class SetupExtra(VehicleExtra):
-    """Calibrations and outputs, if the firmware has them; most change nothing in the simulator."""
+    """Calibrations and outputs, if the firmware has them; most have no effect in the simulator."""
 
     def __init__(self, state: WireState, parameters: ParameterSet, plans: PlanReceiver) -> None:
         super().__init__(state, parameters, plans)

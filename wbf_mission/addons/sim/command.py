@@ -201,7 +201,7 @@ def sim_command(
 
 
 def _with_camera(given: options.Given, chosen: bool | None) -> bool | None:
-    """Return whether vehicles carry a camera (camera options imply it); None is the autopilot's default."""
+    """Return whether vehicles carry a camera; camera options imply it, None is the autopilot's default."""
     defined = options_of(CameraOptions).values()
     asked = next((option.flag for option in defined if option.key in given.changes), None)
     if chosen is False and asked is not None:
@@ -225,7 +225,7 @@ def _rows(simulated: Simulated, values: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _some(urls: Sequence[str]) -> list[str]:
-    """Return the links, or the first links and the number of the others."""
+    """Return the links; of many links, the first and the number of the others."""
     return list(urls) if len(urls) <= _SHOWN_LINKS else [*urls[:7], f"{len(urls) - 7} more"]
 
 

@@ -35,7 +35,7 @@ class SimOptions(Part):
         default="one for each home",
     )
     system_id: int = option(
-        1, "System id of the first vehicle; the others' ids follow it", VEHICLE, low=1, high=250
+        1, "System id of the first vehicle; further vehicles get the next ids", VEHICLE, low=1, high=250
     )
     home: tuple[str, ...] = option(
         (),
@@ -90,7 +90,7 @@ class SimOptions(Part):
         None,
         "Carry the leaf camera, a separate MAVLink component",
         CAMERA,
-        default="camera; with ArduPilot no-camera, unless an option of the camera is given",
+        default="camera; with ArduPilot, no-camera unless a camera option is given",
     )
 
     def check(self) -> None:

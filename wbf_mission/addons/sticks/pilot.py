@@ -25,7 +25,7 @@ __all__ = ["StickPilot", "StickTilt", "StickWing"]
 
 # After a gap longer than this, manual flight restarts from the present motion.
 _LONGEST_STEP_S = 0.5
-# Largest simulated lean, which excludes flips.
+# Largest simulated lean; a vehicle therefore cannot flip.
 _MOST_LEAN_RAD = math.radians(70.0)
 
 
@@ -223,8 +223,8 @@ class StickPilot:
     def take(self, sticks: Sticks, *, flown: bool = True, by_rate: bool = False) -> Mode | None:
         """Fly by the sticks; centred sticks stop the vehicle.
 
-        `flown` says whether the sticks move the vehicle in the custom mode; `by_rate`, whether they command
-        rates. If the vehicle holds after a loss of the sticks, return the mode to resume.
+        `flown` says whether the sticks move the vehicle in the custom mode, and `by_rate` whether the sticks
+        command rates. If the vehicle holds after a loss of the sticks, return the mode to resume.
         """
         self._heard_s = self._controls.now_s
         self._shown = sticks
@@ -316,14 +316,14 @@ class StickPilot:
 
     @property
     def _action(self) -> Action:
-        """Action on the loss of the sticks in the present mode."""
+        """Action that a loss of the sticks has in the present mode."""
         loss = self._rules.loss
         action = loss.actions.get(int(loss.action.of(self._parameters)), Action.NONE)
         return max(action, loss.in_stick_modes, key=_severity) if self._flies else action
 
     @property
     def _limit_s(self) -> float:
-        """Silence after which the sticks count as lost or released."""
+        """Time without stick messages (s) after which the sticks count as lost or released."""
         loss = self._rules.loss
         if loss.release is None or self._action is not Action.NONE:
             return loss.timeout.of(self._parameters)

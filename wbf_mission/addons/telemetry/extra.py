@@ -31,7 +31,7 @@ _CENTIDEGREES = 2500
 # Longest interval over which roll and pitch rates are averaged.
 _LONGEST_MEAN_S = 1.5
 _UNKNOWN_COVARIANCE = [math.nan] * 21
-# Type mask for a position alone, with ArduPilot's unused bits set.
+# Type mask for a position alone, with the unused bits that ArduPilot sets.
 _ONLY_GLOBAL_POSITION = 0xFDF8
 _BOARD_MV, _FREE_BYTES = 5000, 131_072
 # TERRAIN_SPACING, and the number of 4 x 4 blocks in a grid block.

@@ -234,7 +234,7 @@ def _check_next(
 
 @contextlib.contextmanager
 def _folder(out: Path, inputs: list[Path | None], *, overwrite: bool) -> Iterator[Any]:
-    """Open the folder of the map.
+    """Open the folder for the map.
 
     Raises TargetError if the folder holds an input, or holds other files and `overwrite` is false.
     """

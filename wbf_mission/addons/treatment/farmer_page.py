@@ -1,6 +1,6 @@
 """Page for the farmer in one HTML file: areas to treat and areas to look at again, with maps and costs.
 
-The page loads nothing, so that it can be sent by mail and opened offline. It fits A4 paper.
+The page loads no other files, so that it can be sent by mail and opened offline. It fits A4 paper.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ def _map(farm: Farm, of: ZoneMap, listed: Sequence[Zone]) -> str:
 
 
 def area_in_words(hectares: float) -> str:
-    """Return an area as text: in hectares, or in square metres below 0.1 ha."""
+    """Return an area as text: in hectares, or if it is below 0.1 ha in square metres."""
     if hectares >= 0.1:
         return f"{hectares:,.1f} ha" if hectares >= 10.0 else f"{hectares:.2f} ha"
     return f"{1e4 * hectares:,.0f} m²" if hectares >= 1e-3 else f"{1e4 * hectares:.2g} m²"

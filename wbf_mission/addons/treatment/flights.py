@@ -87,12 +87,12 @@ def treatment_of_log(
 def treatment_of_result(
     result: RunRecord, *, costs: Costs | None = None, block_m: float | None = None, source: str = ""
 ) -> TreatmentMap:
-    """Return the treatment map of a run, from the run's estimate at the end of its last day.
+    """Return the treatment map of a run's estimate at the end of the last day.
 
     Raises WbfMissionError if costs cannot be read, or the run has no observations.
     """
     if result.model is None or not len(result.observations):
-        raise ObservationError("the run saw nothing of the farm: there is no estimate to map")
+        raise ObservationError("the run saw nothing of the farm, so there is no estimate to map")
     estimator = estimator_of(result.scenario.estimate.estimator, result.scenario.seed, result.fields)
     return TreatmentMap(
         result.farm,

@@ -40,7 +40,7 @@ def require_gis() -> None:
 
 @contextlib.contextmanager
 def gdal_errors(folder: Path) -> Iterator[None]:
-    """Replace errors of rasterio and pyogrio by a MapError of one line."""
+    """Raise errors of rasterio and pyogrio as a MapError of one line."""
     failures = gis("rasterio.errors").RasterioError, gis("pyogrio.errors").DataSourceError
     try:
         yield
@@ -83,7 +83,7 @@ class UtmCells:
         east_north = np.column_stack(
             Transformer.from_crs("EPSG:4326", f"EPSG:{epsg}", always_xy=True).transform(*places[::-1])
         )
-        # The fit is relative to the mean, because UTM coordinates of millions of metres would cost digits.
+        # Fit coordinates relative to the mean: values of millions of metres would lose digits.
         middle = east_north.mean(axis=0)
         terms = np.column_stack((column, row, np.ones(len(column))))
         fitted, *_ = np.linalg.lstsq(terms, east_north - middle, rcond=None)

@@ -183,7 +183,7 @@ def _write(path: Path, farm: Farm, zones: Sequence[Zone], columns: dict[str, lis
 
 
 def _to_wgs84(farm: Farm, polygons: Sequence[shapely.Polygon]) -> NDArray[np.object_]:
-    """Convert polygons from the farm's frame to longitude and latitude.
+    """Convert polygons from the farm's frame to longitude and latitude (degrees).
 
     Beyond the antimeridian, longitudes exceed 180 degrees, so that polygons stay connected.
     """

@@ -152,7 +152,7 @@ def _name(texts: list[str]) -> str:
 
 
 def _time(texts: list[str]) -> float:
-    """Return a time as seconds on the log's clock or since 1970; a time without a zone is UTC."""
+    """Return a time in seconds since boot or since 1970; a time without a time zone is UTC."""
     try:
         value = parse_number(texts[0])
     except ValueError:

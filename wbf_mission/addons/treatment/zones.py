@@ -42,7 +42,7 @@ _WORDS = {
     "continuous": ("", "enough", "look again", "too low"),
 }
 LOOK_SHARE = 0.1
-"""Default cost of a look as a fraction of the treatment cost; assumed: drones cost less than sprayers."""
+"""Default cost of a look as a fraction of the treatment cost; assumes that drones are the cheaper tool."""
 DRY_BELOW = 0.4
 """Default threshold of a continuous field, as a fraction of the field's range: an assumption."""
 BLOCK_M = 4.0  # Default side of a block
@@ -77,7 +77,7 @@ class FieldCosts:
 
 
 def is_water(field: Field) -> bool:
-    """Return whether a field is treated by irrigation; only "soil" is, even if others have its dynamics."""
+    """Return whether irrigation treats a field: only "soil", even if other fields have soil dynamics."""
     return field.name == "soil" and isinstance(field.dynamics, SoilParameters)
 
 
@@ -256,7 +256,7 @@ def zone_map(of: FieldMap, costs: FieldCosts) -> ZoneMap:
 
 
 def _expected_least(mean: Floats, deviation: Floats, limit: float) -> Floats:
-    """Return E[min(limit, s)] for a beta distribution of s; at the largest deviation, s is 0 or 1.
+    """Return E[min(limit, s)] for a beta distribution of s; with the largest deviation, s is 0 or 1.
 
     For parameters a, b, t = limit, and the regularized incomplete beta function I::
 

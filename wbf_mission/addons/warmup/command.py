@@ -19,8 +19,8 @@ Example
 wbf-mission warm-up
 """
 
-# Flights that run all compiled functions except those of the vehicles' motion. Each policy has its own route
-# search, and `gp` has extra functions for farms that need tiles.
+# Flights that run all compiled functions except the functions of vehicle motion. Each policy has its own
+# route search, and `gp` has extra functions for farms that need tiles.
 _FLIGHTS: dict[str, dict[str, str]] = {
     "estimator adaptive-disk": {"planner": "spiral", "vehicle": "ideal", "estimator": "adaptive-disk"},
     "estimator gp": {

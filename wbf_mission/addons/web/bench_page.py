@@ -78,7 +78,10 @@ def _body(page: Page, folder: Path, whole: Table) -> Iterator[str]:
 
 
 def _table(table: Table, label: str, *, name: str = "") -> Iterator[str]:
-    """Yield a scrollable table. The first `table.texts` columns have names; of two columns, both have."""
+    """Yield a scrollable table.
+
+    The first `table.texts` columns have names; in a table of two columns, both columns do.
+    """
     names = len(table.header) if len(table.header) == _OF_TEXTS else table.texts
 
     def cells(row: Sequence[str], tag: str) -> str:
@@ -99,7 +102,7 @@ def _table(table: Table, label: str, *, name: str = "") -> Iterator[str]:
 
 
 def _name(text: str) -> str:
-    """Return a text as HTML that marks where a line may break."""
+    """Return a text as HTML, with marks where a line may break."""
     return "<wbr>".join(map(escape, _PIECE.findall(text)))
 
 

@@ -44,7 +44,7 @@ _DRAWN = "farm.geojson"
 """Internal file name of a drawn farm."""
 _LONGEST_NAME = 60
 _FIXED = ("farm", "farm_crs", "crop", "repair", "mission", "terrain", "days", "flights_per_day")
-"""Options that drafts do not have: the farm is drawn, and a page must not name files."""
+"""Options that drafts lack, because the farm is drawn and a page must not name files."""
 
 
 class DraftError(WbfMissionError, ValueError):
@@ -135,13 +135,14 @@ class PlannedDraft:
                 f"camera"
             )
         if self.surveys and len(self.vehicles) > 1:
-            return "with a survey camera, the simulator flies one vehicle: plan one vehicle, or save files"
+            return "the simulator flies a survey camera on one vehicle only: plan one vehicle, or save files"
         return ""
 
     def flown(self, folder: Path) -> Scenario:
         """Return the scenario that flies the plan; raise DraftError if the simulator cannot fly it.
 
-        A number of batteries and a survey camera affect only the planned mission, not how it is flown.
+        A number of batteries and a survey camera only affect the planned mission; the flight does not need
+        them.
         """
         scenario = self.draft.scenario
         if self.not_flown:
@@ -271,7 +272,7 @@ class Drafts:
 
     @staticmethod
     def _check_name(key: str, given: Any) -> None:
-        """Raise DraftError unless `given` is a known name: a page must not name a file of code."""
+        """Raise DraftError unless `given` is a known name, because a page must not name a file of code."""
         if not isinstance(given, str):
             raise DraftError(f"{key}: {given!r:.60} is not a text")
         known = known_names(key)
@@ -338,7 +339,7 @@ def planned(draft: Draft, progress: Progress) -> PlannedDraft:
 
 
 def written_suffixes() -> dict[str, str]:
-    """Return the names of the writable mission formats by their usual file suffix."""
+    """Return the names of the mission formats that can be written, by their usual file suffix."""
     return {known.suffixes[0]: known.name for known in mission_formats() if known.dumps}
 
 

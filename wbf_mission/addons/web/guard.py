@@ -1,8 +1,8 @@
 """Guard of the web server: refuses requests from other web sites, and sets security headers.
 
-Any web page can make a browser send requests to this server. So a request must name this machine as its host,
-not a foreign domain that resolves to this machine. Requests that change or stream data must come from a page
-of this server. If the server listens beyond this machine, a browser must have the token.
+Any web page can make a browser send requests to this server. A request must therefore name this machine as
+its host, not a foreign domain that resolves to this machine. Requests that change or stream data must come
+from a page of this server. If the server listens beyond this machine, a browser must have the token.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Guard:
         if refused is None:
             await self._app(scope, receive, _with_headers(send))
         elif scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": 1008})  # sent before acceptance: a 403
+            await send({"type": "websocket.close", "code": 1008})  # Before acceptance, this sends a 403
         else:
             await refused(scope, receive, _with_headers(send))
 
@@ -60,7 +60,7 @@ class Guard:
         return self._without_token(scope, headers, asked)
 
     def _is_here(self, asked: str) -> bool:
-        """Return whether a host is this machine; any IP address is accepted, as no domain is involved."""
+        """Return whether a host is this machine; any IP address is, because it involves no domain."""
         try:
             split = urlsplit(f"//{asked}")
             name, _ = split.hostname or "", split.port  # Reading an invalid port raises ValueError

@@ -44,7 +44,7 @@ class _Layer:
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """New bytes of a layer, made by `Layers.put`, by pixel window x0, x1, y0, y1."""
+    """New bytes of a layer for each pixel window x0, x1, y0, y1; `Layers.put` makes them."""
 
     name: str
     layer: _Layer
@@ -72,8 +72,9 @@ class Shown:
 class Layers:
     """Layers over one farm.
 
-    `put` is slow and is called by one thread at a time. `draw`, `show` and `scales` are fast and need the
-    lock of the shared layers. Arrays have a value per cell. A layer has at most `longest` pixels per side.
+    `put` is slow, and only one thread at a time may call it. `draw`, `show` and `scales` are fast, and need
+    the lock of the shared layers. Arrays have a value per cell. A layer has at most `longest` pixels per
+    side.
     """
 
     def __init__(self, farm: Farm, longest: int = LONGEST) -> None:
@@ -190,7 +191,7 @@ def warm_up(begin: Callable[[str], None]) -> None:
 
 
 def _bytes(means: Floats, scale: float) -> NDArray[np.uint8]:
-    """Return means as bytes: 0 to `FULL` for 0 to `scale`, `NOTHING` for NaN."""
+    """Return means as bytes: means from 0 to `scale` become 0 to `FULL`, and NaN becomes `NOTHING`."""
     pixels, some = np.full(means.shape, NOTHING, np.uint8), np.isfinite(means)
     pixels[some] = np.clip(np.rint(means[some] * (FULL / scale)), 0, FULL)
     return pixels

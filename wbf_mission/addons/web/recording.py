@@ -23,7 +23,7 @@ MOMENTS = 40
 PIXELS = (LONGEST, LONGEST // 2, LONGEST // 4)
 """Sizes in which layers are kept: pixels along the longer side of the farm."""
 _SMALL_CELLS = 40_000
-"""Up to this number of cells, every estimate is drawn, so that each decision shows the estimate it used."""
+"""Up to this number of cells, every estimate is drawn, so that a decision shows the estimate that it used."""
 _ACQUISITION = "acquisition"
 _TOLERANCES = {
     "x": 0.02,
@@ -60,7 +60,7 @@ class Recorder:
             return
         self.decisions.append(decision)
         for longest, moments in self.moments.items():
-            # Events come from two threads, and those with estimates may be late.
+            # Events come from two threads, and events with estimates may be late.
             at_s = max(time_s, moments[-1].time_s) if moments else time_s
             update = new[longest]
             moments.append(schema.Moment(at_s, day, observations, update.tiles or [], update.scales or {}))
@@ -108,7 +108,7 @@ class LiveLayers:
 def thinned_moments(
     moments: Sequence[schema.Moment], light: Sequence[bool], every: int
 ) -> list[schema.Moment]:
-    """Return every `every`-th moment, counted back from the last; tiles of skipped moments move to the next.
+    """Return every `every`-th moment, counted back from the last; skipped tiles move to the next moment.
 
     A light moment keeps only the acquisition map; its other tiles move to the next moment that is not light.
     """
@@ -170,7 +170,7 @@ def _keep_changes(column: Sequence[Any], kept: NDArray[np.bool_]) -> None:
 
 
 def _split(time_s: NDArray[np.float64], values: NDArray[np.float64], kept: NDArray[np.bool_]) -> None:
-    """Keep more rows until all dropped rows are within 1 of the line between kept rows."""
+    """Keep more rows until each dropped row is within 1 of the line between the kept rows."""
     parts = list(pairwise(np.flatnonzero(kept).tolist()))
     while parts:
         first, last = parts.pop()

@@ -2,8 +2,8 @@
 
 The page is the same as for a live run, with a recording. A `View` listens to the events of the result, and
 its layers are kept at some moments. A file that is too large gets fewer moments, larger pixels, and finally
-fewer readings, as its notes say. `LiveLayers` keeps the layers of a run flown for the report, with the
-acquisition maps of decisions, which results do not contain.
+fewer readings; its notes say so. `LiveLayers` keeps the layers of a run that is flown for the report. They
+include the acquisition maps of decisions, which results do not contain.
 """
 
 from __future__ import annotations

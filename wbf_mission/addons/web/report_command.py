@@ -49,7 +49,8 @@ def report_command(
     """Show a finished run, two runs side by side, or a benchmark as one self-contained HTML file.
 
     The file of a run has a summary for the farmer that prints on one sheet, and the page of 'fly --live' with
-    a slider that replays the run. The file of a benchmark has standings to sort and filter.
+    a slider that replays the run. The file of a benchmark has its standings, which can be sorted and
+    filtered.
     """
     from wbf_mission.bench.rows import holds_rows
     from wbf_mission.results.storage import ResultError
@@ -57,7 +58,7 @@ def report_command(
     folders = [folder] if other is None else [folder, other]
     is_bench = [holds_rows(each) for each in folders]
     if other is not None and any(is_bench):
-        raise ResultError("a benchmark is shown alone: give one folder, or the results of two runs")
+        raise ResultError("a benchmark is shown alone: give only its folder, or the results of two runs")
     names = "-".join(each.resolve().name for each in folders)
     path = out or folder.resolve().with_name(f"{names}.html")
     refuse_overwrite(path)

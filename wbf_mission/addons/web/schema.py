@@ -1,7 +1,8 @@
 """Messages between the server and a page; tools/write_page_schema.py generates `page/src/schema.ts`.
 
-A page receives an `Update` with all data when it connects, then updates with new data. Times are in seconds
-since the start of the run, and places in metres of the farm frame. Infinite and missing numbers are null.
+When it connects, a page receives an `Update` with all data; later updates have only new data. Times are in
+seconds since the start of the run, and places in metres of the farm frame. Infinite and missing numbers are
+null.
 """
 
 from __future__ import annotations
@@ -78,7 +79,7 @@ class FieldInfo(Struct):
     title: str
     kind: Literal["disease", "continuous", "measured"]
     unit: str
-    range: tuple[float, float]  # Values in `unit` of 0 and 1
+    range: tuple[float, float]  # Values in `unit` that 0 and 1 stand for
     colours: tuple[str, ...]
     """Two or more "#rrggbb" from 0 to 1; empty if the page's colours for this kind are used."""
 
@@ -94,14 +95,14 @@ class Raster(Struct):
 
 
 class Tile(Struct):
-    """New pixels of a part of a layer; a part without any tile is empty."""
+    """New pixels of a part of a layer; a part for which no tile was sent is empty."""
 
     layer: LayerName
     x: int
     y: int  # The tile starts at pixel (x * tile, y * tile); tiles at the far borders are smaller
     data: str
-    """One byte per pixel, row by row from the bottom: 0 to 254 for 0 to the layer's scale, 255 without a
-    value; compressed by zlib, in base64."""
+    """One byte per pixel, row by row from the bottom: bytes 0 to 254 stand for 0 to the layer's scale, 255
+    for no value. The bytes are compressed by zlib and coded in base64."""
 
 
 class VehicleInfo(Struct):
@@ -120,7 +121,7 @@ class FenceShape(Struct):
 
 
 class Plan(Struct):
-    """A vehicle's planned path from a time on."""
+    """A path that a vehicle is planned to fly from `time_s` on."""
 
     system_id: int
     day: int
@@ -162,7 +163,7 @@ class Readings(Struct):
     x: list[float]
     y: list[float]
     values: dict[str, Numbers]
-    """Values by field; null without a reading, and outside the field's crops."""
+    """Values by field; null if there is no reading, or outside the field's crops."""
 
 
 class Scores(Struct):
@@ -285,7 +286,7 @@ class Beat(Struct):
 class Update(Struct, omit_defaults=True):
     """New data; a missing member is unchanged.
 
-    Lists and columns have rows to append. Other members are replaced; `tiles` and `decisions` item by item.
+    Rows of lists and columns are appended. Other members are replaced, `tiles` and `decisions` item by item.
     """
 
     time_s: float
@@ -336,7 +337,7 @@ Number: TypeAlias = Annotated[int, Meta(ge=1, le=2**53)]
 
 
 class Given(Struct, forbid_unknown_fields=True):
-    """Time of a request: the newest beat of the page, and the seconds since then by the page's clock."""
+    """Time of a request: the page's newest beat, and the seconds since this beat by the page's clock."""
 
     number: Number  # Greater than all earlier numbers: each request counts once
     beat_s: Positive

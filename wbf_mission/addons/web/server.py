@@ -49,9 +49,9 @@ from wbf_mission.run.orders import Orders, too_late
 INTERVAL_S = 0.1
 BEAT_S = 1.0
 OLD_S = 3.0
-"""If its newest beat is older than this (s), a page marks its data as old and gives no orders."""
+"""A page whose newest beat is older than this (s) marks its data as old and gives no orders."""
 STALLED_S = 10.0
-"""Maximum time for which a browser may accept no data (s); only on Linux can TCP measure it."""
+"""Maximum time (s) for which a browser may accept no data; TCP can measure this only on Linux."""
 SEND_TIMEOUT_S = 20.0
 """Maximum time for which sending an update to a browser may take (s)."""
 MAX_REQUEST_BYTES = 4096
@@ -208,7 +208,7 @@ class LiveServer:
             elif self._ending or view is not self._view:
                 return
             await visit.beat(view)
-            await asyncio.sleep(INTERVAL_S - now_s() % INTERVAL_S)  # All viewers wake together
+            await asyncio.sleep(INTERVAL_S - now_s() % INTERVAL_S)  # All viewers wake at once
 
     async def _tell_beats(self, visit: _Visit) -> None:
         """Send only beats, to a page that does not show a view."""
@@ -270,7 +270,7 @@ class LiveServer:
 
 
 def _is_ours(record: logging.LogRecord) -> bool:
-    """Return whether a log line concerns the user; lines about malformed input from clients do not."""
+    """Return whether a log line is for the user; lines about malformed input from clients are not."""
     return not record.getMessage().startswith("Invalid UTF-8")
 
 
@@ -284,7 +284,7 @@ class _Visit:
         self._number = 0
 
     async def send(self, text: str) -> None:
-        """Send a message; raises TimeoutError if it takes too long, WebSocketDisconnect without the page."""
+        """Send a message; raise TimeoutError if that takes too long, WebSocketDisconnect without a page."""
         try:
             async with asyncio.timeout(SEND_TIMEOUT_S):
                 await self.websocket.send_text(text)

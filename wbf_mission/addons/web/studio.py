@@ -218,7 +218,7 @@ class Studio:
 
 
 def _answering(work: Handler) -> Callable[[Request], Any]:
-    """Return an endpoint that answers with a function's result as JSON, or with a line under "error".
+    """Return an endpoint that answers with a function's result as JSON, or with {"error": message}.
 
     Errors have status 200: they are normal while typing, and browsers would log each in the console.
     """

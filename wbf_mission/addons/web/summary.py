@@ -190,7 +190,7 @@ def _about(report: FieldReport) -> str:
     what = "of the plants are expected sick" if disease else "on average"
     if report.is_of_seen:
         what = "of the plants that were looked at are sick" if disease else "on average in the cells seen"
-        sure = "nothing is known of the others"
+        sure = "nothing is known of the rest"
     main = f"{write(report.expected)} {what}"
     interval = [
         "" if block.low is None or block.high is None else f"{write(block.low)} to {write(block.high)}"
@@ -261,7 +261,7 @@ def _flown(record: RunRecord, drawing: FarmDrawing) -> str:
 
 
 def _scale(maps: Sequence[FieldMap]) -> float:
-    """Return the scale of the maps: for a disease its highest share, at least `_LEAST_SCALE`; else 1."""
+    """Return the maps' scale: a disease's highest fraction, at least `_LEAST_SCALE`; for other fields 1."""
     if maps[0].field.kind != "disease":
         return 1.0
     # A pixel at a border has few plants, so one sick plant there must not set the scale.

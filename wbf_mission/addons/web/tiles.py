@@ -1,8 +1,8 @@
 """The user's background map: raster tiles from an untrusted MBTiles or PMTiles file.
 
 Formats: MBTiles 1.3 (an SQLite database, rows counted from the south) and PMTiles 3 (directories of tile
-numbers along a Hilbert curve). Pictures are sent to the browser unchanged if they start like PNG, JPEG or
-WebP. Sizes stated in a file are not trusted: every read is limited in bytes or in time.
+numbers along a Hilbert curve). The browser gets pictures unchanged if they start like PNG, JPEG or WebP.
+Sizes stated in a file are not trusted: every read is limited in bytes or in time.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ Cursor = NewType("Cursor", int)
 """Version of a view that a viewer has received."""
 
 MAX_STATES = 20_000
-"""Maximum number of states per vehicle, and of scores; above it, half of the older half is dropped."""
+"""Maximum number of states per vehicle, and of scores; above it, half of the older rows are dropped."""
 MAX_ALL_STATES = 400_000
 """Maximum number of states of all vehicles, shared between them."""
 MAX_PLANS = 500
@@ -92,7 +92,7 @@ class _Rows(Generic[T]):
 
 
 class _Readings:
-    """Readings of cells as columns, without a limit."""
+    """Readings of cells as columns; their number has no limit."""
 
     def __init__(self) -> None:
         self.time_s, self.x, self.y = (GrowingArray((), kind) for kind in "dff")
@@ -125,7 +125,7 @@ class _Readings:
 
 
 class View:
-    """State of a run as shown by pages; a listener of its events.
+    """State of a run as pages show it; listens to the run's events.
 
     The run's threads call `take`, which is fast. Any number of viewers call `update` at any time; the view
     keeps no state for viewers. Drawing estimates takes at most `share` of the wall time (1: all are drawn);
@@ -453,7 +453,7 @@ def _states(rows: list[_State]) -> schema.States:
     columns: dict[str, Any] = dict(zip(_STATE, map(list, zip(*rows, strict=True)), strict=True))
     columns["heading_rad"] = np.degrees(np.array(columns["heading_rad"], np.float64))
     for name, digits in _DIGITS.items():
-        # NaN in place of None, which becomes null in JSON
+        # NaN replaces None; it becomes null in JSON
         columns[name] = np.round(np.array(columns[name], np.float64), digits).tolist()
     return schema.States(**{_SHOWN_AS.get(name, name): column for name, column in columns.items()})
 

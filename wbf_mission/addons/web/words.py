@@ -1,4 +1,4 @@
-"""Messages of the program with the page's inputs in place of command line options."""
+"""Messages of the program that name the page's inputs instead of command line options."""
 
 from __future__ import annotations
 

@@ -225,7 +225,7 @@ _STICKS = StickRules(
         regained="RC Failsafe Cleared",
     ),
 )
-# ArduPlane stores these parameters, too: acceptance and pass radius of a waypoint, pitch of a take-off.
+# ArduPlane also stores a waypoint's acceptance and pass radius, and a take-off's pitch.
 _PROFILE = replace(
     ROOMY_PROFILE,
     lossy={

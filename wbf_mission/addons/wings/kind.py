@@ -6,8 +6,8 @@ Drag follows the parabolic polar; n is the load factor of a turn (Anderson, *Air
     D = q S (CD0 + CL^2 / (pi e AR))     CL = n W / (q S)     q = rho V^2 / 2
     P = (D V + W climb) / efficiency + avionics
 
-`climb` is the rate of energy height, which includes a gain of speed. A glide takes at least the avionics
-power, because a windmilling propeller returns no energy.
+`climb` is the rate of change of energy height, which includes a gain of speed. A glide takes at least the
+avionics power, because a windmilling propeller returns no energy.
 
 `wbf_mission.addons.wings.motion.kernel` compiles the power model.
 """
@@ -75,12 +75,12 @@ class FixedWingAirframe:
     """Thrust, lift and ground friction of a fixed wing; its drag is in the power model."""
 
     thrust_n: float | None = None
-    """Thrust at full throttle, at any airspeed; None: from the autopilot's climb rate parameter."""
+    """Thrust at full throttle, at any airspeed; None: by the autopilot's climb rate parameter."""
     # Lift coefficient at zero angle of attack, and its slope per radian.
     lift_level: float = 0.3
     lift_slope: float = 5.0
     turn_share: float = 1.0
-    """Ratio to the turn rate of a coordinated turn, g tan(bank) / airspeed; below 1 it slips outward."""
+    """Turn rate divided by g tan(bank) / airspeed, the rate of a coordinated turn; below 1: outward slip."""
     elevator_per_lift: float = 0.0
     """Fraction of full elevator that trims one more unit of lift coefficient: static stability divided by
     elevator power. Until pitch control has trimmed a change of airspeed, the nose is too high or too low. 0

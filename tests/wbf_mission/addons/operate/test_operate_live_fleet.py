@@ -120,7 +120,7 @@ def test_two_vehicles_of_two_autopilots_fly_together(tmp_path, capsys):
     for text in (
         "vehicle 1: MISSION, item",
         "vehicle 2: AUTO, item",
-        "warning: vehicle 1: preflight: the return is not at the height",
+        "warning: vehicle 1: preflight: the vehicle would not return at the height",
         "vehicle 1: flying",
     ):
         assert text in told

@@ -42,7 +42,7 @@ def thought_speed(state: Record, limits: Record) -> float:
 
 @compiled(allocates=False)
 def steer(state: Record, limits: Record, rate: float) -> None:
-    """Set the steering for a turn rate: feed-forward for tyres without slip, and a PI loop."""
+    """Set the steering for a turn rate by feed-forward (for tyres without slip) and a PI loop."""
     speed, wanted = thought_speed(state, limits), 0.0
     if speed > _STEERS_M_S:
         error = rate - state.heading_rate
@@ -140,7 +140,7 @@ def _bearing(state: Record, row: Record, limits: Record, pace: float) -> float:
 
 @compiled(allocates=False)
 def _may_turn(state: Record, row: Record, sense: float, radius: float) -> bool:
-    """Return whether a waypoint is outside the tightest turn; the vehicle would circle others for ever."""
+    """Return whether a waypoint is outside the tightest turn; the vehicle would circle an inner waypoint."""
     cx = state.position_x + sense * radius * cos(state.heading)
     cy = state.position_y - sense * radius * sin(state.heading)
     dx, dy = row.x - cx, row.y - cy

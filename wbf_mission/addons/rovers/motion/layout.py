@@ -57,7 +57,7 @@ class RoverLimits:
     ahead_gain: float
     ahead_min: float
     ahead_max: float
-    # Heading errors at which a turn on the spot starts (0: never) and ends, and its turn rate.
+    # Heading errors at which a turn on the spot starts (0: never) and ends; turn rate on the spot.
     pivot_begin: float
     pivot_end: float
     pivot_rate: float
@@ -79,7 +79,7 @@ class RoverLimits:
     corner_least: float = 0.0
     corner_most: float = 0.0
     simulated: Mapping[str, float] = field(default_factory=dict)
-    """Values of PX4's simulated rover by column of `Simulated`; empty for a rover without forces."""
+    """Values of PX4's simulated rover, by column of `Simulated`; empty for a rover without forces."""
 
 
 # PX4's simulated rover, and its steering and speed controllers.

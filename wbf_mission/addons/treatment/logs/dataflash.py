@@ -21,12 +21,12 @@ class _Formats(dict[int, Any]):
 
     def __setitem__(self, number: int, form: Any) -> None:
         if form.len < _HEAD_BYTES or form.len < _HEAD_BYTES + struct.calcsize(form.msg_struct):
-            raise LogError(f"message {form.name} is shorter in the log than its fields")
+            raise LogError(f"the log declares message {form.name} shorter than its fields")
         super().__setitem__(number, form)
 
 
 def read_dataflash(path: Path) -> LogTrack:
-    """Read an ArduPilot .bin: the track from POS (else GPS), the images from CAM (else TRIG).
+    """Read an ArduPilot .bin: the track from POS or else GPS, the images from CAM or else TRIG.
 
     The time since boot is TimeUS. pymavlink computes UTC from the GPS week and time in the log.
     """

@@ -22,7 +22,7 @@ _STDERR = 2
 LONGEST_GAP_S = 5.0
 """Longest gap between two fixes across which positions are interpolated (s)."""
 LEAST_UTC_S = 1e9
-"""Times from this time on are UTC (s since 1970; the year 2001); smaller times are seconds since boot."""
+"""Smallest UTC time (s since 1970; this is in the year 2001); smaller times are seconds since boot."""
 
 
 class LogError(WbfMissionError, ValueError):
@@ -97,7 +97,7 @@ class LogTrack:
         return found[0], found[1]
 
     def of_images(self) -> tuple[Floats, Floats]:
-        """Return latitude and longitude of the images; the track gives the positions that images lack."""
+        """Return latitude and longitude of the images; positions that images lack come from the track."""
         images = self.images
         latitude, longitude = images.latitude_deg.copy(), images.longitude_deg.copy()
         lacks = ~is_position(latitude, longitude)
@@ -134,7 +134,7 @@ def _silence() -> Iterator[None]:
 
 @contextlib.contextmanager
 def parsing(path: Path, kind: str) -> Iterator[None]:
-    """Silence a library that reads a log, and replace its errors by a LogError of one line."""
+    """Silence a library that reads a log, and raise its errors as a LogError of one line."""
     try:
         with _silence():
             yield

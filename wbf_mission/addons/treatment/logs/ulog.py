@@ -101,7 +101,7 @@ def _utc_offset_s(topics: dict[str, Any]) -> float:
 
 
 def _count_fields(topic: str, declared: dict[str, Any], depth: int) -> int:
-    """Return the number of values in a message of `topic`; raise LogError if its types nest too deeply.
+    """Return the number of values in a message of `topic`; raise LogError for types nested too deeply.
 
     pyulog expands all nested types, so the check precedes the parsing of the data.
     """

@@ -94,7 +94,7 @@ def pitch_up(state: Record, limits: Record, pitch: float) -> float:
         _trim(state, limits, lift, v)
     rate = (pitch + state.nose_up - state.pitch) / limits.pitch_s
     rate = min(max(rate, -limits.pitch_down_rate), limits.pitch_up_rate)
-    # The rate that keeps the nose level in a coordinated turn is too high in a slipping turn.
+    # The pitch rate that keeps the nose level in a coordinated turn is too high in a slipping turn.
     rate += (1.0 - limits.turn_share) * GRAVITY_M_S2 * tan(bank) * sin(bank) / v
     state.pitch += rate * cos(bank) * dt
     attack = (lift - limits.lift_level) / limits.lift_slope
@@ -236,7 +236,7 @@ def take_off(state: Record, limits: Record, wx: float, wy: float) -> None:
     rate = limits.launch * throttle
     if limits.launch <= 0.0:
         v = state.airspeed
-        # On level ground, the angle of attack is zero.
+        # On the level ground, drag is computed for zero angle of attack.
         load = limits.lift_level * v * v / GRAVITY_M_S2
         rate = limits.thrust * throttle - drag(limits, v, load) - limits.ground_drag * v
     roll_on_ground(state, limits, rate, wx, wy)

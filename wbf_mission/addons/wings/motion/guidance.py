@@ -116,7 +116,7 @@ def _npfg(
 
 @compiled(allocates=False)
 def _decide(nu: float, state: Record) -> float:
-    """Limit the angle to the goal, and keep the turn direction while the goal is behind the vehicle."""
+    """Limit the angle to the goal; while the goal is behind the vehicle, keep the turn direction."""
     last = state.guidance
     if abs(nu) > _DECIDED and abs(last) > _DECIDED and nu * last < 0.0:
         nu = last
@@ -224,7 +224,7 @@ def _steer_line(
     if limits.law == NPFG:
         return _npfg(state, limits, rx * tn - ry * te, te, tn, 0.0, wx, wy)
     if row.kind == at.LANDING:
-        # The line is kept beyond the landing point.
+        # The vehicle keeps to the line beyond the landing point.
         length = length + sqrt(rx * rx + ry * ry) + AHEAD_OF_LANDING_M
     return _l1_line(state, limits, rx, ry, te, tn, length)
 
@@ -261,7 +261,7 @@ def circles(state: Record, row: Record, arrived: bool) -> bool:
 
 @compiled(allocates=False)
 def _comes_along_line(state: Record, row: Record, limits: Record) -> bool:
-    """Return whether ArduPlane now approaches a mission's circle along the line from the last waypoint.
+    """Return whether ArduPlane still approaches a mission's circle on the line from the last waypoint.
 
     ArduPlane leaves the line near the circle (``Plane::update_loiter``). A return leads directly to the
     circle.

@@ -36,7 +36,7 @@ Wing = IntEnum(
     "TARGET "  # Demanded height; at first the height at the start of the leg.
     "SLOPE "  # Height to gain along the leg; 0: the height is changed at once.
     "STAGE "  # Stage of a landing: LINING_UP, APPROACH or PREFLARE.
-    "LEVEL_OFF "  # Height left to climb when the nose started to come down; 0: it has not.
+    "LEVEL_OFF "  # Height left to climb when the nose began to come down; 0 before that.
     # Total energy control.
     "RUNNING "  # Whether the controller is running.
     "LAST_SPEED SPEED_DEMAND SPEED_RATE_FILTER ACCELERATION_FILTER SPEED_MAX HEIGHT_IN HEIGHT_LIMITED "
@@ -76,7 +76,7 @@ Leg = IntEnum(
     "NEAR "  # Distance at which arrival is notified.
     "CIRCLE_RADIUS "  # Positive for clockwise.
     "TURNS "
-    "EXIT_X EXIT_Y "  # Point towards which to leave the circle; NaN: anywhere.
+    "EXIT_X EXIT_Y "  # Point towards which the vehicle leaves the circle; NaN: anywhere.
     "PAUSE "
     "PITCH "  # Minimum pitch of a take-off.
     "HEIGHT_TOLERANCE "
@@ -175,7 +175,7 @@ Limits = IntEnum(
     "TECS_CLIMB TECS_SINK_MIN TECS_SINK_MAX TRIM_THROTTLE THROTTLE_MIN THROTTLE_MAX THROTTLE_SLEW "
     "PITCH_MIN PITCH_MAX PITCH_S PITCH_UP_RATE PITCH_DOWN_RATE PITCH_FEED_FORWARD PITCH_GAIN "
     "PITCH_INTEGRATOR SCALING_SPEED "
-    "SLOPE_MIN "  # Height changes below this are made at once.
+    "SLOPE_MIN "  # Smaller height changes are made at once, not along a slope.
     "LAND_S LAND_DAMPING LAND_SPEED_WEIGHT LAND_PITCH LAND_PITCH_MAX HOLD_OFF_HEIGHT FLARE_AIM "
     "PREFLARE_HEIGHT PREFLARE_S PREFLARE_AIRSPEED HEAD_WIND_SHARE LEVEL_OFF_S TAKEOFF_THROTTLE "
     "TAKEOFF_DELAY THROTTLE_EASE",

@@ -99,7 +99,7 @@ class FixedWing(CompiledMotion):
             or legs[0].kind != wing.LINE
             or not math.hypot(legs[0].x - before[first].x, legs[0].y - before[first].y) < 1.0
         ):
-            # The first leg starts at the last waypoint if the vehicle has reached it, else at the vehicle.
+            # The first leg starts at the last waypoint if that was reached, else at the vehicle's position.
             self.state[Wing.BEGIN_X] = math.nan
             if before is not None and arrived and before[-1].kind == wing.LINE:
                 self.state[Wing.BEGIN_X : Wing.BEGIN_X + 3] = before[-1].x, before[-1].y, before[-1].z

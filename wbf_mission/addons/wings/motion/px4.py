@@ -16,7 +16,7 @@ THROTTLE_S = 0.4
 
 @compiled(allocates=False)
 def _near_ground(state: Record, limits: Record, level: bool) -> float:
-    """Return the bank limit near the ground: for wing tip clearance, and for level wings in a climb-out."""
+    """Return the bank limit near the ground, which keeps the wing tips clear, and a climb-out level."""
     bank = limits.bank_limit
     height = state.position_z
     if level and height < limits.level_height:
@@ -27,7 +27,7 @@ def _near_ground(state: Record, limits: Record, level: bool) -> float:
 
 @compiled(allocates=False)
 def _climb(state: Record, limits: Record, height: float, full: bool) -> float:
-    """Return the climb rate towards a height, approached at limited rates (``TECSReferenceModel``)."""
+    """Return the climb rate towards a height; the rates are limited (``TECSReferenceModel``)."""
     here, dt = state.position_z, limits.step_s
     if state.running == 0.0:
         state.running, state.reference_rate = 1.0, 0.0
@@ -112,7 +112,7 @@ def _energy(
 
 @compiled(allocates=False)
 def _approach(state: Record, row: Record, limits: Record) -> float:
-    """Return the demanded height of an approach, and start the flare when low."""
+    """Return the demanded height of an approach, and start the flare when the vehicle is low."""
     if row.kind == LANDING:
         dx, dy = row.x - state.begin_x, row.y - state.begin_y
         length = max(sqrt(dx * dx + dy * dy), 1e-3)

@@ -3,9 +3,9 @@
 Behaviour as published for ``AP_TECS`` (P. Riseborough, 2013; ArduPlane 4.5 to 4.7) with its parameters
 ``TECS_*``, after A. A. Lambregts, "Vertical flight path and speed control autopilot design using total energy
 principles", AIAA 83-2239. Throttle controls the sum of potential and kinetic energy: feed-forward from the
-wanted rate around TRIM_THROTTLE, damping and an integral. Pitch controls their difference. The controller
-assumes a climb at TECS_CLMB_MAX with full throttle, and a sink at TECS_SINK_MIN without throttle; the
-airframe may differ. All energies are per mass.
+wanted rate around TRIM_THROTTLE, damping and an integral. Pitch controls the difference of the two energies.
+The controller assumes a climb at TECS_CLMB_MAX with full throttle, and a sink at TECS_SINK_MIN without
+throttle; the airframe may differ. All energies are per mass.
 """
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ def _notice_underspeed(state: Record, slowest: float, v: float, stage: float) ->
 
 @compiled(allocates=False)
 def _speed_weight(state: Record, limits: Record, stage: float, portion: float, sinking: bool) -> float:
-    """Return the weight of the airspeed in pitch control, 0 to 2; the height's weight is 2 minus it."""
+    """Return the airspeed's weight in pitch control, 0 to 2; the height's weight is the rest up to 2."""
     if state.underspeed > 0.0 or stage == CLIMB_OUT or sinking:
         return 2.0
     weight = _clip(limits.speed_weight, 0.0, 2.0)

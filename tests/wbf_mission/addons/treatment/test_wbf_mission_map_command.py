@@ -190,9 +190,7 @@ def test_the_next_flight_goes_where_a_look_is_worth_most(run, tmp_path):
     model.probabilities["tylcv"][:2, doubt] = np.array([0.88, 0.12])[:, None]
     of = treatment_of_result(result)
     gains = []
-    with pytest.raises(
-        PlanningError, match="finds no path within 60 s on which another look would save anything"
-    ):
+    with pytest.raises(PlanningError, match="on which another look would save anything"):
         plan_next(of, scenario_with(result.scenario, {"budget": "60s"}))
     for budget in ("90s", "120s"):
         found = plan_next(of, scenario_with(result.scenario, {"budget": budget}))

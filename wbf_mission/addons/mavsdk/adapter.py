@@ -68,9 +68,8 @@ class MavsdkOrders:
 
     Arming, return, landing and PX4's hold use the plugin action; the start of a PX4's mission uses
     mission_raw. All other commands use mavlink_direct, which also retries. Hold on an ArduCopter is such a
-    command, because MAVSDK's hold sets LOITER, in which an ArduCopter without sticks sinks. The start of an
-    ArduCopter's mission is another: it takes off at MISSION_START, but MAVSDK's start_mission only sets the
-    mode.
+    command, because MAVSDK's hold sets LOITER, in which an ArduCopter without sticks sinks. So is a mission
+    start on an ArduCopter: it takes off at MISSION_START, but MAVSDK's start_mission only sets the mode.
 
     MAVSDK does not send MISSION_SET_CURRENT. Its set_current_mission_item would repeat the message whenever
     the vehicle reports another current item: for ever, if the vehicle completes the item at once.
@@ -264,8 +263,7 @@ class MavsdkVia(Via):
         policy = scenario.mission.policy
         if policy is not None and vehicle.vehicle_type in (vehicle.profile.change_modes or {}):
             msg = (
-                f"policy {policy} changes the mission in flight, but --via mavsdk does not change missions "
-                f"of "
+                f"policy {policy} changes the mission in flight, which --via mavsdk cannot do for "
                 f"{vehicle.profile.name}: leave out --via mavsdk, or give a planner instead"
             )
             raise LiveFlightError(msg)

@@ -221,8 +221,7 @@ class _Sending(_Transfer):
 class MavsdkUpload(VerifiedUpload):
     """Uploads a plan, downloads it and compares.
 
-    A failure in MAVSDK is reported. If only the answer was lost and the vehicle holds the plan, the upload
-    succeeds.
+    A failure in MAVSDK is reported, unless only the answer was lost and the vehicle already holds the plan.
     """
 
     def __init__(

@@ -128,8 +128,7 @@ def _attitude_of(
 ) -> AttitudeTarget | None:
     """Return the target of SET_ATTITUDE_TARGET as ArduCopter reads it; None stops the vehicle.
 
-    If `climbs`, thrust 1 means the climb speed, and thrust 0 the descent speed. Otherwise, the thrust `hover`
-    holds the height.
+    If `climbs`, thrust 1 means the climb speed, 0 the descent speed. If not, thrust `hover` holds the height.
     """
     mask = int(message.type_mask)
     rates = [message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate]

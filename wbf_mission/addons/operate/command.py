@@ -161,8 +161,7 @@ class _Printer:
     def __init__(self, output: Output, watch: FleetWatch) -> None:
         self._output, self._watch = output, watch
         self._texts: dict[int, int] = {}
-        # By vehicle, severity and text: time of the last print, time of the last receipt, count since the
-        # last print.
+        # By vehicle, severity and text: time of the last print, time of the last receipt, unprinted repeats.
         self._waiting: dict[tuple[int, int, str], tuple[float, float, int]] = {}
         self._wrong: dict[int, set[str]] = {}
         self._headed = False
@@ -277,10 +276,7 @@ def command_command(
     except MotorsStandError:
         if not sys.stdin.isatty():
             raise
-        output.note(
-            "the motors stand still: this order starts them, and the vehicle takes off; start the "
-            "motors? [y/N]"
-        )
+        output.note("the motors stand still: the order starts them for take-off; start the motors? [y/N]")
         if sys.stdin.readline().strip().lower() not in ("y", "yes"):
             raise
         _give(OperatorCommand(order, value, arms=True), url, system_id, wait, output)

@@ -143,9 +143,8 @@ def upload_command(
 ) -> int:
     """Check a mission file, upload it (mission, fence, rally points), download it again and compare.
 
-    The file is checked as by preflight --connect; without --vehicle, a typical vehicle of the connected
-    vehicle's kind is assumed. Exit code 5 means that the vehicle refused the mission, or stored it but will
-    not fly it.
+    The file is checked as by preflight --connect, by default for a typical vehicle of the connected kind.
+    Exit code 5 means that the vehicle refused the mission, or stored it but will not fly it.
     """
     from wbf_mission.addons.base.links import upload_checked, via_named
 

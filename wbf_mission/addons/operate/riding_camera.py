@@ -98,9 +98,8 @@ def images_in(silence: Silence, mission: Mission, item: int) -> int:
     """Return the approximate number of images that the mission orders during a telemetry gap.
 
     The path leads along the items' positions, from the last item report before the gap to the first item
-    report after it. The parts of the path that were observed, at both ends, are left out. The vehicle's speed
-    along the path is taken as constant. Without a camera command in the mission, the camera continues as
-    before the gap.
+    report after it. The observed parts of the path at both ends are left out. The vehicle's speed along the
+    path is taken as constant. Without a camera command, the camera continues as before the gap.
 
     An ``item`` equal to or above the number of items means that the mission is over.
     """

@@ -37,8 +37,7 @@ def paper_command(
     spec: Annotated[
         Path | None,
         typer.Argument(
-            help="File (TOML) with the planners and estimators to compare, in one scenario; the options "
-            "below change it."
+            help="File (TOML) of planners and estimators to compare in one scenario; the options change it."
             "  [default: the paper's experiment in five environments]"
         ),
     ] = None,

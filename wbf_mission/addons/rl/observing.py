@@ -24,8 +24,7 @@ class Shown:
     """Spaces and observations of a task.
 
     `block` is the side of a map block in cells, by default the smallest that `MOST_BLOCKS` allows.
-    `map_shape` counts blocks along x and y. Raises TrainingError if `block` is not between 1 and the farm's
-    size.
+    `map_shape` counts blocks along x and y. Raises TrainingError unless `block` is from 1 to the farm's size.
     """
 
     def __init__(self, task: SurveyTask, block: int | None = None) -> None:

@@ -94,8 +94,7 @@ def sim_command(
     ready_file: Annotated[
         Path | None,
         option(
-            "File that lists the links, one per line; written once the links can be used, removed at the "
-            "end.",
+            "File for the links, one per line; written once the links can be used, removed at the end.",
             panel="Output",
         ),
     ] = None,

@@ -147,8 +147,7 @@ def _costs(of: ZoneMap) -> str:
         f"Costs a hectare{relative}: treating {costs.treat:g}, untreated land that needs treatment "
         f"{costs.loss:g}{below}, another look {costs.look:g}."
         f" Expected total costs: {_number(expected['zones'])} by this map,"
-        f" {_number(expected['leave'])} without treatment, {_number(expected['treat'])} if all land is "
-        f"treated,"
+        f" {_number(expected['leave'])} without treatment, {_number(expected['treat'])} if all is treated,"
         f" {_number(expected['known'])} with perfect information. Blocks of {of.block_m:.1f} m."
     )
 

@@ -82,9 +82,7 @@ def plan_next(of: TreatmentMap, scenario: Scenario, *, progress: Progress = sile
         gain_of_all += float(np.nansum(zone_map.gain * zone_map.hectares))
         looked_at = max(looked_at, len(x) * farm.cell_size_m**2 / 1e4)
     if gain <= 0.0:
-        raise PlanningError(
-            f"{label} finds no path within {budget} on which another look would save anything"
-        )
+        raise PlanningError(f"{label} finds no path within {budget} on which a new look would save anything")
     return NextFlight(plan, vehicle, str(choice), gain, gain_of_all, looked_at)
 
 

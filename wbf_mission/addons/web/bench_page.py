@@ -78,10 +78,7 @@ def _body(page: Page, folder: Path, whole: Table) -> Iterator[str]:
 
 
 def _table(table: Table, label: str, *, name: str = "") -> Iterator[str]:
-    """Yield a scrollable table.
-
-    The first `table.texts` columns have names; in a table of two columns, both columns do.
-    """
+    """Yield a scrollable table; the first `table.texts` columns (both of a two-column table) are names."""
     names = len(table.header) if len(table.header) == _OF_TEXTS else table.texts
 
     def cells(row: Sequence[str], tag: str) -> str:

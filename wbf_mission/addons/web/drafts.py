@@ -130,10 +130,7 @@ class PlannedDraft:
         """Reason why the simulator cannot fly the draft; empty if it can."""
         mission = self.draft.scenario.mission
         if self.surveys and mission.policy is not None:
-            return (
-                f"the policy {mission.policy} decides by the leaf camera: choose a planner for a survey "
-                f"camera"
-            )
+            return f"policy {mission.policy} decides by the leaf camera: choose a planner for a survey camera"
         if self.surveys and len(self.vehicles) > 1:
             return "the simulator flies a survey camera on one vehicle only: plan one vehicle, or save files"
         return ""
@@ -141,8 +138,7 @@ class PlannedDraft:
     def flown(self, folder: Path) -> Scenario:
         """Return the scenario that flies the plan; raise DraftError if the simulator cannot fly it.
 
-        A number of batteries and a survey camera only affect the planned mission; the flight does not need
-        them.
+        A number of batteries and a survey camera only affect the planned mission, not its flight.
         """
         scenario = self.draft.scenario
         if self.not_flown:

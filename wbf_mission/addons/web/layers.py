@@ -73,8 +73,7 @@ class Layers:
     """Layers over one farm.
 
     `put` is slow, and only one thread at a time may call it. `draw`, `show` and `scales` are fast, and need
-    the lock of the shared layers. Arrays have a value per cell. A layer has at most `longest` pixels per
-    side.
+    the lock of the layers. Arrays have a value per cell. A layer has at most `longest` pixels per side.
     """
 
     def __init__(self, farm: Farm, longest: int = LONGEST) -> None:

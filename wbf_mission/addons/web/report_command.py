@@ -31,8 +31,7 @@ def report_command(
     *,
     folder: Annotated[Path, typer.Argument(help="Results of a run, or of a benchmark.")],
     other: Annotated[
-        Path | None,
-        typer.Argument(help="Results of another run over the same farm, shown beside the first run."),
+        Path | None, typer.Argument(help="Results of another run over the same farm, shown beside it.")
     ] = None,
     out: Annotated[
         Path | None,
@@ -49,8 +48,7 @@ def report_command(
     """Show a finished run, two runs side by side, or a benchmark as one self-contained HTML file.
 
     The file of a run has a summary for the farmer that prints on one sheet, and the page of 'fly --live' with
-    a slider that replays the run. The file of a benchmark has its standings, which can be sorted and
-    filtered.
+    a slider that replays the run. The file of a benchmark has standings that can be sorted and filtered.
     """
     from wbf_mission.bench.rows import holds_rows
     from wbf_mission.results.storage import ResultError

@@ -1,8 +1,7 @@
 """Messages between the server and a page; tools/write_page_schema.py generates `page/src/schema.ts`.
 
-When it connects, a page receives an `Update` with all data; later updates have only new data. Times are in
-seconds since the start of the run, and places in metres of the farm frame. Infinite and missing numbers are
-null.
+A page that connects receives an `Update` with all data; later updates have only new data. Times are seconds
+since the start of the run, places are metres in the farm frame. Infinite and missing numbers are null.
 """
 
 from __future__ import annotations

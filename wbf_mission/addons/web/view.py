@@ -128,9 +128,8 @@ class View:
     """State of a run as pages show it; listens to the run's events.
 
     The run's threads call `take`, which is fast. Any number of viewers call `update` at any time; the view
-    keeps no state for viewers. Drawing estimates takes at most `share` of the wall time (1: all are drawn);
-    the last estimate of a flight is always drawn. Layers have at most `longest` pixels per side. `clock`
-    measures ages of states.
+    keeps no state for viewers. Drawing uses at most `share` of the wall time (1: no limit), but a flight's
+    last estimate is always drawn. Layers have at most `longest` pixels per side. `clock` measures ages.
 
     >>> view = View()
     >>> view.take(events.Noted("the vehicle is heard"))

@@ -36,8 +36,7 @@ class WingProcedures(FixedWingProcedures):
     def start_of_flight(self, spec: VehicleSpec, rotation: float, least: float) -> tuple[float, float]:
         """Return the airspeed of lift-off, and the acceleration until then (0: set by the thrust).
 
-        `rotation` is the airspeed of lift-off from a runway, 0 without a runway. `least` is the minimum
-        airspeed.
+        `rotation` is the lift-off airspeed on a runway (0: no runway). `least` is the minimum airspeed.
         """
         lifts_off = None if spec.airframe is None else spec.airframe.liftoff_airspeed_m_s
         if lifts_off is not None:

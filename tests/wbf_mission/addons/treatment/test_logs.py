@@ -111,7 +111,7 @@ def test_the_track_is_one_vehicles(tmp_path):
 def test_without_pos_the_receiver_is_taken(tmp_path):
     track = read_track(write_dataflash(tmp_path / "x", FIXES, with_pos=False))
     assert len(track.boot_s) == len(FIXES)
-    assert "receiver's own" in track.notes[0]
+    assert "from the satellite receiver" in track.notes[0]
 
 
 @pytest.mark.parametrize("receiver", ["1.13", "1.14"])

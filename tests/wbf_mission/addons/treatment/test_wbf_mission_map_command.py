@@ -190,7 +190,7 @@ def test_the_next_flight_goes_where_a_look_is_worth_most(run, tmp_path):
     model.probabilities["tylcv"][:2, doubt] = np.array([0.88, 0.12])[:, None]
     of = treatment_of_result(result)
     gains = []
-    with pytest.raises(PlanningError, match="on which another look would save anything"):
+    with pytest.raises(PlanningError, match="on which a new look would save anything"):
         plan_next(of, scenario_with(result.scenario, {"budget": "60s"}))
     for budget in ("90s", "120s"):
         found = plan_next(of, scenario_with(result.scenario, {"budget": budget}))
@@ -231,11 +231,11 @@ def test_nothing_in_doubt_is_not_worth_a_flight(run, mapped, tmp_path):
         ("--observations HERE/old.csv", "old.csv: the days -3 to 6 are not within 0 to 126"),
         ("--observations HERE/no.csv", "no.csv: holds no observations"),
         ("--log RUN --estimator gp", "--estimator has no effect, as the results of a run"),
-        ("--log RUN --observations HERE/late.csv", "--observations has no effect on the results of a run"),
+        ("--log RUN --observations HERE/late.csv", "--observations has no effect, as the results of a run"),
         ("--log RUN --budget 1min", "--budget has an effect only with --next"),
         ("--log RUN --altitude 9", "--altitude has an effect only with --next"),
         ("--log RUN --param WPNAV_SPEED=300", "--param has an effect only with --next"),
-        ("--log RUN --farm-crs EPSG:32617", "--farm-crs has no effect on the results of a run"),
+        ("--log RUN --farm-crs EPSG:32617", "--farm-crs has no effect, as the results of a run"),
         ("--log RUN --block 0", "--block 0 is out of range: give 0.01 to 1000 metres"),
         ("--log RUN --loss x", "--loss x: 'x' is not a number; give [FIELD=]NUMBER"),
         ("--log RUN --next RUN/summary.json", "a file that is already there and is no .plan"),

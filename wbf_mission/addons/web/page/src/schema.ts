@@ -1,7 +1,6 @@
 // Made of schema.py by tools/write_page_schema.py.
-// When it connects, a page receives an `Update` with all data; later updates have only new data. Times are in
-// seconds since the start of the run, and places in metres of the farm frame. Infinite and missing numbers are
-// null.
+// A page that connects receives an `Update` with all data; later updates have only new data. Times are seconds
+// since the start of the run, places are metres in the farm frame. Infinite and missing numbers are null.
 
 /** Points, alternating x and y: [x0, y0, x1, y1, ...]. */
 export type Ring = number[];

@@ -78,7 +78,7 @@ def _body(page: Page, folder: Path, whole: Table) -> Iterator[str]:
 
 
 def _table(table: Table, label: str, *, name: str = "") -> Iterator[str]:
-    """Yield a scrollable table; the first `table.texts` columns (both of a two-column table) are names."""
+    """Yield a scrollable table with names in its first `table.texts` columns, or in both columns of two."""
     names = len(table.header) if len(table.header) == _OF_TEXTS else table.texts
 
     def cells(row: Sequence[str], tag: str) -> str:

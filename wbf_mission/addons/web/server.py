@@ -284,7 +284,7 @@ class _Visit:
         self._number = 0
 
     async def send(self, text: str) -> None:
-        """Send a message; raise TimeoutError if that takes too long, WebSocketDisconnect without a page."""
+        """Send a message; raise TimeoutError if sending is slow, WebSocketDisconnect if the page is gone."""
         try:
             async with asyncio.timeout(SEND_TIMEOUT_S):
                 await self.websocket.send_text(text)
@@ -292,7 +292,7 @@ class _Visit:
             raise WebSocketDisconnect from None
 
     async def beat(self, view: View) -> None:
-        """Send a beat if one is due."""
+        """Send a heartbeat to the page if one is due."""
         if self._now_s >= self._beat_s + BEAT_S:
             update = Update(view.time_s, beat=Beat(self.next_beat(), view.silent_s()))
             await self.send(update.json().decode())

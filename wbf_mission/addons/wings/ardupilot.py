@@ -200,7 +200,7 @@ _WING = WingSticks(
     down=Setting("PTCH_LIM_MIN_DEG", -25.0, _DEGREE),
 )
 _STICKS = StickRules(
-    # These modes are STABILIZE and FBWA, FBWB, CRUISE.
+    # MANUAL covers STABILIZE and FBWA; ALTITUDE is FBWB, and POSITION is CRUISE.
     speeds={Mode.MANUAL: None, Mode.ALTITUDE: None, Mode.POSITION: None},
     level=DEADZONE,
     vertical=DEADZONE,

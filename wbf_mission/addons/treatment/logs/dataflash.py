@@ -17,7 +17,7 @@ _NOWHERE = math.nan
 
 
 class _Formats(dict[int, Any]):
-    """Message formats by number; LogError for a format shorter than its fields, as pymavlink would hang."""
+    """Message formats by number. A format shorter than its fields raises LogError: pymavlink would hang."""
 
     def __setitem__(self, number: int, form: Any) -> None:
         if form.len < _HEAD_BYTES or form.len < _HEAD_BYTES + struct.calcsize(form.msg_struct):

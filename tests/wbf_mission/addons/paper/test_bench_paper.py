@@ -127,7 +127,7 @@ def test_a_damaged_map_is_named(folder, tmp_path):
     np.savez(
         file, path_m=np.zeros((4, 3)), truth=np.ones((1, 2, 2)), estimate=np.ones((1, 2, 2)), axis_max=0.0
     )
-    with pytest.raises(ResultError, match="do not fit"):
+    with pytest.raises(ResultError, match="wrong shapes"):
         ShownRun.load(file)
     file.write_bytes(next((folder / "shown").iterdir()).read_bytes()[:-40])
     with pytest.raises(ResultError, match="remove it"):

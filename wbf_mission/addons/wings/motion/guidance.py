@@ -245,7 +245,7 @@ def _steer_circle(
     else:
         ground = max(ground_speed(state), 1e-3)
         oe, on = state.velocity_x / ground, state.velocity_y / ground
-    # The clockwise direction is the outward direction rotated to the right.
+    # The clockwise tangent is the outward direction rotated to the right by 90 degrees.
     te, tn = sense * on, -sense * oe
     error = sense * (radius - away)
     return _npfg(state, limits, error, te, tn, sense / radius, wx, wy)[0]
@@ -261,7 +261,7 @@ def circles(state: Record, row: Record, arrived: bool) -> bool:
 
 @compiled(allocates=False)
 def _comes_along_line(state: Record, row: Record, limits: Record) -> bool:
-    """Return whether ArduPlane still approaches a mission's circle on the line from the last waypoint.
+    """Return whether ArduPlane still flies on the line from the last waypoint towards a mission's circle.
 
     ArduPlane leaves the line near the circle (``Plane::update_loiter``). A return flies straight to it.
     """

@@ -51,7 +51,7 @@ class BatteryWait:
     # Called every half second; returns True once the operator has changed the battery, False to end the
     # mission, None before an answer. None if there is no operator: then the battery reading decides.
     asks: Callable[[], bool | None] | None
-    risen: float | None  # Least reading that shows a change without an operator; None if unknown
+    risen: float | None  # Without an operator, a reading from this counts as a change; None if unknown
     limit_s: float  # Timeout without an operator
     note: Callable[[str], None]  # Receives lines for the operator
     _said: bool = False  # Whether the operator has confirmed the change

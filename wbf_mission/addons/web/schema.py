@@ -285,7 +285,7 @@ class Beat(Struct):
 class Update(Struct, omit_defaults=True):
     """New data; a missing member is unchanged.
 
-    Rows of lists and columns are appended. Other members are replaced, `tiles` and `decisions` item by item.
+    Rows of lists and columns are appended. Other members are replaced whole, `tiles` and `decisions` by item.
     """
 
     time_s: float

@@ -62,7 +62,7 @@ class Rover(CompiledMotion):
         return 0.0, 0.0, float(self.state[Wheels.SPEED]), float(self.state[Wheels.THROTTLE])
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
-        """Set the vehicle in motion at time 0, with no energy used, as if it had driven there."""
+        """Start the vehicle at a place and velocity, at time 0 and with no energy used."""
         super().place_in_flight(position_m, velocity_m_s, heading_rad)
         self.state[Wheels.SPEED : Wheels.PIVOTING + 1] = 0.0
         self.state[Wheels.YAW_ASKED :] = 0.0
@@ -214,7 +214,7 @@ class ArduRover(AlongCurves, Rover):
         self.guide[Drive.SPEED_ASKED] = self.state[Wheels.SPEED]
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
-        """Set the vehicle in motion at time 0, with no energy used, as if it had driven there.
+        """Start the vehicle at a place and velocity, at time 0 and with no energy used.
 
         If the first leg lies ahead, its speed profile starts at the vehicle's speed.
         """

@@ -45,7 +45,7 @@ Wing = IntEnum(
     "THROTTLE_FLOOR "  # Minimum throttle, which falls slowly after a climb-out.
     "BALANCE_INTEGRAL SPEED_INTEGRAL "
     "PITCH_FREE "  # Pitch before its limits.
-    "THROTTLE_CLIP "  # -1, 0 or 1.
+    "THROTTLE_CLIP "  # 1 beyond the upper limit, -1 below the lower limit, else 0.
     "BALANCE_CLIP UNDERSPEED UNDERSPEED_S BAD_DESCENT "
     "PATH_RATE "  # Rate at which the path bends upward.
     "SLIP "  # Turn rate that the lagging side force has reached.

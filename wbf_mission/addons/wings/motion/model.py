@@ -72,7 +72,7 @@ class FixedWing(CompiledMotion):
         return bank, pitch, airspeed, throttle
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
-        """Set the vehicle in steady flight at time 0, with no energy used, as if it had flown there."""
+        """Start the vehicle in steady flight at a place, at time 0 and with no energy used."""
         super().place_in_flight(position_m, velocity_m_s, heading_rad)
         state = self.state
         east, north, up = velocity_m_s

@@ -250,8 +250,8 @@ export interface Beat {
   silent_s: Record<string, number>;
 }
 
-/** New data; a missing member is unchanged. Rows of lists and columns are appended. Other members are replaced,
- * `tiles` and `decisions` item by item. */
+/** New data; a missing member is unchanged. Rows of lists and columns are appended. Other members are replaced
+ * whole, `tiles` and `decisions` by item. */
 export interface Update {
   time_s: number;
   /** Members to empty first: "plans", "said", "decisions", "scores" and "states/SYSTEM_ID", if older rows were

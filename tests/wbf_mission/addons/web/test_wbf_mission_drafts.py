@@ -225,7 +225,7 @@ def test_a_farm_file_becomes_what_is_drawn(drafts: Drafts, tmp_path: Path) -> No
     save_farm(get_farm("miniberry-10"), path)
     farm = drafts.farm_of_file(path.read_bytes(), "../../mine.GeoJSON", crop=None, crs=None, repair=False)
     assert (farm.name, farm.patches[0].crop) == ("miniberry-10", "strawberry")
-    with pytest.raises(FarmError, match="no farm file"):
+    with pytest.raises(FarmError, match="is not a farm file"):
         drafts.farm_of_file(b"", "mine.exe", crop=None, crs=None, repair=False)
     with pytest.raises(FarmError, match=r"^farm file mine\.geojson: feature 1"):
         drafts.farm_of_file(

@@ -172,8 +172,8 @@ def control_energy(
 ) -> None:
     """Set the demanded pitch and throttle for a height and an airspeed; call every `PERIOD_S`.
 
-    `stage` is CRUISE, CLIMB_OUT, LAND or FLARING. `portion` is the fraction of the leg flown, which reduces
-    the speed weight in a landing. `least_pitch` is the minimum pitch of a take-off. If the motor is dead,
+    `stage` is CRUISE, CLIMB_OUT, LAND or FLARING. `portion` is the fraction of the leg flown; as it grows, a
+    landing reduces the speed weight. `least_pitch` is the minimum pitch of a take-off. If the motor is dead,
     pitch alone holds the airspeed.
     """
     if state.running == 0.0:

@@ -107,7 +107,7 @@ class VehicleSpec:
     return_altitude_m: float = 15.0
     max_altitude_m: float = 500.0
     max_distance_m: float = 20_000.0
-    """Limit of the distance from home."""
+    """Limit of the distance from the start."""
     step_s: float = 0.02
     """Time step of the motion model."""
     disarm_delay_s: float = 2.0

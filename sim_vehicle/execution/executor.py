@@ -147,7 +147,7 @@ class MissionExecutor:
         self._check_height(altitude_m)
         farthest_m = self.spec.max_distance_m
         near = math.hypot(x_m, y_m) <= farthest_m
-        require(near, f"cannot fly to ({x_m:g}, {y_m:g}): more than {farthest_m:g} m from home")
+        require(near, f"cannot fly to ({x_m:g}, {y_m:g}): more than {farthest_m:g} m from the start")
         if speed_m_s is not None:
             settings.speed_m_s = self._checked_speed(speed_m_s)
         self.flight.disarm_step = None

@@ -157,7 +157,7 @@ def _item_problems(
             reason = f"altitude {z:.1f} m above home is outside 0..{spec.max_altitude_m:g}"
             problems.append(("altitude", reason))
         if x * x + y * y > spec.max_distance_m * spec.max_distance_m:
-            reason = f"{math.hypot(x, y):.0f} m from the start, beyond the limit of {spec.max_distance_m:.0f} m"
+            reason = f"{math.hypot(x, y):.0f} m from the start: the limit is {spec.max_distance_m:.0f} m"
             problems.append(("far-from-home", reason))
     first, second = number(item.param1), number(item.param2)
     if command == Command.NAV_DELAY and first < 0.0:

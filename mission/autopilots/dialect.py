@@ -61,7 +61,7 @@ class Substitute:
     """Replacement of a command that an autopilot does not support."""
 
     make: Callable[[MissionItem], MissionItem | None]
-    """Returns the item to send, None to omit the item."""
+    """Function that returns the item to send, or None to omit the item."""
     text: str
     """Description of the replacement for the operator."""
 
@@ -85,7 +85,7 @@ class IgnoredField:
 
 @dataclass(frozen=True, slots=True)
 class ArmingCondition:
-    """Condition on the mission that a vehicle parameter imposes for arming."""
+    """Condition that a mission must meet for the vehicle to arm, as a vehicle parameter demands."""
 
     parameter: str
     refusing: frozenset[float]
@@ -97,7 +97,7 @@ class ArmingCondition:
     unknown: Severity
     """Severity of the remark if the value is unknown and the default imposes the condition."""
     needed: frozenset[int] = frozenset()
-    """Commands of which the mission must contain at least one; empty for no such condition."""
+    """The mission must contain at least one of these commands; empty: no such condition."""
     barred: frozenset[int] = frozenset()
     """Commands that the mission must not contain."""
     vehicle_types: frozenset[int] = frozenset({FIXED_WING})
@@ -119,17 +119,17 @@ class Dialect:
     roi_modes: frozenset[int] | None = None
     """Modes (MAV_ROI) accepted for DO_SET_ROI with a position; None for any."""
     not_for: Mapping[int, frozenset[int]] = field(default_factory=dict)
-    """Commands that a MAV_TYPE does not support although other vehicles of this autopilot do."""
+    """Commands, by MAV_TYPE, that this type does not support although other vehicles of this autopilot do."""
     substitutes: Mapping[int, Substitute] = field(default_factory=dict)
     """Replacements of unsupported commands, by command."""
     instead: Mapping[int, str] = field(default_factory=dict)
     """Advice for unsupported commands without a replacement, by command."""
     defaults: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
-    """Values sent for unset parameters that must not be NaN, by command; 0 for all others."""
+    """Values sent for unset parameters that must not be NaN, by command; others are sent as 0."""
     highest_m: float = float("inf")
     """Altitude limit (m); altitudes of this magnitude or more are refused."""
     most_jumps: int | None = None
-    """Number of DO_JUMP items that every board can count; more may be skipped in flight."""
+    """Number of DO_JUMP items that every board can count; further DO_JUMP items may be skipped in flight."""
     ignored: tuple[IgnoredField, ...] = ()
     conditions: tuple[ArmingCondition, ...] = ()
 

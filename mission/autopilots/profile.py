@@ -67,7 +67,7 @@ class CardRoom:
         return max(0, min(1024 * int(kib), self.most_bytes) - self.header_bytes) // self.item_bytes
 
     def kib_for(self, items: int) -> int | None:
-        """Return the smallest parameter value for ``items`` items, None if no value suffices."""
+        """Return the smallest parameter value for ``items`` items, or None if no value suffices."""
         kib = -(-(items * self.item_bytes + self.header_bytes) // 1024)
         return kib if kib <= self.largest_kib and items <= self.items(kib) else None
 
@@ -186,13 +186,13 @@ class Profile:
     abort_s: float = 5.0
     """Timeout after which the vehicle aborts a transfer (s)."""
     abort_result: int | None = None
-    """ACK that the vehicle sends when it aborts an upload, None for no ACK."""
+    """ACK that the vehicle sends when it aborts an upload, or None for no ACK."""
     busy_result: int = m.MAV_MISSION_ERROR
     """ACK for a COUNT during another transfer."""
     order_result: int | None = None
-    """ACK for an item out of order, None for no ACK."""
+    """ACK for an item out of order, or None for no ACK."""
     range_result: int | None = m.MAV_MISSION_ERROR
-    """ACK for a request beyond the end of the plan, None for no ACK."""
+    """ACK for a request beyond the end of the plan, or None for no ACK."""
     clear_all_types: bool = True
     """Whether MISSION_CLEAR_ALL with type 255 clears all three plans; if not, the ACK is UNSUPPORTED."""
     frames: frozenset[int] | None = None
@@ -244,7 +244,7 @@ class Profile:
     partial_write: bool = False
     """Whether MISSION_WRITE_PARTIAL_LIST is supported."""
     partial_result: int | None = m.MAV_MISSION_ERROR
-    """ACK for a refused partial list, None for no ACK."""
+    """ACK for a refused partial list, or None for no ACK."""
     checks_stored_mission: bool = False
     """Whether an uploaded fence triggers a check of the stored mission, with a STATUSTEXT."""
     empty_hold_s: float = 0.0

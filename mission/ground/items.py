@@ -56,7 +56,7 @@ def apart_m(a: tuple[float, float], b: tuple[float, float]) -> float:
 
 
 def speed_before(items: Sequence[MissionItem], index: int) -> float | None:
-    """Return the speed set before an item (m/s), None for the vehicle's default."""
+    """Return the speed set before an item (m/s), or None for the vehicle's default."""
     for item in reversed(items[:index]):
         if item.command == Command.DO_CHANGE_SPEED and (item.param1 or 0.0) <= 1.0:
             speed = item.param2

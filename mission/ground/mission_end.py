@@ -125,7 +125,7 @@ class PilotWatch:
         return math.inf if self._doubt is None else self._doubt[0] + _DOUBT_S
 
     def order(self, ordered: Maneuver | None) -> None:
-        """Record the ordered maneuver, None for none."""
+        """Record the ordered maneuver, or None for none."""
         self.ordered, self.obeyed = ordered, ""
 
     def settle(self) -> None:

@@ -133,7 +133,7 @@ class TrackRecorder:
         return _track(self._fixes, frame)
 
     def true_track(self, frame: LocalFrame) -> Track | None:
-        """Return the true track, None if no simulator sent true positions."""
+        """Return the true track, or None if no simulator sent true positions."""
         return _track(self._true_fixes, frame) if self._true_fixes else None
 
 

@@ -56,7 +56,7 @@ _NO_HEADING = 65535
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """Battery of the vehicle: remaining fraction and consumed energy, None if unknown."""
+    """Battery of the vehicle: remaining fraction and consumed energy, or None if unknown."""
 
     remaining: float | None = None
     consumed_wh: float | None = None

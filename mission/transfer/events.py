@@ -33,7 +33,7 @@ class PlanState(Enum):
     """Plan on the vehicle after a failed upload.
 
     ``OLD``: the previous plan. ``UNKNOWN``: the previous or the new plan, since the final ACK may be lost. A
-    vehicle that overwrites items in place (ArduPilot) may hold a mixture. Only a download shows this.
+    vehicle that overwrites items in place (ArduPilot) may hold items of both. Only a download shows the plan.
     """
 
     OLD = "old"
@@ -222,7 +222,7 @@ class Transfer(Protocol):
         """Handle the timers that are due."""
 
     def next_deadline(self) -> float | None:
-        """Return the time of the next `poll`, None if no timer runs."""
+        """Return the time of the next `poll`, or None if no timer runs."""
 
     def cancel(self, now_s: float) -> Output:
         """Cancel the transfer."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 _GAIN = 0.125  # smoothing factor of TCP (RFC 6298)
-_SLOW = 1.1  # shortest timeout, in round trips
+_SLOW = 1.1  # shortest timeout, as a multiple of the round trip time
 _FAILS = 0.01  # accepted probability that all copies of a message are lost
-_MOST_COPIES = 4  # limit of the extra traffic
-_SURE_LOSS = 0.02  # a smaller measured loss may be chance
+_MOST_COPIES = 4  # limits the extra traffic
+_SURE_LOSS = 0.02  # a smaller measured loss may be due to chance
 
 
 class RoundTrip:
@@ -52,7 +52,7 @@ class RoundTrip:
 
     @property
     def known_s(self) -> float | None:
-        """Round trip time or its upper bound (s), None if neither is known."""
+        """Round trip time or its upper bound (s), or None if neither is known."""
         return self._limit_s if self.seconds is None else self.seconds
 
     @property
@@ -63,8 +63,8 @@ class RoundTrip:
     def wait(self, default_s: float, floor_s: float, most_s: float) -> float:
         """Return the timeout of a message: four round trips between ``floor_s`` and ``most_s``.
 
-        The timeout is never shorter than 1.1 round trips. ``default_s`` is the timeout without a known round
-        trip time.
+        The timeout is never shorter than 1.1 round trips. It is ``default_s`` if the round trip time is
+        unknown.
         """
         known_s = self.known_s
         if known_s is None:

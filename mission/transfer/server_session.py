@@ -151,7 +151,7 @@ class StoredPlan:
 
 
 class PlanStore:
-    """Storage of the vehicle's three plans, with their capacities and their form on the wire."""
+    """Stores the vehicle's three plans; knows their capacities and their form on the wire."""
 
     def __init__(
         self,
@@ -425,7 +425,7 @@ class ServerInputs:
         return as_stored(item, self.profile), verdict
 
     def _item_of(self, message: wire.ItemMessage) -> MissionItem | None:
-        """Return the item of a message, None if its numbers are invalid and the autopilot checks them."""
+        """Return the item of a message, or None if its numbers are invalid and the autopilot checks them."""
         try:
             return wire.item_from_message(message)
         except MissionError:

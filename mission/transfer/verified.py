@@ -142,7 +142,7 @@ def compare_plans(
 
 _RESTARTS = 5
 _STUCK_S, _QUICK_S = 15.0, 1.0
-# Results of an aborted upload: ERROR is PX4's answer to further items, ArduPilot sends OPERATION_CANCELLED.
+# After it aborted an upload, PX4 answers items with ERROR, and ArduPilot sends OPERATION_CANCELLED.
 _GIVEN_UP = frozenset({wire.ERROR, wire.OPERATION_CANCELLED})
 
 
@@ -301,7 +301,7 @@ class VerifiedUpload:
         return Output(events=(replace(failed, text=text, vehicle_plan=PlanState.UNKNOWN),))
 
     def _is_bad_luck(self, failed: TransferFailed) -> bool:
-        """Whether frame loss alone may explain the failure, so that a retry makes sense."""
+        """Return whether frame loss alone may explain the failure, so that a retry makes sense."""
         copies, _ = self._round_trip.copies(self._profile.abort_s)
         gave_up = failed.reason is FailureReason.TIMEOUT or failed.result in _GIVEN_UP
         return copies > 1 and gave_up and self._restarts > 0
@@ -314,7 +314,7 @@ class VerifiedUpload:
     def _is_given_up(self, failed: TransferFailed, now_s: float) -> bool:
         """Whether the vehicle aborted the upload and a retry makes sense.
 
-        PX4 sends the same result for an invalid item. Such an item is refused twice without repeated
+        PX4 sends the same result for an invalid item, but refuses such an item twice without repeated
         messages.
         """
         # A vehicle sends ERROR before the first item if it is busy.

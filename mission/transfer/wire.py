@@ -322,7 +322,7 @@ def home_items(home: GeoPoint) -> tuple[MissionItem]:
 def to_wire_order(
     items: tuple[MissionItem, ...], mission_type: MissionType, profile: Profile, home: GeoPoint | None = None
 ) -> tuple[MissionItem, ...]:
-    """Return the items in the autopilot's numbering, if necessary with home as item 0 and shifted jumps."""
+    """Return the items as the autopilot numbers them: some have home as item 0, which shifts jump targets."""
     if not profile.home_at_zero or mission_type != MissionType.MISSION or not items:
         return items
     first = home_items(GeoPoint(0.0, 0.0, 0.0) if home is None else home)
@@ -332,7 +332,7 @@ def to_wire_order(
 def from_wire_order(
     items: tuple[MissionItem, ...], mission_type: MissionType, profile: Profile
 ) -> tuple[tuple[MissionItem, ...], GeoPoint | None]:
-    """Return the items and the home position, if any, from the autopilot's numbering (`to_wire_order`)."""
+    """Return the items without home, and home (or None), from the autopilot's numbering (`to_wire_order`)."""
     if not profile.home_at_zero or mission_type != MissionType.MISSION or not items:
         return items, None
     home = GeoPoint(items[0].x, items[0].y, items[0].z) if items[0].has_position else None

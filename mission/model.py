@@ -73,7 +73,7 @@ GLOBAL_FRAMES = frozenset({0, 3, 5, 6, 10, 11})
 RELATIVE_FRAMES = frozenset({3, 6})
 DEGREES_E7 = 1e7
 FLOAT32_MAX = 3.4028235e38
-MAX_ITEMS = 65535  # MAVLink's sequence numbers and counts have 16 bits
+MAX_ITEMS = 65535  # MAVLink's sequence numbers and counts have 16 bits.
 # The commands marked hasLocation in the MAVLink XML, except for 23 and 24, which use local frames.
 _POSITION_COMMANDS = frozenset(
     {16, 17, 18, 19, 21, 22, 25, 31, 34, 35, 36, 80, 81, 82, 84, 85, 94}

@@ -11,7 +11,7 @@ from mission.model import Command, Mission, MissionItem
 _RETURNS = frozenset({int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_LAND)})
 _CAMERA = frozenset({int(Command.DO_SET_CAM_TRIGG_DIST), int(Command.DO_SET_CAM_TRIGG_INTERVAL)})
 _SPEED = frozenset({int(Command.DO_CHANGE_SPEED)})
-# DO items that may stand between two positions.
+# These DO items may stand between two positions.
 _DO = frozenset({178, 195, 197, 201, 203, 205, 206, 214, 530, 2000, 2001})
 FLOWN_TO = frozenset({16, 17, 18, 19, 31, 82})
 """MAV_CMDs of items with a position on the path."""
@@ -36,7 +36,7 @@ def leads_on(items: Sequence[MissionItem], begin: int) -> bool:
 
 
 def next_flown_to(items: Sequence[MissionItem], index: int) -> int:
-    """Return the index of the next position, return or landing after item ``index``, else ``index``."""
+    """Return the next index whose item is a position, a return or a landing; ``index`` if none follows."""
     following = index + 1
     while following < len(items) and items[following].command in _DO:
         following += 1
@@ -50,7 +50,7 @@ def same_position(a: MissionItem, b: MissionItem) -> bool:
 
 
 def apart_m(a: tuple[float, float], b: tuple[float, float]) -> float:
-    """Return the distance (m) of two nearby positions (latitude, longitude), on a sphere."""
+    """Return the distance (m) between two near positions (latitude, longitude) on a sphere."""
     north, east = b[0] - a[0], (b[1] - a[1]) * math.cos(math.radians(a[0]))
     return _EARTH_M * math.radians(math.hypot(north, east))
 
@@ -117,7 +117,7 @@ def shots_before(items: Sequence[MissionItem], index: int) -> Shots | None:
 
 
 def item_to_mark(old: Mission, item: int, new: Mission, resume_at: int) -> int:
-    """Return the item at which to resume: ``resume_at``, or the first needed DO item directly before it.
+    """Return the item at which to resume: the first needed DO item directly before ``resume_at``, or that.
 
     DO items that repeat the present setting are skipped, because setting the trigger distance again may
     trigger an image.

@@ -18,7 +18,7 @@ from mission.transfer.wire import GROUND_STATION
 ProgressCallback = Callable[[str, float, float], None]
 Note = Callable[[str], None]
 DriverMaker = Callable[[str, OnEvent, OnText | None], TransferDriver]
-"""Opens the link of an address and returns its `TransferDriver`."""
+"""Function that opens the link of an address and returns its `TransferDriver`."""
 
 
 @dataclass(frozen=True, slots=True)

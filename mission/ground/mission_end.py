@@ -33,9 +33,9 @@ class PilotWatch:
         self.mode = ""
         self._in_mission: bool | None = None
         self._shows_mission = False
-        self.ordered: Maneuver | None = None  # maneuver ordered by the station, None in the mission
-        self.obeyed = ""  # description of the vehicle's response to the order, empty before
-        self.ended_by_restart = ""  # state after a reboot that ended the mission, empty without one
+        self.ordered: Maneuver | None = None  # maneuver ordered by the station, None in the mission.
+        self.obeyed = ""  # description of the vehicle's response to the order, empty before.
+        self.ended_by_restart = ""  # state after a reboot that ended the mission, empty without one.
         self._held: list[tuple[float, str]] = []
         self._restarted = False
         self.mission_over = False  # whether the vehicle reported the end of its mission
@@ -45,7 +45,7 @@ class PilotWatch:
 
     @property
     def in_doubt(self) -> bool:
-        """Whether it is still unknown if the mission ended in this mode or another pilot chose the mode."""
+        """Whether the mission may have ended in the present mode, or another pilot may have chosen it."""
         return self._doubt is not None
 
     @property
@@ -121,7 +121,7 @@ class PilotWatch:
             self.settle()
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect, infinite if none."""
+        """Return the time of the next `poll` that has an effect; infinity if there is none."""
         return math.inf if self._doubt is None else self._doubt[0] + _DOUBT_S
 
     def order(self, ordered: Maneuver | None) -> None:
@@ -134,7 +134,7 @@ class PilotWatch:
         self._held.clear()
 
     def on_restart(self, message: m.MAVLink_heartbeat_message | None, now_s: float) -> None:
-        """Record a reboot, and report it with the first HEARTBEAT after the reboot (None if not received)."""
+        """Record a reboot; report it with the first HEARTBEAT after it (None: that has not arrived yet)."""
         self._restarted = True
         if message is not None:
             self._report_restart(message, now_s)
@@ -187,7 +187,7 @@ class PilotWatch:
             return
         if self.ordered is not None:
             modes = VehicleModes(message.autopilot, message.type).shows(self.ordered)
-            # An order to resume counts as obeyed in the mission mode, as handled above.
+            # An order to resume is obeyed when the mission mode shows, which is handled above.
             if self.ordered is not Maneuver.RESUME and (not modes or self.mode in modes):
                 self.obeyed = f"{_SHOWS[self.ordered]} (mode {self.mode})"
             # During a change or a return home, another mode does not mean that the mission was left.
@@ -228,8 +228,8 @@ _ACTION = r": (?:holding|returning|landing|terminating the flight)$"
 class _TextCause:
     """STATUSTEXT that names the cause of an early end.
 
-    ``acts``: the text itself proves a reaction of the vehicle; otherwise a HEARTBEAT must show the reaction.
-    ``first_only``: the cause counts only if no text before it names a cause.
+    With ``acts``, the text itself proves a reaction of the vehicle; otherwise a HEARTBEAT must show the
+    reaction. With ``first_only``, the cause counts only if no earlier text names a cause.
     """
 
     pattern: re.Pattern[str]
@@ -282,16 +282,16 @@ _CAUSES = (
 
 @dataclass(slots=True)
 class FailureWatch:
-    """Signs of failures in one flight, from HEARTBEAT, SYS_STATUS, BATTERY_STATUS and texts."""
+    """Signs of failures in a flight, collected from HEARTBEAT, SYS_STATUS, BATTERY_STATUS and texts."""
 
-    failsafe: bool = False  # whether the last HEARTBEAT showed an active failsafe
-    began: list[int] = field(default_factory=list)  # number of texts received at each start of a failsafe
-    low_battery: bool = False  # from the last BATTERY_STATUS
-    empty_battery: bool = False  # from the last BATTERY_STATUS
-    unhealthy: int = 0  # MAV_SYS_STATUS_SENSOR bits enabled and unhealthy in any SYS_STATUS
+    failsafe: bool = False  # whether the last HEARTBEAT showed an active failsafe.
+    began: list[int] = field(default_factory=list)  # number of texts received at each start of a failsafe.
+    low_battery: bool = False  # from the last BATTERY_STATUS.
+    empty_battery: bool = False  # from the last BATTERY_STATUS.
+    unhealthy: int = 0  # MAV_SYS_STATUS_SENSOR bits enabled and unhealthy in any SYS_STATUS.
 
     def on_heartbeat(self, message: m.MAVLink_heartbeat_message, texts_heard: int) -> None:
-        """Handle a HEARTBEAT; ``texts_heard`` is the number of texts received before."""
+        """Handle a HEARTBEAT; ``texts_heard`` is the number of texts received before it."""
         before, self.failsafe = self.failsafe, message.system_status in _FAILSAFE_STATES
         if self.failsafe and not before:
             self.began.append(texts_heard)
@@ -355,8 +355,8 @@ class MissionEnd:
 
     def __init__(self, contact: Contact, changes: MissionChanges) -> None:
         self.pilot, self.failures = PilotWatch(), FailureWatch()
-        self.is_complete = False  # whether the last MISSION_CURRENT showed a complete mission
-        self.says_finished = False  # whether a STATUSTEXT reported the end of the mission
+        self.is_complete = False  # whether the last MISSION_CURRENT showed a complete mission.
+        self.says_finished = False  # whether a STATUSTEXT reported the end of the mission.
         self._contact, self._monitor, self._changes = contact, contact.monitor, changes
         self._progress = ""
 
@@ -399,7 +399,7 @@ class MissionEnd:
 
     @property
     def ends_flight(self) -> bool:
-        """Whether a complete mission ends the flight; if not, the armed vehicle still returns home."""
+        """Whether the flight ends with the mission; if not, the armed vehicle still has to return home."""
         items, kind = self._changes.held.items, self._monitor.vehicle_type
         # Rovers stay armed at home, and fixed wings circle above home after a return without a landing.
         lands = any(item.command == Command.NAV_LAND for item in items)
@@ -422,5 +422,5 @@ class MissionEnd:
         return cause or (Outcome.FLIGHT_ABORTED, texts.last_warning(f"disarmed{self._progress}"))
 
     def completed(self, texts_before: int) -> tuple[Outcome, str]:
-        """Return outcome and reason of a mission reported complete, as ArduPilot does after any landing."""
+        """Return outcome and reason of a flight whose mission the vehicle reports as complete."""
         return self.cause(texts_before) if self.pilot.ended_mission else (Outcome.COMPLETED, "")

@@ -97,7 +97,7 @@ class VehicleModes:
         return frozenset(shown[kind]) if hold else frozenset()
 
     def ends(self, last_command: int) -> frozenset[str]:
-        """Return the modes after the end of a mission with this last command, besides the mission modes.
+        """Return the modes, besides mission modes, in which a mission with this last command may end.
 
         >>> [sorted(VehicleModes(12, 2).ends(command)) for command in (20, 16)], VehicleModes(3, 2).ends(20)
         ([['RTL'], ['LOITER']], frozenset())

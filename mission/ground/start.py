@@ -18,10 +18,10 @@ _AGAIN_S = 3.0
 _LAST_WORDS_S = 0.5
 """Wait for the reason of a refusal (s): ArduPilot sends the STATUSTEXT after the COMMAND_ACK."""
 _LATE_ANSWER_S = 1.0
-"""Time to read an answer that arrived while the program was suspended (s)."""
+"""Time allowed for reading an answer that arrived while the program was suspended (s)."""
 _MODE_SHOWN_S = 2.5
 _MODE_SETTLES_S = 1.0
-"""Time after a mode change in which the arming checks may still be those of the old mode (s)."""
+"""Time after a mode change during which the vehicle may still report the old mode's arming checks (s)."""
 
 
 class MissionStart:
@@ -33,8 +33,8 @@ class MissionStart:
     """
 
     def __init__(self, contact: Contact, gate: ArmingGate | None, delay_s: float) -> None:
-        self.phase = Phase.WAIT  # FLIGHT after the vehicle accepted the order to start
-        self.failure: tuple[Outcome, str] | None = None  # outcome and reason of a failed start
+        self.phase = Phase.WAIT  # FLIGHT after the vehicle accepted the order to start.
+        self.failure: tuple[Outcome, str] | None = None  # outcome and reason of a failed start.
         self._contact, self._monitor, self._texts = contact, contact.monitor, contact.texts
         self._gate, self._delay_s = gate, delay_s
         self._home: GeoPoint | None = None
@@ -117,7 +117,7 @@ class MissionStart:
         return self._disarm(0.0) if pending else []
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect, infinite if none."""
+        """Return the time of the next `poll` that has an effect; infinity if there is none."""
         due_s = [self._arm_s] if self.phase is Phase.WAIT else []
         if self.phase is Phase.READY and self._gate is not None:
             due_s.append(self._gate.next_deadline())

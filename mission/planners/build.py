@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 TOLERANCE_M = 1.0
 """Greatest difference between the wanted and the actual height above ground (m)."""
-_AT_SAMPLES = 0.7  # Fraction of the tolerance allowed at samples; the ground between them needs the rest
-_MOST_SAMPLES = 2_000_000  # Limit of memory and time
+_AT_SAMPLES = 0.7  # Fraction of the tolerance allowed at samples; the ground between them needs the rest.
+_MOST_SAMPLES = 2_000_000  # Limit of memory and time.
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,24 +14,24 @@ from mission.errors import PlanningError
 from mission.planners.path import COINCIDENT_M, Area, Points, distinct
 
 # The lengths of legs are in multiples of the acceptance radius.
-_LEAST_LEG = 0.15  # Shorter legs never overshoot
-_SHORT_LEG = 0.75  # Shorter legs do not overshoot in a curve or between two antiparallel rows
-_CURVED = math.cos(math.radians(40.0))  # Smaller turns are part of a curve
+_LEAST_LEG = 0.15  # Shorter legs never overshoot.
+_SHORT_LEG = 0.75  # Shorter legs do not overshoot in a curve or between two antiparallel rows.
+_CURVED = math.cos(math.radians(40.0))  # Smaller turns are part of a curve.
 _BACK = -math.cos(math.radians(30.0))
 # Legs do not overshoot at a corner between two legs longer than this: the vehicle cuts off little there.
 _LONG_LEG = 10.0
-_BEFORE_M = 0.5  # Radius minus overshoot: a vehicle that turns before the waypoint swings out less
-_STRAIGHT = math.cos(math.radians(15.0))  # In smaller turns the vehicle cuts off almost nothing
+_BEFORE_M = 0.5  # Radius minus overshoot: a vehicle that turns before the waypoint swings out less.
+_STRAIGHT = math.cos(math.radians(15.0))  # In smaller turns the vehicle cuts off almost nothing.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Waypoints:
     """The waypoints of a planned path."""
 
-    points_m: Points  # Positions in metres of the farm frame, float64[n, 2]
-    of_point: NDArray[np.int64]  # Index of the path point that each waypoint stands for, ascending, int64[n]
-    radius_m: float  # Acceptance radius; 0: the autopilot's default
-    loiters: NDArray[np.int64]  # Number of immediate repetitions of each point in the path, int64[n]
+    points_m: Points  # Positions in metres of the farm frame, float64[n, 2].
+    of_point: NDArray[np.int64]  # Index of the path point that each waypoint stands for, ascending, int64[n].
+    radius_m: float  # Acceptance radius; 0: the autopilot's default.
+    loiters: NDArray[np.int64]  # Number of immediate repetitions of each point in the path, int64[n].
 
 
 @dataclass(frozen=True, slots=True)

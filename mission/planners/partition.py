@@ -24,9 +24,9 @@ _SAMPLES = 4000  # Number of grid points in the area: it makes shares of cells a
 _LLOYD_ROUNDS = 60
 _WEIGHT_ROUNDS = 12
 _BALANCE_ROUNDS = 25
-_MOVED = 1e-3  # Lloyd's algorithm stops if no site moves by more than this fraction of the area's size
-_LEAST_SHARE = 0.02  # Least fraction of a reach for rows, even if approach and return leave less
-_LEAST_M2 = 1e-9  # Smaller pieces are artefacts of rounding
+_MOVED = 1e-3  # Lloyd's algorithm stops if no site moves by more than this fraction of the area's size.
+_LEAST_SHARE = 0.02  # Least fraction of a reach for rows, even if approach and return leave less.
+_LEAST_M2 = 1e-9  # Smaller pieces are artefacts of rounding.
 _ROUNDING = 1e-8
 # Low-discrepancy sequence R2, based on the plastic number (Roberts 2018).
 _EVEN = (0.7548776662466927, 0.5698402909980532)

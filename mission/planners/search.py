@@ -18,18 +18,18 @@ from mission.planners.terrain import area_of, parts_of, polygons_of
 LOOK_AHEAD = (1, 2, 3)
 # The second guess of a round is the midpoint between the first guess and the upper bound.
 _APART = 2
-_SLOPE_OVER = 0.9  # Cost slopes are measured between densities at least 10 % apart; closer pairs are noisy
-_LEAST_SHARE = 1e-6  # Smaller gaps are artefacts of rounding (fraction of the area)
-_WORTH = 1.05  # Vehicles fly turns less well than rows: a path with more turns must be denser by this factor
+_SLOPE_OVER = 0.9  # Cost slopes are measured between densities at least 10 % apart; closer pairs are noisy.
+_LEAST_SHARE = 1e-6  # Smaller gaps are artefacts of rounding (fraction of the area).
+_WORTH = 1.05  # Vehicles fly turns less well than rows: a path with more turns must be denser by this factor.
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
     """The densest candidate path within a budget."""
 
-    index: int  # Index of the candidate
-    points_m: Points  # Points of the path, float64[n, 2]
-    cost: float  # Cost of the path
+    index: int  # Index of the candidate.
+    points_m: Points  # Points of the path, float64[n, 2].
+    cost: float  # Cost of the path.
 
 
 def densest_feasible(

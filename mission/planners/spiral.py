@@ -18,8 +18,8 @@ from mission.planners.terrain import Terrain, is_rectangle, parts_of
 SPACING_RATIO = 1e-3
 """Relative difference between successive spacings that the search tries."""
 
-_SMALLEST = 1e-4  # Ratio of the least to the widest spacing: a mission has fewer items than this gives rings
-_LEAST_AREA_M2 = 1e-9  # Smaller pieces of an offset are artefacts of rounding
+_SMALLEST = 1e-4  # Ratio of the least to the widest spacing: a mission has fewer items than this gives rings.
+_LEAST_AREA_M2 = 1e-9  # Smaller pieces of an offset are artefacts of rounding.
 
 
 def spiral(

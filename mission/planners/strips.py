@@ -21,9 +21,9 @@ from mission.planners.path import Area, Points, path_length
 from mission.planners.sweep import rotation, row_chains
 from mission.planners.terrain import TOLERANCE_M, parts_of, polygons_of
 
-_LEAST_M2 = 1e-9  # Smaller pieces are artefacts of rounding
-_LEAST_UNSEEN = 0.25  # Smaller uncovered pieces get no row (fraction of a footprint or squared spacing)
-_TOUCH_M = 1e-6  # Intervals closer than this distance are merged
+_LEAST_M2 = 1e-9  # Smaller pieces are artefacts of rounding.
+_LEAST_UNSEEN = 0.25  # Smaller uncovered pieces get no row (fraction of a footprint or squared spacing).
+_TOUCH_M = 1e-6  # Intervals closer than this distance are merged.
 # Points on the border from which the middle line is found: their distance in widths of the land, and their
 # greatest number.
 _STEP, _MOST_POINTS = 0.5, 3000
@@ -35,19 +35,19 @@ _ARM = 2.0  # Least length of an arm in image widths: a shorter arm is covered b
 _MOST_CORNERS = 12
 _MOST_CUTS = 3
 _CANDIDATES = 2
-_WORTH = 0.97  # A cut pays for its additional turns if it reduces the sum of widths to this fraction
-_SHORTEST_EDGE = 1e-3  # Shorter edges are ignored, as noise (fraction of the land's size)
-_MOST_OF_IT = 0.9  # The hull is simplified if long edges make up a smaller fraction of its outline
+_WORTH = 0.97  # A cut pays for its additional turns if it reduces the sum of widths to this fraction.
+_SHORTEST_EDGE = 1e-3  # Shorter edges are ignored, as noise (fraction of the land's size).
+_MOST_OF_IT = 0.9  # The hull is simplified if long edges make up a smaller fraction of its outline.
 
 
 @dataclass(frozen=True, slots=True)
 class Swath:
     """Camera footprint along a row, and row spacing, in metres."""
 
-    across_m: float  # Width of the footprint
-    along_m: float  # Length of the footprint in the direction of flight
-    spacing_m: float  # Greatest row spacing
-    overshoot_m: float = 0.0  # Length of a row beyond its strip; a negative value shortens the row
+    across_m: float  # Width of the footprint.
+    along_m: float  # Length of the footprint in the direction of flight.
+    spacing_m: float  # Greatest row spacing.
+    overshoot_m: float = 0.0  # Length of a row beyond its strip; a negative value shortens the row.
     # A row is as long as the land within this distance of the row; None: as long as the land in its strip
     reach_m: float | None = None
 

@@ -42,18 +42,18 @@ NAME = "survey"
 BEST = "best"
 SEEN, OVERLAP = "seen", "overlap"
 MOST_PASSES = 20
-_EVERY_DEG = 30  # Step between the directions tried first, together with the directions of the hull's edges
-_FINER_DEG = (12.0, 6.0, 3.0)  # Steps for refining the best direction
+_EVERY_DEG = 30  # Step between the directions tried first, together with the directions of the hull's edges.
+_FINER_DEG = (12.0, 6.0, 3.0)  # Steps for refining the best direction.
 _HULL_ANGLES = 6
 # Longer paths are compared by length and number of turns: predicting all their flights would take minutes.
 _PRICED_M = 400_000.0
-_TURN_M = 20.0  # Length of a row that costs about as much as a turn
-_LONGER = 2.5  # Layouts longer than this multiple of the shortest layout are not evaluated
-_AS_MUCH = 0.02  # A layout may cover less than the best layout by this fraction of the area
-_ROW_M = 0.01  # Half the width of the line that stands for a row
-_FINALISTS = 3  # Number of layouts for which the best order of cells is computed
-_SMOOTHED = 0.125  # Greatest smoothing of borders with many vertices (fraction of an image)
-_MOST_TOGGLED = 6  # Greatest number of gaps or parts tried one by one; a trial takes one or two predictions
+_TURN_M = 20.0  # Length of a row that costs about as much as a turn.
+_LONGER = 2.5  # Layouts longer than this multiple of the shortest layout are not evaluated.
+_AS_MUCH = 0.02  # A layout may cover less than the best layout by this fraction of the area.
+_ROW_M = 0.01  # Half the width of the line that stands for a row.
+_FINALISTS = 3  # Number of layouts for which the best order of cells is computed.
+_SMOOTHED = 0.125  # Greatest smoothing of borders with many vertices (fraction of an image).
+_MOST_TOGGLED = 6  # Greatest number of gaps or parts tried one by one; a trial takes one or two predictions.
 # To remove short legs, a corner is shifted across and along the transit by these multiples of the least leg.
 _ASIDE = (0.25, 0.5, 1.0, 1.5, 2.0)
 _ALONG = (0.0, -0.5, 0.5, -1.0, 1.0)

@@ -97,8 +97,8 @@ class ContactArea:
     1.0
     """
 
-    center_m: tuple[float, float]  # Metres of the farm frame
-    radius_m: float  # Negative if there is no reliable contact anywhere
+    center_m: tuple[float, float]  # Metres of the farm frame.
+    radius_m: float  # Negative if there is no reliable contact anywhere.
 
     @property
     def is_nowhere(self) -> bool:

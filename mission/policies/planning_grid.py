@@ -25,11 +25,11 @@ _PROBE_CELLS = (8.0, 24.0)  # Lengths, in blocks, of the legs whose costs `LegCo
 class PlanningGrid:
     """The area of a vehicle, divided into square blocks of farm cells."""
 
-    free: NDArray[np.bool_]  # Blocks entirely inside the area, bool[w, h]
-    cell_m: float  # Side of a block, metres
-    block: int  # Side of a block, in farm cells
-    convex: bool  # Whether the area is a rectangle, which no leg between two of its points leaves
-    area: Area  # The area, widened slightly against rounding
+    free: NDArray[np.bool_]  # Blocks entirely inside the area, bool[w, h].
+    cell_m: float  # Side of a block, metres.
+    block: int  # Side of a block, in farm cells.
+    convex: bool  # Whether the area is a rectangle, which no leg between two of its points leaves.
+    area: Area  # The area, widened slightly against rounding.
 
     @classmethod
     def of(cls, area: Area, shape: tuple[int, int], cell_size_m: float, footprint_m: float) -> PlanningGrid:
@@ -95,7 +95,7 @@ def strip_width(shares: NDArray[np.float32]) -> float:
 class LegCosts:
     """Linear costs of legs, in the unit of the vehicle's budget: `turn` + slope * length in blocks."""
 
-    turn: float  # Constant cost of a leg
+    turn: float  # Constant cost of a leg.
     # Cost per block of length, by direction from the x-axis towards y, float64[directions]
     slopes: NDArray[np.float64]
 

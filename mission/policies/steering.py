@@ -31,9 +31,9 @@ _MOST_BY_BUDGET = 200
 class Bid:
     """A vehicle's best path, given the promised paths of the other vehicles."""
 
-    points_m: Points  # Points of the path in metres of the farm frame, float64[n, 2]
-    value: float  # Expected value, in the policy's own measure
-    share: float  # Cost as a fraction of the vehicle's remaining budget
+    points_m: Points  # Points of the path in metres of the farm frame, float64[n, 2].
+    value: float  # Expected value, in the policy's own measure.
+    share: float  # Cost as a fraction of the vehicle's remaining budget.
 
     @property
     def rate(self) -> float:
@@ -116,8 +116,8 @@ class RouteProblem:
 
     vehicle: VehicleReport
     planning_grid: PlanningGrid
-    values: ValueMap  # Acquisition values that the other vehicles' routes leave, float32[w, h]
-    shares: NDArray[np.float32]  # Neighbour shares, float32[2 r + 1, 2 r + 1]
+    values: ValueMap  # Acquisition values that the other vehicles' routes leave, float32[w, h].
+    shares: NDArray[np.float32]  # Neighbour shares, float32[2 r + 1, 2 r + 1].
     costs: LegCosts
     x: float  # Position of the vehicle: x and y
     y: float

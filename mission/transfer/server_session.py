@@ -232,21 +232,21 @@ class ServerSession:
     state: ServerState = IDLE
     partner: tuple[int, int] = (0, 0)
     type: MissionType = MissionType.MISSION
-    count: int = 0  # upload: number of items on the wire
-    first: int = 0  # upload: first item of a partial upload
-    part: bool = False  # upload: whether only a part of the plan is replaced
-    items: list[MissionItem] = field(default_factory=list)  # upload: received items
-    cut: bool = False  # upload: whether a smaller COUNT has already truncated the stored plan
-    start: int | None = None  # upload: item marked as current
-    candidate: MissionItem | None = None  # upload: last received item
-    verdict: int = int(wire.ACCEPTED)  # upload: MAV_MISSION_RESULT for `candidate`
-    outgoing: tuple[MissionItem, ...] = ()  # download: items to send
-    next: int = 0  # download: highest requested item plus one
-    asked_int: bool = False  # download: whether MISSION_REQUEST_INT was used
-    warned: bool = False  # whether the warning about deprecated float messages was sent
-    heard_s: float = 0.0  # time of the partner's last message
-    asked_s: float = 0.0  # time of the last request for an item
-    held_until_s: float = -1.0  # time until which COUNT is refused after an empty COUNT
+    count: int = 0  # upload: number of items on the wire.
+    first: int = 0  # upload: first item of a partial upload.
+    part: bool = False  # upload: whether only a part of the plan is replaced.
+    items: list[MissionItem] = field(default_factory=list)  # upload: received items.
+    cut: bool = False  # upload: whether a smaller COUNT has already truncated the stored plan.
+    start: int | None = None  # upload: item marked as current.
+    candidate: MissionItem | None = None  # upload: last received item.
+    verdict: int = int(wire.ACCEPTED)  # upload: MAV_MISSION_RESULT for `candidate`.
+    outgoing: tuple[MissionItem, ...] = ()  # download: items to send.
+    next: int = 0  # download: highest requested item plus one.
+    asked_int: bool = False  # download: whether MISSION_REQUEST_INT was used.
+    warned: bool = False  # whether the warning about deprecated float messages was sent.
+    heard_s: float = 0.0  # time of the partner's last message.
+    asked_s: float = 0.0  # time of the last request for an item.
+    held_until_s: float = -1.0  # time until which COUNT is refused after an empty COUNT.
     ended: EndedUpload | None = None
 
     @property

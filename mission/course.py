@@ -46,8 +46,8 @@ def turns_camera(item: MissionItem) -> bool | None:
 class Place:
     """A place on a leg of a mission.
 
-    The place with fraction 0 is the end of the previous leg, after all commands between the two legs. The end
-    of a leg is always written as the next leg with fraction 0.
+    Fraction 0 means the end of the previous leg, after all commands between the two legs. The end of a leg is
+    always written as the next leg with fraction 0.
     """
 
     item: int
@@ -219,7 +219,7 @@ class Course:
         return float(self.ends_m[number] - (1.0 - behind) * self.lengths_m[number])
 
     def place(self, metres: float) -> Place | None:
-        """Return the place at a distance from the start of the course; None at the end of the course."""
+        """Return the place at a distance from the start of the course, or None at the end of the course."""
         number = int(np.searchsorted(self.ends_m, metres, side="right"))
         if number >= len(self.legs):
             return None
@@ -371,9 +371,9 @@ class MissionProgress:
         return self.monitor.in_mission and self.monitor.state.armed and not self.monitor.left_mission
 
     def place(self) -> Place | None:
-        """Return the farthest place flown; None if the mission was flown to its end.
+        """Return the farthest place flown, or None if the mission was flown to its end.
 
-        MissionError if the vehicle never flew its mission.
+        Raises MissionError if the vehicle never flew its mission.
         """
         if not self._flown:
             msg = "no message shows that the vehicle flew its mission by itself"

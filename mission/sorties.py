@@ -16,8 +16,7 @@ Way: TypeAlias = Callable[[tuple[float, float], tuple[float, float]], Sequence[t
 """Function from two positions (latitude, longitude) to the corners of a path round obstacles."""
 
 _VIDEO_START, _VIDEO_STOP = 2500, 2501
-# Each command changes the setting of this name. When a part begins, the last command of each name is in
-# force.
+# Each command changes the setting of this name; the last one before a part is in force in the part.
 _SETTINGS: dict[int, str] = {
     183: "servo",
     181: "relay",
@@ -135,10 +134,10 @@ def part_of(
 
 
 def resumed_at(course: Course, begin: Place, overlap_m: float) -> Place | None:
-    """Return the first place to fly in order to resume at `begin`; None if no leg with images remains.
+    """Return the first place to fly in order to resume at `begin`, or None if no leg with images remains.
 
-    This place is `overlap_m` before `begin`. If the leg of `begin` has no images, it is the start of the next
-    leg with images.
+    This place is `overlap_m` before `begin`. If the leg of `begin` has no images, the place is the start of
+    the next leg with images.
     """
     following = course.after(begin)
     if following is None or following != begin:
@@ -147,7 +146,7 @@ def resumed_at(course: Course, begin: Place, overlap_m: float) -> Place | None:
 
 
 def image_spacing_m(mission: Mission, speed_m_s: float) -> float | None:
-    """Return the approximate image spacing of a mission (m); None without a camera trigger.
+    """Return the approximate image spacing of a mission (m), or None without a camera trigger.
 
     >>> image_spacing_m(Mission((MissionItem(206, param1=3.0),)), 5.0)
     3.0
@@ -216,7 +215,7 @@ def _is_for_next(item: MissionItem) -> bool:
 
 
 def _reachable(course: Course, first: Place, end: Place | None) -> Place | None:
-    """Return a place near `end` at which a part can end; None if it ends with the mission."""
+    """Return a place near `end` at which a part can end, or None if it ends with the mission."""
     # A curved leg cannot be cut and is flown whole. Trailing legs without images are left out.
     if end is None or (number := course.leg_of(end)) >= len(course.legs):
         return None
@@ -236,7 +235,7 @@ def _reachable(course: Course, first: Place, end: Place | None) -> Place | None:
 
 
 def _waypoint(like: MissionItem, place: tuple[float, float, float]) -> MissionItem:
-    """Return a waypoint at `place` without hold; radius, heading and frame are those of `like`."""
+    """Return a waypoint at `place` without hold; radius, heading and frame are taken from `like`."""
     radius_m = like.param2 if like.command == _WAYPOINT else 0.0
     yaw = like.param4 if like.command == _WAYPOINT else None
     frame = like.frame if like.has_position else Frame.GLOBAL_RELATIVE_ALT

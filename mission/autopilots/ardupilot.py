@@ -39,8 +39,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, MissionItem, has_position
 
 _YAW = frozenset({"param4"})
-# These commands are from mavlink_int_to_mission_cmd. Camera commands need ArduPilot 4.4, and
-# DO_RETURN_PATH_START needs 4.6.
+# mavlink_int_to_mission_cmd has these commands: camera commands since 4.4, DO_RETURN_PATH_START since 4.6.
 _PLACED = frozenset(
     {16, 17, 18, 19, 20, 21, 22, 30, 31, 82, 83, 84, 85, 92, 93, 94, 112, 114, 115, 177, 178, 179}
     | {181, 182, 183, 184, 188, 189, 191, 193, 194, 195, 197, 201, 202, 203, 205, 206, 207, 208, 210, 211}
@@ -197,8 +196,7 @@ _ROVER: Questions = {
     Meaning.LINK_LOST: {"FS_GCS_ENABLE": 1.0},
     **_ANY,
 }
-# These parameters determine the duration of climbs, return and landing. ArduPilot 4.7 has new names and SI
-# units.
+# These parameters determine the times of climbs, return and landing; 4.7 has new names and SI units.
 _MOTION: Motion = {
     "WPNAV_SPEED": {"WP_SPD": 100.0, "WPNAV_SPEED": 1.0},
     "WPNAV_SPEED_UP": {"WP_SPD_UP": 100.0, "WPNAV_SPEED_UP": 1.0},
@@ -237,8 +235,7 @@ _MODES = FlightModes(
     mission=frozenset({"AUTO"}),
     resume="AUTO",
     hold=_HOLD,
-    # ArduCopter does not arm in AUTO. Without a throttle stick, it does not arm in altitude-hold modes
-    # either.
+    # ArduCopter arms neither in AUTO nor, without a throttle stick, in altitude-hold modes.
     arming={FIXED_WING: None, ROVER: None, None: "GUIDED"},
     ends=_ends,
     in_pymavlink=True,
@@ -299,8 +296,7 @@ ARDUPILOT = Profile(
     change_failsafe=dict.fromkeys(
         COPTERS,
         (
-            # FS_GCS_ENABLE comes last: the option to continue missions must be set before the failsafe is
-            # enabled.
+            # FS_GCS_ENABLE comes last: the option to continue missions must be set before the failsafe.
             NeededParameter("FS_OPTIONS", bits=2),
             NeededParameter("FS_GCS_TIMEOUT", least=90),
             NeededParameter("FS_GCS_ENABLE", good=frozenset({1, 2, 3, 6}), value=1),

@@ -128,12 +128,12 @@ class Meaning(Enum):
 
 
 Questions: TypeAlias = Mapping[Meaning, Mapping[str, float]]
-"""Parameters to request, by meaning. Each has its names, newest firmware first, with factors to SI units."""
+"""Parameters to request, by meaning: the name in each firmware, newest first, and its factor to SI units."""
 
 
 Motion: TypeAlias = Mapping[str, Mapping[str, float]]
-"""Motion parameters, by name in the simulator. Each has its names in real firmware, newest first, with
-factors from the real to the simulated value."""
+"""Motion parameters, by name in the simulator: the name in each real firmware, newest first, and its factor
+from the real to the simulated value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,7 +196,7 @@ class Profile:
     clear_all_types: bool = True
     """Whether MISSION_CLEAR_ALL with type 255 clears all three plans; if not, the ACK is UNSUPPORTED."""
     frames: frozenset[int] | None = None
-    """Accepted MAV_FRAMEs; None for any."""
+    """Accepted MAV_FRAMEs, or None for any."""
     usual_limits: tuple[int | None, int | None, int | None] = (None, None, None)
     """Number of items that common boards store, per plan type, for `count_warning`."""
     lossy: Mapping[int, frozenset[str]] = field(default_factory=dict)
@@ -218,9 +218,9 @@ class Profile:
     range_checked: bool = True
     """Whether items with values out of range are refused; if not, they are stored unchanged."""
     nan_parameters: Mapping[int, frozenset[str]] | None = None
-    """Parameters that may be NaN, by command; None if all may be."""
+    """Parameters that may be NaN, by command, or None if all may be."""
     placed: frozenset[int] | None = None
-    """Commands accepted in a global frame; None for any."""
+    """Commands accepted in a global frame, or None for any."""
     unplaced: frozenset[int] | None = None
     """Commands accepted in frame MISSION; None for any."""
     checks_jumps: bool = False
@@ -236,7 +236,7 @@ class Profile:
     fence_card: CardRoom | None = None
     """Storage of larger fences on an SD card."""
     space_text: str | None = "Only {} items are supported"
-    """STATUSTEXT for a plan with too many items, with the capacity including home; None for no text."""
+    """STATUSTEXT for a plan with too many items, with the capacity including home, or None for no text."""
     item_text: str | None = None
     """STATUSTEXT (MAV_SEVERITY_CRITICAL) for an invalid item, except with the ACK ERROR; None for no text."""
     type_result: int = m.MAV_MISSION_INVALID
@@ -250,7 +250,7 @@ class Profile:
     empty_hold_s: float = 0.0
     """Time after a COUNT of 0 during which the vehicle refuses every COUNT (s)."""
     received_texts: tuple[str, str, str] | None = None
-    """STATUSTEXT (MAV_SEVERITY_INFO) after an upload, per plan type; None for no text."""
+    """STATUSTEXT (MAV_SEVERITY_INFO) after an upload, per plan type, or None for no text."""
     timeout_text: str = "Operation timeout"
     """STATUSTEXT after an aborted upload."""
     text_prefix: str = ""

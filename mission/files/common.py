@@ -41,7 +41,7 @@ _SUFFIX_OF_KIND = {
     RALLY_KIND: ".ral",
 }
 POINTS_OF_KIND = {kind: _SUFFIX_OF_KIND[kind] for kind in (FENCE_KIND, RALLY_KIND)}
-"""Suffix of the format that reads a fence or rally file; the file itself may end like a waypoint list."""
+"""Suffix of the format that reads files of this kind, even if they have a waypoint list's suffix."""
 _TEXT_KINDS = {
     rb"qgc\s+wpl\b.*": WAYPOINTS_KIND,
     rb"rally\s.*": RALLY_KIND,
@@ -233,7 +233,7 @@ def jump_target(item: MissionItem, where: str) -> int:
 def resolve_jumps(
     numbers: Sequence[int | None], items: Iterable[tuple[str, MissionItem]], numbering: str
 ) -> tuple[MissionItem, ...]:
-    """Return the items; the target of each DO_JUMP, a number in the file, becomes an index of the items.
+    """Return the items; targets of DO_JUMP, which are item numbers in the file, become indices.
 
     `numbers` are the item numbers in the file; `numbering` is their name in error messages. Each item is
     paired with its location in the file.
@@ -302,7 +302,7 @@ def home_from_file(
 
 
 def file_parameters(item: MissionItem, firmware: Firmware) -> Parameters:
-    """Return parameters 1 to 4 for a file; unset ones are None, or 0 for ArduPilot, which refuses NaN."""
+    """Return parameters 1 to 4 for a file; unset values are None, or 0 for ArduPilot, which refuses NaN."""
     default = 0.0 if firmware == Firmware.ARDUPILOT else None
     first, second, third, fourth = (
         default if value is None else float(value)

@@ -93,7 +93,7 @@ def _place(
 
 
 def geo_fence(items: Sequence[MissionItem]) -> dict[str, Any]:
-    """Return the object ``geoFence`` for MAVLink fence items; MissionFileError for other items."""
+    """Return the object ``geoFence`` for MAVLink fence items; raises MissionFileError for other items."""
     fence: dict[str, Any] = {"circles": [], "polygons": [], "version": 2}
     index = 0
     while index < len(items):

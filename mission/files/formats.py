@@ -136,13 +136,12 @@ class MissionFormat:
         Name for messages.
     suffixes : tuple of str
         Suffixes in lower case, with the dot; the first is the usual suffix.
-    loads : callable or None
-        Function from the content of a file to a mission, a mission with notes, or a drawing; None if the
-        format cannot be read.
+    loads : callable or None Function from the content of a file to a mission, a mission with notes, or a
+        drawing. None: the format cannot be read.
     dumps : callable or None
         Function from a mission and a firmware to the content of a file; None if the format cannot be written.
     hold : callable or None
-        Function that returns the part of a mission that one file can hold; None if a file holds all parts.
+        Function that returns the part of a mission that one file can hold, or None if a file holds all parts.
     losses : callable or None
         Function that returns the losses of a mission, for a format that cannot be read back.
     """
@@ -192,7 +191,7 @@ def mission_formats() -> tuple[MissionFormat, ...]:
 
 
 def _known(*, strict: bool = False) -> dict[str, MissionFormat]:
-    """Return all formats by suffix, without those of broken packages (`strict`: raise their error)."""
+    """Return all formats by suffix; a broken package is skipped, or raises its error if `strict`."""
     formats = list(_CORE)
     for entry in entry_points(ENTRY_POINT_GROUP):
         try:
@@ -219,7 +218,7 @@ def ending(path: str | os.PathLike[str]) -> str:
 
 
 def _found(path: str | os.PathLike[str], *, writing: bool) -> MissionFormat:
-    """Return the format of a file name; raise MissionFileError if it cannot be read, or not written."""
+    """Return the format of a file name; raise MissionFileError if it has no reader (or no writer)."""
     suffix = ending(path)
     found = _known().get(suffix)
     if found is None or (found.dumps if writing else found.loads) is None:

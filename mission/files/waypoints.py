@@ -168,7 +168,7 @@ def _row(words: list[str], line: int) -> _Row:
 
 
 def _number(word: str, line: int, column: str) -> float | None:
-    """Return the number in a column; None for NaN."""
+    """Return the number in a column, or None for NaN."""
     try:
         value = parse_number(word)
     except ValueError:
@@ -201,8 +201,8 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
     written as the first position of the mission. A default parameter is written as NaN, for ArduPilot as 0.
     Numbers have at least eight decimals and are read back exactly.
 
-    MissionFileError if the mission holds more than one plan, if a fence command is among the items, or if the
-    target of a jump is missing.
+    Raises MissionFileError if the mission holds more than one plan, if a fence command is among the items, or
+    if the target of a jump is missing.
     """
     plans = {"mission items": mission.items, "fence items": mission.fence, "rally points": mission.rally}
     held = [f"{len(items)} {name}" for name, items in plans.items() if items]

@@ -149,7 +149,7 @@ class ChangeRecord:
 
     @property
     def delay_s(self) -> float | None:
-        """Time from the first message to the turn (s), None if the vehicle has not turned.
+        """Time from the first message to the turn (s), or None if the vehicle has not turned.
 
         A change that keeps the present target may be sent later than requested, shortly before the target.
         """
@@ -230,7 +230,7 @@ class ChangeSession(ABC):
         self.record.outcome, self.record.text, self.record.ended_s = outcome, text, now_s
 
     _flown_meanwhile = ""
-    """Text for the operator: the vehicle's flight during retries of the upload."""
+    """Text that tells the operator what the vehicle does while the upload is repeated."""
 
     def _note_begun_anew(self, event: Event, now_s: float) -> None:
         """Report a retry of the upload to the operator."""

@@ -35,7 +35,7 @@ from mission.transfer import (
 
 # These are the defaults of PSC_POSXY_P and WPNAV_ACCEL; ArduCopter computes its stopping point from them.
 _STOP_P_PER_S, _STOP_M_S2 = 1.0, 2.5
-# The margin is for delayed positions: a vehicle that resumes exactly at its stopping distance creeps on.
+# The margin is for delayed positions: a vehicle creeps to the target if it resumes at the stopping distance.
 _LEAVE_SPARE_M, _MOST_LEAVE_M = 0.5, 12.0
 
 
@@ -89,7 +89,7 @@ class Leg:
     def leave_m(self) -> float:
         """Distance to the target at which to resume the mission (m): stopping distance plus a margin.
 
-        The stopping distance is computed like the square-root controller of ArduCopter's `AC_PosControl`.
+        The stopping distance is computed as in the square-root controller of ArduCopter's `AC_PosControl`.
         """
         speed_m_s, linear_m_s = self.monitor.state.ground_speed_m_s, _STOP_M_S2 / _STOP_P_PER_S
         stopping_m = speed_m_s / _STOP_P_PER_S
@@ -162,7 +162,7 @@ class AsideChange(ChangeSession):
     _flown_meanwhile = "it flies to the next point in the guided mode"
 
     def start(self, now_s: float) -> list[Message]:
-        """Begin the change: at once, or later so that the time in guided mode is short."""
+        """Begin the change at once, or later if this shortens the time in guided mode."""
         self.record.asked_s = self._waits_s = self._heard_s = now_s
         guard = self.request.guard
         if guard is not None and not guard.ready:
@@ -394,7 +394,7 @@ class AsideChange(ChangeSession):
         return self._order(int(Command.NAV_RETURN_TO_LAUNCH), now_s, tries=_FOREVER)
 
     def _choose(self, now_s: float) -> list[Message]:
-        """Order the vehicle to make the item at which to resume its current item."""
+        """Order the vehicle to set its current item to the item at which to resume."""
         self._step = _Step.CHOOSING
         home = 1 if self._contact.profile.home_at_zero else 0
         self._flown_next = self._leg.index

@@ -117,7 +117,7 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class StateBefore:
-    """Flight mode and arming of a vehicle when an order was given."""
+    """Flight mode and armed state of a vehicle when an order was given."""
 
     mode: str
     is_armed: bool

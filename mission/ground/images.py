@@ -70,7 +70,7 @@ class ImageFetch:
             self._assembler.expect(message.image_count)
 
     def ask(self, now_s: float) -> list[Message]:
-        """Return the next requests, none if no image is missing or all attempts are used up."""
+        """Return the next requests; there are none if no image is missing or all attempts are used up."""
         lost = self._assembler.statistics.lost
         self._rounds = 1 if lost < self._lost else self._rounds + 1
         self._lost = lost

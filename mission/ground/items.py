@@ -84,7 +84,7 @@ class Shots:
 
 
 def shots_ordered(item: MissionItem) -> Shots | None:
-    """Return the camera trigger that an item sets, None if the item sets none.
+    """Return the camera trigger that an item sets, or None if the item sets none.
 
     A single image (IMAGE_START_CAPTURE without an interval) has an infinite interval.
     """
@@ -102,7 +102,7 @@ def shots_ordered(item: MissionItem) -> Shots | None:
 
 
 def shots_before(items: Sequence[MissionItem], index: int) -> Shots | None:
-    """Return the camera trigger during the leg to item ``index``, None if none was set.
+    """Return the camera trigger during the leg to item ``index``, or None if none was set.
 
     >>> orders = [MissionItem(Command.DO_SET_CAM_TRIGG_DIST, param1=metres) for metres in (5.0, 0.0)]
     >>> leg = MissionItem(Command.NAV_WAYPOINT, x=27.0, y=-82.0, z=10.0)
@@ -117,7 +117,7 @@ def shots_before(items: Sequence[MissionItem], index: int) -> Shots | None:
 
 
 def item_to_mark(old: Mission, item: int, new: Mission, resume_at: int) -> int:
-    """Return the item at which to resume: the first needed DO item directly before ``resume_at``, or that.
+    """Return the item at which to resume: ``resume_at``, or the first needed DO item directly before it.
 
     DO items that repeat the present setting are skipped, because setting the trigger distance again may
     trigger an image.

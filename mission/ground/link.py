@@ -38,7 +38,7 @@ class TransferReport:
     remarks : list of dict
         Remarks on items that the autopilot refuses or changes (`mission.transfer.remarks.Remark`).
     accepted : bool or None
-        Whether the vehicle finds its mission feasible; None if the vehicle does not report that.
+        Whether the vehicle finds its mission feasible, or None if the vehicle does not report that.
     """
 
     system_id: int

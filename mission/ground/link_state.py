@@ -54,7 +54,7 @@ class LinkState:
 
     @property
     def quality(self) -> float | None:
-        """Fraction of the last 200 sequence numbers that arrived; None before the first frame."""
+        """Fraction of the frames that arrived, over the last 200 arrivals, or None before the first frame."""
         sent = sum(self._steps)
         return len(self._steps) / sent if sent else None
 

@@ -80,10 +80,10 @@ class PilotWatch:
     ) -> None:
         """Handle a HEARTBEAT of the vehicle in flight.
 
-        `expects_change`: the mission is being changed, so leaving the mission mode is not reported.
-        `flies_home`: the vehicle returns, so only modes that neither return nor land are reported.
-        `unsure`: a mode change may result from a reboot, so reports wait for `settle` or `on_restart`.
-        `ends_in`: modes after the mission's end; they show a takeover if no end is reported within 5 s.
+        With `expects_change`, the mission is being changed, so leaving the mission mode is not reported. With
+        `flies_home`, the vehicle returns, so only modes that neither return nor land are reported. With
+        `unsure`, a mode change may come from a reboot, so reports wait for `settle` or `on_restart`.
+        `ends_in` are modes after the mission's end; they mean a takeover if no end is reported in 5 s.
         """
         flies_home |= self.mission_over
         if flies_home and self.ordered is None and not unsure:
@@ -286,8 +286,8 @@ class FailureWatch:
 
     failsafe: bool = False  # whether the last HEARTBEAT showed an active failsafe.
     began: list[int] = field(default_factory=list)  # number of texts received at each start of a failsafe.
-    low_battery: bool = False  # from the last BATTERY_STATUS.
-    empty_battery: bool = False  # from the last BATTERY_STATUS.
+    low_battery: bool = False # whether the last BATTERY_STATUS reported a low charge.
+    empty_battery: bool = False # whether the last BATTERY_STATUS reported an empty battery.
     unhealthy: int = 0  # MAV_SYS_STATUS_SENSOR bits enabled and unhealthy in any SYS_STATUS.
 
     def on_heartbeat(self, message: m.MAVLink_heartbeat_message, texts_heard: int) -> None:
@@ -306,7 +306,7 @@ class FailureWatch:
         self.empty_battery = message.battery_remaining == 0
 
     def cause(self, texts: Sequence[tuple[float, int, str]]) -> tuple[Outcome, str] | None:
-        """Return outcome and reason of an aborted flight, None without any sign of a failure.
+        """Return outcome and reason of an aborted flight, or None without any sign of a failure.
 
         The vehicle's texts have priority. Without texts, the state, battery and sensor health decide.
         """
@@ -417,7 +417,7 @@ class MissionEnd:
         if cause is None and pilot.somebody_else_flies:
             return Outcome.PILOT_TOOK_OVER, pilot.reason
         if cause is None and self.says_finished and pilot.mission_over and not pilot.ended_mission:
-            # The reported state is that of a new mission, which arrived after the flown mission had ended.
+            # The reported state belongs to a new mission, which arrived after the flown mission had ended.
             return Outcome.COMPLETED, ""
         return cause or (Outcome.FLIGHT_ABORTED, texts.last_warning(f"disarmed{self._progress}"))
 

@@ -64,7 +64,7 @@ class VehicleModes:
 
     @property
     def arming(self) -> str | None:
-        """Mode for arming without a radio control; None if any mode will do."""
+        """Mode for arming without a radio control, or None if any mode will do."""
         return self._known.arming.get(self.vehicle_type, self._known.arming[None])
 
     def maneuver(self, kind: Maneuver) -> tuple[int, tuple[float, ...]]:

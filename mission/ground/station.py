@@ -188,7 +188,7 @@ class GroundStation:
 
     @property
     def mission(self) -> Mission:
-        """Mission on the vehicle, or to be uploaded."""
+        """Mission that the vehicle holds, or that will be uploaded."""
         return self._changes.held
 
     @property
@@ -356,7 +356,7 @@ class GroundStation:
 
     @property
     def link_report(self) -> LinkReport | None:
-        """Link quality over the flight of a real vehicle; None for a simulated vehicle."""
+        """Link quality over the flight of a real vehicle, or None for a simulated vehicle."""
         if self.arming_gate is None:
             return None
         link, silences = self.link, self._silences

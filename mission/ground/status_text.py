@@ -36,5 +36,5 @@ def doing(ground: GroundStation, now_s: float) -> str:
 
 
 def not_started(ground: GroundStation) -> str | None:
-    """Return the state of the vehicle after a run that ends before the flight; None after the start."""
+    """Return the state of the vehicle after a run that ends before the flight, or None after the start."""
     return None if ground.started_s is not None else _STOPPED.get(ground.phase)

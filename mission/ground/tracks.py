@@ -60,7 +60,7 @@ class Track:
         return np.hypot(self.x_m - there.x_m, self.y_m - there.y_m)
 
     def least_distance_m(self, other: Track) -> float | None:
-        """Return the smallest 3D distance from another track (m), None if the tracks do not overlap in time.
+        """Return the smallest 3D distance from another track (m), or None if no times overlap.
 
         The distance is evaluated at the times of this track that lie in the time span of the other track.
         """

@@ -21,7 +21,7 @@ _RESTART_MS = 5000
 
 
 class BootClock:
-    """Clock made of a vehicle's times since boot, which runs on across reboots of its autopilot.
+    """Clock derived from a vehicle's times since boot; it runs on across reboots of the autopilot.
 
     >>> clock = BootClock()
     >>> [clock.take(time_ms, now_s) for time_ms, now_s in ((90_000, 10.0), (91_000, 11.0), (200, 13.0))]
@@ -154,7 +154,7 @@ class VehicleMonitor:
         self.lowest_battery = Battery()  # lowest reading since `begin_flight`
         self._has_battery = False
         self.battery_percent: int | None = None  # value on the wire, up to 127.
-        self.flies: bool | None = None  # in the air by EXTENDED_SYS_STATE, None if unknown.
+        self.flies: bool | None = None  # whether EXTENDED_SYS_STATE shows it in the air, None if unknown.
         self.clock = BootClock()  # clock of positions and of SYSTEM_TIME.
         self._boot_ms = 0
         self._takes: dict[int, Callable[[Any, float], None]] = dict(

@@ -110,7 +110,7 @@ class _Returning(ABC, Generic[_Link]):
             self._lose()
 
     def receive(self) -> list[bytes]:
-        """Return the pieces that have arrived, an empty list while disconnected."""
+        """Return the pieces that have arrived, or an empty list while disconnected."""
         link = self._link or self._try()
         if link is None:
             return []

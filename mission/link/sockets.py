@@ -86,7 +86,7 @@ class WaitingDatagrams:
         self._held_bytes += more_bytes
 
     def _admit(self, peer: Any) -> _Share:
-        """Return the share of a new sender: its own share, or the share of all other senders."""
+        """Return the share of a new sender: a share of its own, or the share common to later senders."""
         if len(self._shares) >= _SHARES - 1:
             weakest = min(self._shares, key=lambda known: self._shares[known].taken)
             if self._shares[weakest].waiting:
@@ -100,8 +100,7 @@ _BATCH = 256
 _BUFFER_BYTES = 4 << 20
 _REST_S = 0.1
 _BACKLOG_BYTES = 1 << 20
-# Largest age of a frame in a transmit buffer (s). An older command could overrule a pilot who has acted
-# since.
+# Largest age of a frame in a transmit buffer (s): an old command could overrule a pilot's later action.
 _LONGEST_S = 3.0
 _Peer = Any
 
@@ -386,8 +385,7 @@ class Stream(ABC):
     def __init__(self, name: str, most_bytes: int) -> None:
         self.name = name
         self.dropped = 0
-        # Frames, each with the time of its `send`; the rest of a partly sent frame has an infinite time, so
-        # that it stays.
+        # Frames wait with the time of their `send`, which is infinite for the rest of a partly sent frame.
         self._backlog: deque[tuple[float, bytes]] = deque()
         self._backlog_bytes, self._most_bytes = 0, most_bytes
 

@@ -41,8 +41,7 @@ class Budget(Protocol):
 
     The cost need not be a length: `wbf_mission` predicts seconds or watt hours with a model of the vehicle. A
     planner assumes only that denser paths usually cost more, and checks the cost of each path that it
-    returns. A budget may also be a `BatchBudget`, if it evaluates several paths together faster than one by
-    one.
+    returns. A budget may also be a `BatchBudget`, if it evaluates many paths together faster than alone.
     """
 
     @property

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 TOLERANCE_M = 1.0
 """Greatest difference between the wanted and the actual height above ground (m)."""
 _AT_SAMPLES = 0.7  # Fraction of the tolerance allowed at samples; the ground between them needs the rest.
-_MOST_SAMPLES = 2_000_000  # Limit of memory and time.
+_MOST_SAMPLES = 2_000_000  # Greatest number of samples; it limits memory and time.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -206,10 +206,9 @@ def build_mission(
     airspeed. A landing replaces the return: ``DO_LAND_START``, ``NAV_LOITER_TO_ALT`` on a circle tangent to
     the final approach, and ``NAV_LAND`` at home.
 
-    A point within 1 cm of the previous point means a loiter. With a camera interval, each loiter adds one
-    interval to the hold (param1), for another image. With a camera distance, loiters are dropped. Legs extend
-    beyond their ends for autopilots that turn early (`mission.planners.cornering.Cornering`). No item sets a
-    yaw.
+    A point within 1 cm of the previous point means a loiter. With a camera interval, each loiter adds an
+    interval to the hold (param1) for another image; with a distance, it is dropped. Legs are extended at both
+    ends for autopilots that turn early (`mission.planners.cornering.Cornering`). No item sets a yaw.
 
     Parameters
     ----------
@@ -317,7 +316,7 @@ def _followed(
     *,
     homewards: bool,
 ) -> tuple[Points, NDArray[np.float64], NDArray[np.float64], int, int]:
-    """Return points, altitudes and holds over uneven ground; counts of waypoints on approach and return."""
+    """Return points, altitudes and holds over uneven ground, and the waypoints' counts on both ways."""
     way = np.vstack((home_xy_m, points, *([home_xy_m] if homewards else [])))
     places, altitudes, owner = heights.follow(way)
     # The take-off item replaces a waypoint at home.

@@ -100,10 +100,9 @@ class Cornering:
     def _overshot(
         self, points: Points, start_m: tuple[float, float] | None, avoid: Area | None
     ) -> tuple[NDArray[np.int64], Points]:
-        """Return the waypoints of overshooting legs, each after the index of the path point it stands for."""
+        """Return, for overshooting legs, indices of path points and the waypoints that stand for them."""
         come, go = self._directions(points, start_m)
-        # Each point has three candidates: the incoming leg's end, the outgoing leg's start, and the point
-        # itself.
+        # Each point has three candidates: end of the incoming leg, start of the outgoing leg, the point.
         places = np.stack((points + self.overshoot_m * come, points - self.overshoot_m * go, points), axis=1)
         use = np.stack((come.any(axis=1), go.any(axis=1), np.ones(len(points), np.bool_)), axis=1)
         if avoid is not None:

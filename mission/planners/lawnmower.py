@@ -25,8 +25,8 @@ def lawnmower(
 ) -> PlannedPath:
     """Plan as many equidistant parallel rows from border to border as the budget allows.
 
-    The least number of rows is two; at the greatest, rows are a footprint apart. The number may be odd or
-    even (odd only in the paper's code). An area narrower than the footprint has one row. A non-convex area is
+    There are at least two rows; rows lie at least a footprint apart. The number of rows may be odd or even
+    (odd only in the paper's code). An area narrower than the footprint has one row. A non-convex area is
     decomposed into boustrophedon cells, flown in nearest-first order. Rows cross passable land between the
     parts of the area, unless rows without these crossings can lie at least 5 % closer together.
 
@@ -91,8 +91,8 @@ def adaptive_lawnmower(
     """Plan rows over the tomatoes with two thirds of the budget, then over the strawberries with the rest.
 
     The paper gives two thirds of the budget to the tomatoes and one third, reduced by a safety margin of a
-    tenth, to the strawberries: it does not count the legs to the first row and between the crops. This
-    planner counts all legs and needs no margin. Each crop has as many rows as its share allows. If the
+    tenth, to the strawberries, because it does not count the legs to the first row and between the crops.
+    This planner counts all legs and needs no margin. Each crop has as many rows as its share allows. If the
     strawberries already have rows a footprint apart, the tomatoes also get the remaining budget. If the
     budget is too small for one row over the strawberries, the tomatoes give up rows.
 

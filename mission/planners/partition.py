@@ -20,7 +20,7 @@ Divide: TypeAlias = Callable[[Area, Sequence[float]], list[Area]]
 """Function that divides an area into parts with given shares, which add up to 1."""
 
 STRIPS, VORONOI = "strips", "voronoi"
-_SAMPLES = 4000  # Number of grid points in the area: it makes shares of cells accurate to about 0.1 %
+_SAMPLES = 4000  # Number of grid points in the area, so that shares are accurate to about 0.1 %
 _LLOYD_ROUNDS = 60
 _WEIGHT_ROUNDS = 12
 _BALANCE_ROUNDS = 25
@@ -51,7 +51,7 @@ def strips(area: Area, shares: Sequence[float]) -> list[Area]:
 def power_cells(area: Area, shares: Sequence[float]) -> list[Area]:
     """Return the compact cells of a centroidal power diagram.
 
-    A point belongs to the site with the least power distance: squared distance less the site's weight
+    A point belongs to the site with the least power distance: squared distance minus the site's weight
     (Aurenhammer 1987). Each round chooses the weights so that each cell has its share of the area, then moves
     the sites to the centroids of their cells, as in Lloyd's algorithm (for equal shares: Balzer, Schloemer
     and Deussen 2009).
@@ -87,10 +87,9 @@ def balanced(
 ) -> list[Area]:
     """Return parts of an area, one per vehicle, so that all vehicles fly the same fraction of their reach.
 
-    With row spacing s, the rows over a part of area A are A / s long. `ways_m` takes a vehicle's number and
-    its part, and returns the length of approach and return. The areas are corrected until the used fractions
-    differ by less than 4 %, or the rounds are used up. The result is the partition with the least difference
-    between the used fractions.
+    With row spacing s, the rows over a part of area A are A / s long. `ways_m` maps a vehicle's number and
+    part to the length of approach and return. The areas are corrected until the used fractions differ by less
+    than 4 %, or the rounds are used up. The result is the partition with the least difference found.
     """
     reach = np.asarray(reach_m, dtype=np.float64)
     shares = reach / reach.sum()
@@ -113,7 +112,7 @@ def balanced(
 def shares_of_reach(parts: Sequence[Area], reach_m: ArrayLike, ways_m: ArrayLike) -> NDArray[np.float64]:
     """Return the fraction of its reach that each vehicle flies, if all parts have the same row spacing.
 
-    With this spacing, the flights of all vehicles together are as long as the sum of the reaches.
+    At the common spacing, the flights of all vehicles together are as long as the sum of the reaches.
     """
     areas = np.array([part.area for part in parts])
     reach, ways = np.asarray(reach_m, dtype=np.float64), np.asarray(ways_m, dtype=np.float64)
@@ -132,7 +131,7 @@ def _checked(shares: Sequence[float]) -> list[float]:
 
 
 def _axes(area: Area) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return unit vectors along the area's shorter and longer side; the latter points to +x or +y."""
+    """Return unit vectors along the area's shorter and longer side; the second points to +x or +y."""
     low_x, low_y, high_x, high_y = area.bounds
     box = np.array([[low_x, low_y], [high_x, low_y], [high_x, high_y], [low_x, high_y]])
     tight = shapely.get_coordinates(shapely.oriented_envelope(area))[:4]
@@ -219,7 +218,7 @@ def _owners(points: Points, sites: Points, weights: NDArray[np.float64]) -> NDAr
 def _weights(
     points: Points, sites: Points, weights: NDArray[np.float64], shares: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the weights for which the cells have their shares of the area; they are updated one by one."""
+    """Return weights that give the cells their shares of the area, found by updates of one at a time."""
     if len(sites) == 1:
         return weights
     distances = _distances(points, sites)
@@ -250,7 +249,7 @@ def _power_cell(area: Area, sites: Points, weights: NDArray[np.float64], k: int)
     for other in range(len(sites)):
         if other == k or not len(ring):
             continue
-        # Half-plane of points that belong to site k rather than to the other site: normal . x <= bound.
+        # Points x with normal . x <= bound belong to site k rather than to the other site.
         normal = 2.0 * (sites[other] - sites[k])
         bound = float((sites[other] ** 2).sum() - (sites[k] ** 2).sum() - weights[other] + weights[k])
         ring = _clipped(ring, normal, bound)
@@ -295,6 +294,6 @@ def _connected(pieces: list[list[shapely.Polygon]]) -> list[list[shapely.Polygon
     for piece in sorted(loose, key=lambda piece: -piece.area):
         around = [shapely.intersection(piece.boundary, shapely.buffer(part, near_m)) for part in parts]
         taker = int(np.argmax(shapely.length(around)))
-        # Reset the precision grid, or later operations would snap to it (see `geo.Farm.crop_area`).
+        # Reset the precision grid; otherwise later operations would snap to it (see `geo.Farm.crop_area`).
         parts[taker] = shapely.set_precision(shapely.union(parts[taker], piece, grid_size=near_m), 0.0)
     return [polygons_of(part, _LEAST_M2) for part in parts]

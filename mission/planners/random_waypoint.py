@@ -18,8 +18,7 @@ MAX_WAYPOINTS = 30_000
 _FIRST_BLOCK = 16
 _CUTS = 10  # Greatest number of trial lengths of the last leg.
 _UNUSED = 1e-6  # Fraction of the budget that may remain unused.
-# Near positions are skipped if a circle with the least leg as radius covers more of the area than this
-# fraction.
+# Near positions are skipped if a circle with the least leg as radius covers more of the area than this.
 _OFTEN = 1 / 6
 _MOST_PASSED = 64  # If this number of draws is rejected, the farthest draw is taken.
 # A leg turns straight back if the sum of its unit vector and the previous leg's is shorter than this.
@@ -30,9 +29,8 @@ def random_waypoint(request: PlanningRequest, /, *, waypoints: int | None = None
     """Plan straight legs between uniformly distributed random positions of the area.
 
     A leg that would leave the area is replaced by the shortest path inside the area. The last leg is cut to
-    use up the budget. With the same seed, the positions and their order are the same for every budget. On
-    land where many legs would be shorter than `PlanningRequest.least_leg_m`, positions near the previous
-    position are skipped.
+    use up the budget. A seed gives the same positions in the same order for every budget. On land where many
+    legs would be shorter than `PlanningRequest.least_leg_m`, positions near the previous one are skipped.
 
     The path begins at the start, or at the nearest point of the inset area if the start is outside.
 

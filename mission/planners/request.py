@@ -174,7 +174,7 @@ ENTRY_POINT_GROUP = "wbf_mission.planners"
 
 
 class Registered(NamedTuple):
-    """A loaded entry point: its name, its name in errors, the loaded object, and parameters of the text."""
+    """A loaded entry point: its name, its name in errors, the object, and parameters given in the text."""
 
     name: str
     what: str

@@ -212,8 +212,7 @@ def with_gaps(area: Area, gaps: Sequence[Polygon]) -> Area:
 def swept_lands(request: PlanningRequest) -> list[Area]:
     """Return up to three lands for rows: the area, the area with enclosed gaps, the area with all gaps.
 
-    A row that skips a pond is shorter than a row across it, but has two more turns, so the caller compares
-    the costs.
+    The caller compares costs: rows that skip a pond are shorter than rows across it, but have more turns.
     """
     area = request.area
     if request.passable is None or not (gaps := gaps_of(area, request.passable)):
@@ -231,8 +230,7 @@ def swept_lands(request: PlanningRequest) -> list[Area]:
 def densest_over(request: PlanningRequest, plan: Callable[[Area], PlannedPath]) -> PlannedPath:
     """Call `plan` for each of the `swept_lands`, and return the path with the least spacing.
 
-    A path whose rows are split by gaps wins only if it is denser by 5 %. Raise PlanningError if `plan` fails
-    for every land.
+    A path whose rows skip gaps wins only if it is denser by 5 %. Raises PlanningError if `plan` always fails.
     """
     lands = swept_lands(request)
     if len(lands) == 1:

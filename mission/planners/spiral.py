@@ -18,7 +18,7 @@ from mission.planners.terrain import Terrain, is_rectangle, parts_of
 SPACING_RATIO = 1e-3
 """Relative difference between successive spacings that the search tries."""
 
-_SMALLEST = 1e-4  # Ratio of the least to the widest spacing: a mission has fewer items than this gives rings.
+_SMALLEST = 1e-4  # Ratio of the least to the widest spacing; no mission has items for as many rings.
 _LEAST_AREA_M2 = 1e-9  # Smaller pieces of an offset are artefacts of rounding.
 
 
@@ -118,9 +118,8 @@ def rectangle_spiral(
 ) -> Points:
     """Return the corners of the paper's anticlockwise inward spiral over a rectangle.
 
-    After each side flown, the bound of the rectangle at that side moves inward by the spacing. The spiral
-    ends when a bound passes the centre. `corner` is the number of the first corner: 0 is (x_min, y_min), 1 to
-    3 follow anticlockwise.
+    After each side flown, the bound at that side moves inward by the spacing. The spiral ends when a bound
+    passes the centre. `corner` is the first corner: 0 is (x_min, y_min), 1 to 3 follow anticlockwise.
 
     >>> rectangle_spiral((0, 0, 4, 4), 2.0).tolist()
     [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [2.0, 4.0], [2.0, 2.0]]

@@ -24,8 +24,7 @@ from mission.planners.terrain import TOLERANCE_M, parts_of, polygons_of
 _LEAST_M2 = 1e-9  # Smaller pieces are artefacts of rounding.
 _LEAST_UNSEEN = 0.25  # Smaller uncovered pieces get no row (fraction of a footprint or squared spacing).
 _TOUCH_M = 1e-6  # Intervals closer than this distance are merged.
-# Points on the border from which the middle line is found: their distance in widths of the land, and their
-# greatest number.
+# Border points from which the middle line is found: distance in widths of the land, greatest number.
 _STEP, _MOST_POINTS = 0.5, 3000
 # Tolerances for simplifying the middle line, in image widths. The coarsest line that covers enough is used.
 _COARSENESS = (0.5, 0.25, 0.12, 0.06, 0.03, 0.015)
@@ -347,8 +346,7 @@ def cut_parts(part: Polygon, spacing_m: float) -> list[list[Polygon]]:
     """Return candidate decompositions of a concave part, found by one, two and three cuts.
 
     Each cut extends a side of a reflex corner. The sum of the widths decides the number of rows (minimal sum
-    of altitudes, Huang 2001). Each decomposition reduces this sum, and each of its parts has at least one
-    row.
+    of altitudes, Huang 2001). Each decomposition reduces this sum, and its parts have at least one row each.
     """
     found: list[tuple[float, list[Polygon]]] = []
     parts, whole = [part], width(part)

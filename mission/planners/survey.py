@@ -57,8 +57,7 @@ _MOST_TOGGLED = 6  # Greatest number of gaps or parts tried one by one; a trial 
 # To remove short legs, a corner is shifted across and along the transit by these multiples of the least leg.
 _ASIDE = (0.25, 0.5, 1.0, 1.5, 2.0)
 _ALONG = (0.0, -0.5, 0.5, -1.0, 1.0)
-# Points closer than this (in least legs) to the direct leg are dropped: the autopilot cuts off such corners
-# anyway.
+# Points this close to the direct leg (in least legs) are dropped: the autopilot cuts such corners anyway.
 _NEAR = 0.5
 
 
@@ -286,7 +285,7 @@ class _Search:
         self._rough, self._shortest_m = False, math.inf
 
     def best(self) -> list[Layout]:
-        """Return the cheapest layouts; the costs are approximate, because the order of cells is."""
+        """Return the cheapest layouts; their costs are approximate, like the order of their cells."""
         lands = swept_lands(self._request)
         even = [math.radians(degrees) for degrees in range(0, 180, _EVERY_DEG)]
         angles = [*hull_angles(lands[0])[:_HULL_ANGLES], *even]

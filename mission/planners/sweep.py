@@ -19,7 +19,7 @@ from mission.planners.terrain import Terrain, is_rectangle, parts_of, straight_l
 
 _EDGE_M = 1e-7  # Outermost rows are scanned this far inside: crossings exactly on an edge are unreliable.
 _MERGE_M = 1e-9  # Pieces of a row closer than this distance are merged.
-_MAX_ROWS = 50_000  # Greatest number of rows, more than the items of a mission.
+_MAX_ROWS = 50_000  # Greatest number of rows; no mission has items for more.
 _ROUNDED_RAD = 5.1e-5  # Error of an angle rounded to four decimals.
 
 
@@ -27,8 +27,8 @@ class Sweep:
     """Parallel rows over an inset area, for any number of rows.
 
     Each part of the area has rows from border to border. All parts have about the same row spacing, at least
-    `min_spacing_m`. The part with the greatest extent across the rows sets the spacing. PlanningError if no
-    number of rows keeps both `min_spacing_m` and `max_spacing_m`.
+    `min_spacing_m`. The part with the greatest extent across the rows sets the spacing. Raises PlanningError
+    if no number of rows keeps `min_spacing_m` and `max_spacing_m`.
     """
 
     def __init__(
@@ -202,7 +202,7 @@ def sweep_angle(area: Area, direction: str | float | None = None) -> float:
     - ``"longest-side"``: along the longest straight side.
     - ``"fewest-turns"``: along the edge of the convex hull across which the area is narrowest.
     - A number: the angle itself. An angle that equals the angle of a hull edge to four decimals snaps to this
-      edge, because of rows almost parallel to a border the outermost row would be lost.
+      edge, because otherwise the outermost of rows almost parallel to a border would be lost.
     - None: ``"x"`` for an axis-aligned rectangle, as in the paper, otherwise ``"fewest-turns"``.
 
     Any other value raises PlanningError.

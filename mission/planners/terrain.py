@@ -35,7 +35,7 @@ def polygons_of(geometry: shapely.Geometry, least_m2: float = 0.0) -> list[Polyg
 
 
 def area_of(polygons: Sequence[Polygon]) -> Area:
-    """Return the polygons as one area; an empty polygon if there are none."""
+    """Return the polygons as one area, or an empty polygon if there are none."""
     if not polygons:
         return Polygon()
     return polygons[0] if len(polygons) == 1 else MultiPolygon(polygons)
@@ -101,7 +101,7 @@ def _is_rough(parts: Sequence[Polygon], least_leg_m: float) -> bool:
 
 
 def _smoothed(part: Polygon, most_m: float, needs: Callable[[Sequence[Polygon]], bool]) -> Sequence[Polygon]:
-    """Return simpler polygons inside the part; their borders are at most `2 most_m` from its border."""
+    """Return simpler polygons inside the part, with borders at most `2 most_m` from the part's border."""
     tolerance = most_m / 64
     pieces: Sequence[Polygon] = [part]
     while needs(pieces) and 0.0 < tolerance <= most_m:
@@ -127,8 +127,8 @@ def _shrunk(part: Polygon, margin: float) -> Area:
 class Region:
     """A polygon with visibility tests and shortest paths.
 
-    A shortest path turns only at reflex corners. It is found by A* over the visibility graph; edges of the
-    graph are computed on demand and cached.
+    A shortest path turns only at reflex corners. The search for it uses A* over the visibility graph; edges
+    of the graph are computed on demand and cached.
     """
 
     def __init__(self, polygon: Polygon) -> None:
@@ -158,7 +158,7 @@ class Region:
         return np.asarray(shapely.covers(self.tolerant, shapely.linestrings(legs)))
 
     def route(self, start_m: Points, end_m: Points) -> Points | None:
-        """Return the corners of the shortest path between two points, float64[n, 2]; None if none exists."""
+        """Return the corners of the shortest path between two points, float64[n, 2], or None without one."""
         if bool(self.sees(start_m[None], end_m[None])[0]):
             return _NO_POINTS
         from_start = np.hypot(*(self.corners - start_m).T)

@@ -74,9 +74,9 @@ class Acquisition(Protocol):
 def expected_loss(observation: PolicyObservation) -> AcquisitionValues:
     """Return the expected loss of the current estimate in each cell, which observing the cell would save.
 
-    The loss is summed over the fields with their weights. For a field with class probabilities, it is the
-    expectation of the score's loss under them. For another field, it is the variance of the estimate times
-    the mean of two weights: those of squared errors above and below the truth.
+    The loss is summed over the fields with their weights. The loss of a field with class probabilities is the
+    expectation of the score's loss. The loss of another field is the variance of the estimate times the mean
+    weight of a squared error above and below the truth.
     """
     known = observation.model.expected_loss
     if known is not None:

@@ -192,7 +192,7 @@ def _more(
 
 
 def _planned(vehicle: VehicleReport, land: Area, before_m: Points, planner: Planner) -> PlannedPath | None:
-    """Return the planner's path over the land, flown after the points `before_m`; None if planning fails."""
+    """Return the planner's path over the land after the points `before_m`, or None if planning fails."""
     start = before_m[-1] if len(before_m) else np.asarray(vehicle.position_m)
     request = replace(
         vehicle.request,

@@ -136,7 +136,7 @@ class VehicleReport:
     travel_cost : TravelCost
         Travel costs from the current position.
     battery : float or None
-        Remaining fraction of the battery; None if unknown.
+        Remaining fraction of the battery, or None if unknown.
     delay_s : float Measured delay from a decision until the vehicle turns to the new path (s).
     contact : ContactArea or None Area in which a path must end so that the vehicle can receive another path.
         None: no limit.
@@ -283,7 +283,7 @@ class GeometricTravelCost:
 
 
 def pays_for_return(vehicle: VehicleReport) -> bool:
-    """Return whether the vehicle's budget counts the return; True if this is unclear."""
+    """Return whether the vehicle's budget counts the return, or True if this is unclear."""
     request = vehicle.request
     place = np.array(request.area.representative_point().coords)
     home = np.array([request.start_xy_m])

@@ -84,7 +84,7 @@ class PlanningGrid:
 
 
 def strip_width(shares: NDArray[np.float32]) -> float:
-    """Return the width, in cells, of the strip from which a long straight leg removes all the value."""
+    """Return the width (cells) of a strip with as much value as a long straight leg removes."""
     # A long leg removes this fraction of the value of a cell, by the cell's distance from the leg.
     beside = 1.0 - np.prod(1.0 - shares.astype(np.float64), axis=0)
     beside[len(shares) // 2] = 1.0

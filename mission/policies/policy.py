@@ -189,7 +189,7 @@ def policy_names() -> tuple[str, ...]:
 def policy_parameters(name: str) -> dict[str, Any]:
     """Return the parameters of a policy (the arguments of its factory) with their defaults.
 
-    PlanningError if no policy has this name.
+    Raises PlanningError if no policy has this name.
     """
     named = load_registered("policy", ENTRY_POINT_GROUP, name, {})
     return _parameters(named.found, named.what)

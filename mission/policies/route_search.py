@@ -93,10 +93,10 @@ X, Y, COST, VALUE = range(4)
 
 
 def neighbour_shares(share: float, spread: float, radius: int) -> NDArray[np.float32]:
-    """Return the fractions that observing a cell removes from the values of it and of the cells around it.
+    """Return the fractions of value that observing a cell removes from the cell and its neighbours.
 
-    The result is float32[2 radius + 1, 2 radius + 1]: 1 for the cell itself, and ``share * exp(-d^2 /
-    spread)`` for a cell d cells away.
+    The result is float32[n, n], n = 2 radius + 1: 1 in the middle, ``share * exp(-d^2 / spread)`` d cells
+    away.
     """
     axis = np.arange(-radius, radius + 1)
     squares = axis[:, None] ** 2 + axis[None, :] ** 2
@@ -107,7 +107,7 @@ def neighbour_shares(share: float, spread: float, radius: int) -> NDArray[np.flo
 
 @compiled
 def pool(left: Any, shares: Any, x_0: int, x_1: int, y_0: int, y_1: int, out: Any) -> None:
-    """Write the values of observing cells to a block of `out`: own value plus shares of the neighbours'."""
+    """Write the value of observing each cell to a block of `out`: its value and shares of others nearby."""
     width, height = left.shape
     radius = shares.shape[0] // 2
     first, end = max(y_0, 0), min(y_1, height)
@@ -171,8 +171,8 @@ def _expand(
 ) -> None:
     """Find the best leg for each sector of directions and each interval of cost.
 
-    Fills two arrays: `best`, float64[sectors, groups + 1], with the values of the legs, projected to the end
-    of the interval; `best_end`, float64[sectors, groups + 1, 4], with the ends of the legs.
+    The array `best`, float64[sectors, groups + 1], gets the values of the legs, projected to the ends of the
+    intervals. The array `best_end`, float64[sectors, groups + 1, 4], gets the ends of the legs.
     """
     sectors, groups = best.shape[0], best.shape[1] - 1
     interval = horizon / groups
@@ -228,7 +228,7 @@ def _expand(
 
 @compiled
 def _insert(ranks: Any, ends: Any, parents: Any, rank: float, end: Any, node: int) -> None:
-    """Insert a route into its group, which is sorted best first, unless all routes there are as good."""
+    """Insert a route into its group (sorted, best first), unless all routes of the group are as good."""
     k = len(ranks) - 1
     if rank <= ranks[k]:
         return
@@ -394,8 +394,7 @@ def _fill(
         for place in range(1, len(places)):
             if used[place]:
                 continue
-            # Only the cheapest position and the end are tried: to try all positions would square the running
-            # time.
+            # Only the cheapest position and the end are tried: trying all positions would square the time.
             at, least = count, costs[tour[count - 1], place] + back[place] - back[tour[count - 1]]
             for k in range(1, count):
                 extra = costs[tour[k - 1], place] + costs[place, tour[k]] - costs[tour[k - 1], tour[k]]

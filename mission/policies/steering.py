@@ -18,11 +18,12 @@ from mission.policies.observation import ContactArea, Event, PolicyObservation, 
 from mission.policies.planning_grid import LegCosts, PlanningGrid
 from mission.policies.route_search import take_leg
 
-_LEAST_LEG = 1e-3  # A leg is not cut after a shorter piece (m)
+_LEAST_LEG = 1e-3  # A leg is cut only after a piece of this length (m)
 _STAY: Points = np.empty((0, 2))
 _KEEPS_PATH = (Status.READY, Status.CLIMBING, Status.FLYING, Status.CHANGING, Status.SILENT)
 _OUT_BY_BACK, _MOST_ONWARD = 6.0, 12
-"""For routes that end beyond radio contact: least length in distances to contact, most added searches."""
+"""For routes that end beyond radio contact: least length as a multiple of the distance back to contact, and
+greatest number of searches that extend the route."""
 _MOST_BY_BUDGET = 200
 """Greatest number of searches that extend a route if there is no radio contact anywhere."""
 
@@ -69,7 +70,7 @@ def auction(vehicles: Sequence[VehicleReport], present: Promised, bidder: Bidder
     The vehicles first release their current paths. In each auction every vehicle without a new path bids, the
     bid with the best rate wins, and its path is promised. Bids can only fall, so only a winning bid from an
     earlier auction is recomputed (Minoux 1978). A vehicle without a bid keeps its path. The result has the
-    same bound as that of `sequential`, but the order does not depend on the system ids.
+    same bound as with `sequential`, but the order does not depend on the system ids.
     """
     bidding = {vehicle.system_id: vehicle for vehicle in vehicles}
     promised = {number: path for number, path in present.items() if number not in bidding}
@@ -238,7 +239,7 @@ class Steering:
 
 
 def _joined(maps: Mapping[PlanningGrid, ValueMap]) -> AcquisitionMap | None:
-    """Return the union of the vehicles' maps on the planning grid of the first vehicle; None without maps."""
+    """Return the union of the maps on the planning grid of the first vehicle, or None without maps."""
     if not maps:
         return None
     cell_m = next(iter(maps)).cell_m
@@ -248,7 +249,7 @@ def _joined(maps: Mapping[PlanningGrid, ValueMap]) -> AcquisitionMap | None:
 
 
 def _pays_for_change(problem: RouteProblem, points_m: Points) -> bool:
-    """Return whether a new path gains more than the current path would for the cost of path and change."""
+    """Return whether a new path gains more than the current path, at equal cost including the change."""
     vehicle, cell_m = problem.vehicle, problem.planning_grid.cell_m
     price = vehicle.travel_cost.change(points_m)
     if price <= 0.0:
@@ -275,9 +276,8 @@ def _out_and_back(problem: RouteProblem, first: Route, search: Search, contact: 
     """Return a route that starts with the route `first` and ends within radio contact.
 
     Beyond contact the vehicle cannot receive a new path, so it would fly home at the end of the route.
-    Further routes are therefore appended until the way back into contact is short compared with the route;
-    the value that earlier routes observe counts as 0. Without contact anywhere, routes are appended until the
-    budget is used up.
+    Further routes are therefore appended until the way back is short compared with the route; the value that
+    earlier routes observe counts as 0. Without contact anywhere, routes are appended up to the budget.
     """
     cell_m, costs = problem.planning_grid.cell_m, problem.costs
     route, left = Route(np.array([[problem.x, problem.y]]), 0.0), problem.values.copy()
@@ -287,8 +287,7 @@ def _out_and_back(problem: RouteProblem, first: Route, search: Search, contact: 
             take_leg(left, problem.shares, *begin, *end)
         route = Route(np.vstack((route.corners, onward[0].corners)), route.value + onward[0].value)
         length = path_length(route.corners)
-        # An approximate cost is enough here: the exact cost takes longer, and is computed only once at the
-        # end.
+        # An approximate cost is enough here: the exact cost takes longer, and is computed once at the end.
         if length * costs.per_cell + (len(route.corners) - 1) * costs.turn > problem.vehicle.left:
             break
         away_m = contact.away_m(route.corners[-1] * cell_m)

@@ -154,7 +154,7 @@ MORE_OPENINGS = 3
 
 @dataclass(frozen=True, slots=True)
 class ClientTimers:
-    """Timers of the ground station; the defaults are those of the MAVLink specification.
+    """Timers of the ground station; the defaults come from the MAVLink specification.
 
     Parameters
     ----------
@@ -262,7 +262,7 @@ class ClientTransfer(ABC):
         return NOTHING
 
     def next_deadline(self) -> float | None:
-        """Return the time of the next `poll` that has an effect, None before the start and after the end."""
+        """Return the time of the next effective `poll`, or None before the start and after the end."""
         if self._state is READY or self.done:
             return None
         return min(self._give_up_s(), self._retry_s())
@@ -383,7 +383,7 @@ class ClientTransfer(ABC):
             self.round_trip.limit(now_s - self._opened_s)
 
     def _note_trouble(self, message: wire.AckMessage, now_s: float) -> Output:
-        """Store an error ACK, but the time of the first: later error ACKs must not postpone the timeout."""
+        """Store an error ACK, and when the first error ACK came: later ones must not postpone the timeout."""
         self._trouble = (message.type, now_s if self._trouble is None else self._trouble[1])
         return NOTHING
 
@@ -399,7 +399,7 @@ class ClientTransfer(ABC):
         return self._failed(FailureReason.REFUSED, text, message.type, notify=False)
 
     def _fail_given_up(self, message: wire.AckMessage, now_s: float) -> Output:
-        """Fail as refused, and cancel, or a vehicle that still expects items would refuse the next COUNT."""
+        """Fail as refused, and cancel; a vehicle that still expects items would refuse the next COUNT."""
         refused = self._fail_refused(message, now_s)
         return Output((wire.ack(self.target, wire.OPERATION_CANCELLED, self.mission_type),)) + refused
 

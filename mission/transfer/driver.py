@@ -304,7 +304,7 @@ class TransferDriver(Closing):
         return tuple(costs)
 
     def mission_state(self, listen_s: float = 1.0) -> int | None:
-        """Return the last MISSION_STATE that arrives within ``listen_s``, None if none arrives.
+        """Return the last MISSION_STATE that arrives within ``listen_s``, or None if none arrives.
 
         PX4 acknowledges a mission before it checks feasibility. An infeasible mission is stored, but its
         state is MISSION_STATE_NO_MISSION, and PX4 refuses the mission mode. The vehicle's STATUSTEXTs are

@@ -131,7 +131,7 @@ class PlanReplaced(Event):
     changed : bool
         False if the new plan equals the previous plan, so the vehicle keeps its progress along the mission.
     start_sequence : int or None
-        Item marked as current, None if no item was.
+        Item marked as current, or None if no item was.
     complete : bool
         False if the upload was aborted on a vehicle that overwrites its plan in place.
     """

@@ -257,7 +257,7 @@ class _Writer:
         return None
 
     def _landing_start(self, k: int, item: MissionItem) -> MissionItem:
-        """Return DO_LAND_START as the autopilot needs it: with the next item's position, or without one."""
+        """Return DO_LAND_START as the autopilot needs it: with the next item's position or no position."""
         if self._dialect.land_start_placed is False and item.frame != Frame.MISSION:
             return MissionItem(Command.DO_LAND_START, autocontinue=item.autocontinue)
         if self._dialect.land_start_placed and item.frame == Frame.MISSION:
@@ -291,7 +291,7 @@ class _Writer:
                 self._say(number, Severity.ERROR, text, "use DO_SET_ROI_LOCATION")
 
     def _frame_problem(self, command: int, frame: int) -> tuple[str, str] | None:
-        """Return the problem of a position command in a frame, and the fix; None without a problem."""
+        """Return the problem of a position command in a frame, and the fix, or None without a problem."""
         profile = self._profile
         without = frame == Frame.MISSION and profile.unplaced is not None
         if without and command not in (profile.unplaced or ()):

@@ -17,7 +17,7 @@ class RoundTrip:
     Attributes
     ----------
     seconds : float or None
-        Smoothed round trip time (s), None before the first measurement.
+        Smoothed round trip time (s), or None before the first measurement.
     loss : float
         Measured fraction of lost frames.
 

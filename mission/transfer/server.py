@@ -53,8 +53,8 @@ _Sender = tuple[int, int]
 class _Refusal(NamedTuple):
     """Answer to a message that has no other effect.
 
-    ``result`` returns the MAV_MISSION_RESULT to send, None for no ACK. ``text`` is the STATUSTEXT sent with
-    the ACK, ``silent_text`` the STATUSTEXT sent without an ACK.
+    ``result`` returns the MAV_MISSION_RESULT to send, or None for no ACK. ``text`` is the STATUSTEXT sent
+    with the ACK, ``silent_text`` the STATUSTEXT sent without an ACK.
     """
 
     result: Callable[[Profile], int | None]
@@ -68,7 +68,7 @@ def _always(result: int) -> Callable[[Profile], int]:
 
 
 def _where_denied(result: int) -> Callable[[Profile], int | None]:
-    """Return ``result`` for autopilots that send DENIED while busy, None for autopilots that send a text."""
+    """Return ``result`` for an autopilot that sends DENIED while busy, or None if it sends only a text."""
     return lambda profile: int(result) if profile.busy_result == wire.DENIED else None
 
 

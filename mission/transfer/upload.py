@@ -40,7 +40,7 @@ _I = ClientInput
 _SHORTEST_TRIP_S = 0.02
 START_S = 30.0
 _START_TRIPS = 6.6
-"""The vehicle must accept an item within this number of round trips (six, plus 10 %) or `START_S`."""
+"""Round trips within which the vehicle must accept an item, if longer than `START_S`: six, plus 10 %."""
 
 
 @dataclass(slots=True)
@@ -85,7 +85,7 @@ class MissionUpload(ClientTransfer):
     home : GeoPoint, optional
         Home position, for autopilots that store home as item 0.
     start_sequence : int or None
-        Item to mark as current, None for none.
+        Item to mark as current, or None for none.
     origins : sequence of int, optional
         Number of each item in the user's plan, from 0, for error messages. Default: the position in
         ``items``.

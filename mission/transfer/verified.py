@@ -157,7 +157,7 @@ class VerifiedUpload:
     Parameters
     ----------
     start_sequence : int, None, or callable
-        Item to mark as current, None for none. A callable is called for each attempt.
+        Item to mark as current, or None for none. A callable is called for each attempt.
     readings : int
         Number of downloads before a difference counts; an echo of an older transfer can spoil a download.
     send, read : callable
@@ -230,7 +230,7 @@ class VerifiedUpload:
         return self._continue(self._part.poll(now_s), now_s)
 
     def next_deadline(self) -> float | None:
-        """Return the time of the next `poll` that has an effect, None before the start and after the end."""
+        """Return the time of the next effective `poll`, or None before the start and after the end."""
         return self._part.next_deadline()
 
     def cancel(self, now_s: float) -> Output:

@@ -273,7 +273,7 @@ _ITEM_BYTES = struct.Struct("<BHB4fiif")
 def plan_checksum(items: Iterable[MissionItem]) -> int:
     """Return the opaque id of a plan, a CRC32 over its items.
 
-    The hashed fields (frame, command, autocontinue, seven parameters) are those of PX4
+    The hashed fields (frame, command, autocontinue, seven parameters) are the same as in PX4
     (``mavlink_mission.cpp``). An empty plan has the id 0, which MAVLink reserves for "none"; other plans
     never have the id 0.
     """

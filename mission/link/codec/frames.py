@@ -1,11 +1,11 @@
 """Encoding and decoding of MAVLink frames.
 
-Messages and field tables are those of pymavlink's generated codec. For unsigned messages without single-char
+Messages and field tables come from pymavlink's generated codec. For unsigned messages without single-char
 fields, this module compiles the tables into pack and unpack functions. Compared with pymavlink 2.4.50,
 creating and packing a message is 3.7 times as fast, and unpacking 3.5 times (CPU time of six telemetry and
 camera messages). These functions use private attributes of the generated messages, so pyproject.toml pins
-pymavlink, and a test compares both codecs. All other frames use the generated ``pack`` and ``decode``. If a
-version of pymavlink has other attributes, all frames do.
+pymavlink, and a test compares both codecs. The generated ``pack`` and ``decode`` serve all other frames, and
+all frames if a version of pymavlink has other attributes.
 
 Frame layout: https://mavlink.io/en/guide/serialization.html.
 """
@@ -198,8 +198,8 @@ class SourceStatistics:
 class FrameReader:
     """Decoder that finds the frames in a byte stream or in datagrams.
 
-    Bytes that are no valid frame are skipped. Whatever the input, the reader never raises and buffers less
-    than one frame.
+    Bytes outside valid frames are skipped. Whatever the input, the reader never raises and buffers less than
+    one frame.
 
     Parameters
     ----------
@@ -288,7 +288,7 @@ class FrameReader:
         number = data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16 if newer else data[at + 5]
         kind = _KINDS[number]
         if kind is None:
-            # Without CRC_EXTRA the checksum cannot be verified, so another frame or no more data must follow.
+            # Without CRC_EXTRA the checksum cannot be verified, so any further data must begin with a frame.
             if after < len(data) and data[after] not in (_V1, _V2):
                 return False
             self.unknown += 1

@@ -278,7 +278,7 @@ class Course:
     def _projected(
         self, items: ArrayLike, east_m: ArrayLike, north_m: ArrayLike
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return for each position the leg index, the flown fraction of the leg, and the distance from it."""
+        """Return for each position the leg index, the flown fraction, and the distance from the leg."""
         numbers = np.searchsorted(self._flown_items, np.asarray(items))
         ended = numbers >= len(self.legs)
         numbers = np.minimum(numbers, len(self.legs) - 1)

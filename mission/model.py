@@ -86,7 +86,7 @@ _ALTITUDE_COMMANDS = frozenset({30})
 
 
 def has_position(command: int) -> bool:
-    """Return whether x, y, z of a command are a position; otherwise they are its parameters 5 to 7."""
+    """Return whether x, y, z of a command are a position, rather than the parameters 5 to 7."""
     return command in _POSITION_COMMANDS
 
 

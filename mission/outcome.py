@@ -18,7 +18,7 @@ _WORDS = {
 
 
 def in_words(outcome: Outcome | str, reason: str = "") -> str:
-    """Return the text of an outcome, followed by the reason if it says more than the outcome.
+    """Return the text of an outcome, followed by the reason if the reason says more than the outcome.
 
     >>> in_words(Outcome.BATTERY_DEPLETED), in_words("arming_refused", "denied")
     ('battery empty in the air', 'arming refused: denied')

@@ -16,7 +16,7 @@ Way: TypeAlias = Callable[[tuple[float, float], tuple[float, float]], Sequence[t
 """Function from two positions (latitude, longitude) to the corners of a path round obstacles."""
 
 _VIDEO_START, _VIDEO_STOP = 2500, 2501
-# Each command changes the setting of this name; the last one before a part is in force in the part.
+# Each command changes the setting of this name; the last command before a part is in force there.
 _SETTINGS: dict[int, str] = {
     183: "servo",
     181: "relay",
@@ -136,8 +136,8 @@ def part_of(
 def resumed_at(course: Course, begin: Place, overlap_m: float) -> Place | None:
     """Return the first place to fly in order to resume at `begin`, or None if no leg with images remains.
 
-    This place is `overlap_m` before `begin`. If the leg of `begin` has no images, the place is the start of
-    the next leg with images.
+    The first place is `overlap_m` before `begin`. If the leg of `begin` has no images, the place is the start
+    of the next leg with images.
     """
     following = course.after(begin)
     if following is None or following != begin:

@@ -19,7 +19,7 @@ class Severity(StrEnum):
     """Severity of a remark."""
 
     ERROR = "error"
-    """The autopilot would refuse the plan or not fly it."""
+    """The autopilot would refuse the plan, or would not fly the plan."""
     WARNING = "warning"
     """A value is ignored or replaced, with an effect on the flight."""
     NOTE = "note"

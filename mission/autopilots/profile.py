@@ -42,7 +42,7 @@ class NeededParameter:
 
 @dataclass(frozen=True, slots=True)
 class CardRoom:
-    """Storage for a plan on an SD card; a parameter sets its size when the vehicle boots.
+    """Storage for a plan on an SD card; a parameter sets the size when the vehicle boots.
 
     Source: ArduPilot ``StorageManager.cpp`` (attach_file), ``AP_Mission.cpp`` and ``AC_PolyFence_loader.cpp``
     (max_items); sizes of items from the parameter's documentation. Numbers of items include home.

@@ -235,8 +235,8 @@ def resolve_jumps(
 ) -> tuple[MissionItem, ...]:
     """Return the items; targets of DO_JUMP, which are item numbers in the file, become indices.
 
-    `numbers` are the item numbers in the file; `numbering` is their name in error messages. Each item is
-    paired with its location in the file.
+    `numbers` are the item numbers in the file; `numbering` is the name of the numbers in error messages. Each
+    item comes with its location in the file.
     """
     index_of, counts = {number: index for index, number in enumerate(numbers)}, Counter(numbers)
     resolved = []
@@ -295,7 +295,7 @@ def home_of(where: str, latitude_deg: float, longitude_deg: float, altitude_m: f
 def home_from_file(
     where: str, latitude_deg: float, longitude_deg: float, altitude_m: float
 ) -> GeoPoint | None:
-    """Return the home read from a format that requires a home; None (unknown) if it is 0, 0, 0."""
+    """Return the home read from a format that requires a home; a home of 0, 0, 0 is unknown (None)."""
     if latitude_deg == longitude_deg == altitude_m == 0.0:
         return None
     return home_of(f"{where}: home", latitude_deg, longitude_deg, altitude_m)

@@ -1,9 +1,9 @@
 """Landing patterns and structure scans: complex items of QGroundControl plans that store no commands.
 
-QGroundControl generates the commands of these items when it loads a plan. This module generates the
-same commands from the same keys.
-Sources: QGroundControl, src/MissionManager: LandingComplexItem, FixedWingLandingComplexItem (versions 1 and
-2), VTOLLandingComplexItem, StructureScanComplexItem (version 3), QGCMapPolygon::offset, CameraSection.
+QGroundControl generates the commands of these items when it loads a plan. This module generates the same
+commands from the keys of the items. Sources: QGroundControl, src/MissionManager: LandingComplexItem,
+FixedWingLandingComplexItem (versions 1 and 2), VTOLLandingComplexItem, StructureScanComplexItem (version 3),
+QGCMapPolygon::offset, CameraSection.
 """
 
 from __future__ import annotations

@@ -81,7 +81,7 @@ def loads(data: bytes) -> Mission | WithNotes:
     and 120, a missing home row, gaps in seq, a home row with command 0, and commands without a position in
     frame 0 or 3. Jump targets become indices of the mission's items.
 
-    The first row is home if its seq is 0 and it is a waypoint in frame 0 or has command 0. Version 120,
+    The first row is home if its seq is 0 and it has command 0, or is a waypoint in frame 0. Version 120,
     written by old QGroundControl, has no home. Other programs write version 120 with home as the only row in
     frame 0.
 
@@ -231,7 +231,7 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
 
 
 def one_plan(mission: Mission) -> Mission:
-    """Return the one plan that a file can hold: the first of mission items, fence and rally points."""
+    """Return the one plan that a file can hold: the first non-empty of mission, fence and rally points."""
     if mission.items:
         return replace(mission, fence=(), rally=())
     return replace(mission, rally=()) if mission.fence else mission

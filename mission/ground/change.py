@@ -18,7 +18,7 @@ from mission.transfer import Event, Output, RoundTrip, Transfer, UploadBegunAnew
 
 
 class FailsafeGuard:
-    """Reads and sets the failsafe parameters, sans-IO; each flight has one such object.
+    """Reads and sets the failsafe parameters, sans-IO; each flight has one guard.
 
     The parameters are set in order, because the link may be lost after each of them. The last parameter
     enables a failsafe that depends on the other parameters.
@@ -87,7 +87,7 @@ class FailsafeGuard:
         return self._next_setting()
 
     def _next_setting(self, *, again: bool = False) -> list[Message]:
-        """Return the message that sets the next parameter, or no message if its present value is unknown."""
+        """Return the message that sets the next parameter; nothing if the parameter's value is unknown."""
         name = next(iter(self._open), None)
         if name is None or name not in self._set or (name in self._sent and not again):
             return []
@@ -182,7 +182,7 @@ class ChangeSession(ABC):
         self.record = ChangeRecord(len(request.new.items), request.resume_at)
         self.held = request.old
         self._contact, self._monitor = request.contact, request.contact.monitor
-        # If the link has no measured round trip time, the change measures it.
+        # If the link has no measured round trip time, the change measures the round trip time.
         self._round_trip = request.contact.round_trip or RoundTrip()
         self._transfer: Transfer | None = None
         self._texts_before = len(request.contact.texts.texts)

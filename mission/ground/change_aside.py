@@ -1,7 +1,7 @@
 """Change of a mission in flight, in guided mode, on autopilots that overwrite missions in place (ArduPilot).
 
 During the upload the stored mission is a mixture of old and new items. Meanwhile the vehicle flies to a
-position in guided mode. It resumes the mission only after the whole mission was acknowledged and read back.
+position in guided mode. The vehicle resumes only after the whole mission was acknowledged and read back.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from mission.transfer import (
     VerifiedUpload,
 )
 
-# These are the defaults of PSC_POSXY_P and WPNAV_ACCEL; ArduCopter computes its stopping point from them.
+# ArduCopter computes its stopping point from PSC_POSXY_P and WPNAV_ACCEL, of which these are the defaults.
 _STOP_P_PER_S, _STOP_M_S2 = 1.0, 2.5
 # The margin is for delayed positions: a vehicle creeps to the target if it resumes at the stopping distance.
 _LEAVE_SPARE_M, _MOST_LEAVE_M = 0.5, 12.0
@@ -109,7 +109,7 @@ _LATE_M = 3.0
 _LONGEST_S = 5.0
 _FOREVER = 1_000_000
 _SILENT_S = 2.0
-# A command may arrive this late (s). If guided mode shows later, another operator has chosen it.
+# A command may arrive this late (s). Guided mode that shows later was chosen by another operator.
 _LATE_ORDER_S = 30.0
 # At lower speeds the direction of the velocity is mostly noise.
 _SLOW_M_S = 0.5
@@ -134,8 +134,8 @@ class AsideChange(ChangeSession):
 
     The vehicle resumes the mission just before the target. If the upload takes longer, the vehicle flies to
     further waypoints of the new mission one by one. A failed upload is repeated. If all repetitions fail, the
-    old mission is restored. If that fails too, the vehicle returns home (RTL). It flies only a complete
-    mission that was acknowledged and read back.
+    old mission is restored. If the restoration fails too, the vehicle returns home (RTL). The vehicle flies
+    only a complete mission that was acknowledged and read back.
     """
 
     def __init__(self, request: ChangeRequest) -> None:
@@ -171,7 +171,7 @@ class AsideChange(ChangeSession):
         return self._begin(now_s)
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Handle a message of the vehicle; after the end, watch that the vehicle stays in its mission."""
+        """Handle a message of the vehicle; after the change, watch that the vehicle stays in its mission."""
         self._heard_s = now_s
         if self._step is _Step.GUARDING:
             return self._guard(message, now_s)
@@ -436,7 +436,7 @@ class AsideChange(ChangeSession):
         if self._step is _Step.NEARING:
             near = distance <= self._leg.leave_m + speed * (self._round_trip.seconds or 0.0)
             return self._resume(now_s) if near or self._is_far else []
-        # No further waypoint is needed if the upload ends before the vehicle reaches the target.
+        # The vehicle needs no further waypoint if the upload ends before it reaches the target.
         in_time = self._whole_s - now_s < distance / max(speed, 0.5) and distance > _LATE_M
         # An order arrives one round trip after the position that triggers it.
         ahead = max(_CHAIN_M, _CHAIN_S * speed) + speed * (self._round_trip.seconds or 0.0)

@@ -194,7 +194,7 @@ class WholeListChange(ChangeSession):
         return self._monitor.mode in self._monitor.modes.ends(int(items[-1].command))
 
     def _insist(self, now_s: float) -> list[Message]:
-        """Order the vehicle to the item at which to resume, if it reports another item of the new mission."""
+        """Order the vehicle to the item at which to resume, if the vehicle reports another item."""
         monitor = self._monitor
         self._due_s = now_s + _SHOWN_S
         state = monitor.state
@@ -204,7 +204,7 @@ class WholeListChange(ChangeSession):
             return []
         if monitor.left_mission:
             self.held = self.request.new
-            # PX4 stays in mission mode at the end of a mission until it returns.
+            # At the end of a mission, PX4 stays in mission mode until the vehicle returns.
             ended = "had flown its mission to the end" if monitor.in_mission else "had left its mission"
             self._end(ChangeOutcome.GIVEN_UP, f"the vehicle {ended} ({monitor.mode})", now_s)
             return []

@@ -37,9 +37,9 @@ class Order:
     """Pending command to a vehicle: COMMAND_LONG, or COMMAND_INT with a position.
 
     ``position`` is latitude and longitude (degrees) and altitude above home (m). ``message`` is sent in place
-    of the command if the vehicle lacks the command; it gets no COMMAND_ACK. ``tries`` is the largest number
-    of transmissions: by default four, more over a link that loses frames. ``round_trip`` determines the
-    timeout. COMMAND_ACKs to a system id other than ``sender`` are ignored.
+    of a command that the vehicle lacks; the vehicle answers it with no COMMAND_ACK. ``tries`` is the largest
+    number of transmissions: by default four, more over a link that loses frames. ``round_trip`` determines
+    the timeout. COMMAND_ACKs to a system id other than ``sender`` are ignored.
     """
 
     def __init__(
@@ -133,7 +133,7 @@ class StateBefore:
         return monitor.mode_heard_s > self.given_s
 
     def is_overruled(self, monitor: VehicleMonitor, expected: Collection[str] = ()) -> bool:
-        """Whether a pilot or a failsafe has acted since the order; repeating the order would overrule them.
+        """Whether a pilot or a failsafe has acted since the order; to repeat the order would overrule that.
 
         ``expected`` are further flight modes in which the order still holds.
         """

@@ -147,7 +147,7 @@ def revised_mission(
     """Return a mission through new waypoints, and the item at which to resume.
 
     The new mission keeps the take-off, speed, camera trigger and end of the held mission. If the camera is
-    already triggering, the new trigger item takes no image at once. Otherwise triggering starts at the
+    already triggering, the new trigger item takes no image at once; otherwise triggering starts at the
     change. ``item`` is the current item of the held mission. ``path_deg`` has latitude and longitude of the
     new waypoints; an empty path leads home immediately.
 

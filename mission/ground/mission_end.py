@@ -45,7 +45,7 @@ class PilotWatch:
 
     @property
     def in_doubt(self) -> bool:
-        """Whether the mission may have ended in the present mode, or another pilot may have chosen it."""
+        """Whether it is unclear why the present mode shows: the mission's end, or another pilot's choice."""
         return self._doubt is not None
 
     @property
@@ -134,7 +134,7 @@ class PilotWatch:
         self._held.clear()
 
     def on_restart(self, message: m.MAVLink_heartbeat_message | None, now_s: float) -> None:
-        """Record a reboot; report it with the first HEARTBEAT after it (None: that has not arrived yet)."""
+        """Record a reboot; report the reboot with the first HEARTBEAT after it (None: not yet arrived)."""
         self._restarted = True
         if message is not None:
             self._report_restart(message, now_s)

@@ -82,7 +82,7 @@ class MissionStart:
             monitor = self._monitor
             starts = self.phase is Phase.START and self._before.is_past(monitor)
             if self._armed_since:
-                # Only the answer was lost. A repetition would arm a vehicle that a pilot has disarmed since.
+                # Only the answer was lost. Another order could arm a vehicle that a pilot disarmed.
                 out += self._give_start(now_s)
             elif starts and monitor.is_armed and monitor.in_mission:
                 # A repeated order would restart the mission in flight.
@@ -134,7 +134,7 @@ class MissionStart:
             self._gate.on_sys_status(message, has_position=self._monitor.knows_position)
 
     def on_heartbeat(self) -> None:
-        """End the start if HEARTBEATs show that the vehicle armed and that a pilot has disarmed it since."""
+        """End the start if HEARTBEATs show that the vehicle armed, and that a pilot then disarmed it."""
         if self._gate is None or self.phase is not Phase.ARM or self._order is None:
             return
         if self._armed_since and not self._monitor.is_armed:
@@ -232,7 +232,7 @@ class MissionStart:
         self.failure = Outcome.NO_ANSWER, f"no answer while {self.phase.value}"
         if self.phase is not Phase.ARM:
             return []
-        # Only the answer may be lost, so the vehicle may have armed.
+        # Perhaps only the answer was lost, so the vehicle may have armed.
         return self._disarm(now_s)
 
     def _refused(self, why: str, now_s: float) -> None:

@@ -429,7 +429,7 @@ class GroundStation:
         return self._ask_for_streams()
 
     def _ask_for_streams(self) -> list[Message]:
-        """Request telemetry until it arrives, if the autopilot sends telemetry only on request."""
+        """Request telemetry until telemetry arrives, if the autopilot sends telemetry only on request."""
         silent, self._no_position = self._no_position, True
         if not silent or not self._contact.profile.streams_on_request:
             return []

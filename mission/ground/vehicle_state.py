@@ -75,7 +75,7 @@ class Battery:
         return Battery(min(known, default=None), max(used, default=None))
 
     def used_since(self, before: Battery, capacity_wh: float) -> float | None:
-        """Return the fraction used since an earlier state, from the energy, or else the remaining fraction.
+        """Return the battery fraction used since an earlier state, from the energy or remaining fraction.
 
         >>> Battery(0.9, 10.0).used_since(Battery(1.0, 2.0), 80.0)
         0.1
@@ -154,7 +154,7 @@ class VehicleMonitor:
         self.lowest_battery = Battery()  # lowest reading since `begin_flight`
         self._has_battery = False
         self.battery_percent: int | None = None  # value on the wire, up to 127.
-        self.flies: bool | None = None  # whether EXTENDED_SYS_STATE shows it in the air, None if unknown.
+        self.flies: bool | None = None  # whether in the air, by EXTENDED_SYS_STATE; None if unknown.
         self.clock = BootClock()  # clock of positions and of SYSTEM_TIME.
         self._boot_ms = 0
         self._takes: dict[int, Callable[[Any, float], None]] = dict(
@@ -281,7 +281,7 @@ class VehicleMonitor:
 
     @property
     def left_mission(self) -> bool:
-        """Whether the vehicle reports its mission as suspended, as it does outside the mission mode."""
+        """Whether the vehicle reports its mission as suspended, as vehicles do outside the mission mode."""
         current = self._current
         return current is not None and current.mission_mode == _SUSPENDED
 

@@ -170,7 +170,7 @@ class TcpServerLink(_Returning[TcpLink]):
 
 
 class _Reopening(_Returning[_Link]):
-    """Link that reconnects each second without blocking; ``connections`` counts its connections."""
+    """Link that tries each second to reconnect, without blocking; ``connections`` counts successes."""
 
     def __init__(self, address: LinkAddress, link: _Link, clock: Callable[[], float]) -> None:
         super().__init__(str(address), link)

@@ -319,8 +319,8 @@ def _listen(made: socket.socket, where: Any) -> None:
 class UdpSocket(_Datagrams):
     """Bound UDP socket for any number of peers.
 
-    ``at_once`` is for callers that may be busy between two calls of `receive_from`; it costs a thread and
-    five file descriptors. Port 0 lets the system choose. Raises LinkError if the socket cannot be bound.
+    ``at_once`` is for callers that may be busy between two calls of `receive_from`; the option costs a thread
+    and five file descriptors. Port 0 lets the system choose. Raises LinkError if the socket cannot be bound.
     """
 
     def __init__(self, address: LinkAddress, *, at_once: bool = False) -> None:
@@ -359,7 +359,7 @@ class UdpInLink(UdpSocket):
 
 
 class UdpOutLink(_Datagrams):
-    """UDP link that sends to one host and receives only from that host."""
+    """UDP link that sends to one host and receives from this host only."""
 
     def __init__(self, address: LinkAddress) -> None:
         super().__init__(_open(address, socket.SOCK_DGRAM, _connect_datagrams), address, at_once=True)

@@ -41,7 +41,7 @@ class Budget(Protocol):
 
     The cost need not be a length: `wbf_mission` predicts seconds or watt hours with a model of the vehicle. A
     planner assumes only that denser paths usually cost more, and checks the cost of each path that it
-    returns. A budget may also be a `BatchBudget`, if it evaluates many paths together faster than alone.
+    returns. A budget may also be a `BatchBudget`, if it evaluates many paths together faster than singly.
     """
 
     @property
@@ -65,7 +65,7 @@ class BatchBudget(Budget, Protocol):
     """A budget that evaluates many paths in one call."""
 
     def costs(self, paths_xy_m: Sequence[NDArray[np.float64]]) -> list[float]:
-        """Return the cost of each path, bit for bit as `cost` returns it."""
+        """Return the costs of several paths, bit for bit the results of `cost` for each path."""
 
 
 @runtime_checkable

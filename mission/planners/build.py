@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 TOLERANCE_M = 1.0
 """Greatest difference between the wanted and the actual height above ground (m)."""
-_AT_SAMPLES = 0.7  # Fraction of the tolerance allowed at samples; the ground between them needs the rest.
+_AT_SAMPLES = 0.7  # Fraction of the tolerance allowed at samples; the ground between samples needs the rest.
 _MOST_SAMPLES = 2_000_000  # Greatest number of samples; it limits memory and time.
 
 
@@ -206,9 +206,9 @@ def build_mission(
     airspeed. A landing replaces the return: ``DO_LAND_START``, ``NAV_LOITER_TO_ALT`` on a circle tangent to
     the final approach, and ``NAV_LAND`` at home.
 
-    A point within 1 cm of the previous point means a loiter. With a camera interval, each loiter adds an
-    interval to the hold (param1) for another image; with a distance, it is dropped. Legs are extended at both
-    ends for autopilots that turn early (`mission.planners.cornering.Cornering`). No item sets a yaw.
+    A point within 1 cm of the previous point is a loiter. With a camera interval, each loiter adds an
+    interval to the hold (param1), for another image; with a camera distance, loiters are dropped. Legs are
+    extended for autopilots that turn early (`mission.planners.cornering.Cornering`). No item sets a yaw.
 
     Parameters
     ----------

@@ -38,9 +38,9 @@ class Waypoints:
 class Cornering:
     """The way an autopilot turns at the corners of a path.
 
-    PX4 turns to the next waypoint as soon as it is inside the acceptance radius. The radius cannot be small,
-    because it must exceed the error of the height estimate: with a radius of 0.5 m a real PX4 waits at
-    waypoints for seconds. Legs therefore overshoot, so that the camera covers the path up to its corners:
+    PX4 turns to the next waypoint as soon as the vehicle is inside the acceptance radius. The radius cannot
+    be small, because it must exceed the error of the height estimate: with a radius of 0.5 m a real PX4 waits
+    at waypoints for seconds. Legs therefore overshoot, so that the camera covers the path up to its corners:
     each leg starts earlier and ends later by the radius minus 0.5 m.
 
     Parameters

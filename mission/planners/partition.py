@@ -218,7 +218,7 @@ def _owners(points: Points, sites: Points, weights: NDArray[np.float64]) -> NDAr
 def _weights(
     points: Points, sites: Points, weights: NDArray[np.float64], shares: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return weights that give the cells their shares of the area, found by updates of one at a time."""
+    """Return weights that give the cells their shares of the area; the weights are found one by one."""
     if len(sites) == 1:
         return weights
     distances = _distances(points, sites)

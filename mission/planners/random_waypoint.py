@@ -21,7 +21,7 @@ _UNUSED = 1e-6  # Fraction of the budget that may remain unused.
 # Near positions are skipped if a circle with the least leg as radius covers more of the area than this.
 _OFTEN = 1 / 6
 _MOST_PASSED = 64  # If this number of draws is rejected, the farthest draw is taken.
-# A leg turns straight back if the sum of its unit vector and the previous leg's is shorter than this.
+# A leg turns straight back if its unit vector and the previous leg's have a sum shorter than this.
 _BACK = 0.03
 
 
@@ -30,7 +30,7 @@ def random_waypoint(request: PlanningRequest, /, *, waypoints: int | None = None
 
     A leg that would leave the area is replaced by the shortest path inside the area. The last leg is cut to
     use up the budget. A seed gives the same positions in the same order for every budget. On land where many
-    legs would be shorter than `PlanningRequest.least_leg_m`, positions near the previous one are skipped.
+    legs would be shorter than `PlanningRequest.least_leg_m`, positions too near are skipped.
 
     The path begins at the start, or at the nearest point of the inset area if the start is outside.
 

@@ -136,7 +136,7 @@ class PlanningRequest:
         return float(self.budget.cost(self._flight(points_m)))
 
     def costs(self, paths_m: Sequence[Points]) -> list[float]:
-        """Return the cost of the flight along each path, as `cost` returns it."""
+        """Return the costs of the flights along several paths, as `cost` does for one path."""
         flights = [self._flight(points) for points in paths_m]
         if len(flights) > 1 and isinstance(self.budget, BatchBudget):
             return [float(cost) for cost in self.budget.costs(flights)]

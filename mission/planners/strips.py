@@ -346,7 +346,7 @@ def cut_parts(part: Polygon, spacing_m: float) -> list[list[Polygon]]:
     """Return candidate decompositions of a concave part, found by one, two and three cuts.
 
     Each cut extends a side of a reflex corner. The sum of the widths decides the number of rows (minimal sum
-    of altitudes, Huang 2001). Each decomposition reduces this sum, and its parts have at least one row each.
+    of altitudes, Huang 2001). Each decomposition reduces the sum, and its parts have at least one row each.
     """
     found: list[tuple[float, list[Polygon]]] = []
     parts, whole = [part], width(part)

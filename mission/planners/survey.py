@@ -305,7 +305,7 @@ class _Search:
         return self._ranked()[0]
 
     def _ranked(self) -> list[Layout]:
-        """Return layouts, cheapest first, but those that cover clearly less than the best layout last."""
+        """Return layouts, cheapest first; layouts that cover clearly less than the best come last."""
         enough = max(self._seen.values(), default=0.0) - _AS_MUCH
         return sorted(self._known, key=lambda layout: (self._seen[layout] < enough, self._known[layout]))
 

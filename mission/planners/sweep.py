@@ -267,7 +267,7 @@ def fly_cells(
 
     A cell is float64[n, 2, 2] (row, end, (x, y)), or the points of a line, float64[n, 2], flown from either
     end. The flight goes from `start_m` to `home_m`; it ends with the last row if `home_m` is None. With
-    `exact`, transits are measured round corners and holes of the terrain. Otherwise they are straight.
+    `exact`, transits are measured round corners and holes of the terrain; otherwise transits are straight.
     """
     home = start_m if home_m is None else home_m
     corners = np.array([_corners(cell) for cell in cells])

@@ -19,7 +19,7 @@ from mission.planners.path import Area, Points
 
 TOLERANCE_M = 5e-7
 MAX_VERTICES = 500
-_MOST_SEEN = 60_000  # Greatest number of pairs in a visibility graph of all corners: it takes a second
+_MOST_SEEN = 60_000  # Greatest number of pairs in a visibility graph of all corners: the graph takes a second
 _NO_POINTS: Points = np.empty((0, 2))
 
 
@@ -127,8 +127,8 @@ def _shrunk(part: Polygon, margin: float) -> Area:
 class Region:
     """A polygon with visibility tests and shortest paths.
 
-    A shortest path turns only at reflex corners. The search for it uses A* over the visibility graph; edges
-    of the graph are computed on demand and cached.
+    A shortest path turns only at reflex corners. The search uses A* over the visibility graph; edges of the
+    graph are computed on demand and cached.
     """
 
     def __init__(self, polygon: Polygon) -> None:

@@ -171,7 +171,7 @@ class WithCorrelationLength:
     Observations of a field with correlation length l also reduce the variance beside the track: a squared
     exponential process keeps only ``1 - exp(-d^2 / l^2)`` of its variance at a distance d. A step along the
     track therefore saves the loss of a swath ``sqrt(pi) l`` wide, not only the loss of its cell. Diseases
-    keep their weights: the neighbour shares of the route search already count this information.
+    keep their weights: the route search already counts information beside the track for them.
 
     Parameters
     ----------

@@ -132,9 +132,9 @@ def reallocate(
 ) -> dict[int, tuple[Points, Share]]:
     """Return new paths of the vehicles `takers`, which take over the lost vehicles' unflown land.
 
-    Each vehicle gets a piece of this land, in proportion to its unused budget. It flies its path to the end,
-    then rows over the piece. If the budget allows no rows or only rows much farther apart, the vehicle plans
-    all its unflown land again. If the budget is too small even then, the vehicle keeps its path.
+    Each vehicle gets a piece of this land, in proportion to its unused budget. The vehicle flies its path to
+    the end, then rows over the piece. If the budget allows no rows or only rows much farther apart, the
+    vehicle plans all its unflown land again. If even this costs too much, the vehicle keeps its path.
     """
     left = [shares[vehicle.system_id].unflown(vehicle) for vehicle in lost]
     flying = [vehicle for vehicle in takers if vehicle.system_id in shares]

@@ -77,8 +77,8 @@ class TravelCost(Protocol):
     def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
         """Return the approximate costs of straight legs, float64[n, m], from n points to m points.
 
-        The costs include the wind and the mean cost of a turn. This method is fast, for a choice among many
-        legs.
+        The costs include the wind and the mean cost of a turn. The method is fast, so that a policy can
+        choose among many legs.
         """
 
     def change(self, points_m: Points) -> float:

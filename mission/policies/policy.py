@@ -88,7 +88,7 @@ class FixedPlan:
     """A policy that lets a planner plan at the start, and then keeps the paths.
 
     Each vehicle of a fleet plans for a part of the land. When a vehicle is lost, the other vehicles take over
-    its unflown land, as far as their budgets allow (`mission.policies.allocation`).
+    the unflown land, as far as their budgets allow (`mission.policies.allocation`).
 
     Parameters
     ----------

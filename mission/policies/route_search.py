@@ -1,8 +1,8 @@
 """Compiled search for routes on a map of cell values: straight legs one by one, or a tour of places.
 
 A tour solves the orienteering problem (Golden, Levy & Vohra 1987): to choose places and their order within a
-budget. Here value lies also along the legs. Places are inserted in the order of value per cost. Then the tour
-is improved by reversing sections (2-opt), and by removing and refilling sections.
+budget. In this search, cells along the legs also have value. Places are inserted in the order of value per
+cost. Then the tour is improved by reversing sections (2-opt), and by removing and refilling sections.
 """
 
 from __future__ import annotations

@@ -277,7 +277,8 @@ def _out_and_back(problem: RouteProblem, first: Route, search: Search, contact: 
 
     Beyond contact the vehicle cannot receive a new path, so it would fly home at the end of the route.
     Further routes are therefore appended until the way back is short compared with the route; the value that
-    earlier routes observe counts as 0. Without contact anywhere, routes are appended up to the budget.
+    earlier routes observe counts as 0. If there is no contact anywhere, routes are appended until the budget
+    is used up.
     """
     cell_m, costs = problem.planning_grid.cell_m, problem.costs
     route, left = Route(np.array([[problem.x, problem.y]]), 0.0), problem.values.copy()
@@ -337,7 +338,7 @@ def most_payable(vehicle: VehicleReport) -> float:
 
 
 def affordable(vehicle: VehicleReport, points_m: Points) -> Points:
-    """Return the beginning of a path that the remaining budget allows; it may end in a leg or be empty."""
+    """Return the part of a path that the remaining budget allows; the part may be empty or end in a leg."""
     if not len(points_m):
         return points_m
     left = most_payable(vehicle)

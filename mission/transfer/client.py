@@ -383,7 +383,7 @@ class ClientTransfer(ABC):
             self.round_trip.limit(now_s - self._opened_s)
 
     def _note_trouble(self, message: wire.AckMessage, now_s: float) -> Output:
-        """Store an error ACK, and when the first error ACK came: later ones must not postpone the timeout."""
+        """Store an error ACK; the timeout counts from the first error ACK, not from later ACKs."""
         self._trouble = (message.type, now_s if self._trouble is None else self._trouble[1])
         return NOTHING
 

@@ -33,7 +33,7 @@ class PlanState(Enum):
     """Plan on the vehicle after a failed upload.
 
     ``OLD``: the previous plan. ``UNKNOWN``: the previous or the new plan, since the final ACK may be lost. A
-    vehicle that overwrites items in place (ArduPilot) may hold items of both. Only a download shows the plan.
+    vehicle that overwrites items in place (ArduPilot) may hold items of both; a download shows which.
     """
 
     OLD = "old"

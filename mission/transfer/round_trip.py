@@ -63,8 +63,8 @@ class RoundTrip:
     def wait(self, default_s: float, floor_s: float, most_s: float) -> float:
         """Return the timeout of a message: four round trips between ``floor_s`` and ``most_s``.
 
-        The timeout is never shorter than 1.1 round trips. It is ``default_s`` if the round trip time is
-        unknown.
+        The timeout is never shorter than 1.1 round trips. If the round trip time is unknown, ``default_s`` is
+        returned.
         """
         known_s = self.known_s
         if known_s is None:
@@ -75,8 +75,8 @@ class RoundTrip:
         """Return the number of copies of a message to send per round trip, and their spacing (s).
 
         The peer aborts the transfer ``patience_s`` after the last new message. If the link loses frames and
-        too few repetitions fit into that time, several copies are sent per round trip. Their number, at most
-        four, is chosen so that all are lost with a probability of 1 % or less.
+        too few repetitions fit into that time, several copies are sent per round trip. There are as many
+        copies, at most four, that all are lost with a probability of 1 % or less.
 
         >>> trip = RoundTrip()
         >>> trip.sample(4.0)

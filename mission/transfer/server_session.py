@@ -2,8 +2,8 @@
 
 Each row of the table maps a state and an input to an action (a refusal, or the method of that name) and the
 next state. An input is a timer, or a message classified by sender and state. Sources:
-https://mavlink.io/en/services/mission.html and PX4's ``mavlink_mission.cpp``. Where ArduPilot differs, the
-profile changes the classification of messages.
+https://mavlink.io/en/services/mission.html and PX4's ``mavlink_mission.cpp``. The profile changes the
+classification of messages where ArduPilot differs.
 """
 
 from __future__ import annotations

@@ -10,8 +10,8 @@ The last ACK of an upload can be lost, and then the client cannot know whether t
   place (ArduPilot) refused an item; the text names the items that the vehicle holds.
 - `TransferFailed` with reason DIFFERENT: the plan read back differs from the plan that was sent.
 - `TransferFailed` with ``vehicle_plan`` UNKNOWN: the vehicle stopped answering after the last item or while
-  the plan was read back. For a vehicle that overwrites in place, this can already happen after the first
-  message, which truncates the old plan.
+  the plan was read back. A vehicle that overwrites in place may do so after the first message already, which
+  truncates the old plan.
 """
 
 from __future__ import annotations
@@ -398,7 +398,7 @@ def _held_text(sent: Sequence[MissionItem], held: Sequence[MissionItem], profile
 class TransferMaker(NamedTuple):
     """Factory of verified uploads and of downloads.
 
-    The parameters are those of `VerifiedUpload` and `MissionDownload`; a factory ignores unsupported options.
+    Takes the parameters of `VerifiedUpload` and `MissionDownload`; a factory ignores unsupported options.
     """
 
     upload: Callable[..., VerifiedUpload]

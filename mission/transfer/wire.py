@@ -230,7 +230,7 @@ def item_from_message(message: ItemMessage) -> MissionItem:
     """Return the mission item of a MISSION_ITEM_INT or MISSION_ITEM.
 
     NaN in parameters 5 to 7 of a command without a position becomes 0 ("not used"). Raises MissionError if a
-    number is infinite or the position is out of range; `refusal` returns the MAV_MISSION_RESULT to answer.
+    number is infinite or the position is out of range; `refusal` returns the MAV_MISSION_RESULT to send.
     """
     placed = message.frame in GLOBAL_FRAMES and has_position(message.command)
     x, y, z = message.x, message.y, message.z

@@ -3,9 +3,9 @@
 Messages and field tables come from pymavlink's generated codec. For unsigned messages without single-char
 fields, this module compiles the tables into pack and unpack functions. Compared with pymavlink 2.4.50,
 creating and packing a message is 3.7 times as fast, and unpacking 3.5 times (CPU time of six telemetry and
-camera messages). These functions use private attributes of the generated messages, so pyproject.toml pins
-pymavlink, and a test compares both codecs. The generated ``pack`` and ``decode`` serve all other frames, and
-all frames if a version of pymavlink has other attributes.
+camera messages). The compiled functions use private attributes of the generated messages, so pyproject.toml
+pins pymavlink, and a test compares both codecs. The generated ``pack`` and ``decode`` serve all other frames,
+and all frames if a version of pymavlink has other attributes.
 
 Frame layout: https://mavlink.io/en/guide/serialization.html.
 """

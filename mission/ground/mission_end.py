@@ -286,8 +286,8 @@ class FailureWatch:
 
     failsafe: bool = False  # whether the last HEARTBEAT showed an active failsafe.
     began: list[int] = field(default_factory=list)  # number of texts received at each start of a failsafe.
-    low_battery: bool = False # whether the last BATTERY_STATUS reported a low charge.
-    empty_battery: bool = False # whether the last BATTERY_STATUS reported an empty battery.
+    low_battery: bool = False  # whether the last BATTERY_STATUS reported a low charge.
+    empty_battery: bool = False  # whether the last BATTERY_STATUS reported an empty battery.
     unhealthy: int = 0  # MAV_SYS_STATUS_SENSOR bits enabled and unhealthy in any SYS_STATUS.
 
     def on_heartbeat(self, message: m.MAVLink_heartbeat_message, texts_heard: int) -> None:

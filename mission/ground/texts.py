@@ -66,7 +66,7 @@ class TextLog:
     def last_warning(self, otherwise: str, since: int = 0) -> str:
         """Return the latest warning since index ``since``, or ``otherwise`` without a warning.
 
-        A text without a reason counts only if no other warning arrived: such texts come after the reason.
+        A text that gives no reason counts only if no other warning arrived, because it follows the reason.
 
         >>> log = TextLog()
         >>> log.note("Mission rejected: no take-off", 0.0)

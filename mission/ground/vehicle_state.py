@@ -98,7 +98,7 @@ class Battery:
 class VehicleState:
     """State of a vehicle from its last telemetry."""
 
-    heard_s: float = -math.inf  # time of the last position, -inf before the first
+    heard_s: float = -math.inf  # time of the last position, -inf before any
     latitude_deg: float = math.nan
     longitude_deg: float = math.nan
     height_m: float = 0.0  # above home.

@@ -252,7 +252,7 @@ class TcpClientLink(_Reopening[TcpLink]):
 
 
 class SerialClientLink(_Reopening[SerialLink]):
-    """Serial link that reopens a device after it was unplugged; LinkError if the first opening fails."""
+    """Serial link that reopens an unplugged device; if the first opening fails, it raises LinkError."""
 
     def __init__(self, address: LinkAddress, *, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(address, SerialLink(address), clock)

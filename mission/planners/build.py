@@ -316,7 +316,7 @@ def _followed(
     *,
     homewards: bool,
 ) -> tuple[Points, NDArray[np.float64], NDArray[np.float64], int, int]:
-    """Return points, altitudes and holds over uneven ground, and the waypoints' counts on both ways."""
+    """Return points, altitudes and holds over uneven ground; numbers of extra waypoints out and back."""
     way = np.vstack((home_xy_m, points, *([home_xy_m] if homewards else [])))
     places, altitudes, owner = heights.follow(way)
     # The take-off item replaces a waypoint at home.

@@ -102,7 +102,7 @@ class Cornering:
     ) -> tuple[NDArray[np.int64], Points]:
         """Return, for overshooting legs, indices of path points and the waypoints that stand for them."""
         come, go = self._directions(points, start_m)
-        # Each point has three candidates: end of the incoming leg, start of the outgoing leg, the point.
+        # Each point has three candidates: end of the incoming leg, start of the outgoing leg, itself.
         places = np.stack((points + self.overshoot_m * come, points - self.overshoot_m * go, points), axis=1)
         use = np.stack((come.any(axis=1), go.any(axis=1), np.ones(len(points), np.bool_)), axis=1)
         if avoid is not None:

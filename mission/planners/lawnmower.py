@@ -90,11 +90,11 @@ def adaptive_lawnmower(
 ) -> PlannedPath:
     """Plan rows over the tomatoes with two thirds of the budget, then over the strawberries with the rest.
 
-    The paper gives two thirds of the budget to the tomatoes and one third, reduced by a safety margin of a
-    tenth, to the strawberries, because its budget does not count the legs to the first row and between the
-    crops. This planner counts all legs and needs no margin. Each crop has as many rows as its share allows.
-    If the strawberries already have rows a footprint apart, the tomatoes also get the remaining budget. If
-    the budget is too small for one row over the strawberries, the tomatoes give up rows.
+    The paper gives the tomatoes two thirds of the budget. The strawberries get a third, less a tenth as a
+    safety margin, because the paper does not count the legs to the first row and between the crops. This
+    planner counts all legs and needs no margin. Each crop has as many rows as its share allows. If the
+    strawberries already have rows a footprint apart, the tomatoes also get the remaining budget. If the
+    budget is too small for one row over the strawberries, the tomatoes give up rows.
 
     A farm with a single crop spends the whole budget on that crop. Without crop areas the rows cover the
     whole area. `PlannedPath.spacing_m` is the smaller of the two crops' row spacings.

@@ -30,7 +30,7 @@ def random_waypoint(request: PlanningRequest, /, *, waypoints: int | None = None
 
     A leg that would leave the area is replaced by the shortest path inside the area. The last leg is cut to
     use up the budget. A seed gives the same positions in the same order for every budget. On land where many
-    legs would be shorter than `PlanningRequest.least_leg_m`, positions too near are skipped.
+    legs would be shorter than `least_leg_m`, positions near the previous position are skipped.
 
     The path begins at the start, or at the nearest point of the inset area if the start is outside.
 

@@ -362,7 +362,7 @@ class _Search:
                 )
 
     def _cut(self, ways: Callable[[Polygon], list[list[Polygon]]]) -> None:
-        """Try each decomposition of a part by `ways`, with rows in one direction and in several."""
+        """Try the decompositions of each part by `ways`, with one row direction and with several."""
         layout = self._best()
         angle = self._angle(layout)
         found: list[Layout] = []

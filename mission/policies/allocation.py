@@ -81,7 +81,7 @@ _COARSER = 1.5
 
 @dataclass(frozen=True, slots=True)
 class OnwardBudget:
-    """A budget for planning the path ahead in flight: what the vehicle has left of its budget."""
+    """The rest of a vehicle's budget in flight, with which a planner plans the path ahead."""
 
     vehicle: VehicleReport
     before_m: Points  # Points that the vehicle flies before the planned path, float64[n, 2]

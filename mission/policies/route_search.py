@@ -107,7 +107,7 @@ def neighbour_shares(share: float, spread: float, radius: int) -> NDArray[np.flo
 
 @compiled
 def pool(left: Any, shares: Any, x_0: int, x_1: int, y_0: int, y_1: int, out: Any) -> None:
-    """Write the value of observing each cell to a block of `out`: its value and shares of others nearby."""
+    """Write the value of observing each cell, including shares of nearby cells, to a block of `out`."""
     width, height = left.shape
     radius = shares.shape[0] // 2
     first, end = max(y_0, 0), min(y_1, height)

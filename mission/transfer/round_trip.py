@@ -75,8 +75,8 @@ class RoundTrip:
         """Return the number of copies of a message to send per round trip, and their spacing (s).
 
         The peer aborts the transfer ``patience_s`` after the last new message. If the link loses frames and
-        too few repetitions fit into that time, several copies are sent per round trip. There are as many
-        copies, at most four, that all are lost with a probability of 1 % or less.
+        too few repetitions fit into that time, several copies are sent per round trip. The copies, at most
+        four, are just enough that all are lost with a probability of at most 1 %.
 
         >>> trip = RoundTrip()
         >>> trip.sample(4.0)

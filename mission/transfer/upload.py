@@ -40,7 +40,8 @@ _I = ClientInput
 _SHORTEST_TRIP_S = 0.02
 START_S = 30.0
 _START_TRIPS = 6.6
-"""Round trips within which the vehicle must accept an item, if longer than `START_S`: six, plus 10 %."""
+"""The vehicle must accept an item within this number of round trips (six, plus 10 %), or within `START_S`,
+whichever is longer."""
 
 
 @dataclass(slots=True)

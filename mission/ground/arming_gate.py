@@ -68,8 +68,8 @@ class ArmingGate:
         self, vehicle: tuple[int, int], *, agreed: bool = False, clock: Callable[[], float] | None = None
     ) -> None:
         self.stage = Stage.CHECKING
-        self.reasons: list[str] = []  # the vehicle's reasons against arming, the latest last.
-        self.told = 0  # number of reasons received.
+        self.reasons: list[str] = []  # The vehicle's reasons against arming, the latest last.
+        self.told = 0  # Number of reasons received.
         self._due_s = -math.inf
         self._vehicle = vehicle
         self._agreed = agreed

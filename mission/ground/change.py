@@ -162,11 +162,11 @@ class ChangeRequest:
 
     old: Mission  # mission on the vehicle
     new: Mission
-    item: int  # current item of the old mission.
-    resume_at: int  # item of the new mission to fly to next.
+    item: int  # Current item of the old mission.
+    resume_at: int  # Item of the new mission to fly to next.
     contact: Contact
-    seconds_an_item: float  # measured upload and read-back time per item.
-    guard: FailsafeGuard | None = None  # sets failsafe parameters before the vehicle leaves its mission.
+    seconds_an_item: float  # Measured upload and read-back time per item.
+    guard: FailsafeGuard | None = None  # Sets failsafe parameters before the vehicle leaves its mission.
 
 
 class ChangeSession(ABC):

@@ -29,9 +29,9 @@ class MissionChanges:
     def __init__(self, contact: Contact, held: Mission) -> None:
         self.held = held
         self.records: list[ChangeRecord] = []
-        self.parameters_set: list[str] = []  # vehicle parameters that were set, with old and new value.
-        self.changed_s = -math.inf  # start or end of the last change.
-        self.broken_off = False  # whether a change was dropped, so the mission on the vehicle is unknown.
+        self.parameters_set: list[str] = []  # Vehicle parameters that were set, with old and new value.
+        self.changed_s = -math.inf  # Start or end of the last change.
+        self.broken_off = False  # Whether a change was dropped, so the mission on the vehicle is unknown.
         self._contact = contact
         self._session: ChangeSession | None = None
         self._guard: FailsafeGuard | None = None

@@ -10,11 +10,11 @@ from mission.transfer import RoundTrip
 from mission.transfer.wire import command_long
 from sensors.camera.wire import ObservationAssembler
 
-_EACH_S = 0.5  # interval of the requests.
-_ROUNDS = 20  # requests without a new image before giving up.
-_AT_ONCE = 50  # images per request.
-_FEW = 5  # images per first request over a measured link.
-_MANY_CAME, _FEW_CAME = 0.6, 0.3  # fractions of answered requests that double or halve a batch.
+_EACH_S = 0.5  # Interval of the requests.
+_ROUNDS = 20  # Requests without a new image before giving up.
+_AT_ONCE = 50  # Images per request.
+_FEW = 5  # Images per first request over a measured link.
+_MANY_CAME, _FEW_CAME = 0.6, 0.3  # Fractions of answered requests that double or halve a batch.
 
 
 class ImageFetch:

@@ -33,9 +33,9 @@ class PilotWatch:
         self.mode = ""
         self._in_mission: bool | None = None
         self._shows_mission = False
-        self.ordered: Maneuver | None = None  # maneuver ordered by the station, None in the mission.
-        self.obeyed = ""  # description of the vehicle's response to the order, empty before.
-        self.ended_by_restart = ""  # state after a reboot that ended the mission, empty without one.
+        self.ordered: Maneuver | None = None  # Maneuver ordered by the station, None in the mission.
+        self.obeyed = ""  # Description of the vehicle's response to the order, empty before.
+        self.ended_by_restart = ""  # State after a reboot that ended the mission, empty without one.
         self._held: list[tuple[float, str]] = []
         self._restarted = False
         self.mission_over = False  # whether the vehicle reported the end of its mission
@@ -284,10 +284,10 @@ _CAUSES = (
 class FailureWatch:
     """Signs of failures in a flight, collected from HEARTBEAT, SYS_STATUS, BATTERY_STATUS and texts."""
 
-    failsafe: bool = False  # whether the last HEARTBEAT showed an active failsafe.
-    began: list[int] = field(default_factory=list)  # number of texts received at each start of a failsafe.
-    low_battery: bool = False  # whether the last BATTERY_STATUS reported a low charge.
-    empty_battery: bool = False  # whether the last BATTERY_STATUS reported an empty battery.
+    failsafe: bool = False  # Whether the last HEARTBEAT showed an active failsafe.
+    began: list[int] = field(default_factory=list)  # Number of texts received at each start of a failsafe.
+    low_battery: bool = False  # Whether the last BATTERY_STATUS reported a low charge.
+    empty_battery: bool = False  # Whether the last BATTERY_STATUS reported an empty battery.
     unhealthy: int = 0  # MAV_SYS_STATUS_SENSOR bits enabled and unhealthy in any SYS_STATUS.
 
     def on_heartbeat(self, message: m.MAVLink_heartbeat_message, texts_heard: int) -> None:
@@ -355,8 +355,8 @@ class MissionEnd:
 
     def __init__(self, contact: Contact, changes: MissionChanges) -> None:
         self.pilot, self.failures = PilotWatch(), FailureWatch()
-        self.is_complete = False  # whether the last MISSION_CURRENT showed a complete mission.
-        self.says_finished = False  # whether a STATUSTEXT reported the end of the mission.
+        self.is_complete = False  # Whether the last MISSION_CURRENT showed a complete mission.
+        self.says_finished = False  # Whether a STATUSTEXT reported the end of the mission.
         self._contact, self._monitor, self._changes = contact, contact.monitor, changes
         self._progress = ""
 

@@ -34,7 +34,7 @@ class MissionStart:
 
     def __init__(self, contact: Contact, gate: ArmingGate | None, delay_s: float) -> None:
         self.phase = Phase.WAIT  # FLIGHT after the vehicle accepted the order to start.
-        self.failure: tuple[Outcome, str] | None = None  # outcome and reason of a failed start.
+        self.failure: tuple[Outcome, str] | None = None  # Outcome and reason of a failed start.
         self._contact, self._monitor, self._texts = contact, contact.monitor, contact.texts
         self._gate, self._delay_s = gate, delay_s
         self._home: GeoPoint | None = None

@@ -132,8 +132,8 @@ class GroundStation:
         self._fetch: ImageFetch | None = None
         self._order: Order | None = None
         self._ordered_before: Maneuver | None = None
-        self._before = StateBefore.of(self._monitor, -math.inf)  # state when the pending order was given.
-        self._ordered_modes: frozenset[str] = frozenset()  # modes that the pending order leads to.
+        self._before = StateBefore.of(self._monitor, -math.inf)  # State when the pending order was given.
+        self._ordered_modes: frozenset[str] = frozenset()  # Modes that the pending order leads to.
         self._chosen = range(0)
         self._no_position = True  # no position was received since the last HEARTBEAT
         self._armed = self._flew = False

@@ -26,8 +26,8 @@ class TextLog:
 
     def __init__(self) -> None:
         self.texts: list[tuple[float, int, str]] = []
-        self._chunk = (0, -1)  # id and number of the last chunk.
-        self._joined: int | None = None  # index of the text of the last chunk, None if it was dropped.
+        self._chunk = (0, -1)  # Id and number of the last chunk.
+        self._joined: int | None = None  # Index of the text of the last chunk, None if it was dropped.
 
     def on_text(self, message: m.MAVLink_statustext_message, now_s: float) -> None:
         """Handle a STATUSTEXT: a new text, or the next chunk of the last text."""

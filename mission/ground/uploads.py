@@ -44,8 +44,8 @@ class PlanUploads:
         on_progress: Callable[[int, int], None] | None = None,
         force: bool = False,
     ) -> None:
-        self.statistics: list[TransferStatistics] = []  # statistics of each upload.
-        self.failure = ""  # reason of a failed upload, empty if none failed.
+        self.statistics: list[TransferStatistics] = []  # Statistics of each upload.
+        self.failure = ""  # Reason of a failed upload, empty if none failed.
         self._rendered = Rendered(mission, (), tuple(range(len(mission.items))))
         self._force = force
         self._ending: tuple[str, float] | None = None

@@ -101,15 +101,15 @@ class VehicleState:
     heard_s: float = -math.inf  # time of the last position, -inf before any
     latitude_deg: float = math.nan
     longitude_deg: float = math.nan
-    height_m: float = 0.0  # above home.
+    height_m: float = 0.0  # Above home.
     velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # east, north, up.
-    heading_rad: float | None = None  # compass heading.
+    heading_rad: float | None = None  # Compass heading.
     battery: Battery = Battery()
     armed: bool = False
-    custom_mode: int = 0  # flight mode, in the autopilot's numbering.
-    item: int | None = None  # current item, counted like `Mission.items`; None if unknown.
-    total: int | None = None  # items of the mission on the vehicle, without home; None if unknown.
-    mission_id: int = 0  # opaque id of the mission on the vehicle, 0 without one.
+    custom_mode: int = 0  # Flight mode, in the autopilot's numbering.
+    item: int | None = None  # Current item, counted like `Mission.items`; None if unknown.
+    total: int | None = None  # Items of the mission on the vehicle, without home; None if unknown.
+    mission_id: int = 0  # Opaque id of the mission on the vehicle, 0 without one.
 
     def position_m(self, frame: LocalFrame) -> tuple[float, float]:
         """Return the position in ``frame``: x and y (m)."""
@@ -153,9 +153,9 @@ class VehicleMonitor:
         self.battery = Battery()
         self.lowest_battery = Battery()  # lowest reading since `begin_flight`
         self._has_battery = False
-        self.battery_percent: int | None = None  # value on the wire, up to 127.
-        self.flies: bool | None = None  # whether in the air, by EXTENDED_SYS_STATE; None if unknown.
-        self.clock = BootClock()  # clock of positions and of SYSTEM_TIME.
+        self.battery_percent: int | None = None  # Value on the wire, up to 127.
+        self.flies: bool | None = None  # Whether in the air, by EXTENDED_SYS_STATE; None if unknown.
+        self.clock = BootClock()  # Clock of positions and of SYSTEM_TIME.
         self._boot_ms = 0
         self._takes: dict[int, Callable[[Any, float], None]] = dict(
             (

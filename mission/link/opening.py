@@ -18,8 +18,8 @@ from mission.errors import LinkError, LinkLostError
 from mission.link.address import SERIAL, Link, LinkAddress, parse_link_url
 from mission.link.sockets import Stream, TcpLink, TcpListener, UdpInLink, UdpOutLink
 
-_RETRY_S = 1.0  # interval of reconnection attempts.
-_GIVE_UP_S = 5.0  # timeout of one reconnection attempt.
+_RETRY_S = 1.0  # Interval of reconnection attempts.
+_GIVE_UP_S = 5.0  # Timeout of one reconnection attempt.
 _PENDING = frozenset({0, errno.EINPROGRESS, errno.EWOULDBLOCK, errno.EALREADY})
 _SERIAL_ERRORS = {
     errno.ENOENT: "no device has that name; check the name, and that the device is plugged in",

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-_GAIN = 0.125  # smoothing factor of TCP (RFC 6298).
-_SLOW = 1.1  # shortest timeout, as a multiple of the round trip time.
-_FAILS = 0.01  # accepted probability that all copies of a message are lost.
-_MOST_COPIES = 4  # limits the extra traffic.
-_SURE_LOSS = 0.02  # a smaller measured loss may be due to chance.
+_GAIN = 0.125  # Smoothing factor of TCP (RFC 6298).
+_SLOW = 1.1  # Shortest timeout, as a multiple of the round trip time.
+_FAILS = 0.01  # Accepted probability that all copies of a message are lost.
+_MOST_COPIES = 4  # Limits the extra traffic.
+_SURE_LOSS = 0.02  # A smaller measured loss may be due to chance.
 
 
 class RoundTrip:

@@ -243,10 +243,10 @@ class ServerSession:
     outgoing: tuple[MissionItem, ...] = ()  # download: items to send.
     next: int = 0  # download: highest requested item plus one.
     asked_int: bool = False  # download: whether MISSION_REQUEST_INT was used.
-    warned: bool = False  # whether the warning about deprecated float messages was sent.
-    heard_s: float = 0.0  # time of the partner's last message.
-    asked_s: float = 0.0  # time of the last request for an item.
-    held_until_s: float = -1.0  # time until which COUNT is refused after an empty COUNT.
+    warned: bool = False  # Whether the warning about deprecated float messages was sent.
+    heard_s: float = 0.0  # Time of the partner's last message.
+    asked_s: float = 0.0  # Time of the last request for an item.
+    held_until_s: float = -1.0  # Time until which COUNT is refused after an empty COUNT.
     ended: EndedUpload | None = None
 
     @property

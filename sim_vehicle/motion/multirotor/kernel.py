@@ -197,8 +197,8 @@ def _below_top_speed(
 ) -> tuple[float, float]:
     """Return the horizontal acceleration, reduced so that the speed limit is kept.
 
-    The axes of a velocity leg turn with every order, and a leg may begin while the vehicle moves across it, so
-    the sum of the accelerations allowed per axis can be too large. A quarter of the jerk is reserved for
+    The axes of a velocity leg turn with every order, and a leg may begin while the vehicle moves across it.
+    The sum of the accelerations allowed per axis can then be too large. A quarter of the jerk is reserved for
     turning the velocity.
     """
     speed2 = vx * vx + vy * vy

@@ -33,7 +33,7 @@ def test_ways_to_keep_apart_are_read():
     assert parse_separation("distance: 5 m") == Separation("distance", 5.0)
     assert parse_separation("NONE") == Separation("none")
     for bad in ("5m", "layers", "layers:", "layers:0m", "layers:nan", "distance:1e9m", "none:2m", "rows:2"):
-        with pytest.raises(ScenarioError, match=r"separation .* is not understood"):
+        with pytest.raises(ScenarioError, match=r"separation .* cannot be read"):
             Scenario(separation=bad)
 
 
@@ -236,7 +236,7 @@ def test_vehicles_of_a_fleet_may_see_different_fields():
     np.testing.assert_array_equal(fast.observations.values, result.observations.values)
     assert [one.sensed for one in SurveyTask(mixed).cameras] == [("tylcv", "ccr"), ("soil",)]
     for fields, text in (
-        (("tylcv;ccr;soil",), "vehicles 2, but camera fields are those of 3"),
+        (("tylcv;ccr;soil",), "vehicles 2, but camera fields are given for 3"),
         (("tylcv;",), "camera fields are empty"),
         (("tylcv;rust",), "unknown field 'rust'"),
     ):

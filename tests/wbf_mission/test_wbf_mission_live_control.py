@@ -197,7 +197,7 @@ def test_a_page_holds_a_simulated_flight_and_lets_it_go_on(tmp_path):
         ),
         (
             ("monitor", "tcp:127.0.0.1:1", "--crop", "peas", "--live", "0"),
-            "--crop has an effect only with --farm: give that, too",
+            "--crop has an effect only with --farm: give --farm, too",
         ),
         (("monitor", "tcp:127.0.0.1:1", "--farm", "nowhere", "--live", "0"), "nowhere"),
         (("monitor", "tcp:127.0.0.1:1", "--control"), "--control has an effect only with --live PORT"),

@@ -232,7 +232,7 @@ def _read_layer(
     if geometries is None or not len(geometries):
         return
     if len(document.entries) + len(geometries) > MAX_FEATURES:
-        raise FarmError(f"{where or 'it '}has more than {MAX_FEATURES} features; take those of one farm")
+        raise FarmError(f"{where or 'it '}has more than {MAX_FEATURES} features; leave out other farms")
     shapes = shapely.from_wkb(geometries, on_invalid="fix")
     if int(shapely.get_num_coordinates(shapes).sum()) > MAX_VERTICES:
         raise FarmError(f"{where}has more than {MAX_VERTICES} vertices; simplify the polygons")
@@ -301,7 +301,7 @@ def _coordinates(
     # A GeoPackage without a coordinate system declares a local one.
     if own and not own.startswith(("LOCAL_CS", "ENGCRS")):
         if given is not None:
-            raise FarmError(f"has a coordinate system of its own; leave out that it is {given!r:.60}")
+            raise FarmError(f"names a coordinate system; leave out that it is {given!r:.60}")
         return None if own == "EPSG:4326" else Coordinates(own)
     if given is not None:
         return coordinates_of(given)

@@ -112,7 +112,7 @@ def test_fly_animates_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[s
     ]
     options += ["--planner", "random-waypoint", "-q"]
     assert main([*options, "--animate", "--no-files"]) == 2
-    assert "--animate writes a file, --no-files none" in capsys.readouterr().err
+    assert "--animate writes a file, but --no-files forbids files" in capsys.readouterr().err
     assert main([*options, "--animate", "--no-plots", "--out", str(tmp_path / "run")]) == 0
     with Image.open(tmp_path / "run" / "run.gif") as picture:
         assert 2 <= picture.n_frames <= 300

@@ -194,5 +194,5 @@ def test_what_cannot_be_exported_is_told_in_one_line(
     assert main(["export", str(folder), "--to", "gpx", "--estimates", "3"]) == 2
     assert "--estimates has an effect only with --to mcap or rerun: leave it out" in capsys.readouterr().err
     assert main(["export", str(folder), "--to", "gpx", "--out", str(folder / "flight.tlog")]) == 2
-    assert "this is the file that is read" in capsys.readouterr().err
+    assert "this is an input file" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

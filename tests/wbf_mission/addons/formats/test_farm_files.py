@@ -253,7 +253,7 @@ def test_rings_that_are_not_closed_are_closed_and_told(repair: bool, tmp_path: P
     path = tmp_path / "farm.kml"
     path.write_text(GOOGLE_EARTH.format(last=""), encoding="utf-8")
     farm = load_farm(path, repair=repair)
-    told = "layer 'Fields', feature 1 ('Lower & upper'): a ring was open, closed over 110.82 m"
+    told = "layer 'Fields', feature 1 ('Lower & upper'): an open ring was closed over 110.82 m"
     assert told in farm.notes
     assert farm.patches[0].polygon.area == pytest.approx(98.36 * 110.82, rel=1e-3)
 
@@ -279,7 +279,7 @@ def test_an_open_ring_in_one_of_several_parts_is_named(point: str, tmp_path: Pat
     path = tmp_path / "farm.kml"
     path.write_text(f'<kml xmlns="http://www.opengis.net/kml/2.2"><Document>{text}</Document></kml>')
     farm = load_farm(path)
-    assert "feature 1 ('x'), part 2: a ring was open, closed over 110.82 m" in farm.notes
+    assert "feature 1 ('x'), part 2: an open ring was closed over 110.82 m" in farm.notes
     assert [one.polygon.area for one in farm.patches] == pytest.approx(
         [98.36 * 110.82 / 2, 98.36 * 110.82], rel=1e-3
     )
@@ -350,11 +350,11 @@ def test_shapefiles_of_other_encodings_and_without_prj(tmp_path: Path) -> None:
 
 def test_a_second_coordinate_system_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path / "f.gpkg", placed(shapes(), FLORIDA, "EPSG:32617"), "EPSG:32617")
-    with pytest.raises(FarmError, match="has a coordinate system of its own; leave out"):
+    with pytest.raises(FarmError, match="names a coordinate system; leave out"):
         load_farm(path, crs="EPSG:32617")
     plain = tmp_path / "f.geojson"
     written(plain, placed(shapes(), FLORIDA, "EPSG:32617"), "EPSG:32617", driver="GeoJSON", RFC7946="NO")
-    with pytest.raises(FarmError, match="has a coordinate system of its own; leave out"):
+    with pytest.raises(FarmError, match="names a coordinate system; leave out"):
         load_farm(plain, crs="EPSG:32617")
     document = json.loads(plain.read_text())
     del document["crs"]

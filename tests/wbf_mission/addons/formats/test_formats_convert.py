@@ -116,7 +116,7 @@ def test_a_farm_is_sent_to_the_planner(capsys):
 
 def test_nothing_of_others_is_written_over(capsys):
     mine = Path("earth.kml").read_bytes()
-    assert "the file that is read" in convert(capsys, "earth.kml", "earth.kml", code=2).err
+    assert "this is an input file" in convert(capsys, "earth.kml", "earth.kml", code=2).err
     for out in ("earth.kml", "notes.gpx"):
         Path(out).write_bytes(mine)
         assert "--overwrite" in convert(capsys, "field.plan", out, code=2).err

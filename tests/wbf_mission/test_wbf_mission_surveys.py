@@ -169,7 +169,7 @@ def test_a_plan_that_shows_less_than_was_asked_warns(
     file = farm_file(tmp_path, (Crop.TOMATO, shapely.box(0, 0, 100, 80)))
     few = ["plan", "--farm", file, "--planner", "lawnmower", "--budget", "400m"]
     assert main([*few, "--camera", "dji-p1-35", "--altitude", "20"]) == 0
-    assert "and the whole was asked for" in capsys.readouterr().err
+    assert "but should show all of it" in capsys.readouterr().err
     assert main(few) == 0
     assert "whole" not in capsys.readouterr().err
 

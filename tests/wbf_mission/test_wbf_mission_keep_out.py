@@ -264,7 +264,7 @@ def test_a_mission_over_an_obstacle_is_refused_before_the_take_off(farm, tmp_pat
     write_mission(across, file)
     words = ("fly", "--farm", farm, "--mission", str(file), "--estimator", "point", "--out", str(out), "-q")
     err = run(capsys, *words, code=2).err
-    assert "the path to it crosses an obstacle of the farm" in err and "nothing was flown, --force" in err
+    assert "this item crosses an obstacle of the farm" in err and "nothing was flown, --force" in err
     assert len(err.splitlines()) == 1 and not out.exists()
     assert "preflight error" in run(capsys, *words, "--force", "--no-plots", code=0).err
     assert (out / "result.json").is_file()

@@ -79,7 +79,7 @@ def test_reasons_that_are_true(tmp_path: Path) -> None:
     none = {"altitude_m": None}
     base = scenario_with(Scenario(), {"farm": file, **SURVEY})
     for changes, reason in (
-        ({"gsd_cm": 1.0, "vehicles": 2}, "only one height has that"),
+        ({"gsd_cm": 1.0, "vehicles": 2}, "only one height has this gsd"),
         ({"altitude_m": 50.0, "vehicle": "rover"}, "takes images from the air"),
         ({"gsd_cm": 1.0, "vehicle": "quad,rover"}, "vehicle rover drives"),
         ({"gsd_cm": 1.0, "vehicle": "quad,rover,quad"}, "vehicle rover drives"),

@@ -31,7 +31,7 @@ _PASSED = frozenset({int(Command.NAV_WAYPOINT), int(Command.NAV_SPLINE_WAYPOINT)
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """Leg of the mission that ends at an item, in the order of the items without jumps."""
+    """Leg of the mission that ends at an item; jumps are ignored."""
 
     item: int
     """Item at the end of the leg, from 0."""

@@ -290,7 +290,7 @@ def _with_home(mission: Mission, given: Circumstances) -> Mission:
 
 
 def _predictable(item: MissionItem) -> MissionItem:
-    """Return an item for the prediction, which takes heights above terrain for heights above home.
+    """Return an item for the prediction; a height above terrain becomes a height above home.
 
     An item that the prediction cannot fly becomes an item without effect.
     """

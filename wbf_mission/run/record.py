@@ -269,7 +269,7 @@ class RunRecord:
 
     @property
     def outcome(self) -> Outcome:
-        """Outcome of the run: the first outcome of a flight that is not good, or else a good outcome."""
+        """Outcome of the run: the outcome of the first flight that failed, or a good outcome if none did."""
         return Outcome.INTERRUPTED if self._stopped_between else self._decisive.outcome
 
     @property

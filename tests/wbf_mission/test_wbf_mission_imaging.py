@@ -50,7 +50,7 @@ def test_a_slow_camera_slows_the_flight_and_refuses_what_is_asked() -> None:
     assert done.camera["speed_m_s"] == pytest.approx(done.camera["interval_speed_m_s"])
     assert done.camera["speed_m_s"] < 3.0
     with pytest.raises(
-        ScenarioError, match=r"cruise speed 5 m/s: at 30\.0 m camera dji-mavic-3m-ms takes images"
+        ScenarioError, match=r"cruise speed 5 m/s: at 30\.0 m camera dji-mavic-3m-ms can trigger"
     ):
         plan(Scenario(**slow, cruise_speed_m_s=5.0))
 

@@ -72,7 +72,7 @@ class ReserveCharge:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightBudget:
-    """Budget in seconds or watt hours; the cost of a path is predicted from the flight of its mission.
+    """Budget in seconds or watt hours; a path costs the predicted time or energy of its mission.
 
     A path that needs several batteries costs infinity, unless its mission may be cut into sorties.
     """

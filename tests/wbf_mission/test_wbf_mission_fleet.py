@@ -192,9 +192,9 @@ def test_plans_of_a_fleet_are_those_that_it_flies(tmp_path, capsys):
     plans = plan_fleet(scenario)
     assert [one.mission for one in plans] == [one.plan.mission for one in fly(scenario).flights]
     assert plan_fleet(Scenario(**short))[0].mission == plan(Scenario(**short)).mission
-    with pytest.raises(ScenarioError, match="2 vehicles: a mission is one vehicle's"):
+    with pytest.raises(ScenarioError, match="2 vehicles: a mission is for one vehicle"):
         plan(scenario)
-    with pytest.raises(ScenarioError, match=r"mission x\.plan is one vehicle's, but 2 fly"):
+    with pytest.raises(ScenarioError, match=r"mission x\.plan is for one vehicle, but 2 fly"):
         plan_fleet(Scenario(vehicles=2, mission="x.plan"))
     out = tmp_path / "part.json"
     arguments = ["plan", "--farm", "miniberry-30", "--budget", "80m", "--vehicles", "2", "--json", "--out"]

@@ -27,7 +27,7 @@ CROP_COLOURS: dict[str, str] = {
 }
 _FURTHER_CROPS = ("#d9c58b", "#c9b3d6", "#a8cfd0", "#e3b78c", "#c2c2b0", "#d8a8c2")
 LINE_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8c6d31")
-"""Colours of curves: the palette of Okabe and Ito, readable with colour blindness, and brown."""
+"""Colours of curves: brown, and the palette of Okabe and Ito, readable with colour blindness."""
 LAND = "#e9e6df"
 FLOWN = "#c8102e"  # Colour of flown paths
 WORST_COLOURS = ("#3d0a3a", "#f29e38", "#dfeaf2")  # Lost, infected, healthy: distinct without red and green
@@ -96,7 +96,7 @@ def save_sheet(figure: Figure, paths: Sequence[Path]) -> None:
 
 
 def shown_every(shape: Sequence[int]) -> int:
-    """Return the stride between the cells of a crop map that are shown."""
+    """Return the stride that thins the cells of a crop map for drawing."""
     return max(1, -(-max(shape) // MAX_PIXELS))
 
 
@@ -114,7 +114,7 @@ def crop_colours(crops: Sequence[str]) -> dict[str, str]:
 def draw_farm(axes: Axes, farm: Farm, *, legend: bool = True) -> None:
     """Draw crops, the owner's land and obstacles into ``axes`` (metres along the farm's axes).
 
-    `legend`: draw home and the rally points, too, and a legend beside the map.
+    With `legend`, also draw home, the rally points, and a legend beside the map.
     """
     from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.patches import Patch as LegendPatch

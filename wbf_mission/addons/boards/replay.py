@@ -1,4 +1,4 @@
-"""Replay of a benchmark run: fly the run of a row again and compare the rows to the bit."""
+"""Replay of a benchmark run: fly the run of a row again, and compare the new row with it bit for bit."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _VALUES = (
 _LISTS = ("times_s", "scores")
 _CODES = {
     "code": "the program's behaviour",
-    "scenario": "what the scenario means",
+    "scenario": "the scenario's settings",
     "planner": "the planner or policy",
     "estimator": "the estimator",
 }
@@ -48,7 +48,7 @@ _CODES = {
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """A repeated run, whose row `again` is compared with the stored row."""
+    """A repeated run: its row `again`, compared with the stored row."""
 
     row: BenchRow
     again: BenchRow
@@ -72,7 +72,7 @@ class Replay:
         if self.equal:
             text = f"equal to the bit: score, final score and history ({points} scored times)"
             return f"{text}, though there is {' and '.join(self.causes)}" if self.causes else text
-        why = " and ".join(self.causes) or "nothing that is known: the same code, versions, scenario and seed"
+        why = " and ".join(self.causes) or "unknown: code, versions, scenario and seed are the same"
         return f"differs in {'; '.join(self.differences)}. Why: {why}"
 
 
@@ -107,10 +107,10 @@ def _given(row: BenchRow, what: str, own: Choice | None, known: Sequence[str]) -
     name: str = getattr(row, what)
     if own is not None:
         if str(own) != name:
-            raise ScenarioError(f"--{what} {own} is not that of the row, {name}")
+            raise ScenarioError(f"--{what} {own} is not the {what} of the row, {name}")
         return own
     if name.partition(":")[0].lower() not in known:
-        msg = f"the {what} {name} was an object, which a row does not hold; give --{what} FILE.py:NAME"
+        msg = f"the {what} {name} was an object, which rows do not store; give --{what} FILE.py:NAME"
         raise ScenarioError(msg)
     return name
 
@@ -152,7 +152,7 @@ def differences(row: BenchRow, again: BenchRow, near: float = 0.0) -> Iterator[s
         old, new = getattr(row, name), getattr(again, name)
         if old != new and not (isinstance(old, float) and isinstance(new, float) and _near(old, new, near)):
             yield f"{name} ({old!r} then, {new!r} now)"
-    # The time that an answer takes depends on the machine.
+    # Late answers are not compared: the time of an answer depends on the machine.
     then, now = ({**flown.bad_answers, TOO_LATE: 0} for flown in (row, again))
     if then != now:
         yield f"bad_answers ({row.bad_answers} then, {again.bad_answers} now)"
@@ -192,11 +192,11 @@ def _where(old: Sequence[float], new: Sequence[float]) -> str:
 def causes(row: BenchRow, again: BenchRow) -> Iterator[str]:
     """Yield possible causes of differences between two rows, such as other versions, in words."""
     if not row.codes:
-        yield "no behaviour numbers in the row"
+        yield "no record of behaviour numbers in the row"
     else:
         changed = [what for key, what in _CODES.items() if row.codes.get(key) != again.codes.get(key)]
         if changed:
-            yield f"another state of {', '.join(changed)}"
+            yield f"a change of {', '.join(changed)}"
     for name in dict.fromkeys([*row.versions, *again.versions]):
         old, new = row.versions.get(name, "unknown"), again.versions.get(name, "unknown")
         if old != new:

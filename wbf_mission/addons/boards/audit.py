@@ -127,7 +127,7 @@ def _require_methods(scenario: str, rows: Sequence[BenchRow]) -> None:
             elif code is not None and label.partition(":")[0].lower() in _built_in(kind):
                 why = "it is your own code with the name of a built-in method; rename it"
             if why:
-                msg = f"{kind} {one_line(label, 60) or 'without a name'}: {why}; fly what all can repeat"
+                msg = f"{kind} {one_line(label, 60) or 'without a name'}: {why}; use one that all can fly"
                 raise ResultError(msg)
 
 

@@ -55,9 +55,7 @@ _SHOWN = 5
 
 _VERIFY = "Number of rows of each method to fly again and compare; 0 flies none."
 _rows = options.whole_number_in(0, 10_000_000)
-SealFile = Annotated[
-    Path | None, option("Seal file of a finished round; requires --secret.", panel=_CHECKED)
-]
+SealFile = Annotated[Path | None, option("Seal file of a finished round; requires --secret.", panel=_CHECKED)]
 SecretFile = Annotated[
     Path | None, option("Secret file of that round; it identifies the environments.", panel=_CHECKED)
 ]

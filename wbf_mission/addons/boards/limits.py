@@ -119,7 +119,7 @@ def _impossible(row: BenchRow, limits: Limits) -> Iterator[str]:
         if value is not None and not (math.isfinite(value) and value >= 0.0):
             yield f"its {name} is {value:g}"
     if any(not (math.isfinite(value) and value >= 0.0) for value in row.timings_s.values()):
-        yield "a timing of one of its parts is negative or not finite"
+        yield "the time of one of its parts is negative or not finite"
     bad = sum(row.bad_answers.values())
     if any(count < 0 for count in row.bad_answers.values()) or bad > (row.decisions or 0):
         yield f"it counts {bad} bad answers among {row.decisions or 0} answers"

@@ -165,7 +165,7 @@ def require_seeds(secret: Secret, rows: Iterable[BenchRow]) -> None:
             raise ResultError(f"{scenario} is not in the round; pack its rows separately")
         if own != seeds:
             known = len(own & seeds)
-            msg = f"{scenario} has {known} of the {len(seeds)} environments and {len(own) - known} other ones"
+            msg = f"{scenario} has {known} of the {len(seeds)} environments, and {len(own) - known} others"
             raise ResultError(f"{msg}; fly it with 'bench run --sealed'")
 
 

@@ -35,7 +35,7 @@ def check_command(
     wait: options.Wait = 10.0,
     list_checks: Annotated[bool, option("List the checks.", "--list")] = False,
 ) -> None:
-    """Check whether a vehicle does what ground software expects of a MAVLink autopilot.
+    """Check that a vehicle's autopilot behaves on MAVLink as ground software expects.
 
     The vehicle is not armed unless --fly is given, and its plans are restored at the end. Exit code 1: a
     required check failed.

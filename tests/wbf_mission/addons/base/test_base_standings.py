@@ -171,8 +171,7 @@ def test_only_environments_count_that_all_have_in_common():
     assert group.seeds == (0, 1)
     assert group.left_out == dict.fromkeys(range(2, 6), (("half", "gp"),))
     assert group.environments_in_words() == (
-        "2 environments count (seeds 0..1); 4 do not: there is no row of"
-        " half, gp (seeds 2..5)."
+        "2 environments count (seeds 0..1); 4 do not: there is no row of half, gp (seeds 2..5)."
     )
     assert [(one.planner, one.score.mean, one.wins) for one in standings(told)] == [
         ("both", -2.0, 1.0),

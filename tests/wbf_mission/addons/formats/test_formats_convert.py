@@ -110,7 +110,7 @@ def test_a_drawn_path_is_chosen_and_lifted(capsys):
 def test_a_farm_is_sent_to_the_planner(capsys):
     save_farm(get_farm("miniberry-10"), "farm.geojson")
     error = convert(capsys, "farm.geojson", "new.plan", code=2).err
-    assert "this is a farm file, no mission; plan a flight over it" in error
+    assert "this is a farm file, not a mission; plan a flight over it" in error
     assert error.count("\n") == 1
 
 

@@ -51,7 +51,7 @@ _FRAMES = 150
 _FRAMES_A_SECOND = 12
 _LARGEST_SHARE = 0.02  # Minimum for the top of the colour scale of sick plants, on large farms.
 _COLUMNS = ("truth", "estimate", "uncertainty")
-# Duration of the path drawn over truth and estimate (s), at least one frame: a whole path would hide them.
+# Duration (s), at least one frame, of the path drawn over the maps: a whole path would hide the maps.
 _TAIL_S = 30.0
 _MARGIN = 0.02
 _UNCERTAIN = "viridis"
@@ -68,7 +68,7 @@ class AnimationError(WbfMissionError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """Moment of a run shown in one frame."""
+    """Moment of a run that one frame shows."""
 
     flights: tuple[FlightRecord, ...]  # Simultaneous flights of all vehicles.
     time_s: float  # Time since the start of these flights, as in their tracks.
@@ -248,7 +248,7 @@ class _Sheet:
     def show(
         self, moment: Moment, truth: list[_Floats], value: list[_Floats], uncertainty: list[_Floats]
     ) -> None:
-        """Update all panels, paths and the title to a moment."""
+        """Show a moment in all panels, paths and the title."""
         if not self._has_scale:
             self._has_scale = True
             for k, field in enumerate(self._fields):

@@ -32,7 +32,7 @@ _SAME_CELLS = 0.5
 
 
 class ConfidenceGuided:
-    """Fly to the least certain cell in a square around the vehicle, and choose again on arrival.
+    """Fly to the least certain cell in a square around the vehicle; on arrival, choose the next cell.
 
     Ties between equally uncertain cells are broken at random. Observations on the way do not change a chosen
     waypoint. If the square has no uncertain cell, its side is doubled. Each further waypoint is chosen as if

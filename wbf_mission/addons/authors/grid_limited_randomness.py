@@ -189,7 +189,7 @@ def _insert(points: Any, returns: bool) -> Any:
 
 @compiled
 def _gain(points: Any, tour: Any, first: int, last: int, returns: bool) -> float:
-    """Return by how much the tour gets shorter if its part from `first + 1` to `last` is reversed."""
+    """Return the length that is saved if the tour's part from `first + 1` to `last` is reversed."""
     a, b, c = tour[first], tour[first + 1], tour[last]
     gain = math.hypot(points[a, 0] - points[b, 0], points[a, 1] - points[b, 1])
     gain -= math.hypot(points[a, 0] - points[c, 0], points[a, 1] - points[c, 1])

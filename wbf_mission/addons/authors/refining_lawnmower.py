@@ -242,7 +242,7 @@ class RefiningLawnmower:
 
 @dataclass(frozen=True, slots=True)
 class _PartOf:
-    """A budget that costs paths as `whole` does, with a smaller limit."""
+    """A budget with the path costs of the budget `whole`, but with a smaller limit."""
 
     whole: Budget
     limit: float
@@ -286,7 +286,7 @@ def window_of(vehicle: VehicleReport, observation: PolicyObservation, promised: 
     """Return the values of the plants around a vehicle.
 
     An unobserved plant that can have the disease of a sick plant nearby has a value: 1 beside the sick plant,
-    and 0.3 within three cells of it. All other plants, and plants on the paths of other vehicles, have none.
+    and 0.3 within three cells of it. Other plants, and plants on the paths of other vehicles, have value 0.
     """
     cell_m, shape = observation.farm.cell_size_m, np.array(observation.model.shape)
     here = np.asarray(vehicle.position_m) / cell_m

@@ -25,7 +25,7 @@ _CHUNK_CELLS = 2000
 class SklearnGaussianProcessEstimator(BaseEstimator):
     """The paper's Gaussian process, for comparison: slow, prior mean 0, fitted again for every estimate.
 
-    Per field ``RBF([2, 2], bounds 1..10) + WhiteKernel(0.5, bounds 1e-5..1e5)`` in
+    Each field has ``RBF([2, 2], bounds 1..10) + WhiteKernel(0.5, bounds 1e-5..1e5)`` in
     `sklearn.gaussian_process.GaussianProcessRegressor` with ``alpha=1e-10`` and random restarts.
     The uncertainty is the standard deviation of an observation, noise included. Use ``gp`` for anything else.
 

@@ -1,4 +1,4 @@
-"""Reads and writes ZIP archives; archives of users are read within limits of size."""
+"""Writes ZIP archives, and reads ZIP archives of users within size limits."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from pathlib import Path
 from geo.system import Closing
 from geo.texts import one_line
 
-MAX_MEMBERS = 1000  # Files per archive
-_MEMBER = b"PK\x01\x02"  # Signature of an entry in an archive's directory
+MAX_MEMBERS = 1000  # Maximum number of files in an archive.
+_MEMBER = b"PK\x01\x02"  # Signature of an entry in the directory of an archive.
 _UNZIP_ERRORS = (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, ValueError)
 
 
 class ArchiveError(ValueError):
-    """An archive that is damaged or too large."""
+    """The archive is damaged or too large."""
 
 
 class Archive(Closing):
@@ -82,5 +82,5 @@ def archive_of(members: Mapping[str, str | bytes]) -> bytes:
     with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in members.items():
             data = content.encode() if isinstance(content, str) else content
-            archive.writestr(zipfile.ZipInfo(name), data, zipfile.ZIP_DEFLATED)  # ZipInfo's date is fixed
+            archive.writestr(zipfile.ZipInfo(name), data, zipfile.ZIP_DEFLATED)  # ZipInfo has a fixed date.
     return made.getvalue()

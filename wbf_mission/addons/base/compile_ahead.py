@@ -1,4 +1,4 @@
-"""Compilation of the vehicle motion before a user or client waits for it."""
+"""Compiles the motion of vehicles before a user or client has to wait for it."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def warm_up(spec: VehicleSpec) -> None:
 def compile_all(progress: Callable[[str, int, int], None] | None = None) -> None:
     """Compile the motion of all vehicles, for single flights and for batches, unless it is cached.
 
-    `progress` is called before each vehicle with a title, the number of compiled vehicles, and their total.
+    `progress` is called before each vehicle with a title, the number of finished vehicles, and the total.
     """
     dynamics = _dynamics()
     for done, (name, spec) in enumerate(dynamics):

@@ -21,7 +21,7 @@ Colours = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True)
 class FarmDrawing:
-    """Drawing area around the owner's land, in metres, with y downwards; `unit` is 1 % of its longer side."""
+    """Drawing area around the owner's land, in metres, y downwards; `unit` is 1 % of the longer side."""
 
     farm: Farm
     left: float

@@ -14,7 +14,7 @@ from mission.files.fence import geo_fence
 from mission.model import MissionItem
 
 CIRCLE_CORNERS = 48
-"""Corners of a circle drawn as a polygon; the sides are within 0.2 % of the radius."""
+"""Number of corners of a circle drawn as a polygon; the sides are within 0.2 % of the radius."""
 
 
 def fence_rings(items: Sequence[MissionItem], frame: LocalFrame) -> list[tuple[NDArray[np.float64], bool]]:

@@ -97,11 +97,11 @@ class VehicleSnapshot:
         return profile_for(self.autopilot).settings.asked_of(self.vehicle_type)
 
     def told(self, meaning: Meaning) -> tuple[str, float] | None:
-        """Return name and value (SI units) of the parameter of a meaning; None if the vehicle sent none."""
+        """Return name and value (SI units) of the parameter with a meaning; None if it was not received."""
         return self._first(self.questions.get(meaning, {}))
 
     def _first(self, units: Mapping[str, float]) -> tuple[str, float] | None:
-        """Return name and value (SI units) of the first parameter that was received; None if none was."""
+        """Return name and value (SI units) of the first parameter that was received, if any."""
         known = self.parameters
         return next(((name, known[name] * unit) for name, unit in units.items() if name in known), None)
 
@@ -188,7 +188,7 @@ class Inquiry:
     limited, because a vehicle never answers a request for a parameter that it does not have.
 
     With `placed`, the inquiry waits up to three minutes until the vehicle knows its position. For 40 s after
-    boot, ArduCopter sends positions that it does not know yet.
+    boot, ArduCopter sends positions before it knows where it is.
     """
 
     system_id, component_id = GROUND_STATION
@@ -210,7 +210,7 @@ class Inquiry:
         self._contact = Contact()
         self._ids: set[int] = set()
         self._told: dict[str, Any] = {}
-        self._alternatives: list[Mapping[str, float]] = []  # Possible names per parameter
+        self._alternatives: list[Mapping[str, float]] = []  # Possible names of each parameter.
         self._parameters: dict[str, float] = {}
         self._tries: dict[str | int, int] = {}
         self._begun_s = math.inf
@@ -328,7 +328,7 @@ class Inquiry:
             self._ids.add(type(message).id)
             self._told |= _changes(message)
             if not self._alternatives:
-                # Measured only if no parameter is requested: this message may be streamed, not an answer.
+                # A parameter measures the delay better: this message may come from a stream, not as answer.
                 self._measure_pace(now_s)
 
     def _on_parameter(self, message: m.MAVLink_param_value_message, now_s: float) -> None:
@@ -365,7 +365,7 @@ class Inquiry:
 def decoded(value: float, kind: int, *, bytewise: bool) -> float | None:
     """Return the number in a PARAM_VALUE of MAV_PARAM_TYPE `kind`; None if it is not finite.
 
-    `bytewise`: integers are encoded as the float's bytes (PX4), otherwise as numbers (ArduPilot).
+    If `bytewise`, integers are encoded as the bytes of the float (PX4), otherwise as numbers (ArduPilot).
 
     Examples
     --------

@@ -31,7 +31,7 @@ Pair = tuple[NDArray[np.float64], NDArray[np.float64]]
 _DRAWS = 1999  # one less than a multiple of 40, so that the 2.5 % and 97.5 % limits are draws
 _SEED = 0
 MISSED = 0.05
-"""Fraction of cases in which an interval misses."""
+"""Fraction of cases in which an interval does not contain the true value."""
 _FEWEST_TO_RESAMPLE = 5
 FEWEST_FOR_A_RATIO = 8
 _NONE = 1e-12  # below this relative spread, values differ only by rounding
@@ -144,7 +144,7 @@ def _weights(draw: np.random.Generator) -> NDArray[np.float64]:
 def _fieller(
     values: NDArray[np.float64], others: NDArray[np.float64], least: float, most: float
 ) -> tuple[float, float]:
-    """Return the lowest and highest ratio with `least` <= t <= `most`, t of ``values - ratio * others``."""
+    """Return the lowest and highest ratio for which t of ``values - ratio * others`` is in its limits."""
     count = len(values)
     above, below = math.fsum(values) / count, math.fsum(others) / count
     up, down = values - above, others - below

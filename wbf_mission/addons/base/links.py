@@ -1,4 +1,4 @@
-"""Access to vehicles over MAVLink links: fits the scenario to them, and uploads missions after a check."""
+"""Connects to vehicles over MAVLink links, fits the scenario to them, and uploads checked missions."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ Tap = Callable[[bytes, float], None]
 Note = Callable[[str], None]
 Heard = tuple[str, Vehicle]
 """A vehicle with its link."""
-_NAMED = 4  # Largest number of named senders in a line about dropped datagrams
+_NAMED = 4  # Maximum number of senders in a note about dropped datagrams.
 
 
 class LiveFlightError(WbfMissionError, ValueError):
@@ -68,7 +68,7 @@ def fitted_to(scenario: Scenario, *vehicles: Vehicle) -> Scenario:
         planned, kind = get_vehicle(name).kind, kind_of_type(heard.vehicle_type)
         if planned != kind:
             which = "" if len(vehicles) == 1 else f" as system {heard.system_id}"
-            does = f"a {kind} is heard{which}; name one of its kind with --vehicle"
+            does = f"a {kind} is heard{which}; name a {kind} with --vehicle"
             msg = f"vehicle {name} is a {planned}, but {does}"
             raise LiveFlightError(msg)
         fitted.append((heard.system_id, name, name_of_number(heard.autopilot) or planned_for))
@@ -109,7 +109,7 @@ def upload_checked(
     """Query a vehicle, then check, upload and read back a mission; return the transfer and the findings.
 
     `around` is called with the vehicle's answers, and returns the circumstances for the check. The other
-    parameters and errors are the same as of `mission.ground.link.upload`. If the check finds errors, this
+    parameters, and the errors, are described at `mission.ground.link.upload`. If the check finds errors, this
     raises PreflightError unless `force` is set.
     """
     snapshot = ask_vehicle(link, wait_s=wait_s, system_id=system_id, note=events.note)
@@ -161,7 +161,7 @@ class LinkHost(Server):
         self._note = note
 
     def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
-        """Serve until a condition holds or the time limit; a KeyboardInterrupt leaves the links open."""
+        """Serve until a condition holds or time is up; a KeyboardInterrupt leaves the links open."""
         reason = super().run(until=until, limit_s=limit_s)
         if reason is StopReason.STOPPED:
             raise KeyboardInterrupt
@@ -212,7 +212,7 @@ class Via:
 
 
 def via_named(name: str) -> Via:
-    """Return the `Via` with a name: ``own`` for `Via` itself, or the name of an entry point, loaded now."""
+    """Return the `Via` for a name: `Via` itself for ``own``, otherwise the class of this entry point."""
     entry = entry_named("wbf_mission.vias", name)
     if entry is None:
         return Via()

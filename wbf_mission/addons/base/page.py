@@ -1,4 +1,4 @@
-"""Pages of captions, pictures and tables with their Markdown files, and tables and curves of standings."""
+"""Pages of captions, pictures and tables, written as Markdown; also tables and curves of standings."""
 
 from __future__ import annotations
 

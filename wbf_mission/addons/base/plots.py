@@ -1,4 +1,4 @@
-"""Figures, colours and farms for all pictures by matplotlib."""
+"""Makes matplotlib figures, colours and drawings of farms, for all pictures."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def ramp(colours: Sequence[str], steps: int) -> NDArray[np.uint8]:
 
 
 def new_figure(width: float, height: float, *, dpi: int = 110) -> Figure:
-    """Return a figure; `width` and `height` in inches."""
+    """Return a figure; `width` and `height` are in inches."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), dpi=dpi)
@@ -83,7 +83,7 @@ def save_figure(figure: Figure, path: Path) -> Path:
 
 
 def new_sheet(width: float, height: float) -> Figure:
-    """Return a figure for print with constrained layout; `width` and `height` in inches."""
+    """Return a figure for print with constrained layout; `width` and `height` are in inches."""
     figure = new_figure(width, height, dpi=200)
     figure.set_layout_engine("constrained")
     return figure

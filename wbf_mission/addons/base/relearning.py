@@ -64,7 +64,7 @@ def estimates_again(
 
 
 def kept_truths(record: RunRecord) -> dict[int, NDArray[np.float32]]:
-    """Return the recorded truths by day, float32[n, W, H]; for large farms only the last day has one."""
+    """Return the recorded truths by day, float32[n, W, H]; for large farms only the last day has a truth."""
     truths = {one.day: one.truth for one in record.days}
     if record.days and truths[record.days[-1].day] is None:
         truths[record.days[-1].day] = record.truth

@@ -100,10 +100,10 @@ class Scored:
     rows: tuple[tuple[BenchRow, ...], ...]
     """Rows by pair and seed."""
     scores: NDArray[np.float64]
-    """Scores over the run; `final_scores` are the scores at its end."""
+    """Scores over the run; `final_scores` are the scores at the end of the run."""
     final_scores: NDArray[np.float64]
     losses: dict[str, NDArray[np.float64]]
-    """Losses by field over the run; `final_losses` are the losses at its end."""
+    """Losses by field over the run; `final_losses` are the losses at the end of the run."""
     final_losses: dict[str, NDArray[np.float64]]
     left_out: dict[int, tuple[Pair, ...]]
     """Seeds that do not count, each with the pairs that have no row on it; no pairs if all runs failed."""
@@ -236,7 +236,7 @@ class Standing:
     decisions: int
     """Number of answers of the policy in all runs."""
     bad_answers: dict[str, int]
-    """Number of answers that were not flown or came too late, by fault, including those of failed runs."""
+    """Number of answers that were not flown or came too late, by fault; answers in failed runs count."""
 
     @property
     def named(self) -> str:

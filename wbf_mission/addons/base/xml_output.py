@@ -1,4 +1,4 @@
-"""XML output of mission files and exports."""
+"""Writes XML for mission files and exports."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ def _sent(array: Array) -> tuple[str, tuple[int, ...], bytes]:
 
 
 def _received(_kind: type, plain: Any) -> Array:
-    """Return the array that `_sent` made plain; ValueError or TypeError if `plain` is anything else."""
+    """Rebuild an array from the plain values of `_sent`; ValueError or TypeError for other values."""
     number, shape, content = plain
     if number not in ("<f8", "<f4"):
         raise ValueError(f"an array of {number[:8]!r}")
@@ -101,7 +101,7 @@ class Apart(Closing):
     def __init__(self, folder: Path, kind: str, label: str, digest: str) -> None:
         self.name = label
         self._private = tempfile.TemporaryDirectory()
-        # No other variables or caches of this process are passed on: they could reveal the flown fields.
+        # Pass no other variables or caches of this process: they could reveal the simulated fields.
         home = dict.fromkeys(("HOME", "TMPDIR", "XDG_CACHE_HOME", "XDG_CONFIG_HOME"), self._private.name)
         kept = {key: os.environ[key] for key in ("PATH", "LANG", "LD_LIBRARY_PATH") if key in os.environ}
         found = os.pathsep.join(str(Path(one).resolve()) for one in sys.path if one)

@@ -1,4 +1,4 @@
-"""Audit of benchmark rows: whether they are complete and consistent."""
+"""Audits benchmark rows: they must be complete, consistent and possible."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def require_asked(rows: Sequence[BenchRow], folder: Path) -> None:
 
 
 def require_whole(rows: Sequence[BenchRow], *, sealed: bool = False) -> None:
-    """Raise ResultError unless the rows are complete, consistent, possible and of the same behaviour numbers.
+    """Raise ResultError unless rows are complete, consistent, possible and share their behaviour numbers.
 
     The seeds of each scenario must have no gap, except in a `sealed` round. The error message is one line,
     which names the fault and then the remedy. Rows of failed runs pass: boards show them as failed.
@@ -167,7 +167,7 @@ def _require_complete(scenario: str, rows: Sequence[BenchRow]) -> None:
 
 
 def _require_all_seeds(scenario: str, seeds: set[int]) -> None:
-    """Raise ResultError if a seed between the first and the last is missing: it may hide a bad score."""
+    """Raise ResultError if a seed between the first and the last is missing: gaps may hide bad scores."""
     first, last = min(seeds), max(seeds)
     if last - first >= len(seeds):
         which = one_line(seed_ranges(sorted(seeds)), 60)

@@ -167,7 +167,7 @@ def _entry(path: Path, *, frozen: bool, verify: int | None, progress: Progress) 
         require_whole(pack.rows, sealed=bool(pack.submission.seal))
     except ResultError as error:
         raise ResultError(f"{path}: {error}") from None
-    # Packs from folders are baselines even if `frozen.json` does not list them, but these are verified.
+    # A pack from a folder is a baseline even if `frozen.json` does not list it; it is then verified.
     listed = frozen and is_frozen(path, pack.digest)
     count = verify if verify is not None else 0 if listed else VERIFIED
     verification = fly_again(pack.rows, count, progress=progress)

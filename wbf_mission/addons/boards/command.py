@@ -1,4 +1,4 @@
-"""``wbf-mission bench submit``, ``board``, ``verify`` and ``seal``: results that others can check.
+"""Commands ``submit``, ``board``, ``verify`` and ``seal``, for results that others can check.
 
 All four are commands of the group ``bench``.
 """
@@ -204,7 +204,7 @@ def board_command(
     output: Output,
     packs: Annotated[
         list[Path],
-        typer.Argument(help="Files written by 'bench submit', and folders of baselines (here: results)."),
+        typer.Argument(help="Files written by 'bench submit', and folders of baselines, like results/."),
     ],
     *,
     out: Annotated[
@@ -280,7 +280,7 @@ def _write(output: Output, board: Board, out: Path) -> None:
 def seal_command(
     output: Output,
     *,
-    out: Annotated[Path, option("First part of the names of the two files.")],
+    out: Annotated[Path, option("Path of the two files, without their suffixes.")],
     environments: Annotated[
         int, option("Number of environments of the round.", parser=options.whole_number_in(1, 10_000))
     ] = 40,

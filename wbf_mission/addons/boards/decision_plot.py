@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from wbf_mission.run.record import RunRecord
 
 MOST_DECISIONS = 6
-"""Maximum number of decisions in the picture: the first, the last, and evenly spread ones between them."""
+"""Maximum number of decisions in the picture: first, last, and others that are evenly spread between."""
 _MOST_CANDIDATES = 12
 _SICK, _HEALTHY = "#8e1f1c", "#1d91c0"
 _SICK_BEFORE, _BEFORE = "#d9a09e", "#a8a59d"
@@ -120,7 +120,7 @@ def _draw_choice(
 
 
 def _draw_outcome(axes: Axes, record: RunRecord, counts: tuple[int, int, int]) -> None:
-    """Draw the readings; `counts` are the readings before this decision, the next one and the next column."""
+    """Draw the readings; `counts`: their numbers before this decision, the next decision, the next column."""
     _frame(axes, record)
     begin, until, end = counts
     seen, grid = record.observations, record.farm.grid()
@@ -150,7 +150,7 @@ def _draw_outcome(axes: Axes, record: RunRecord, counts: tuple[int, int, int]) -
 
 
 def _loss_after(record: RunRecord, count: int) -> float | None:
-    """Return the loss of the last estimate from at most `count` observations; None if there is none."""
+    """Return the loss of the last estimate from at most `count` observations; None before any estimate."""
     history = record.history
     known = int(np.searchsorted(history.observations, count, side="right"))
     return history.entries[known - 1].loss if known else None

@@ -32,7 +32,7 @@ _CHANCE = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """Scores of a method on open environments, from its rows, and on fresh environments."""
+    """Scores of a method: on open environments (from its rows), and on fresh environments."""
 
     method: Method
     open_scores: tuple[float, ...]
@@ -41,7 +41,7 @@ class Gap:
     failed: tuple[str, ...]
     """Causes of failed fresh runs."""
     gap: Interval
-    """Mean fresh score minus mean open score; the Welch intervals of all methods together cover 95 %."""
+    """Mean fresh score minus mean open score, with Welch's interval (95 % for all methods together)."""
 
     @property
     def verdict(self) -> str:

@@ -1,4 +1,4 @@
-"""Losses relative to those of the best fixed planner."""
+"""Ratios of losses: a loss of a planner or policy divided by the loss of the best fixed planner."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ WHOLE = "whole"
 
 @dataclass(frozen=True, slots=True)
 class Ratio:
-    """Losses of a planner or policy divided by those of the best fixed planner with the same estimator."""
+    """Losses of a planner or policy, divided by the losses of the best fixed planner with its estimator."""
 
     planner: str
     estimator: str
@@ -37,7 +37,7 @@ class Ratio:
 
 
 def by_fixed(group: Scored, *, over_run: bool) -> list[Ratio]:
-    """Return the losses of each planner and estimator divided by those of the best fixed planner, best first.
+    """Return, for each planner and estimator, the ratios of losses to the best fixed planner, lowest first.
 
     Each field has its own best fixed planner. Estimators without a fixed planner are skipped.
     """

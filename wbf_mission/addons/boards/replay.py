@@ -62,7 +62,7 @@ class Replay:
 
     @property
     def equal(self) -> bool:
-        """Whether all values are equal to the bit."""
+        """Whether all values are equal, bit for bit."""
         return not self.differences
 
     @property
@@ -93,8 +93,8 @@ def row_named(rows: Sequence[BenchRow], key: str, folder: Path) -> BenchRow:
 def run_of(row: BenchRow, *, planner: Choice | None = None, estimator: Choice | None = None) -> BenchRun:
     """Return the benchmark run that a row describes.
 
-    If the row's planner or estimator is an object, `planner` and `estimator` give the user's object: a row
-    stores only its name. ScenarioError if the row's scenario is unknown, or an object is missing or has
+    If the row's planner or estimator is an object, `planner` or `estimator` must be this object: a row stores
+    only its name. ScenarioError if the row's scenario is unknown, or an object is missing or has
     another name.
     """
     mover = _given(row, "planner", planner, (*names_of("planner"), *names_of("policy")))
@@ -145,7 +145,7 @@ def _pooled(acquisition: AcquisitionMap) -> AcquisitionMap:
 def differences(row: BenchRow, again: BenchRow, near: float = 0.0) -> Iterator[str]:
     """Yield the values that differ between two rows, in words; costs are not compared.
 
-    Values are compared to the bit. With `near` above 0, floats may differ by this relative or absolute
+    Values must be equal bit for bit. If `near` is above 0, floats may differ by this relative or absolute
     tolerance.
     """
     for name in _VALUES:
@@ -203,4 +203,4 @@ def causes(row: BenchRow, again: BenchRow) -> Iterator[str]:
             yield f"another {name} ({old} then, {new} now)"
     old, new = (flown.hardware.get(KERNELS, "") for flown in (row, again))
     if old and new and old != new:
-        yield f"other kernels of linear algebra ({old} then, {new} now)"
+        yield f"other linear algebra kernels ({old} then, {new} now)"

@@ -59,7 +59,7 @@ def replay_command(
 ) -> int:
     """Fly a benchmark run again, compare the rows bit for bit, and show the run's decisions.
 
-    The page is the page of 'report', plus the acquisition map of each decision, which results do not store.
+    The page shows the same as 'report', and the acquisition map of each decision, which results do not store.
     The picture shows up to six decisions side by side: the candidates, the choice and the outcome.
     """
     from wbf_mission.addons.boards.replay import row_named, run_of

@@ -39,9 +39,9 @@ READING = (
     " worst losses of any row on its environment. Losses are means per cell. Rank: the mean rank among all"
     " rows on the same environment. Wins: the number of environments on which a row was the best; ties are"
     " shared. Bad answers: the fraction of a policy's answers that were not flown or came too late. The table"
-    " 'How sure, how right' is about the last estimate, on relevant cells that were not observed. The plants"
-    " that may be sick form the estimate's 90 % set. Sick held is the fraction of the sick plants that are in"
-    " this set, ideally 90 %; healthy held is the same fraction for the healthy plants."
+    " 'How sure, how right' is about the last estimate, on relevant cells that were not observed. The"
+    " estimate's 90 % set has the plants that may be sick. Sick held is the fraction of the sick plants that"
+    " are in this set, ideally 90 %; healthy held is the same fraction for the healthy plants."
 )
 _MOST_LINES = 8
 
@@ -50,7 +50,7 @@ def _behind(found: Sequence[Standing]) -> Table:
     """Return a table of the differences from the best score of a scenario."""
     known = (standing for standing in found if math.isfinite(standing.behind.low))
     rows = tuple((standing.named, *interval_cells(standing.behind)) for standing in known)
-    return Table("Behind the best, in pairs of runs on the same environment", ("run", "mean", "95 %"), rows)
+    return Table("Score behind the best score on the same environment", ("run", "mean", "95 %"), rows)
 
 
 def _bad_answers(found: Sequence[Standing]) -> Table:
@@ -117,7 +117,7 @@ def _repeat(asked: AskedFor, rows: Sequence[BenchRow]) -> Iterator[Section]:
         for request in asked.asked:
             command = request.command or "(from Python)"
             listings.append(Listing(f"Asked for at {request.when}", command, "text"))
-            listings.append(Listing("As a file for bench run", request.specification, "toml"))
+            listings.append(Listing("The request as a file for bench run", request.specification, "toml"))
         yield Section("To repeat it", listings=tuple(listings))
     others = {row.scenario for row in rows} - {card.scenario for card in asked.cards}
     known = sorted(others.intersection(scenario_ids()))
@@ -175,7 +175,7 @@ def _calibration(good: Sequence[BenchRow]) -> Table:
 
 
 def _flown(good: Sequence[BenchRow]) -> Table:
-    """Return a table of a scenario's flights against their predictions: time, length and battery."""
+    """Return a table that compares a scenario's flights with their predictions: time, length and battery."""
     table = []
     for planner in sorted({row.planner for row in good}):
         own = [row for row in good if row.planner == planner and row.flight_time_s and _is_predicted(row)]
@@ -230,7 +230,7 @@ def _failures(rows: Sequence[BenchRow]) -> Table:
 
 
 def _what_was_run(rows: Sequence[BenchRow]) -> Table:
-    """Return a table of the distinct versions, commits, digests and objects' parameters of rows."""
+    """Return a table of the distinct versions, commits, digests and object parameters in the rows."""
     count: Counter[tuple[str, ...]] = Counter()
     for row in rows:
         python = ", ".join(f"{key} {row.versions[key]}" for key in ("python", "numpy") if key in row.versions)

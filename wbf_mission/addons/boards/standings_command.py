@@ -1,4 +1,4 @@
-"""``wbf-mission bench report`` and ``bench compare``, and the standings that ``bench run`` prints."""
+"""Commands ``bench report`` and ``bench compare``, and the standings that ``bench run`` prints."""
 
 from __future__ import annotations
 
@@ -164,7 +164,7 @@ def _warn_of_uncounted(output: Output, rows: Sequence[BenchRow]) -> None:
     from wbf_mission.addons.base.standings import apart, builds_in_words, scored
 
     if builds := builds_in_words(rows):
-        output.warn(f"{builds}; tables separate them where they differ, and 'bench report --out' lists them")
+        output.warn(f"{builds}; tables keep different behaviours apart, and 'bench report --out' lists them")
     for group in scored(apart(rows)):
         if group.left_out:
             output.warn(f"{group.scenario}: {group.environments_in_words()}")

@@ -91,7 +91,7 @@ class Pack:
     submission: Submission
     rows: list[BenchRow]
     code: dict[str, bytes]
-    """Submitted files by their names in the pack."""
+    """Submitted files, keyed by their names in the pack."""
     digest: str
 
 
@@ -275,7 +275,7 @@ class _Format(msgspec.Struct):
 
 
 def require_texts(told: Mapping[str, Any], where: str = "") -> None:
-    """Raise ResultError if a text of a submission is too long or not one printable line, or a bad seal."""
+    """Raise ResultError if a text is too long or not one printable line, or if the seal is malformed."""
     if told.get("seal") and not _SEAL.fullmatch(told["seal"]):
         raise ResultError(f"{where}seal does not have the 64 hexadecimal digits of a seal of 'bench seal'")
     limits = {"name": (1, _MAX_NAME), "by": (1, _MAX_NAME), "about": (0, _MAX_ABOUT), "made": (0, 40)}

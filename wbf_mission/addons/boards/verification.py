@@ -26,7 +26,7 @@ from wbf_mission.scenario.choice import choose
 from wbf_mission.version import behaviour
 
 VERIFIED = 1
-"""Default number of rows of each submitted method to fly again."""
+"""Default number of rows that are flown again for each submitted method."""
 NEAR = 1e-6
 """Relative differences below this come from different linear algebra libraries, not from different code."""
 EQUAL, CLOSE, OTHER, ENDLESS = "equal", f"within {NEAR:g}", "differ", "not ended"
@@ -68,7 +68,7 @@ class Verification:
         )
 
     def __str__(self) -> str:
-        """Return, in words, the number of rows by result, and the methods not flown."""
+        """Return, in words, the number of rows with each result, and the methods that were not flown."""
         counts = Counter(row.same for row in self.rows)
         told = [f"{counts[same]} {same}" for same in (OTHER, ENDLESS, CLOSE, EQUAL) if counts[same]]
         if self.left_out:

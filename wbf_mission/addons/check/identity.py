@@ -73,7 +73,7 @@ def version(peer: Peer) -> str:
     return f"firmware {number >> 24}.{number >> 16 & 255}.{number >> 8 & 255}"
 
 
-@check("identity.version-old", required=False, suffers="older clients; MAVSDK for every second request")
+@check("identity.version-old", required=False, suffers="older clients; every second request of MAVSDK")
 def version_old(peer: Peer) -> None:
     """AUTOPILOT_VERSION is sent on REQUEST_AUTOPILOT_CAPABILITIES."""
     peer.forget()
@@ -198,7 +198,7 @@ def home(peer: Peer) -> str:
 
 @check("telemetry.interval")
 def interval(peer: Peer) -> str:
-    """SET_MESSAGE_INTERVAL changes the rate: ATTITUDE at 5 Hz."""
+    """SET_MESSAGE_INTERVAL changes the rate of ATTITUDE to 5 Hz."""
     kind = m.MAVLink_attitude_message
     peer.must(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(kind.id), 200_000.0)
     found = [message.time_boot_ms for _, message in peer.collect(kind, 3.0)]

@@ -155,7 +155,7 @@ def _set(peer: Peer, name: str, value: float, kind: int, tries: int = 3) -> _Val
     return peer.ask(question, _Value, where=lambda answer: _name(answer) == name, tries=tries)
 
 
-@check("param.set-unknown", required=False, suffers="users who load parameter files of other versions")
+@check("param.set-unknown", required=False, suffers="users with parameter files of other firmware")
 def set_unknown(peer: Peer) -> None:
     """PARAM_SET of an unknown name adds no parameter."""
     _set(peer, _NOBODYS, 1.0, m.MAV_PARAM_TYPE_REAL32, tries=1)

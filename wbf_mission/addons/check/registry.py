@@ -36,7 +36,7 @@ class Check:
     # and real autopilots have it. A check that is not required gives only advice.
     requirement: Requirement
     flies: bool  # Whether the check arms the vehicle
-    suffers: str  # Software with which a failing vehicle has trouble; empty if all autopilots must pass.
+    suffers: str  # Software that has trouble with a failing vehicle; empty if all autopilots must pass.
     function: Function  # Returns a note or None, and raises `FailedError` or `SkippedError`.
 
     @property
@@ -68,7 +68,7 @@ class CheckResult:
 
     @property
     def told(self) -> str:
-        """The observation; if a check failed that is not required, also the affected software."""
+        """The observation; if the check failed and is only advice, also the affected software."""
         if self.verdict is Verdict.FAILED and not self.required and self.check.suffers:
             return f"{self.detail} (trouble for {self.check.suffers})"
         return self.detail

@@ -46,7 +46,7 @@ class Sender:
         self.peer.send(self.message(number))
 
     def send_first(self, count: int) -> None:
-        """Send the first `count` items; wait after each for the request for the next."""
+        """Send the first `count` items; after each item, wait until the vehicle requests the next item."""
         for number in range(count):
             self.send(number)
             self.peer.expect(REQUESTS, RE_REQUEST_S, lambda a, number=number: a.seq == number + 1)  # type: ignore[misc]

@@ -284,7 +284,7 @@ def count_zero(peer: Peer) -> None:
         raise FailedError(f"{left} items are left")
 
 
-@check("transfer.unknown-type", required=False, suffers="clients with plans of a later protocol")
+@check("transfer.unknown-type", required=False, suffers="clients that send plans of a later protocol")
 def unknown_type(peer: Peer) -> str:
     """A COUNT with a plan type that does not exist is refused."""
     answer = _opened_and_cancelled(peer, _COUNT(*peer.address, 3, 77))

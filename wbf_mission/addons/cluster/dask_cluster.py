@@ -78,7 +78,7 @@ class DaskCluster:
         try:
             self._client.wait_for_workers(1, timeout=_WAIT_S)
         except TimeoutError:
-            msg = f"--dask {self._address}: no worker after {_WAIT_S:.0f} s; start workers by 'dask worker'"
+            msg = f"--dask {self._address}: no worker after {_WAIT_S:.0f} s; start workers: 'dask worker'"
             raise ClusterError(msg) from None
         threads = self._client.nthreads()
         for name, count in threads.items():

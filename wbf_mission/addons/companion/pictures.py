@@ -26,7 +26,7 @@ _CHECK_S = 0.05  # Interval between two checks for new readings.
 
 
 class PictureCamera(CameraComponent, Generic[P]):
-    """A camera that takes pictures, and reads the values of fields from them, by functions of the user.
+    """A camera that uses functions of the user to take pictures and to read field values from them.
 
     It takes pictures on the same triggers as `CameraComponent`. A thread classifies the pictures one after
     the other, so that a slow classifier delays neither the next picture nor the link. A picture that cannot

@@ -58,8 +58,8 @@ def check_policy(policy: str | Policy, **parameters: Any) -> PolicyCheck:
     - A decision names only vehicles that can be steered. The decision at the start names every vehicle.
     - A path of the first flight has a length above zero.
     - Each path lies in the area of its vehicle's request and costs at most the remaining budget.
-    - Equal flights give equal decisions. So do farms that differ only in cells that no vehicle observed: a
-      difference would prove access to the truth.
+    - Equal flights give equal decisions. Farms that differ only in unobserved cells give equal decisions,
+      too: a difference would prove access to the truth.
     - The policy also decides if no cell was observed, if every cell was observed, and if a vehicle is lost.
     - The policy changes neither its observations nor numpy's global generator.
 

@@ -31,7 +31,7 @@ from wbf_mission.addons.epidemic.network import FieldClassifier
 from wbf_mission.addons.epidemic.store import network_for
 from wbf_mission.addons.epidemic.training import TrainingTask, classes_of
 
-_EXACT = 1e-3  # A reading is certain to show a class if it differs by less from the value of the class.
+_EXACT = 1e-3  # Readings that differ by less than this from the value of a class certainly show the class.
 _SOFT = 1e-3
 _TINY = 1e-12
 _CHUNK_CELLS = 1 << 16
@@ -69,7 +69,7 @@ class DiseaseBelief:
         self._seen = 0
         self.value = np.ones(self._hosts.shape, np.float32)
         self.uncertainty = np.zeros(self._hosts.shape, np.float32)
-        # Large farms compute probabilities and loss on demand.
+        # On large farms, probabilities and loss are computed on demand.
         self._probabilities: NDArray[np.float32] | None = None
         self._loss: NDArray[np.float32] | None = None
         if self.whole:
@@ -86,7 +86,7 @@ class DiseaseBelief:
         return [replace(self._task, day=day) for day in days] if self._has_hosts else []
 
     def update(self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats) -> None:
-        """Update `value` and `uncertainty` to `day` and the readings.
+        """Update `value` and `uncertainty` for `day`, given the readings.
 
         The arguments are all readings of the run, with NaN where the disease was not sensed. `day` is not
         earlier than any reading.
@@ -173,7 +173,7 @@ class DiseaseBelief:
     def _changed(
         self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats
     ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
-        """Return the cells (x, y) with possible changes, and their class probabilities, float64[n, 3]."""
+        """Return the cells (x, y) that may have changed, and their class probabilities, float64[n, 3]."""
         fresh = day != self._day
         if fresh:
             self._begin(day)

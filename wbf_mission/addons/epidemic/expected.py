@@ -1,4 +1,4 @@
-"""Computes estimates with least expected loss, expected losses and deviations from class probabilities."""
+"""Computes, from class probabilities, estimates with least expected loss, their loss and their deviation."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ of outbreaks. Refinement networks therefore also see the previous network's prob
 segmentation").
 
 Sums over rings are compiled. Cells are in C order. Runs of neighbouring cells along y share work, so that
-the features of all cells of a crop take little more time than the features of single rows.
+computing the features of all cells of a crop takes little more time than for single rows.
 """
 
 from __future__ import annotations

@@ -260,7 +260,7 @@ def _with_context(
 ) -> NDArray[np.float32]:
     """Return the features of the samples, followed by the context features from network `last`.
 
-    `found` has the previous network's probabilities of all cells, for each look; `last` updates it.
+    `found` has, for each look, probabilities of all cells; those of `last` replace the previous network's.
     """
     x, y = np.nonzero(task.hosts)
     row = np.zeros(task.hosts.shape, np.intp)

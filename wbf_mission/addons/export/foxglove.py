@@ -53,7 +53,7 @@ _Json = dict[str, Any]
 
 @dataclass(slots=True)
 class _Vehicle:
-    """What is drawn of a vehicle during a flight."""
+    """Drawing state of a vehicle during a flight."""
 
     flight: tuple[int, int]
     track: list[tuple[float, float, float]] = field(default_factory=list)

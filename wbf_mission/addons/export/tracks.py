@@ -232,7 +232,7 @@ def _coordinate(latitude: float, longitude: float, height_m: float) -> str:
 
 
 def _mark(parent: ElementTree.Element, name: str, colour: str, *, opacity: int = 0xFF) -> ElementTree.Element:
-    """Add a placemark with a colour (in KML: opacity, blue, green, red)."""
+    """Add a placemark with a colour, which KML writes in the order opacity, blue, green, red."""
     mark = add(parent, "Placemark")
     add(mark, "name", name)
     style = add(mark, "Style")

@@ -80,7 +80,7 @@ KINDS: dict[str, Kind] = {
     "dead-battery": Kind("vehicle", "none", "the battery is empty at once"),
     "low-battery": Kind("vehicle", "part", "the battery drains to this fraction or less", 0.1),
     "battery-change": Kind(
-        "vehicle", "seconds", "the battery is replaced by a full one this long after each landing", 20.0
+        "vehicle", "seconds", "a full battery is inserted this long after each landing", 20.0
     ),
     "reboot": Kind("vehicle", "none", "the autopilot reboots and continues the flight"),
     "stuck-camera": Kind("vehicle", "none", "the camera's shutter does not open, so images fail"),

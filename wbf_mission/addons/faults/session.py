@@ -171,7 +171,7 @@ class FaultyRadio(Radio):
 
 
 def _combine(faults: Sequence[Fault], always: Faults) -> Faults:
-    """Return the disturbances that several faults and the radio's disturbances `always` cause together."""
+    """Combine the disturbances of several faults with the radio's lasting disturbances `always`."""
 
     def of(kind: str) -> list[float]:
         return [fault.number for fault in faults if fault.kind == kind]
@@ -272,7 +272,7 @@ class FaultyComponent:
         return any(self._session.is_active(fault, self.system_id, now_s) for fault in self._silences)
 
     def _update(self, now_s: float) -> None:
-        """Start and end vehicle faults that are due."""
+        """Start vehicle faults that are due, and end vehicle faults that are over."""
         self._now_s = now_s
         for fault, broken in self._broken.items():
             active = self._session.is_active(fault, self.system_id, now_s)

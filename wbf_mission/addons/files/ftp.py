@@ -47,7 +47,7 @@ ACK, NAK = 128, 129
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """A request or an answer. The sequence number of an answer is that of its request plus 1, modulo 65536.
+    """A request or an answer. An answer has the sequence number of the request plus 1, modulo 65536.
 
     Examples
     --------
@@ -61,7 +61,7 @@ class Packet:
     operation: int
     size: int = -1  # Number of bytes of data, or of the requested bytes in a read request.
     request: int = 0  # In an answer, the operation of the request.
-    complete: bool = False  # Whether this is the last packet of a burst that ends before the file.
+    complete: bool = False  # Whether a burst ends with this packet, before the end of the file.
     offset: int = 0  # Offset in the file in bytes; for LIST, the index of the first entry.
     data: bytes = b""
 

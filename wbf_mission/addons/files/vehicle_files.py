@@ -121,7 +121,7 @@ def parameter_details(name: str, package: str) -> Mapping[str, dict[str, Any]]:
 
 
 def _entry(parameter: MavParameter, default: float, details: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the metadata of a parameter; their numbers are integers if the parameter is an integer."""
+    """Return the metadata of a parameter; for an integer parameter, all numbers in it are integers."""
     number: Callable[[float], float] = round if parameter.integer else float
     entry: dict[str, Any] = {
         "name": parameter.name,
@@ -342,7 +342,7 @@ def vehicle_files(
 
 
 def _whole(contents: Callable[[], bytes]) -> MadeFile:
-    """Return a generated file that has no parts to select: a read with a query fails."""
+    """Return a file whose contents are always generated as a whole: reading it with a query fails."""
     return lambda query, _read_size: None if query else contents()
 
 

@@ -1,4 +1,4 @@
-"""File formats that the core lacks: missions (`missions`), farms (`farm_files`), command ``convert``."""
+"""File formats that the core lacks: missions (`missions`) and farms (`farm_files`); command ``convert``."""
 
 from typing import TYPE_CHECKING
 

@@ -75,7 +75,7 @@ class _Group:
 
 @dataclass(slots=True)
 class _Route:
-    """A mission as a wayline route, and the lost items. A method for an item returns whether it is kept."""
+    """A mission as a wayline route, and the lost items. Item methods return whether they keep the item."""
 
     mission: Mission
     speed_m_s: float
@@ -87,7 +87,7 @@ class _Route:
     first_actions: list[Action] = field(default_factory=list)
 
     def act(self, function: str, parameters: Mapping[str, Any]) -> bool:
-        """Add an action at the latest waypoint, or before any waypoint, at the first one."""
+        """Add an action at the latest waypoint; if there is none yet, at the first waypoint."""
         (self.waypoints[-1].actions if self.waypoints else self.first_actions).append((function, parameters))
         return True
 

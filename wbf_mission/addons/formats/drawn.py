@@ -16,7 +16,7 @@ _MOST_NAMES = 8
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A position (degrees) with altitude (m) and altitude frame, which are None if the file has none."""
+    """A position (degrees), altitude (m) and altitude frame; None if the file has no altitude."""
 
     latitude_deg: float
     longitude_deg: float

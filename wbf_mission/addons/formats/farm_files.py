@@ -51,7 +51,7 @@ _POLY_WORDS = re.compile(r"(name|color):(.*)", re.IGNORECASE)
 def read_vector(path: Path, layer: str | None = None, crs: str | None = None) -> Document:
     """Return the features of a file: of all layers, or of one layer. A .zip must contain a Shapefile.
 
-    `crs` is the coordinate system, for a file without one. FarmError if GDAL is not installed, or the file
+    `crs` is the coordinate system of a file that states none. FarmError if GDAL is not installed, or the file
     cannot be used.
     """
     needed = f"{path}: {path.suffix.lower()} files need"
@@ -274,7 +274,7 @@ def _border(line: Any) -> tuple[Any, str, str]:
 
 
 def _as_written(wkb: bytes, at: int) -> tuple[dict[str, Any], int]:
-    """Convert well-known binary to GeoJSON with unchanged rings; return it and the offset after it."""
+    """Convert well-known binary to GeoJSON with unchanged rings; return the GeoJSON and the next offset."""
     order = "<>"[wkb[at] == 0]
     kind, count = struct.unpack_from(f"{order}II", wkb, at + 1)
     name = _WKB.get(kind, "")

@@ -36,7 +36,7 @@ class _Feature(msgspec.Struct):
 
 class _File(_Feature):
     features: list[_Feature] = []
-    # These are for a file that is only a geometry, which is valid, too.
+    # A file may also be a single geometry, which has these members.
     coordinates: Any = None
     geometries: Any = None
 

@@ -33,7 +33,7 @@ VERSION = 1
 PATH = "path"
 _SPEEDS = ("cruise_speed_m_s", "hover_speed_m_s")
 ROLES = frozenset({"mission", "home", "item", "fence", "rally", PATH})
-# Commands whose place the vehicle does not fly to.
+# Commands with a place to which the vehicle does not fly.
 _NOT_FLOWN = frozenset({Command.DO_SET_HOME, Command.DO_SET_ROI_LOCATION, Command.DO_SET_ROI, 80, 252, 611})
 
 _USUAL: Mapping[str, Any] = {
@@ -105,7 +105,7 @@ def text_of(value: Any, *, empty: str = "") -> str:
 
 
 def trimmed(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields without those that have the default value of a missing field."""
+    """Return the fields, except fields with the value that a missing field has by default."""
     return {name: value for name, value in fields.items() if name not in _USUAL or value != _USUAL[name]}
 
 

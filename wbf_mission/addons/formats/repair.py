@@ -22,8 +22,8 @@ from geo.frame import LocalFrame
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-_MAX_CHANGE = 0.01  # Fraction of the area; fields are not measured more accurately.
-_SLIVER = 0.001  # Fraction of the land; slivers between crossing sides are smaller.
+_MAX_CHANGE = 0.01  # Maximum change, as a fraction of the area: fields are not measured more accurately.
+_SLIVER = 0.001  # Parts below this fraction of the land are slivers between crossing sides.
 _GRID_M = 1e-3  # Grid step of repaired corners, coarser than the rounding of degrees in files.
 
 

@@ -399,7 +399,11 @@ BOMB = '<!DOCTYPE k [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]><kml><n
         ("a.kmz", {"doc.kml": BOMB.encode()}, "document type with entities"),
         ("a.kmz", {"doc.kml": b" " * (33 * 2**20)}, "unpacks to more than 32 MiB"),
         ("a.kmz", {f"{k}.txt": b"" for k in range(1001)}, "holds 1001 files, more than 1000"),
-        ("a.zip", {"a.shp": b"", "b.shp": b""}, "holds 2 files .shp (a.shp, b.shp); give an archive with only one"),
+        (
+            "a.zip",
+            {"a.shp": b"", "b.shp": b""},
+            "holds 2 files .shp (a.shp, b.shp); give an archive with only one",
+        ),
         ("a.zip", {"../a.shp": VRT.encode(), "../a.shx": b""}, "is no Shapefile"),
         ("a.zip", {"a.shp": b"\0\0\x27\x0a"}, "its .shx is missing"),
     ],

@@ -12,10 +12,9 @@ from sensors.estimators.disks import Disk, half_widths
 
 
 def misplaced_disk(radius: int) -> Disk:
-    """Return the disk of the authors' code: its *corner* is at the observation (x, y), not its centre.
+    """Return the authors' disk: its *corner* is at the observation, and it lacks the last row and column.
 
-    The disk is therefore centred at (x + radius, y + radius) and does not cover the observed cell. The
-    disk's mask also lacks the last row and column.
+    The disk is therefore centred at (x + radius, y + radius) and does not cover the observed cell.
 
     Examples
     --------

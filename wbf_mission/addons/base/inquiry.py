@@ -328,7 +328,7 @@ class Inquiry:
             self._ids.add(type(message).id)
             self._told |= _changes(message)
             if not self._alternatives:
-                # A parameter measures the delay better: this message may come from a stream, not as answer.
+                # A parameter measures the delay better, because this message may be streamed, not an answer.
                 self._measure_pace(now_s)
 
     def _on_parameter(self, message: m.MAVLink_param_value_message, now_s: float) -> None:

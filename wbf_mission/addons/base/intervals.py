@@ -51,8 +51,7 @@ class Interval:
 def mean_intervals(several: Iterable[NDArray[np.float64]], *, together: bool = False) -> list[Interval]:
     """Return means over environments with their 95 % intervals.
 
-    Each array has one value per environment, nan if it is missing. With fewer than five values, the interval
-    is Student's interval.
+    Each array has one value per environment, nan if it is missing. Below five values, Student's t is used.
 
     With `together`, the intervals are simultaneous: all of them hold in 95 of 100 cases. All intervals are
     widened to the same quantile, chosen so that 5 % of the resamples lie outside at least one interval (R.
@@ -67,9 +66,8 @@ def ratio_intervals(pairs: Sequence[Pair], *, together: bool = False) -> list[In
     """Return a ratio of means with its 95 % interval for each pair of arrays.
 
     The ratio is the mean of the first array divided by the mean of the second. Both arrays have one value per
-    environment, in the same order. With fewer than eight environments there is no interval. If the second
-    mean is not positive, there is no ratio. `high` is infinite if the second mean may be 0. `together` is as
-    for `mean_intervals`.
+    environment, in the same order. Below eight environments there is no interval. If the second mean is not
+    positive, there is no ratio. `high` is infinite if it may be 0. `together` is as for `mean_intervals`.
     """
     return _intervals(pairs, fewest=FEWEST_FOR_A_RATIO, together=together)
 

@@ -76,8 +76,7 @@ def bench_page() -> Callable[..., None]:
 def bench_report() -> Callable[..., Page]:
     """Return the maker of a benchmark's report; TargetError if no add-on provides it.
 
-    The arguments of the maker are the rows, the folder for pictures and ``title``. If ``asked`` is given, the
-    report lists the requests.
+    Its arguments are the rows, the folder for pictures, ``title``, and the requests to list as ``asked``.
     """
     report: Callable[..., Page] = provided("bench.report")
     return report

@@ -1,9 +1,8 @@
 """Specifications of faults: kind, time and vehicle, as values and as text.
 
 A fault is written ``KIND[=VALUE][,OPTION=VALUE...]``, for example ``loss=0.2,from=10,for=60`` or
-``no-final-ack,times=1`` or ``gps-loss,at=airborne,from=5,for=20``. `KINDS` lists all kinds of faults. The
-kinds for the mission protocol are the usual failures in tests of ground stations. `FaultSession` applies the
-faults.
+``no-final-ack,times=1`` or ``gps-loss,at=airborne,from=5,for=20``. `KINDS` lists all kinds of faults. Kinds
+for the mission protocol are usual failures in tests of ground stations. `FaultSession` applies the faults.
 """
 
 from __future__ import annotations

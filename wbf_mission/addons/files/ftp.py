@@ -1,8 +1,7 @@
 """MAVLink FTP server of a vehicle: payloads of FILE_TRANSFER_PROTOCOL, and sessions.
 
 Layout, operations and errors are as in https://mavlink.io/en/services/ftp.html. The client chooses the
-session number, as with ArduPilot. Clients for PX4 read the number from the answer, which repeats the number
-that they sent.
+session number, as with ArduPilot. PX4's clients read this number from the answer, which repeats it.
 """
 
 from __future__ import annotations

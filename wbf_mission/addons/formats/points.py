@@ -46,7 +46,7 @@ def _lines(data: bytes) -> Iterator[tuple[int, list[str]]]:
     """Yield the number and the words of each line that is neither empty nor a comment."""
     for number, line in enumerate(io.StringIO(decode_text(data), newline=None), start=1):
         if len(line) > _LONGEST_LINE or number > _MOST_LINES:
-            raise MissionFileError(f"line {number}: too long for such a file; the file is damaged")
+            raise MissionFileError(f"line {number}: the line or the file is too long; the file is damaged")
         words = line.split()
         if words and not words[0].startswith("#"):
             yield number, words
@@ -66,7 +66,7 @@ def _numbers(words: list[str], line: int, count: int) -> list[float]:
 def _fence(points: list[list[float]]) -> WithNotes:
     corners, back = points[1:], points[0]
     if points[0] == points[-1]:
-        corners, note = points[:-1], "no return point: the fence's first corner is repeated at the end"
+        corners, note = points[:-1], "the fence has no return point: its first corner is repeated at the end"
     else:
         if corners[0] == corners[-1]:
             del corners[-1]

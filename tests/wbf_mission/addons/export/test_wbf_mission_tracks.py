@@ -157,7 +157,7 @@ def test_a_layout_that_is_there_is_refused_too(
     layout = tmp_path / "run.foxglove.json"
     layout.write_text("{}", encoding="utf-8")
     assert main(["export", str(folder), "--to", "mcap", "--out", str(tmp_path / "run.mcap")]) == 2
-    assert "run.foxglove.json: is there already" in capsys.readouterr().err
+    assert "run.foxglove.json: already exists" in capsys.readouterr().err
     assert [one.name for one in tmp_path.iterdir()] == [layout.name]
 
 

@@ -158,4 +158,4 @@ def test_a_plan_for_several_vehicles_keeps_the_ending_of_dji(capsys):
     ]
     assert main(words) == 0
     assert sorted(path.name for path in Path().glob("part*")) == ["part-1.wpml.kmz", "part-2.wpml.kmz"]
-    assert "note: part-1.wpml.kmz: the drone it names is a Mavic 3M" in capsys.readouterr().err
+    assert "note: part-1.wpml.kmz: the file names the drone Mavic 3M" in capsys.readouterr().err

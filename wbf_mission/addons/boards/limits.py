@@ -167,7 +167,7 @@ def _beyond(row: BenchRow, limits: Limits) -> Iterator[str]:
 def _odd_history(row: BenchRow, limits: Limits) -> Iterator[str]:
     """Yield contradictions in the history of scored times of a complete row."""
     last_s = (row.flight_time_s or 0.0) * _SLACK + limits.flights * _SLACK_S
-    # Images of other vehicles arrive late, so their scored times may be out of order.
+    # Images of vehicles other than the paper's robots arrive late: scored times may be out of order.
     ordered = row.times_s if limits.readings_s else sorted(row.times_s)
     if any(later < sooner for sooner, later in pairwise((0.0, *ordered, last_s))):
         yield "its scored times do not rise from 0 to the end of its flights"

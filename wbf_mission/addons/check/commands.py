@@ -9,7 +9,7 @@ from wbf_mission.addons.check.registry import Checks
 
 check = Checks()
 
-_UNKNOWN = 31999  # A number that no MAV_CMD has.
+_UNKNOWN = 31999  # No MAV_CMD has this number.
 _REFUSED = frozenset({m.MAV_RESULT_UNSUPPORTED, m.MAV_RESULT_DENIED, m.MAV_RESULT_FAILED})
 
 

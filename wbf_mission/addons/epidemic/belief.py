@@ -45,8 +45,8 @@ class DiseaseBelief:
     """Class probabilities of all cells on one day.
 
     `value` is the estimate with the least expected loss; `uncertainty` is the standard deviation of the true
-    value. If `whole`, as on farms of at most `WHOLE_FARM_CELLS`, every update computes all cells. `task` is
-    the training task for any day.
+    value. If `whole`, as on farms of at most `WHOLE_FARM_CELLS`, every update computes all cells. `task` is a
+    training task; its day does not matter.
     """
 
     def __init__(

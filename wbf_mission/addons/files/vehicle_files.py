@@ -63,7 +63,7 @@ Details: TypeAlias = tuple[str, str]
 def _metadata(
     table: tuple[MavParameter, ...], defaults: tuple[float, ...], details: Details
 ) -> dict[str, bytes]:
-    """Return the metadata files, keyed by path: the general file, which refers to the parameters' file.
+    """Return the metadata files, keyed by path: the parameter file, and the general file that refers to it.
 
     `defaults` are the values of the parameters at start, each in the unit of its parameter. `table` describes
     parameters for which there are no details.

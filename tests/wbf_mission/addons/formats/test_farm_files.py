@@ -350,11 +350,11 @@ def test_shapefiles_of_other_encodings_and_without_prj(tmp_path: Path) -> None:
 
 def test_a_second_coordinate_system_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path / "f.gpkg", placed(shapes(), FLORIDA, "EPSG:32617"), "EPSG:32617")
-    with pytest.raises(FarmError, match="the file has a coordinate system; leave out"):
+    with pytest.raises(FarmError, match="has a coordinate system of its own; leave out"):
         load_farm(path, crs="EPSG:32617")
     plain = tmp_path / "f.geojson"
     written(plain, placed(shapes(), FLORIDA, "EPSG:32617"), "EPSG:32617", driver="GeoJSON", RFC7946="NO")
-    with pytest.raises(FarmError, match="the file has a coordinate system; leave out"):
+    with pytest.raises(FarmError, match="has a coordinate system of its own; leave out"):
         load_farm(plain, crs="EPSG:32617")
     document = json.loads(plain.read_text())
     del document["crs"]
@@ -387,7 +387,7 @@ BOMB = '<!DOCTYPE k [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]><kml><n
         ("a.kml", b'<kml xmlns="http://www.opengis.net/kml/2.2"><Document/></kml>', "has no "),
         ("a.kml", f"<kml><Document>{POLYGON}{POLYGON[:-30]}".encode(), "is not XML"),
         ("a.gpx", b"<kml/>", "is no GPX"),
-        ("a.gpx", b'<gpx version="1.1" creator="x"/>', "has no "),
+        ("a.gpx", b'<gpx version="1.1" creator="x"/>', "holds no "),
         ("a.gpkg", VRT.encode(), "is no GeoPackage"),
         ("a.gpkg", b"SQLite format 3\0" + b"\xff" * 3000, "cannot be read: "),
         ("a.gpkg", b"SQLite format 3\0", "cannot be read: "),

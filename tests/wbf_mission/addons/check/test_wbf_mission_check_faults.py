@@ -325,7 +325,7 @@ class TakesItsTime(Vehicle):
         (RefusesNan, "transfer.nan", "refused: "),
         (LosesParameters, "param.list", " parameters"),
         (TakesItsTime, "command.request-message", ""),
-        (AnswersEverybody, "command.ack-address", "to nobody"),
+        (AnswersEverybody, "command.ack-address", "a broadcast"),
     ],
 )
 def test_what_a_vehicle_may_do_as_well_passes(vehicle, check, detail):

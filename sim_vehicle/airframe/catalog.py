@@ -1,6 +1,6 @@
-"""Vehicle files: TOML with the fields of `VehicleSpec`, and a table for each part of the vehicle.
+"""Vehicle files, which are TOML: fields of `VehicleSpec`, and a table for each part of the vehicle.
 
-Built-in vehicles are vehicle files in ``sim_vehicle/airframe/vehicles``.
+The files of the built-in vehicles are in ``sim_vehicle/airframe/vehicles``.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from geo.reading import UnreadableError, read_toml
+from geo.texts import unknown
 from sim_vehicle.airframe.kind import autopilot_names, forget_kinds, get_kind, kind_names, not_installed
 from sim_vehicle.airframe.power_spec import BatterySpec
 from sim_vehicle.airframe.spec import PublishedEndurance, VehicleSpec
@@ -47,7 +48,7 @@ def _files() -> dict[str, Traversable]:
 
 
 def forget_vehicles() -> None:
-    """Clear the caches of kinds and vehicle files, after a package was installed at run time."""
+    """Clear the caches of kinds and vehicle files, as needed after a package was installed at run time."""
     forget_kinds()
     for known in (vehicle_names, _files, _packaged):
         known.cache_clear()
@@ -74,10 +75,8 @@ def get_vehicle(name: str) -> VehicleSpec:
     if name.lower().endswith(".toml"):
         return load_vehicle(Path(name))
     if name.lower() not in vehicle_names():
-        msg = (
-            f"unknown vehicle {name!r}: choose {', '.join(vehicle_names())} or a .toml file{not_installed()}"
-        )
-        raise VehicleError(msg)
+        more = f", or give a file (.toml){not_installed()}"
+        raise VehicleError(unknown("vehicle", name, vehicle_names(), more))
     return _packaged(name.lower())
 
 
@@ -88,11 +87,11 @@ def _packaged(name: str) -> VehicleSpec:
 
 
 def load_vehicle(path: Path) -> VehicleSpec:
-    """Read a vehicle file: keys of `VehicleSpec`, and tables for the parts of the vehicle.
+    """Return the vehicle that a vehicle file describes.
 
-    The tables are ``[battery]``, ``[power]``, ``[airframe]``, ``[published]``, and tables of autopilot
-    parameters by the name of the autopilot (``[px4]``, ``[ardupilot]``). The key ``base`` names the vehicle
-    that supplies missing values; its default is the base of the file's kind.
+    The keys are fields of `VehicleSpec`. The tables are ``[battery]``, ``[power]``, ``[airframe]``,
+    ``[published]``, and a table of parameters for each autopilot (``[px4]``, ``[ardupilot]``). The key
+    ``base`` names the vehicle that supplies missing values, by default the base of the file's kind.
 
     Raises
     ------
@@ -125,7 +124,7 @@ def load_vehicle(path: Path) -> VehicleSpec:
 
 
 def _build(where: str, name: str, data: dict[str, Any], base: VehicleSpec) -> VehicleSpec:
-    """Return a vehicle with the values of a file, and with those of `base` for the rest."""
+    """Return a vehicle with the values of a vehicle file; `base` supplies the missing values."""
     changes: dict[str, Any] = {"name": name}
     own = dict(base.autopilot_parameters)
     known = {f.name for f in fields(VehicleSpec) if f.name not in _NOT_IN_FILES}
@@ -134,7 +133,7 @@ def _build(where: str, name: str, data: dict[str, Any], base: VehicleSpec) -> Ve
             if key in autopilot_names():
                 own[key] = _parameters(key, value, base.parameters_for(key))
             elif key not in known:
-                raise VehicleError(f"unknown key {key!r}")
+                raise VehicleError(unknown("key", key, sorted(known)))
             elif key in ("battery", "power", "airframe", "published"):
                 changes[key] = _part(key, value, base)
             elif isinstance(getattr(base, key), str) != isinstance(value, str):
@@ -147,7 +146,7 @@ def _build(where: str, name: str, data: dict[str, Any], base: VehicleSpec) -> Ve
 
 
 def _part(key: str, value: object, base: VehicleSpec) -> object:
-    """Return the part of a vehicle that a table of a vehicle file describes."""
+    """Return the battery, power model, airframe or published endurance that a table describes."""
     types = {
         "battery": BatterySpec,
         "published": PublishedEndurance,
@@ -162,7 +161,7 @@ def _part(key: str, value: object, base: VehicleSpec) -> object:
     known = {f.name: f.type for f in fields(kind)}
     for name, entry in value.items():
         if name not in known:
-            raise VehicleError(f"unknown key {name!r} in [{key}]")
+            raise VehicleError(f"[{key}]: {unknown('key', name, known)}")
         if isinstance(entry, bool) or isinstance(entry, str) != (known[name] in ("str", str)):
             raise VehicleError(f"[{key}] {name} {entry!r} has the wrong type")
     before = getattr(base, key)
@@ -175,12 +174,12 @@ def _part(key: str, value: object, base: VehicleSpec) -> object:
 def _parameters(
     key: str, value: object, base: tuple[tuple[str, float], ...]
 ) -> tuple[tuple[str, float], ...]:
-    """Return the parameters of `base`, with those of an autopilot's table added or changed."""
+    """Return the parameters of `base`, updated by the parameters in an autopilot's table."""
     if not isinstance(value, dict):
         raise VehicleError(f"{key} must be a table of parameters")
     for name, number in value.items():
         if not _PARAMETER.fullmatch(name):
-            msg = f"[{key}] {name!r} is no parameter's name: capitals, digits and _, at most 16"
+            msg = f"[{key}] {name!r} is not a parameter name: use capitals, digits and _, at most 16"
             raise VehicleError(msg)
         if isinstance(number, bool) or not isinstance(number, int | float) or not abs(number) < 1e9:
             raise VehicleError(f"[{key}] {name} {number!r} is not a number")

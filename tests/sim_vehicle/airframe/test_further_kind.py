@@ -76,7 +76,7 @@ def test_its_vehicles_are_known_and_its_files_are_read(boat, tmp_path):
     path = tmp_path / "x.toml"
     for text, reason in [
         ('kind = "raft"', "kind 'raft' is not one of multirotor, ideal, boat, fixed-wing, rover$"),
-        ('kind = "boat"\n[airframe]\nthrust_n = 1', r"unknown key 'thrust_n' in \[airframe\]"),
+        ('kind = "boat"\n[airframe]\nthrust_n = 1', r"\[airframe\]: unknown key 'thrust_n'"),
         ('kind = "boat"\n[airframe]\nlength_m = "long"', "length_m 'long' has the wrong type"),
         ('kind = "boat"\nbase = "rover"', "kind boat does not fit base rover, which is a rover"),
         ('kind = "rover"\n[airframe]\nlength_m = 1.0', r"a vehicle of kind rover has no \[airframe\]"),
@@ -146,8 +146,8 @@ def test_without_its_package_it_is_unknown(site):
     [
         ("skiff:NOTHING", "cannot be loaded"),
         ("nowhere_at_all:X", "cannot be loaded"),
-        ("skiff:Hull", "is no sim_vehicle.airframe.kind.VehicleKind of this name"),
-        ("skiff:BOAT", "is no sim_vehicle.airframe.kind.VehicleKind of this name"),
+        ("skiff:Hull", "is not a sim_vehicle.airframe.kind.VehicleKind of this name"),
+        ("skiff:BOAT", "is not a sim_vehicle.airframe.kind.VehicleKind of this name"),
     ],
 )
 def test_a_broken_package_is_told_in_one_line(boat, tmp_path, monkeypatch, value, text):

@@ -78,7 +78,7 @@ def test_a_loaded_result_is_animated_with_any_estimator(result: Result, tmp_path
 @pytest.mark.parametrize(
     ("name", "frames", "why"),
     [
-        ("run.avi", 10, r"run\.avi: a moving picture is a \.gif or an \.mp4 file"),
+        ("run.avi", 10, r"run\.avi: an animation must be a \.gif or \.mp4 file"),
         ("run.gif", 1, "1 frames; give 2 to 300"),
         ("run.gif", 301, "301 frames; give 2 to 300"),
     ],

@@ -247,10 +247,10 @@ class SkipsAnItem(Vehicle):
 @pytest.mark.parametrize(
     ("fault", "check", "reason"),
     [
-        (AsksOnce, "transfer.asks-again", "it is not asked for again in 4.0 s"),
+        (AsksOnce, "transfer.asks-again", "it is not requested again in 4.0 s"),
         (AsksEverybodyTheSecondTime, "transfer.asks-first", "it is addressed to 0/0"),
         (TakesAnyOrder, "transfer.out-of-order", "it is accepted"),
-        (TakesItemsOfAnyPlan, "transfer.wrong-type", "it is taken: the vehicle asks for item 1"),
+        (TakesItemsOfAnyPlan, "transfer.wrong-type", "it is accepted: the vehicle asks for item 1"),
         (ForgetsWhatItTook, "transfer.last-ack-again", "no MISSION_ACK"),
         (ChokesOnNan, "transfer.nan", "the vehicle falls silent"),
         (GivesWhatIsNotThere, "transfer.request-beyond", "item 300 comes"),
@@ -325,7 +325,7 @@ class TakesItsTime(Vehicle):
         (RefusesNan, "transfer.nan", "refused: "),
         (LosesParameters, "param.list", " parameters"),
         (TakesItsTime, "command.request-message", ""),
-        (AnswersEverybody, "command.ack-address", "to nobody"),
+        (AnswersEverybody, "command.ack-address", "a broadcast"),
     ],
 )
 def test_what_a_vehicle_may_do_as_well_passes(vehicle, check, detail):

@@ -110,7 +110,7 @@ def test_a_drawn_path_is_chosen_and_lifted(capsys):
 def test_a_farm_is_sent_to_the_planner(capsys):
     save_farm(get_farm("miniberry-10"), "farm.geojson")
     error = convert(capsys, "farm.geojson", "new.plan", code=2).err
-    assert "this is a farm file, no mission; plan a flight over it" in error
+    assert "this is a farm file, not a mission; plan a flight over it" in error
     assert error.count("\n") == 1
 
 
@@ -158,4 +158,4 @@ def test_a_plan_for_several_vehicles_keeps_the_ending_of_dji(capsys):
     ]
     assert main(words) == 0
     assert sorted(path.name for path in Path().glob("part*")) == ["part-1.wpml.kmz", "part-2.wpml.kmz"]
-    assert "note: part-1.wpml.kmz: the drone it names is a Mavic 3M" in capsys.readouterr().err
+    assert "note: part-1.wpml.kmz: the file names the drone Mavic 3M" in capsys.readouterr().err

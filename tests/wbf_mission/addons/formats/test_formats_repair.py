@@ -117,9 +117,9 @@ def test_what_is_mended(name: str, tmp_path: Path) -> None:
     [
         (
             [[(0, 0), (100, 100), (100, 0), (0, 100), (0, 0)]],
-            "drawn it has 0.0 m2, what its rings enclose 5000.0 m2",
+            "it has 0.0 m2 as drawn, but its rings enclose 5000.0 m2",
         ),
-        ([SQUARE + SQUARE[1:]], "drawn it has 20000.0 m2, what its rings enclose 10000.0 m2"),
+        ([SQUARE + SQUARE[1:]], "it has 20000.0 m2 as drawn, but its rings enclose 10000.0 m2"),
         ([[(0, 0), (100, 0), (0, 0), (0, 0)]], "has no area"),
         ([[(0, 0), (50, 0), (100, 0), (0, 0)]], "has no area"),
         ([SQUARE, hole(-10, -10, 200)], "cannot be mended safely"),

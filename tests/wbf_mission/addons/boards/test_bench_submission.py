@@ -23,9 +23,10 @@ from bench_packs import (
     told_otherwise,
     written,
 )
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from msgspec import structs
+from sweeps import sweep
 
 from wbf_mission.addons.boards import submission, verification
 from wbf_mission.addons.boards.audit import require_whole
@@ -503,7 +504,7 @@ def test_a_table_with_too_many_columns_is_not_read(pack, rows, tmp_path, monkeyp
         read_pack(pack)
 
 
-@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@sweep(few=40, many=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_a_damaged_pack_is_a_result_error_or_what_it_was(data, pack, tmp_path):
     whole = bytearray(pack.read_bytes())
@@ -520,7 +521,7 @@ def test_a_damaged_pack_is_a_result_error_or_what_it_was(data, pack, tmp_path):
         assert read.rows == read_pack(pack).rows
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@sweep(few=20, many=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(content=st.binary(max_size=300), about=st.binary(max_size=300))
 def test_any_bytes_are_refused_in_a_line(content, about, pack, tmp_path):
     for data in (

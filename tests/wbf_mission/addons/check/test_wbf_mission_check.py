@@ -102,9 +102,7 @@ def test_a_broken_vehicle_fails_where_it_is_broken(fault, expected):
 
 def test_a_vehicle_that_falls_silent_fails_in_all_that_comes_after():
     expected = {"identity.version", "mission.one-item", "param.list"}
-    report = run(
-        "silence,from=8", only=("identity", "command", "telemetry", "param", "mission", "transfer")
-    )
+    report = run("silence,from=8", only=("identity", "command", "telemetry", "param", "mission", "transfer"))
     assert not report.passed
     assert expected <= failed(report)
 

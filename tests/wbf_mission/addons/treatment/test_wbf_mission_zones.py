@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.stats import beta, norm
+from sweeps import sweep
 
 from geo import get_farm
 from sensors.dynamics.continuous import Measured
@@ -69,6 +70,7 @@ def expected_least(mean, deviation, limit):
     return mean - quad(shares.sf, limit, 1.0, limit=200)[0]
 
 
+@sweep(few=25, many=200)
 @given(st.floats(0.01, 0.9), st.floats(0.05, 0.9), st.floats(10.0, 3900.0))
 def test_a_look_is_worth_the_expected_value_of_perfect_information(mean, part, treat):
     deviation = part * np.sqrt(mean * (1.0 - mean))

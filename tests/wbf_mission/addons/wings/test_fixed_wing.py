@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flight_measures import phases, turns
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from motion_limits import check_steps
 from recordings import compare, fly_recording, load_recording
+from sweeps import sweep
 
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
@@ -684,7 +685,7 @@ def missions(draw):
 WINDS = st.builds(Wind, st.floats(-9.0, 9.0), st.floats(-9.0, 9.0), st.sampled_from([0.0, 1.0]))
 
 
-@settings(max_examples=40, deadline=None)
+@sweep(few=15, many=60)
 @given(missions(), WINDS, st.sampled_from(["px4", "ardupilot"]))
 def test_every_mission_ends_or_is_given_up_with_a_reason(items, wind, autopilot):
     spec = SPECS[autopilot]
@@ -699,7 +700,7 @@ def test_every_mission_ends_or_is_given_up_with_a_reason(items, wind, autopilot)
 LEG = st.builds(Leg, PLACE, st.floats(8.0, 25.0), st.sampled_from([0.0, 1.0, 1.0, 60.0]))
 
 
-@settings(max_examples=20, deadline=None)
+@sweep(few=10, many=40)
 @given(
     st.lists(LEG, min_size=1, max_size=5), WINDS, st.sampled_from(["px4", "ardupilot"]), st.integers(2, 400)
 )

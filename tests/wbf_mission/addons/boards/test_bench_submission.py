@@ -290,19 +290,15 @@ def test_a_pack_has_its_suffix(folder, tmp_path, capsys):
     assert told.err.count("\n") == 1 and not (tmp_path / "mine.txt").exists()
 
 
-def test_own_code_is_packed_and_flown_again_by_its_author(tmp_path, capsys):
-    file = tmp_path / "mine.py"
-    file.write_text(OWN)
-    run = ["--scenarios", SCENARIO, "--planners", f"{file}:zigzag", "--estimators", "point", "--seeds", "2"]
-    assert main(["bench", "run", *run, "--out", str(tmp_path / "r"), "--quiet"]) == 0
-    capsys.readouterr()
-    code, told = submit(tmp_path / "r", tmp_path / "a.zip", "--code", str(file), "--json", capsys=capsys)
+def test_own_code_is_packed_and_flown_again_by_its_author(own, tmp_path, capsys):
+    given = ["--code", str(own / "src" / "mine.py"), "--json"]
+    code, told = submit(own / "r", tmp_path / "a.zip", *given, capsys=capsys)
     assert code == 0
     assert json.loads(told.out)["flown_again"] == "1 equal"
-    (own,) = read_pack(tmp_path / "a.zip").submission.own
-    assert (own.kind, own.name) == ("planner", "zigzag")
+    (packed,) = read_pack(tmp_path / "a.zip").submission.own
+    assert (packed.kind, packed.name) == ("planner", "zigzag")
     assert members_of(tmp_path / "a.zip")["code/mine.py"] == OWN.encode()
-    code, told = submit(tmp_path / "r", tmp_path / "b.zip", "--json", capsys=capsys)
+    code, told = submit(own / "r", tmp_path / "b.zip", "--json", capsys=capsys)
     assert json.loads(told.out)["flown_again"] == "not flown again: own code is not run"
     assert told.err == "warning: not flown again: own code is not run\n"
 

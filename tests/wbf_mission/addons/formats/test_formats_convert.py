@@ -122,17 +122,7 @@ def test_nothing_of_others_is_written_over(capsys):
 
 
 def test_a_plan_for_several_vehicles_keeps_the_ending_of_dji(capsys):
-    words = [
-        "plan",
-        "--farm",
-        "miniberry-30",
-        "--vehicles",
-        "2",
-        "--budget",
-        "100m",
-        "--out",
-        "part.wpml.kmz",
-    ]
-    assert main(words) == 0
+    words = "plan --farm miniberry-30 --vehicles 2 --budget 100m --out part.wpml.kmz"
+    assert main(words.split()) == 0
     assert sorted(path.name for path in Path().glob("part*")) == ["part-1.wpml.kmz", "part-2.wpml.kmz"]
     assert "note: part-1.wpml.kmz: the drone it names is a Mavic 3M" in capsys.readouterr().err

@@ -169,14 +169,6 @@ def test_what_a_policy_flies_behind_a_link_is_what_it_flies_offline(autopilot):
     assert flown / 2 <= came <= 2 * flown
 
 
-def test_without_the_operators_word_nothing_starts():
-    with stand_in() as (url, made):
-        result = fly(scenario(), by=LiveLink(url, Watcher(agrees=False)))
-        assert result.outcome is Outcome.NOT_STARTED
-        assert not made.vehicle.pilot.armed
-    assert not len(result.observations)
-
-
 def test_the_operator_ends_the_mission():
     watcher = Watcher(act=lambda flight: flight.maneuver(Maneuver.LAND))
     # Far enough that it is not on its way home when the order arrives.
@@ -258,24 +250,6 @@ def talk(url, answers, cwd, term="dumb", more=()):
 
 def interrupt(process):
     os.killpg(process.pid, 2)
-
-
-@pytest.mark.slow
-def test_the_operator_at_the_terminal(tmp_path):
-    with stand_in(speed=4.0) as (url, _):
-        code, summary, shown = talk(url, [(b"start the motors? [y/N]", b"y\n")], tmp_path)
-    assert (code, summary["outcome"]) == (0, "completed")
-    assert "heard: system 1, PX4" in shown
-    assert "MISSION, item" in shown
-    assert (tmp_path / "run" / "summary.json").is_file()
-
-
-@pytest.mark.slow
-def test_no_is_no(tmp_path):
-    with stand_in() as (url, made):
-        code, summary, _ = talk(url, [(b"start the motors? [y/N]", b"\n")], tmp_path)
-        assert not made.vehicle.pilot.armed
-    assert (code, summary["outcome"]) == (1, "not_started")
 
 
 def test_ctrl_c_at_the_start_question_ends_in_one_line(tmp_path):

@@ -204,10 +204,7 @@ MADE_UP = {
         lambda row: structs.replace(row, decisions=20, bad_answers={"crashed": 9}),
         "9 of 20 answers were bad, and it did not fail",
     ),
-    "another outcome": (
-        lambda row: structs.replace(row, outcome="crashed"),
-        "its outcome is crashed",
-    ),
+    "another outcome": (lambda row: structs.replace(row, outcome="crashed"), "its outcome is crashed"),
     "a failure with a history": (
         lambda row: structs.replace(row, error="no", score=None, final_score=None),
         "it has a history and no score",

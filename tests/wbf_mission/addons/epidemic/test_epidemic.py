@@ -652,8 +652,7 @@ def test_it_beats_disks_and_the_gaussian_process(cache):
 
 
 @pytest.mark.parametrize(
-    ("name", "module", "quick"),
-    [("epidemic", store, {"outbreaks": 20, "epochs": 1}), ("gp", prior, {})],
+    ("name", "module", "quick"), [("epidemic", store, {"outbreaks": 20, "epochs": 1}), ("gp", prior, {})]
 )
 def test_what_was_kept_is_no_training(name, module, quick, tmp_path, monkeypatch):
     grid = get_farm("miniberry-10").grid()

@@ -3,15 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from any_missions import (
-    WHOLE,
-    altitudes,
-    check_damaged,
-    check_kept,
-    missions,
-    patient,
-    refused_or_read,
-)
+from any_missions import WHOLE, altitudes, check_damaged, check_kept, missions, patient, refused_or_read
 from hypothesis import example, given
 from hypothesis import strategies as st
 from sweeps import sweep

@@ -2,12 +2,7 @@
 
 import pytest
 
-from mission.ground.command import (
-    MotorsStandError,
-    OperatorCommand,
-    VehicleRefusedError,
-    VehicleSilentError,
-)
+from mission.ground.command import MotorsStandError, OperatorCommand, VehicleRefusedError, VehicleSilentError
 from mission.link.codec.dialect import mavlink as m
 from wbf_mission.addons.operate.command_session import CommandSession
 from wbf_mission.exit_codes import ExitCode, exit_code_of

@@ -208,10 +208,7 @@ def test_a_vehicle_of_another_kind_is_refused():
 
 @pytest.mark.parametrize(
     ("more", "text"),
-    [
-        ({"days": 2}, "one flight"),
-        ({"vehicle": "ideal", "budget": "100 steps"}, "no real one"),
-    ],
+    [({"days": 2}, "one flight"), ({"vehicle": "ideal", "budget": "100 steps"}, "no real one")],
 )
 def test_what_one_vehicle_cannot_do_is_refused_before_the_link_is_opened(more, text):
     with pytest.raises(LiveFlightError, match=text):

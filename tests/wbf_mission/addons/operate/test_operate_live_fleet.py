@@ -284,10 +284,7 @@ def test_two_vehicles_with_one_system_id_are_refused():
 
 
 def test_a_vehicle_that_is_not_there_is_told():
-    with (
-        stand_in() as (url, _),
-        pytest.raises(NoVehicleError, match="no vehicle besides system 1 was heard"),
-    ):
+    with stand_in() as (url, _), pytest.raises(NoVehicleError, match="no vehicle besides system 1 was heard"):
         fly(scenario(vehicles=2), by=LiveLink(url, Agreeing(), wait_s=1.5))
 
 

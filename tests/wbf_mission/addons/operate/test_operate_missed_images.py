@@ -59,10 +59,7 @@ def test_they_are_those_of_the_mission(before_m, item, after_m, later, images):
     assert images_in(silence, PLAN, later) == pytest.approx(images, abs=1)
 
 
-@pytest.mark.parametrize(
-    ("reach_m", "images"),
-    [(60.0, 30), (40.0, 20), (10.0, 5)],
-)
+@pytest.mark.parametrize(("reach_m", "images"), [(60.0, 30), (40.0, 20), (10.0, 5)])
 def test_no_more_than_the_vehicle_can_have_flown_past(reach_m, images):
     """Of a mission that was changed meanwhile the items say that more was flown than the time allows."""
     plan = mission([(0.0, 0), (100.0, (DISTANCE, 2.0)), (0.0, 0), (100.0, 0), (0.0, 0)])

@@ -186,10 +186,7 @@ def test_planners_are_compared_over_parts_of_the_time():
 
 
 def test_falls_of_the_score_are_counted():
-    up, down = (
-        row("a", 0, [-1.0, -0.5, -0.5, -0.1, -0.1]),
-        row("a", 1, [-1.0, -1.005, -0.5, -0.75, -0.4]),
-    )
+    up, down = (row("a", 0, [-1.0, -0.5, -0.5, -0.1, -0.1]), row("a", 1, [-1.0, -1.005, -0.5, -0.75, -0.4]))
     (line,) = fall_table([up, down]).rows
     assert line == ("a, gp", "25.0 (0.0 to 50.0)", "12.5 (0.0 to 25.0)", "50 %")
 

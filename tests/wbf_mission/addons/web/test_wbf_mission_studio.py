@@ -385,11 +385,7 @@ def patch(corners: list[tuple[float, float]], **properties: Any) -> dict[str, An
     """Return a field of a farm file; corners are in ten-thousandths of a degree."""
     ring = [[-82.15 + 1e-4 * x, 28.05 + 1e-4 * y] for x, y in [*corners, corners[0]]]
     given = {"name": "north", "owner": "me", **properties}
-    return {
-        "type": "Feature",
-        "properties": given,
-        "geometry": {"type": "Polygon", "coordinates": [ring]},
-    }
+    return {"type": "Feature", "properties": given, "geometry": {"type": "Polygon", "coordinates": [ring]}}
 
 
 SPIKE = [(0, 0), (9, 0), (9, 9), (8.9, 9.2), (9.1, 9.2), (9, 9.01), (0, 9)]

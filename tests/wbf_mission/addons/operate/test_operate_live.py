@@ -13,7 +13,7 @@ import time
 
 import pytest
 from processes import environment
-from stand_in import LONG_S, scenario, stand_in
+from stand_in import LONG_S, Watcher, scenario, stand_in
 
 from geo.errors import WbfMissionError
 from geo.farms import get_farm
@@ -32,29 +32,6 @@ from wbf_mission.run import joint_flight
 from wbf_mission.scenario import Scenario
 
 AUTOPILOTS = {"px4": m.MAV_AUTOPILOT_PX4, "ardupilot": m.MAV_AUTOPILOT_ARDUPILOTMEGA}
-
-
-class Watcher:
-    """An operator who agrees, and does something once when the flight has gone so far."""
-
-    def __init__(self, *, agrees=True, images=10, act=lambda flight: None):
-        self.agrees, self.images, self.act = agrees, images, act
-        self.acted = False
-        self.phases = []
-        self.began_s = time.monotonic()
-
-    def tend(self, flight):
-        assert time.monotonic() < self.began_s + LONG_S, "the flight does not end"
-        (sortie,) = flight.sorties
-        ground = sortie.ground
-        if ground.phase not in self.phases:
-            self.phases.append(ground.phase)
-        if ground.phase is Phase.READY:
-            ground.arming_gate.agree() if self.agrees else ground.arming_gate.refuse()
-        seen = sortie.assembler.statistics.images
-        if ground.phase is Phase.FLIGHT and seen >= self.images and not self.acted:
-            self.acted = True
-            self.act(flight)
 
 
 def order(url, vehicle, command, *params):

@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from geo.errors import FarmError
-from geo.texts import FOOT_M
+from geo.texts import FOOT_M, unknown
 
 if TYPE_CHECKING:
     from geo.farm import Farm
@@ -109,8 +109,7 @@ def get_farm(
     if split_layer(text)[0].suffix.lower() in farm_suffixes():
         return load_farm(text, crop=crop, crs=crs, repair=repair)
     kinds = ", ".join(farm_suffixes())
-    msg = f"unknown farm {text!r}: choose one of {', '.join(_FARMS)}, or give a file ({kinds})"
-    raise FarmError(msg)
+    raise FarmError(unknown("farm", text, _FARMS, f", or give a file ({kinds})"))
 
 
 @lru_cache(maxsize=8)

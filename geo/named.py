@@ -16,6 +16,7 @@ from collections.abc import Collection, Iterable, Mapping
 from typing import TypeAlias
 
 from geo.errors import WbfMissionError
+from geo.texts import unknown
 
 Scalar: TypeAlias = bool | int | float | str | None
 Parameter: TypeAlias = Scalar | tuple[Scalar, ...]
@@ -99,10 +100,9 @@ def split_named(text: str) -> list[str]:
 
 def check_parameters(owner: str, given: Iterable[str], known: Collection[str]) -> None:
     """Raise ParameterError for unknown names in `given`; `owner` names their object (``planner spiral``)."""
-    unknown = sorted(set(given).difference(known))
-    if unknown:
-        which = f"parameter {unknown[0]!r}" if len(unknown) == 1 else f"parameters {', '.join(unknown)}"
-        raise ParameterError(f"{owner} has no {which}; it has {', '.join(sorted(known)) or 'no parameters'}")
+    wrong = sorted(set(given).difference(known))
+    if wrong:
+        raise ParameterError(f"{owner}: {unknown('parameter', wrong[0], sorted(known))}")
 
 
 def _split(text: str, whole: str) -> list[str]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TypeVar
 
 FOOT_M = 0.3048
@@ -14,6 +15,19 @@ MAX_SHOWN = 500  # Characters, about five lines of a terminal
 _DEVICES = {"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in "0123456789¹²³")}
 
 _Number = TypeVar("_Number", int, float)
+
+
+def unknown(kind: str, name: str, known: Iterable[str], more: str = "") -> str:
+    """Return the message for a name that does not exist: the nearest known name, and all of them.
+
+    >>> unknown("planner", "sprial", ["lawnmower", "spiral"])
+    "unknown planner 'sprial' (is 'spiral' meant?): choose lawnmower, spiral"
+    """
+    names = {each.lower(): each for each in known}
+    near = difflib.get_close_matches(name.lower(), names, 1, cutoff=0.7)
+    meant = f" (is {names[near[0]]!r} meant?)" if near else ""
+    choice = f"choose {', '.join(names.values())}{more}" if names else f"there is none{more}"
+    return f"unknown {kind} {name[:60]!r}{meant}: {choice}"
 
 
 def printable(text: str) -> str:

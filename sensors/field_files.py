@@ -21,6 +21,7 @@ import msgspec
 from geo.errors import WbfMissionError
 from geo.imports import entry_points, load_entry
 from geo.reading import UnreadableError, misfit, read_toml
+from geo.texts import unknown
 from sensors.dynamics.continuous import ContinuousDynamics, Measured, SmoothParameters
 from sensors.dynamics.epidemic import EpidemicParameters
 from sensors.dynamics.soil import SoilParameters
@@ -92,10 +93,10 @@ def read_fields(path: str | Path) -> tuple[Field, ...]:
         table = read_toml(path)
     except UnreadableError as error:
         raise FieldError(f"{path}: cannot be read as a field file: {error}") from None
-    unknown = [key for key in table if key != "field"]
+    wrong = [key for key in table if key != "field"]
     tables = table.get("field")
-    if unknown or not isinstance(tables, list) or not tables:
-        found = f"unknown key {unknown[0]!r}" if unknown else "no table [[field]]"
+    if wrong or not isinstance(tables, list) or not tables:
+        found = f"unknown key {wrong[0]!r}" if wrong else "no table [[field]]"
         raise FieldError(f"{path}: {found}; a field file has one [[field]] for each field")
     return tuple(field_from_table(given, f"{path}: field {number}") for number, given in enumerate(tables, 1))
 
@@ -176,10 +177,9 @@ def _part(default: float | None, limits: tuple[float, float]) -> float:
 def _convert_dynamics(kind: str, given: dict[str, Any]) -> Dynamics:
     dynamics = _DYNAMICS[kind] if kind in _DYNAMICS else _registered_dynamics(kind)
     known = [parameter.name for parameter in fields(dynamics)]
-    unknown = [name for name in given if name not in known]
-    if unknown:
-        msg = f"dynamics: unknown parameter {unknown[0]!r} of a {kind} field; known: {', '.join(known)}"
-        raise FieldError(msg)
+    wrong = next((name for name in given if name not in known), None)
+    if wrong is not None:
+        raise FieldError(f"dynamics of a {kind} field: {unknown('parameter', wrong, known)}")
     try:
         return msgspec.convert(given, dynamics)
     except msgspec.ValidationError as error:
@@ -191,8 +191,7 @@ def _registered(name: str) -> Field:
         return PAPER_FIELDS[name]
     found, where = _load(ENTRY_POINT_GROUP, name, "field")
     if not where:
-        msg = f"no field {name!r:.60}, expected one of {', '.join(field_names())}, or a field file (.toml)"
-        raise FieldError(msg)
+        raise FieldError(unknown("field", name, field_names(), ", or give a file (.toml)"))
     if not isinstance(found, Field) or found.name != name:
         raise FieldError(f"{where} is not a sensors.fields.Field of this name")
     return found

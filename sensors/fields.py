@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import numpy as np
 
 from geo.grid import CROP_NAMES, NOT_GROWN, is_crop_name
+from geo.texts import unknown
 from sensors.dynamics.continuous import ContinuousDynamics, Measured
 from sensors.dynamics.epidemic import CCR, TYLCV, EpidemicParameters
 from sensors.dynamics.soil import SoilParameters
@@ -238,7 +239,7 @@ class FieldSet:
     def index(self, name: str) -> int:
         """Return the index of a field; raises FieldError if no field has this name."""
         if name not in self.names:
-            raise FieldError(f"no field {name!r}, expected one of {', '.join(self.names)}")
+            raise FieldError(unknown("field", name, self.names))
         return self.names.index(name)
 
     @property

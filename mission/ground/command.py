@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from geo.errors import WbfMissionError
-from geo.texts import one_line, parse_number, parse_whole
+from geo.texts import one_line, parse_number, parse_whole, unknown
 
 ORDERS = ("arm", "disarm", "takeoff", "mission", "hold", "resume", "return", "land", "set-item", "mode")
 """Names of the orders. The value of takeoff is a height (m), of set-item a number, of mode a mode name."""
@@ -51,8 +51,7 @@ class OperatorCommand:
 
     def __post_init__(self) -> None:
         if self.order not in ORDERS:
-            msg = f"order {one_line(self.order, 40)!r} is unknown; there are {', '.join(ORDERS)}"
-            raise OrderError(msg)
+            raise OrderError(unknown("order", self.order, ORDERS))
         takes = _TAKES.get(self.order)
         if takes is None and self.value:
             msg = f"{self}: {self.order} takes nothing more; leave {one_line(self.value, 40)!r} out"

@@ -8,6 +8,7 @@ from enum import Enum
 from pymavlink import mavutil
 
 from geo.errors import WbfMissionError
+from geo.texts import unknown
 from mission.autopilots import profile_for
 from mission.autopilots.profile import FlightModes
 from mission.link.codec.dialect import mavlink as m
@@ -48,9 +49,7 @@ class VehicleModes:
         known |= {alias: known[of] for alias, of in self._known.aliases.items()}
         wanted = name.strip().upper()
         if wanted not in known:
-            there = ", ".join(sorted(known)) or "none by name"
-            msg = f"mode {name!r} is unknown to this vehicle; it has {there}"
-            raise ModeError(msg)
+            raise ModeError(f"this vehicle: {unknown('mode', name, sorted(known))}")
         return known[wanted]
 
     def told_name(self, name: str) -> str:

@@ -13,7 +13,7 @@ import shapely
 
 from geo.imports import entry_points, load_entry
 from geo.named import ParameterError, check_parameters, parse_named
-from geo.texts import FOOT_M
+from geo.texts import FOOT_M, unknown
 from mission.errors import AnswerError, PlanningError
 from mission.planners.budget import BatchBudget, Budget, ExplainedBudget
 from mission.planners.path import Area, PlannedPath, Points
@@ -268,8 +268,7 @@ def load_registered(kind: str, group: str, text: str, parameters: Mapping[str, A
     name, given = parse_named(text)
     entry = next((found for found in entry_points(group=group) if found.name.lower() == name.lower()), None)
     if entry is None:
-        msg = f"no {kind} is named {name!r}; there are {', '.join(registered_names(group)) or 'none'}"
-        raise PlanningError(msg)
+        raise PlanningError(unknown(kind, name, registered_names(group)))
     found = load_entry(entry, f"{kind} {entry.name}", PlanningError)
     twice = sorted(given.keys() & parameters.keys())
     if twice:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from geo.grid import FarmGrid
 from geo.linear_algebra import exp, log
+from geo.texts import unknown
 from mission.errors import PlanningError
 from mission.policies.observation import PolicyObservation
 from sensors.fields import Field
@@ -244,8 +245,7 @@ def make_acquisition(acquisition: str | Acquisition) -> Acquisition:
     if callable(acquisition):
         return acquisition
     if acquisition not in ACQUISITIONS:
-        msg = f"no acquisition is named {acquisition!r}; there are {', '.join(ACQUISITIONS)}"
-        raise PlanningError(msg)
+        raise PlanningError(unknown("acquisition", acquisition, ACQUISITIONS))
     return ACQUISITIONS[acquisition]
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from geo.texts import unknown
 from sensors.errors import ObservationError
 from sensors.fields import PAPER_FIELDS, FieldSet
 
@@ -96,17 +97,13 @@ class LeafCameraOptions:
         if self.sensed is None:
             return names
         sensed = (self.sensed,) if isinstance(self.sensed, str) else tuple(self.sensed)
-        unknown = [name for name in sensed if name not in names]
-        twice = [name for name in sensed if sensed.count(name) > 1]
-        found = ""
         if not sensed:
-            found = "no field is sensed"
-        elif unknown:
-            found = f"unknown field {unknown[0]!r:.60}"
-        elif twice:
-            found = f"field {twice[0]!r} is given twice"
-        if found:
-            raise ObservationError(f"camera: {found}; choose from {', '.join(names)}")
+            raise ObservationError(f"camera: no field is sensed; choose from {', '.join(names)}")
+        for name in sensed:
+            if name not in names:
+                raise ObservationError(f"camera: {unknown('field', name, names)}")
+            if sensed.count(name) > 1:
+                raise ObservationError(f"camera: field {name!r} is given twice; give it once")
         return sensed
 
     def _per_field(self) -> tuple[float, ...]:

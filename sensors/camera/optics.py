@@ -12,6 +12,7 @@ from pathlib import Path
 import msgspec
 
 from geo.reading import UnreadableError, misfit, read_toml
+from geo.texts import unknown
 from sensors.errors import CameraError
 
 MOST_OVERLAP = 0.95
@@ -202,8 +203,7 @@ def get_camera(name: str) -> CameraModel:
         return read_camera(Path(name))
     table = _table()
     if name.lower() not in table:
-        msg = f"unknown camera {name!r}: choose {', '.join(camera_names())} or a .toml file"
-        raise CameraError(msg)
+        raise CameraError(unknown("camera", name, camera_names(), ", or give a file (.toml)"))
     return table[name.lower()]
 
 
@@ -228,10 +228,9 @@ def _table() -> dict[str, CameraModel]:
 
 def _camera(name: str, values: dict[str, object]) -> CameraModel:
     known = CameraModel.__dataclass_fields__
-    unknown = sorted(values.keys() - known.keys())
-    if unknown:
-        msg = f"unknown key {unknown[0]!r}: there are {', '.join(known)}"
-        raise CameraError(msg)
+    wrong = sorted(values.keys() - known.keys())
+    if wrong:
+        raise CameraError(unknown("key", wrong[0], known))
     return msgspec.convert({"name": name, **values}, CameraModel)
 
 

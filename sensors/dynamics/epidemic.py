@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from geo.linear_algebra import exp
 from geo.seeds import stream
+from geo.texts import unknown
 from sensors.dynamics.infection import DistanceKernel, InfectionFront, make_kernel
 from sensors.errors import EnvironmentDataError
 
@@ -136,7 +137,7 @@ class EpidemicParameters:
         if self.seeds is not None and self.seeds < 0:
             raise EnvironmentDataError(f"epidemic: seeds {self.seeds} is negative")
         if self.rule not in ("count", "kernel"):
-            raise EnvironmentDataError(f"epidemic: unknown rule {self.rule!r}; known: count, kernel")
+            raise EnvironmentDataError(f"epidemic: {unknown('rule', self.rule, ('count', 'kernel'))}")
         spread = self.seed_spread_cells
         if spread is not None and not 0.0 < spread < math.inf:
             raise EnvironmentDataError(f"epidemic: seed_spread_cells {spread} is not a positive number")

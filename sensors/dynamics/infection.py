@@ -20,6 +20,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from geo.texts import unknown
 from sensors.errors import EnvironmentDataError
 
 Cells = NDArray[np.intp]
@@ -123,8 +124,7 @@ def make_kernel(shape: str, size: int, length_cells: float = 1.0) -> DistanceKer
         "gaussian": lambda d2: math.exp(-d2 / (2.0 * length_cells**2)),
     }
     if shape not in formulas:
-        msg = f"infection kernel: unknown shape {shape!r}; known: {', '.join(KERNEL_SHAPES)}"
-        raise EnvironmentDataError(msg)
+        raise EnvironmentDataError(f"infection kernel: {unknown('shape', shape, KERNEL_SHAPES)}")
     formula = formulas[shape]
     rounded = ((round(formula(d2) * _ROUNDING_UNIT), tuple(ring)) for d2, ring in sorted(rings.items()))
     return DistanceKernel(size, _ROUNDING_UNIT, tuple((weight, ring) for weight, ring in rounded if weight))

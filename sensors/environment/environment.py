@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from geo.texts import unknown
 from sensors.dynamics.epidemic import IMMUNE, NO_HOST, SUSCEPTIBLE, status_table, value_table
 from sensors.errors import EnvironmentDataError
 from sensors.fields import FieldSet
@@ -184,8 +185,7 @@ class Environment:
 
     def _onset_of(self, disease: str) -> Layer[np.int8]:
         if disease not in self._onset:
-            known = ", ".join(self._onset) or "none"
-            raise EnvironmentDataError(f"environment: unknown disease {disease!r}; known: {known}")
+            raise EnvironmentDataError(f"environment: {unknown('disease', disease, self._onset)}")
         return self._onset[disease]
 
     def onset(self, disease: str) -> NDArray[np.int8]:
@@ -214,8 +214,8 @@ class Environment:
         """Return the values of a continuous field on a kept day, float32[W, H], read-only."""
         self._check_day(day)
         if (name, day) not in self._levels:
-            known = ", ".join(field.name for field in self.fields.continuous) or "none"
-            raise EnvironmentDataError(f"environment: unknown continuous field {name!r}; known: {known}")
+            known = [field.name for field in self.fields.continuous]
+            raise EnvironmentDataError(f"environment: {unknown('continuous field', name, known)}")
         return self._levels[name, day].whole()
 
     def values(self, day: int, out: NDArray[np.float32] | None = None) -> NDArray[np.float32]:

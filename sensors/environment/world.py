@@ -28,6 +28,7 @@ import msgspec
 
 from geo.reading import UnreadableError, misfit, read_toml
 from geo.seeds import stream
+from geo.texts import unknown
 from sensors.errors import EnvironmentDataError, FieldError
 from sensors.field_files import field_from_table, field_to_table
 from sensors.fields import PAPER_FIELDS, Dynamics, Field, FieldSet
@@ -107,8 +108,8 @@ class World:
         elif given.lower().endswith(".toml"):
             path = Path(given)
         else:
-            known = ", ".join(world_names())
-            raise EnvironmentDataError(f"unknown world {given!r:.80}: choose {known}, or give a file (.toml)")
+            msg = unknown("world", given, world_names(), ", or give a file (.toml)")
+            raise EnvironmentDataError(msg)
         try:
             table = read_toml(path)
         except UnreadableError as error:

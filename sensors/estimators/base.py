@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.imports import entry_points, load_entry
+from geo.texts import unknown
 from sensors.errors import EstimatorError
 from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.observations import Observations
@@ -215,11 +216,9 @@ class BaseEstimator(ABC):
         Raises EstimatorError if a name is unknown. No parameter is changed then.
         """
         known = self._param_names()
-        unknown = sorted(set(params) - set(known))
-        if unknown:
-            raise EstimatorError(
-                f"{type(self).__name__} has no parameter {unknown[0]}, expected {', '.join(known) or 'none'}"
-            )
+        wrong = sorted(set(params) - set(known))
+        if wrong:
+            raise EstimatorError(f"{type(self).__name__}: {unknown('parameter', wrong[0], known)}")
         for name, value in params.items():
             setattr(self, name, value)
         return self
@@ -307,8 +306,8 @@ def require_paper_fields(name: str, fields: FieldSet) -> None:
     """Raise EstimatorError with the estimator's name unless the fields are the benchmark's."""
     if fields.names != PAPER_FIELDS.names:
         raise EstimatorError(
-            f"estimator {name!r} knows only the fields {', '.join(PAPER_FIELDS.names)}, not"
-            f" {', '.join(fields.names)}; use 'adaptive-disk', 'gp' or 'point'"
+            f"estimator {name!r} needs exactly the fields {', '.join(PAPER_FIELDS.names)}; this run has"
+            f" {', '.join(fields.names)}: use 'adaptive-disk', 'gp' or 'point'"
         )
 
 
@@ -353,15 +352,14 @@ def make_estimator(
         return _given(name, fields, params)
     known = _registered()
     if name not in known:
-        raise EstimatorError(f"no estimator {name!r}, expected one of {', '.join(sorted(known))}")
+        raise EstimatorError(unknown("estimator", name, sorted(known)))
     factory = load_entry(known[name], f"estimator {name!r}", EstimatorError)
     accepted = inspect.signature(factory).parameters
     anything = any(parameter.kind is parameter.VAR_KEYWORD for parameter in accepted.values())
-    unknown = [] if anything else sorted(set(params) - set(accepted))
-    if unknown:
+    wrong = [] if anything else sorted(set(params) - set(accepted))
+    if wrong:
         own = [parameter for parameter in accepted if parameter not in _HANDED_ON]
-        msg = f"estimator {name!r} has no parameter {', '.join(unknown)}, expected {', '.join(own) or 'none'}"
-        raise EstimatorError(msg)
+        raise EstimatorError(f"estimator {name}: {unknown('parameter', wrong[0], own)}")
     if "fields" in accepted:
         params["fields"] = fields
     else:

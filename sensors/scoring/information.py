@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from geo.texts import unknown
 from sensors.errors import EstimatorError
 from sensors.fields import PAPER_FIELDS, FieldSet
 
@@ -204,11 +205,10 @@ class InformationModel:
         if self.value.shape != self.uncertainty.shape:
             shapes = f"value {self.value.shape} and uncertainty {self.uncertainty.shape}"
             raise EstimatorError(f"information model: {shapes} differ in shape")
-        unknown = sorted(set(self.probabilities or ()) - set(self.fields))
-        if unknown:
-            known = ", ".join(self.fields)
-            msg = f"information model: probabilities of {unknown[0]!r}, expected some of {known}"
-            raise EstimatorError(msg)
+        wrong = sorted(set(self.probabilities or ()) - set(self.fields))
+        if wrong:
+            text = unknown("field", wrong[0], self.fields)
+            raise EstimatorError(f"information model: probabilities: {text}")
         if self.changed is not None:
             expected = tile_shape(self.shape)
             by_field = (len(self.value), *expected)
@@ -247,8 +247,7 @@ class InformationModel:
     def of(self, field: str) -> NDArray[np.float32]:
         """Return the values of a field by name, float32[W, H]."""
         if field not in self.fields:
-            msg = f"information model: no field {field!r}, expected one of {', '.join(self.fields)}"
-            raise EstimatorError(msg)
+            raise EstimatorError(f"information model: {unknown('field', field, self.fields)}")
         value: NDArray[np.float32] = self.value[self.fields.index(field)]
         return value
 

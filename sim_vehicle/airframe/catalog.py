@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from geo.reading import UnreadableError, read_toml
+from geo.texts import unknown
 from sim_vehicle.airframe.kind import autopilot_names, forget_kinds, get_kind, kind_names, not_installed
 from sim_vehicle.airframe.power_spec import BatterySpec
 from sim_vehicle.airframe.spec import PublishedEndurance, VehicleSpec
@@ -74,10 +75,8 @@ def get_vehicle(name: str) -> VehicleSpec:
     if name.lower().endswith(".toml"):
         return load_vehicle(Path(name))
     if name.lower() not in vehicle_names():
-        msg = (
-            f"unknown vehicle {name!r}: choose {', '.join(vehicle_names())} or a .toml file{not_installed()}"
-        )
-        raise VehicleError(msg)
+        more = f", or give a file (.toml){not_installed()}"
+        raise VehicleError(unknown("vehicle", name, vehicle_names(), more))
     return _packaged(name.lower())
 
 
@@ -134,7 +133,7 @@ def _build(where: str, name: str, data: dict[str, Any], base: VehicleSpec) -> Ve
             if key in autopilot_names():
                 own[key] = _parameters(key, value, base.parameters_for(key))
             elif key not in known:
-                raise VehicleError(f"unknown key {key!r}")
+                raise VehicleError(unknown("key", key, sorted(known)))
             elif key in ("battery", "power", "airframe", "published"):
                 changes[key] = _part(key, value, base)
             elif isinstance(getattr(base, key), str) != isinstance(value, str):
@@ -162,7 +161,7 @@ def _part(key: str, value: object, base: VehicleSpec) -> object:
     known = {f.name: f.type for f in fields(kind)}
     for name, entry in value.items():
         if name not in known:
-            raise VehicleError(f"unknown key {name!r} in [{key}]")
+            raise VehicleError(f"[{key}]: {unknown('key', name, known)}")
         if isinstance(entry, bool) or isinstance(entry, str) != (known[name] in ("str", str)):
             raise VehicleError(f"[{key}] {name} {entry!r} has the wrong type")
     before = getattr(base, key)

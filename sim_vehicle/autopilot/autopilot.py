@@ -9,6 +9,7 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING, TypeVar
 
 from geo.imports import entry_points, load_entry
+from geo.texts import unknown
 from mission.planners.cornering import Cornering
 from sim_vehicle.airframe.kind import (
     AUTOPILOT_GROUP,
@@ -153,9 +154,8 @@ def get_autopilot(name: str = DEFAULT_AUTOPILOT) -> Autopilot:
 def _load(name: str) -> Autopilot:
     entry = next((e for e in entry_points(group=AUTOPILOT_GROUP) if e.name.lower() == name), None)
     if entry is None:
-        known = ", ".join(autopilot_names())
-        msg = f"unknown autopilot {name!r}: " + (f"choose {known}" if known else _NOT_INSTALLED)
-        raise VehicleError(msg)
+        known = autopilot_names()
+        raise VehicleError(unknown("autopilot", name, known, "" if known else f"; {_NOT_INSTALLED}"))
     autopilot = load_entry(entry, f"autopilot {entry.name}", VehicleError)
     if not isinstance(autopilot, Autopilot):
         msg = f"autopilot {entry.name} ({entry.value}) is no sim_vehicle.autopilot.autopilot.Autopilot"

@@ -26,7 +26,7 @@ def farm(*patches: Patch, width: int = 10, height: int = 10, cell_size_m: float 
 def test_names() -> None:
     assert farm_names() == ("miniberry-10", "miniberry-30", "miniberry-100", "waterberry")
     assert get_farm("WaterBerry") is get_farm("waterberry")
-    with pytest.raises(FarmError, match="unknown farm 'blueberry': choose one of miniberry-10, "):
+    with pytest.raises(FarmError, match="unknown farm 'blueberry': choose miniberry-10, "):
         get_farm("blueberry")
 
 

@@ -122,6 +122,9 @@ def test_unknown_parameters_are_refused_with_the_known_ones() -> None:
     check_parameters("planner spiral", ["inset"], ["inset", "turns"])
     with pytest.raises(ParameterError) as caught:
         check_parameters("planner spiral", ["insets"], ["turns", "inset"])
-    assert str(caught.value) == "planner spiral has no parameter 'insets'; it has inset, turns"
-    with pytest.raises(ParameterError, match="no parameters b, c; it has no parameters"):
+    assert (
+        str(caught.value)
+        == "planner spiral: unknown parameter 'insets' (is 'inset' meant?): choose inset, turns"
+    )
+    with pytest.raises(ParameterError, match="unknown parameter 'b': there is none"):
         check_parameters("planner x", ["c", "b"], [])

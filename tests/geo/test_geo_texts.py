@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geo.texts import file_stem, one_line, parse_number, parse_whole, printable
+from geo.texts import file_stem, one_line, parse_number, parse_whole, printable, unknown
 
 
 @given(st.text(), st.integers(4, 60))
@@ -58,3 +58,11 @@ def test_any_text_becomes_a_file_name_that_windows_takes(text: str, kept: str) -
     assert path.name == name and path.parent == PureWindowsPath(".")
     assert 0 < len(name) <= 101 and name == name.strip(" .") and not set(name) & set('<>:"/\\|?*')
     assert not path.with_name(f"{name}.png").is_reserved()
+
+
+def test_an_unknown_name_is_told_with_what_is_known() -> None:
+    told = "unknown mode 'aut' (is 'AUTO' meant?): choose AUTO, RTL, or another one"
+    assert unknown("mode", "aut", ["AUTO", "RTL"], ", or another one") == told
+    assert unknown("mode", "HOVER", ["AUTO", "RTL"]) == "unknown mode 'HOVER': choose AUTO, RTL"
+    long = "\n" * 60
+    assert unknown("crop", long + "x", []) == f"unknown crop {long!r}: there is none"

@@ -124,7 +124,7 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
         ({"colours": ["#000000"]}, "#rrggbb"),
         ({"color": "#000000"}, "color is unknown"),
         ({"dynamics": {"evaporation": 3.0}}, "evaporation 3.0 is not in 0..1"),
-        ({"dynamics": {"likelihood": 0.5}}, "unknown parameter 'likelihood' of a continuous field"),
+        ({"dynamics": {"likelihood": 0.5}}, "dynamics of a continuous field: unknown parameter 'likelihood'"),
     ],
 )
 def test_a_field_that_cannot_be_used_says_where_and_why(changes: dict[str, Any], message: str) -> None:
@@ -148,7 +148,7 @@ def test_a_set_has_each_field_once_and_not_too_many() -> None:
     many = tuple(Field(f"f{k}", SoilParameters(), ("tomato",), 0.0) for k in range(17))
     with pytest.raises(FieldError, match="17 fields, expected 1 to 16"):
         FieldSet(many)
-    with pytest.raises(FieldError, match="no field 'rust'"):
+    with pytest.raises(FieldError, match="unknown field 'rust'"):
         PAPER_FIELDS.with_dynamics(rust=SoilParameters())
 
 
@@ -176,7 +176,7 @@ def test_packages_register_fields(monkeypatch: pytest.MonkeyPatch) -> None:
         ([point("rust", "sensors.no_such:RUST")], "cannot be loaded"),
         ([point("rust", "sensors.field_files:field_names")], "not a sensors.fields.Field of this name"),
         ([point("rust", here), point("rust", "another:RUST")], "registered twice"),
-        ([], "no field 'rust', expected one of tylcv, ccr, soil"),
+        ([], "unknown field 'rust': choose tylcv, ccr, soil"),
     ):
         monkeypatch.setattr(field_files, "entry_points", Registered(*points))
         with pytest.raises(FieldError, match=message):

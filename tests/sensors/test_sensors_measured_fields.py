@@ -84,7 +84,7 @@ def test_files_and_units_come_back(low: float, width: float, part: int, values: 
         ),
         ({"dynamics": {"correlation_length_m": 0.0}}, "correlation_length_m 0.0 is not above 0"),
         ({"dynamics": {"spread": 0.0}}, "spread 0.0 is not in 0.001..1"),
-        ({"dynamics": {"length": 3.0}}, "unknown parameter 'length' of a measured field"),
+        ({"dynamics": {"length": 3.0}}, "dynamics of a measured field: unknown parameter 'length'"),
     ],
 )
 def test_what_is_refused(changes: dict[str, Any], text: str) -> None:

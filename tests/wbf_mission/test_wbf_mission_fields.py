@@ -129,13 +129,13 @@ def test_an_estimator_that_knows_only_the_benchmarks_fields_says_so(
     fields = ["--fields", f"tylcv,ccr,soil,{nitrogen}"]
     assert main([*FLY, *fields, "--estimator", "authors-ad", "--out", str(out)]) == 2
     told = " ".join(capsys.readouterr().err.split())
-    assert "estimator 'authors-ad' knows only the fields tylcv, ccr, soil, not" in told
+    assert "estimator 'authors-ad' needs exactly the fields tylcv, ccr, soil; this run has" in told
 
 
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ("tylcv,rust", "no field 'rust', expected one of tylcv, ccr, soil, or a field file"),
+        ("tylcv,rust", "unknown field 'rust': choose tylcv, ccr, soil, or give a file"),
         ("soil,tylcv,soil", "'soil' is given twice"),
         ("soil,missing.toml", "missing.toml: cannot be read as a field file: no such file"),
     ],

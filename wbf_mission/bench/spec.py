@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from geo.imports import load_entry
-from geo.texts import parse_whole
+from geo.texts import parse_whole, unknown
 from mission.planners import make_planner
 from mission.policies.policy import Policy, make_policy
 from sensors.field_files import load_field_set
@@ -26,7 +25,6 @@ from wbf_mission.scenario import (
     scenario_with,
 )
 from wbf_mission.scenario.choice import choose, names_of, registered_elsewhere
-from wbf_mission.scenario.scenario import unknown_key
 from wbf_mission.version import behaviour
 
 if TYPE_CHECKING:
@@ -180,7 +178,7 @@ class BenchSpec:
         try:
             for key in table:
                 if key not in _KEYS:
-                    raise ScenarioError(unknown_key(key, list(_KEYS)))
+                    raise ScenarioError(unknown("key", key, _KEYS))
             given = {key: value for key, value in (changes or {}).items() if value is not None}
             return cls.of(**{**table, **given}, folder=Path(path).parent)
         except ScenarioError as error:
@@ -339,8 +337,5 @@ def require_mover(choice: Choice) -> None:
         return
     known = (*names_of("planner"), *names_of("policy"))
     if choice.name.lower() not in known:
-        near = difflib.get_close_matches(choice.name, known, 1)
-        meant = f"; is {near[0]!r} meant?" if near else ";"
-        msg = f"planners: unknown planner or policy {choice.name!r}{meant} known are {', '.join(known)}"
-        raise ScenarioError(msg)
+        raise ScenarioError("planners: " + unknown("planner or policy", choice.name, known))
     make_policy(choice.name, **choice.params)

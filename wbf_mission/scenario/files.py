@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from geo.reading import UnreadableError, read_toml
+from geo.texts import unknown
 from wbf_mission.scenario.choice import names_of
 from wbf_mission.scenario.option import ScenarioError
 from wbf_mission.scenario.scenario import Scenario
@@ -103,7 +104,7 @@ def get_family(name: str) -> Family:
     """
     known = {family.name: family for family in families()}
     if name not in known:
-        raise ScenarioError(f"unknown family {name!r:.60}: give one of {', '.join(known)}")
+        raise ScenarioError(unknown("family", name, known))
     return known[name]
 
 

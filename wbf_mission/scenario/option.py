@@ -17,6 +17,7 @@ import msgspec
 
 from geo.errors import WbfMissionError
 from geo.reading import misfit
+from geo.texts import unknown
 
 _UNITS = {"_cm": "cm", "_m_s": "m/s", "_m": "m", "_s": "s", "_deg": "degrees"}
 _METADATA = "option"
@@ -83,17 +84,18 @@ class Option:
             msg = f"{self.label} is empty: give {self.allowed or 'a value, or leave it out'}"
             raise ScenarioError(msg)
         if isinstance(value, str) and self.choices:
-            words = value.split(",") if self.each else [value]
-            good = all(word.strip() in self.choices for word in words)
-        elif isinstance(value, (int, float)) and self.low is not None and self.high is not None:
-            good = self.low <= value <= self.high and math.isfinite(value)
-        else:
-            good = True
-        if not good:
-            shown = repr(value) if isinstance(value, str) else value
-            msg = f"{self.label} {shown} is out of range: give {self.allowed}"
-            raise ScenarioError(msg)
+            words = [word.strip() for word in value.split(",")] if self.each else [value]
+            for word in words:
+                if word not in self.choices:
+                    raise ScenarioError(unknown(self.label, word, self.choices))
+        elif isinstance(value, (int, float)) and not self._in_range(value):
+            raise ScenarioError(f"{self.label} {value} is out of range: give {self.allowed}")
         return value
+
+    def _in_range(self, value: float) -> bool:
+        if self.low is None or self.high is None:
+            return True
+        return self.low <= value <= self.high and math.isfinite(value)
 
     def _converted(self, value: Any) -> Any:
         if type(value).__module__ == "numpy" and hasattr(value, "item") and not getattr(value, "ndim", 0):

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypedDict
 
+from geo.texts import unknown
 from sim_vehicle.airframe.kind import DEFAULT_AUTOPILOT, autopilot_names
 from wbf_mission.scenario.choice import Choice, choose
 from wbf_mission.scenario.option import Option, Part, ScenarioError, names_in, option
@@ -454,8 +455,7 @@ class WeatherOptions(Part):
     def check(self) -> None:
         """Raise ScenarioError for an unknown level of turbulence, or gusts together with turbulence."""
         if isinstance(self.turbulence, str) and self.turbulence not in LEVELS:
-            allowed = ", ".join(LEVELS) + ", or the wind at 6 m in m/s"
-            msg = f"turbulence {self.turbulence!r} is out of range: give {allowed}"
+            msg = unknown("level of turbulence", self.turbulence, LEVELS, ", or give the wind at 6 m in m/s")
             raise ScenarioError(msg)
         if self.turbulence is not None and self.wind_gust_m_s > 0.0:
             gust = f"a wind gust of {self.wind_gust_m_s:g} m/s"

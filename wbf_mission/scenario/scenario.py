@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import typing
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Unpack
 
+from geo.texts import unknown
 from wbf_mission.scenario.choice import Choice
 from wbf_mission.scenario.option import Option, Part, ScenarioError, option, options_of
 from wbf_mission.scenario.parts import (
@@ -77,7 +77,7 @@ class Scenario:
                 made = dataclasses.replace(given, **by_part[name])
             object.__setattr__(self, name, made)
         if whole:
-            raise ScenarioError(unknown_key(next(iter(whole)), list(PARTS)))
+            raise ScenarioError(unknown("part", next(iter(whole)), PARTS))
         object.__setattr__(self, "seed", options_of(Scenario)["seed"].checked(seed))
 
     def __getitem__(self, key: str) -> Any:
@@ -89,7 +89,7 @@ class Scenario:
         if key == "seed":
             return self.seed
         if key not in _PLACES:
-            raise ScenarioError(unknown_key(key, [*_PLACES, "seed"]))
+            raise ScenarioError(unknown("key", key, sorted([*_PLACES, "seed"])))
         part, name = _PLACES[key]
         return getattr(getattr(self, part), name)
 
@@ -131,17 +131,10 @@ def _by_part(options: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     found: dict[str, dict[str, Any]] = {name: {} for name in PARTS}
     for key, value in options.items():
         if key not in _PLACES:
-            raise ScenarioError(unknown_key(key, [*_PLACES, "seed"]))
+            raise ScenarioError(unknown("key", key, sorted([*_PLACES, "seed"])))
         part, name = _PLACES[key]
         found[part][name] = value
     return found
-
-
-def unknown_key(key: str, known: list[str]) -> str:
-    """Return the error message for an unknown key, with the nearest known one."""
-    near = difflib.get_close_matches(key, known, 1)
-    meant = f"; is {near[0]!r} meant?" if near else ";"
-    return f"unknown key {key!r}{meant} known keys are {', '.join(sorted(known))}"
 
 
 def require_scenario(given: Any) -> None:

@@ -197,8 +197,9 @@ def _below_top_speed(
 ) -> tuple[float, float]:
     """Return the horizontal acceleration, reduced so that the speed limit is kept.
 
-    The axes of a velocity leg turn with every order, so the sum of the accelerations allowed per axis can be
-    too large. A quarter of the jerk is reserved for turning the velocity.
+    The axes of a velocity leg turn with every order, and a leg may begin while the vehicle moves across it.
+    The sum of the accelerations allowed per axis can then be too large. A quarter of the jerk is reserved for
+    turning the velocity.
     """
     speed2 = vx * vx + vy * vy
     if speed2 < 0.25 * limits.speed_max * limits.speed_max:
@@ -396,7 +397,7 @@ def _move(state: Record, counters: Integers, route: Record, limits: Record, own:
     bx = s1 * ux + n1 * nx + w1 * wx
     by = s1 * uy + n1 * ny + w1 * wy
     bz = s1 * uz + w1 * wz
-    if radius < 0.0:
+    if radius < 0.0 or abs(vw) > row.speed_normal or abs(vn) > row.speed_across:
         bx, by = _below_top_speed(vx, vy, ax, ay, bx, by, limits)
     norm2 = bx * bx + by * by
     most = limits.acceleration_max * limits.acceleration_max

@@ -47,7 +47,7 @@ def test_an_autopilot_without_the_bit_is_ready_once_it_tells_where_it_is():
 
 
 def test_an_unknown_mode_is_named_with_those_that_there_are():
-    with pytest.raises(ModeError, match=r"mode 'hover' is unknown to this vehicle; it has .*GUIDED"):
+    with pytest.raises(ModeError, match=r"this vehicle: unknown mode 'hover': choose .*GUIDED"):
         VehicleModes(m.MAV_AUTOPILOT_ARDUPILOTMEGA, m.MAV_TYPE_QUADROTOR).numbers("hover")
 
 

@@ -30,7 +30,7 @@ def test_planners_are_found_by_name():
     assert (chosen.name, chosen.planner, chosen.parameters) == ("spiral", spiral, {})
     with pytest.raises(PlanningError) as caught:
         make_planner("zigzag")
-    assert str(caught.value) == f"no planner is named 'zigzag'; there are {', '.join(planner_names())}"
+    assert str(caught.value) == f"unknown planner 'zigzag': choose {', '.join(planner_names())}"
 
 
 def test_planners_of_other_packages(monkeypatch):
@@ -68,11 +68,11 @@ def test_parameters_come_from_the_text_or_by_name():
 
 def test_wrong_parameters_are_refused_before_planning():
     for text, says in {
-        "lawnmower:angle=1": "planner lawnmower has no parameter 'angle'; "
-        "it has direction, max_spacing_m, min_spacing_m",
-        "spiral:direction=0": "planner spiral has no parameter 'direction'; "
-        "it has max_spacing_m, min_spacing_m",
-        "random-waypoint:seed=1": "planner random-waypoint has no parameter 'seed'; it has waypoints",
+        "lawnmower:angle=1": "planner lawnmower: unknown parameter 'angle': "
+        "choose direction, max_spacing_m, min_spacing_m",
+        "spiral:direction=0": "planner spiral: unknown parameter 'direction': "
+        "choose max_spacing_m, min_spacing_m",
+        "random-waypoint:seed=1": "planner random-waypoint: unknown parameter 'seed': choose waypoints",
     }.items():
         with pytest.raises(ParameterError) as caught:
             make_planner(text)

@@ -129,7 +129,7 @@ def test_a_pass_over_a_smooth_field_saves_the_loss_of_a_swath():
 
 
 def test_unknown_names_are_refused():
-    with pytest.raises(PlanningError, match="no acquisition is named 'luck'; there are expected-loss"):
+    with pytest.raises(PlanningError, match="unknown acquisition 'luck': choose expected-loss"):
         make_acquisition("luck")
 
 

@@ -71,7 +71,7 @@ def test_what_is_left_and_who_can_be_steered():
 def test_policies_are_made_by_name_or_taken_as_they_are():
     policy = FixedPlan("spiral")
     assert make_policy(policy) is policy
-    with pytest.raises(PlanningError, match="no policy is named 'nosuch'"):
+    with pytest.raises(PlanningError, match="unknown policy 'nosuch'"):
         make_policy("nosuch")
     with pytest.raises(PlanningError, match="FixedPlan is a class; give an object of it"):
         make_policy(FixedPlan)

@@ -50,7 +50,7 @@ def fields(site):
 def test_a_field_of_it_is_read_and_written(fields):
     assert (fields["spray"].kind, fields["spray"].dynamics.width) == ("continuous", 0.15)
     assert field_from_table(field_to_table(fields["spray"]), "here") == fields["spray"]
-    with pytest.raises(FieldError, match="unknown parameter 'evaporation' of a haze field"):
+    with pytest.raises(FieldError, match="dynamics of a haze field: unknown parameter 'evaporation'"):
         field_from_table({**HAZE, "dynamics": {"evaporation": 0.1}}, "here")
 
 

@@ -193,7 +193,7 @@ def test_days_that_are_not_kept_are_refused(grid: FarmGrid) -> None:
             call(3)
     with pytest.raises(EnvironmentDataError, match="unknown disease 'rust'"):
         environment.status("rust", 2)
-    with pytest.raises(EnvironmentDataError, match="unknown continuous field 'ccr'; known: soil"):
+    with pytest.raises(EnvironmentDataError, match="unknown continuous field 'ccr': choose soil"):
         environment.level("ccr", 2)
 
 

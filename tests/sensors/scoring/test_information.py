@@ -23,7 +23,7 @@ def test_uniform_model():
     assert (model.uncertainty == 0.25).all()
     model.of("soil")[0, 0] = 0.75  # a view
     assert model.value[2, 0, 0] == 0.75
-    with pytest.raises(EstimatorError, match=r"no field 'rain', expected one of tylcv, ccr, soil"):
+    with pytest.raises(EstimatorError, match=r"unknown field 'rain': choose tylcv, ccr, soil"):
         model.of("rain")
 
 
@@ -78,7 +78,7 @@ def test_probabilities_are_of_fields_and_copied():
     for of, name in ((model, "soil"), (InformationModel(zeros, zeros), "ccr")):
         with pytest.raises(EstimatorError, match=f"no class probabilities of '{name}'"):
             of.probabilities_in(name, slice(None))
-    with pytest.raises(EstimatorError, match="probabilities of 'rust', expected some of tylcv, ccr, soil"):
+    with pytest.raises(EstimatorError, match="probabilities: unknown field 'rust': choose tylcv, ccr, soil"):
         InformationModel(zeros, zeros, probabilities={"rust": zeros})
 
 

@@ -76,7 +76,7 @@ def test_its_vehicles_are_known_and_its_files_are_read(boat, tmp_path):
     path = tmp_path / "x.toml"
     for text, reason in [
         ('kind = "raft"', "kind 'raft' is not one of multirotor, ideal, boat, fixed-wing, rover$"),
-        ('kind = "boat"\n[airframe]\nthrust_n = 1', r"unknown key 'thrust_n' in \[airframe\]"),
+        ('kind = "boat"\n[airframe]\nthrust_n = 1', r"\[airframe\]: unknown key 'thrust_n'"),
         ('kind = "boat"\n[airframe]\nlength_m = "long"', "length_m 'long' has the wrong type"),
         ('kind = "boat"\nbase = "rover"', "kind boat does not fit base rover, which is a rover"),
         ('kind = "rover"\n[airframe]\nlength_m = 1.0', r"a vehicle of kind rover has no \[airframe\]"),

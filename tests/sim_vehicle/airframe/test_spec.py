@@ -29,7 +29,7 @@ def test_the_names_and_the_vehicles():
 
 @pytest.mark.parametrize("name", ["", "helicopter", "quad ", "../quad"])
 def test_an_unknown_vehicle_names_the_known_ones(name):
-    with pytest.raises(VehicleError, match=r"choose quad, .*mini-quad, .*ideal or a"):
+    with pytest.raises(VehicleError, match=r"choose quad, .*mini-quad, .*ideal, or give a file"):
         get_vehicle(name)
 
 

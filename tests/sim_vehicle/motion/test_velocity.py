@@ -83,6 +83,18 @@ def test_limits_hold_between_velocities_and_places(orders, x, y):
     assert np.linalg.norm(states[-1, :3] - (x, y, 30.0)) < 0.06
 
 
+def test_a_leg_that_begins_in_fast_flight_across_it_keeps_the_speed_limit():
+    # 14.36 of 14 m/s, where only velocity legs had the limit on the sum of their axes.
+    vehicle, states = aloft(), []
+    for velocity, steps in (((7.6, -16.9, 4.3), 180), ((14.0, -14.0, 3.5), 72), ((14.2, -5.1, -1.3), 31)):
+        vehicle.steer(velocity)
+        states.append(run(vehicle, steps)[1:])
+        vehicle.fly(Route.through([Leg((25.7, -45.4, 30.0), 12.0)]))
+        states.append(run(vehicle, 60)[1:])
+    states.append(run(vehicle, 1500)[1:])
+    check_limits(np.vstack(states), QUAD)
+
+
 @settings(max_examples=20, deadline=None)
 @given(st.lists(ORDER, min_size=2, max_size=4), st.integers(2, 90))
 def test_the_flight_does_not_depend_on_how_it_is_stepped(orders, chunk):

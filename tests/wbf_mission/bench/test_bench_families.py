@@ -66,13 +66,15 @@ def test_bench_run_flies_a_family(capsys, tmp_path):
     assert main(["bench", "run", "--family", "smooth", *few, "--json"]) == 0
     assert capsys.readouterr().out.count("WBF/Miniberry-30-Smooth") >= 3
     assert main(["bench", "run", "--family", "smoth", *few]) == 2
-    assert "unknown family 'smoth': give one of own, worlds, smooth" in capsys.readouterr().err
+    assert (
+        "unknown family 'smoth' (is 'smooth' meant?): choose own, worlds, smooth" in capsys.readouterr().err
+    )
     assert main(["bench", "run", str(tmp_path / "a.toml"), "--family", "smooth", *few]) == 2
     assert "give one of them" in capsys.readouterr().err
 
 
 def test_an_unknown_family_is_told():
-    with pytest.raises(ScenarioError, match="unknown family 'field': give one of own, worlds"):
+    with pytest.raises(ScenarioError, match="unknown family 'field': choose own, worlds"):
         get_family("field")
 
 

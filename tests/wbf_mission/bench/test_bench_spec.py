@@ -165,7 +165,7 @@ def test_a_file_may_name_scenarios_beside_it(tmp_path):
         ("seeds = 20_000_000", "neither a number of seeds"),
         ("planners = []", "planners [] are no list with something in it"),
         ('planners = "spiral"', "planners 'spiral' are no list"),
-        ('planners = ["spirall"]', "unknown planner or policy 'spirall'; is 'spiral' meant?"),
+        ('planners = ["spirall"]', "unknown planner or policy 'spirall' (is 'spiral' meant?)"),
         ('planners = ["spiral", "spiral"]', "planners: spiral is given twice"),
         ('planners = ["spiral:speed=3"]', "speed"),
         ('planners = ["greedy:nix=3"]', "nix"),

@@ -12,6 +12,7 @@ import shapely
 from numpy.typing import NDArray
 
 from geo.seeds import stream
+from geo.texts import unknown
 from mission.errors import PlanningError
 from mission.planners.path import Points
 from mission.policies.acquisition import ValueMap
@@ -80,8 +81,7 @@ class ConfidenceGuided:
     def _uncertainty(self, observation: PolicyObservation) -> ValueMap:
         names = observation.fields.names
         if self._field != ALL and self._field not in names:
-            msg = f"{_NAME}: no field is named {self._field!r}; there are {', '.join(names)}, and {ALL}"
-            raise PlanningError(msg)
+            raise PlanningError(f"{_NAME}: {unknown('field', self._field, [*names, ALL])}")
         uncertainty = observation.model.uncertainty
         if self._field != ALL:
             return np.array(uncertainty[names.index(self._field)])

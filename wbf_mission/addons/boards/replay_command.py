@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from geo.texts import unknown
 from wbf_mission.addons.base.pages import run_page
 from wbf_mission.addons.boards.standings_command import rows_in
 from wbf_mission.cli import options
@@ -66,9 +67,10 @@ def replay_command(
 
     wanted = list(dict.fromkeys(word.strip().lower() for word in formats.split(",") if word.strip()))
     wrong = next((name for name in wanted if name not in _FORMATS), None)
-    if wrong is not None or not wanted:
-        named = f"{wrong!r} is unknown" if wrong is not None else "nothing is named"
-        raise TargetError(f"--format: {named}; known are {', '.join(_FORMATS)}")
+    if wrong is not None:
+        raise TargetError(f"--format: {unknown('format', wrong, _FORMATS)}")
+    if not wanted:
+        raise TargetError(f"--format: no format is named: choose {', '.join(_FORMATS)}")
     rows = rows_in(folder)
     if row is None:
         _list(output, rows, folder)

@@ -12,6 +12,7 @@ import shapely
 from shapely.geometry import LineString, MultiPolygon, Point, Polygon
 
 from geo.grid import Crop
+from geo.texts import unknown
 from mission.errors import AnswerError, PlanningError
 from mission.planners.budget import Budget, LengthBudget, StepBudget
 from mission.planners.path import Area, PlannedPath
@@ -71,10 +72,9 @@ def check_planner(planner: str | Planner, lands: Collection[str] = LANDS, /, **p
     --------
     >>> check_planner("random-waypoint", waypoints=20)
     """
-    unknown = sorted(set(lands) - set(LANDS))
-    if unknown or not lands:
-        msg = f"unknown land {unknown[0]!r}: choose {', '.join(LANDS)}" if unknown else "no land to check on"
-        raise PlanningError(msg)
+    wrong = sorted(set(lands) - set(LANDS))
+    if wrong or not lands:
+        raise PlanningError(unknown("land", wrong[0], LANDS) if wrong else "no land to check on")
     chosen = make_planner(planner, **parameters)
     for name, argument in inspect.signature(chosen.planner).parameters.items():
         catches_all = argument.kind in (argument.VAR_KEYWORD, argument.VAR_POSITIONAL)

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from geo.reading import UnreadableError, read_toml
-from geo.texts import parse_number, parse_whole
+from geo.texts import parse_number, parse_whole, unknown
 from mission.link.codec.dialect import mavlink
 from sim_vehicle.errors import VehicleError
 
@@ -165,7 +165,7 @@ class Fault:
     def __post_init__(self) -> None:
         kind = KINDS.get(self.kind)
         if kind is None:
-            raise FaultError(f"unknown fault {self.kind!r}: choose {', '.join(KINDS)}")
+            raise FaultError(unknown("fault", self.kind, KINDS))
         object.__setattr__(self, "value", self._checked_value(kind))
         self._require(0.0 <= self.start_s < math.inf, f"from {self.start_s} is not seconds from 0")
         self._require(self.duration_s > 0.0, f"for {self.duration_s} is not a positive number of seconds")
@@ -285,7 +285,7 @@ def fault_from(table: Mapping[str, Any]) -> Fault:
             continue
         name = _KEYS.get(key)
         if name is None:
-            raise FaultError(f"fault {kind}: unknown option {key!r}; options are {', '.join(_KEYS)}")
+            raise FaultError(f"fault {kind}: {unknown('option', key, _KEYS)}")
         try:
             if name in ("start_s", "duration_s"):
                 values[name] = parse_number(value) if isinstance(value, str) else float(value)

@@ -10,6 +10,7 @@ from typing import Any
 
 from geo import Crop
 from geo.farms import get_farm
+from geo.texts import unknown
 from wbf_mission.addons.base.page import SCORES, Page, Picture, Section, field_table, standing_table
 from wbf_mission.addons.base.plots import CROP_COLOURS, LINE_COLOURS, draw_farm, new_sheet, save_sheet
 from wbf_mission.addons.base.standings import standings
@@ -124,10 +125,11 @@ def make_paper(
         At Ctrl-C; finished work is kept.
     """
     for what, given, known in (("figure", figures, FIGURES), ("format", formats, FORMATS)):
-        wrong = next((one for one in given if one not in known), None)
-        if wrong is not None or not given:
-            name = f"unknown {what} {wrong!r}" if wrong is not None else f"no {what} is given"
-            raise ResultError(f"{name}: known are {', '.join(known)}")
+        wrong = next((name for name in given if name not in known), None)
+        if wrong is not None:
+            raise ResultError(unknown(what, wrong, known))
+        if not given:
+            raise ResultError(f"no {what} is given: choose {', '.join(known)}")
     if len(spec.scenarios) != 1:
         raise ResultError(f"{len(spec.scenarios)} scenarios: the paper's comparison is of one; give one")
     for farm in (*cost_farms, *dynamics_farms):

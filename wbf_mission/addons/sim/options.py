@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from geo.texts import one_line, parse_number
+from geo.texts import one_line, parse_number, unknown
 from wbf_mission.scenario import Scenario, ScenarioError, read_table, scenario_from_table, take_faults
 from wbf_mission.scenario.option import Part, option, options_of
 from wbf_mission.scenario.parts import CAMERA, VEHICLE
-from wbf_mission.scenario.scenario import unknown_key
 
 if TYPE_CHECKING:
     from sim_vehicle.host.injection import AnyFault
@@ -136,10 +135,10 @@ def load_sim(path: str | Path) -> tuple[Scenario, SimOptions, tuple[AnyFault, ..
         msg = f"{path}: sim is written as a table [sim]"
         raise ScenarioError(msg)
     known = list(options_of(SimOptions))
-    unknown = [key for key in given if key not in known]
+    wrong = [key for key in given if key not in known]
     try:
-        if unknown:
-            raise ScenarioError(unknown_key(unknown[0], known) + " in [sim]")
+        if wrong:
+            raise ScenarioError(f"[sim]: {unknown('key', wrong[0], known)}")
         return scenario, SimOptions(**given), faults
     except ScenarioError as error:
         msg = f"{path}: {error}"

@@ -56,7 +56,7 @@ def test_one_field_counts_or_all_by_their_weights():
     ccr = _believed((12, 12), field=1)
     assert _next(ConfidenceGuided(field="ccr"), _flying(), model=ccr) == {1: (12, 12)}
     assert _next(ConfidenceGuided(field="all"), _flying(), model=ccr) == {1: (12, 12)}
-    with pytest.raises(PlanningError, match="no field is named 'rust'; there are tylcv, ccr, soil, and all"):
+    with pytest.raises(PlanningError, match="unknown field 'rust': choose tylcv, ccr, soil, all"):
         ConfidenceGuided(field="rust").decide(observation(_flying(), model=ccr))
 
 

@@ -207,7 +207,7 @@ def history(row, change):
     ("values", "why"),
     [
         ({"planner": "super-greedy"}, "unknown planner or policy 'super-greedy'"),
-        ({"planner": "greedy:nothing=1"}, "policy greedy has no parameter 'nothing'"),
+        ({"planner": "greedy:nothing=1"}, "policy greedy: unknown parameter 'nothing'"),
         ({"planner": ""}, NAMELESS),
         ({"estimator": ":"}, NAMELESS),
         ({"codes": {"planner": ""}}, "its digest is none of own code"),

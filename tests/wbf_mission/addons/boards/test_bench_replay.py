@@ -205,8 +205,8 @@ def test_a_row_that_differs_is_told_with_what_can_be_why(rows, tmp_path, capsys)
     ("options", "says"),
     [
         (["ffff"], "no row has a key that begins with 'ffff'"),
-        (["", "--format", "svg"], "'svg' is unknown; known are html, png, pdf"),
-        (["", "--format", ","], "nothing is named"),
+        (["", "--format", "svg"], "unknown format 'svg': choose html, png, pdf"),
+        (["", "--format", ","], "no format is named"),
         ([""], "3 rows have keys that begin with ''"),
     ],
 )

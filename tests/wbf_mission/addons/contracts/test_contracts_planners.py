@@ -28,7 +28,7 @@ def test_an_object_is_checked_as_a_function_is():
             return lawnmower(request, direction=direction)
 
     check_planner(Rows(), direction="longest-side")
-    with pytest.raises(ParameterError, match="planner Rows has no parameter 'angle'; it has direction"):
+    with pytest.raises(ParameterError, match="planner Rows: unknown parameter 'angle': choose direction"):
         check_planner(Rows(), angle=1)
 
 

@@ -31,4 +31,4 @@ def test_it_is_in_the_families_whose_fields_it_knows():
 def test_other_fields_are_refused_in_one_line(options, capsys):
     assert main(["fly", *options.split(), "--estimator", "epidemic"]) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
-    assert "estimator 'epidemic' knows only the fields tylcv, ccr, soil, not" in line
+    assert "estimator 'epidemic' needs exactly the fields tylcv, ccr, soil; this run has" in line

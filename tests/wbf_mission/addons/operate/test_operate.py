@@ -78,7 +78,7 @@ def test_orders_are_confirmed_by_what_the_vehicle_shows(autopilot, capsys):
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (("jump",), "order 'jump' is unknown; there are arm, disarm"),
+        (("jump",), "unknown order 'jump': choose arm, disarm"),
         (("takeoff",), "takeoff: give a height above home of 1 to 1000 metres"),
         (("takeoff", "nan"), "takeoff nan: give a height above home of 1 to 1000 metres"),
         (("takeoff", "-5"), "takeoff -5: give a height above home"),
@@ -98,7 +98,7 @@ def test_orders_that_are_none_open_no_link(capsys, words, text):
 def test_a_mode_that_the_vehicle_does_not_have(capsys):
     with stand_in() as (url, _):
         text = command(capsys, url, "mode", "HOVER", code=2)
-        assert text.startswith("error: mode 'HOVER' is unknown to this vehicle; it has ACRO, ")
+        assert text.startswith("error: this vehicle: unknown mode 'HOVER': choose ACRO, ")
 
 
 def test_monitor_tells_lines_of_json(capsys):

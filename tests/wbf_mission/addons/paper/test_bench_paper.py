@@ -276,9 +276,12 @@ def test_ctrl_c_says_how_to_go_on(tmp_path, capsys, monkeypatch):
 @pytest.mark.parametrize(
     ("given", "cause"),
     [
-        (["--only", "geometrie"], "unknown figure 'geometrie': known are geometry, dynamics"),
+        (
+            ["--only", "geometrie"],
+            "unknown figure 'geometrie' (is 'geometry' meant?): choose geometry, dynamics",
+        ),
         (["--only", ","], "no figure is given"),
-        (["--format", "gif"], "unknown format 'gif': known are png, pdf"),
+        (["--format", "gif"], "unknown format 'gif': choose png, pdf"),
         (["--scenarios", "WBF/Miniberry-10-v1,WBF/Miniberry-30-v1"], "2 scenarios"),
         (["--scenarios", "WBF/Miniberry-11-v1"], "unknown scenario"),
         (["--cost-farms", "nowhere"], "nowhere"),

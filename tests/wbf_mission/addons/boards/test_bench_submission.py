@@ -238,12 +238,6 @@ def test_answers_that_were_hidden_are_found_when_a_row_is_flown_again(at_once, r
     assert fly_again([structs.replace(rows[0], bad_answers={"too late": 1})], 1).rows[0].same == "equal"
 
 
-def test_what_is_no_number_is_no_score(rows):
-    nothing = floats([float("nan")] * len(rows[0].scores))
-    with pytest.raises(ResultError, match="values that are no losses"):
-        require_whole([structs.replace(rows[0], scores=nothing, score=float("nan"))])
-
-
 def test_a_seed_that_others_have_is_missed_without_a_specification(folder, tmp_path, capsys):
     there = changed(folder, tmp_path / "changed", lambda number, row: None if number == 1 else row)
     code, told = submit(there, tmp_path / "mine.zip", capsys=capsys)
@@ -252,19 +246,7 @@ def test_a_seed_that_others_have_is_missed_without_a_specification(folder, tmp_p
 
 
 def test_rows_that_are_not_what_is_flown_are_found_out(at_once, folder, tmp_path, capsys):
-    def better(number, row):
-        history = {name: floats(np.array(row.history[name]) / 2) for name in row.history}
-        scores = floats(np.array(row.scores) / 2)
-        return structs.replace(
-            row,
-            scores=scores,
-            history=history,
-            score=float(np.mean(scores)),
-            final_score=scores[-1],
-            losses={name: one[-1] for name, one in history.items()},
-        )
-
-    there = changed(folder, tmp_path / "changed", better)
+    there = changed(folder, tmp_path / "changed", lambda _, row: scaled(row, 0.5))
     code, told = submit(there, tmp_path / "mine.zip", "--verify", "2", capsys=capsys)
     assert code == 2
     assert "4 of 4 rows are not what is flown again" in told.err

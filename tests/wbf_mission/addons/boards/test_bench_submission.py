@@ -238,6 +238,12 @@ def test_answers_that_were_hidden_are_found_when_a_row_is_flown_again(at_once, r
     assert fly_again([structs.replace(rows[0], bad_answers={"too late": 1})], 1).rows[0].same == "equal"
 
 
+def test_what_is_no_number_is_no_score(rows):
+    nothing = floats([float("nan")] * len(rows[0].scores))
+    with pytest.raises(ResultError, match="values that are no losses"):
+        require_whole([structs.replace(rows[0], scores=nothing, score=float("nan"))])
+
+
 def test_a_seed_that_others_have_is_missed_without_a_specification(folder, tmp_path, capsys):
     there = changed(folder, tmp_path / "changed", lambda number, row: None if number == 1 else row)
     code, told = submit(there, tmp_path / "mine.zip", capsys=capsys)

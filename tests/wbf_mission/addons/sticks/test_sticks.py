@@ -453,6 +453,14 @@ def test_px4_takes_off_by_sticks_in_altitude_control():
     assert peer.vehicle.pilot.state.position_m[2] > 3.0
 
 
+def test_px4_returns_when_sticks_that_lean_it_fall_silent():
+    peer = lean(2.0, 3.0, sticks(x=500))
+    peer.wait(1.0)
+    assert peer.vehicle.pilot.mode is Mode.HOLD
+    peer.wait(6.0)
+    assert peer.vehicle.pilot.mode is Mode.RTL
+
+
 def test_a_rover_is_driven_by_hand_under_px4():
     peer = Peer("px4", "rover")
     assert peer.result(176, 1.0, 1.0) == 0

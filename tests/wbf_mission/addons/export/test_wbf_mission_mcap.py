@@ -25,7 +25,7 @@ from wbf_mission.scenario import Scenario
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
-    options = {"policy": "greedy", "budget": "25s", "estimator": "adaptive-disk", "seed": 1, "fence_m": 10.0}
+    options = {"policy": "greedy", "budget": "45s", "estimator": "adaptive-disk", "seed": 1, "fence_m": 10.0}
     flown = fly(Scenario(farm="miniberry-10", vehicles=2, days=2, **options))
     return load_result(flown.save(tmp_path_factory.mktemp("run") / "run", plots=False))
 

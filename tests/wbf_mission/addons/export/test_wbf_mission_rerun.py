@@ -19,7 +19,7 @@ from wbf_mission.results.result import Result, load_result
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    options = ("--policy", "greedy", "--budget", "25s", "--estimator", "adaptive-disk")
+    options = ("--policy", "greedy", "--budget", "45s", "--estimator", "adaptive-disk")
     return fleet_run(tmp_path_factory.mktemp("runs") / "mine", *options)
 
 

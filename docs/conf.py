@@ -1,4 +1,4 @@
-"""How the site is built: ``sphinx-build -W --keep-going docs build/site``."""
+"""Sphinx configuration of the site: ``sphinx-build -W --keep-going docs build/site`` builds it."""
 
 import sys
 from pathlib import Path
@@ -56,5 +56,5 @@ def _with_tables(_app: Any, _page: str, source: list[str]) -> None:
 
 
 def setup(app: Any) -> None:
-    """Let pages have tables that are made of the code."""
+    """Replace the marks of tables in the pages by tables made from the code."""
     app.connect("source-read", _with_tables)

@@ -3,10 +3,10 @@
     python docs/draw_architecture.py --out docs/images/architecture.png
     python docs/draw_architecture.py --check
 
-Rooms, sizes and imports are read from the sources (grimp, which comes with import-linter); the hand-overs of
-`FLOW` name types of the code, and one that no longer exists is an error. The picture keeps what it was drawn
-from as text of the PNG, so that ``--check`` finds one that the code has left behind: other rooms or arrows,
-or a size that is off by more than a tenth.
+Rooms, sizes and imports are read from the sources by grimp, which comes with import-linter. Each hand-over in
+`FLOW` names a type in the code; a type that no longer exists is an error. The PNG contains the structure that
+was drawn as text, so that ``--check`` finds an outdated picture: it has other rooms or arrows, or the size of
+a room differs by more than a tenth.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ ANSWERS = {
     "sensors": "what there is to sense, and what it tells",
     "geo": "where",
 }
-# From room to room: what is handed over, and the type of the code that carries it.
+# Hand-overs: from room, to room, thing that is handed over, and type in the code that carries it.
 FLOW = (
     ("geo", "wbf_mission.planning", "farm", "geo.farm:Farm"),
     ("wbf_mission.planning", "mission.planners", "request", "mission.planners.request:PlanningRequest"),
@@ -50,7 +50,7 @@ FLOW = (
 BLUE, GREY, ORANGE = "#dbe7f3", "#8a8f98", "#c8500a"
 PICTURE = ROOT / "docs" / "images" / "architecture.png"
 DRAWN_FROM = "Description"
-"""The keyword under which the PNG keeps what it was drawn from."""
+"""Keyword of the PNG text that contains the drawn structure."""
 OFF = 0.1
 
 
@@ -65,7 +65,7 @@ class Room:
 
 
 def rooms_of(graph: grimp.ImportGraph) -> dict[str, Room]:
-    """All rooms by name; the modules directly in a floor form a room with the floor's name."""
+    """Return all rooms by name; the modules directly in a floor form a room with the floor's name."""
     sizes: dict[str, list[int]] = {}
     for module in graph.modules:
         path = ROOT / (module.replace(".", "/") + ".py")
@@ -77,14 +77,14 @@ def rooms_of(graph: grimp.ImportGraph) -> dict[str, Room]:
 
 
 def room_of(module: str, graph: grimp.ImportGraph) -> str:
-    """The room of a module: its package directly below the floor, or the floor."""
+    """Return the room of a module: its package directly below the floor, or the floor."""
     parts = module.split(".")
     name = ".".join(parts[:2])
     return name if len(parts) > 1 and graph.find_children(name) else parts[0]
 
 
 def arrows_of(graph: grimp.ImportGraph) -> dict[tuple[str, str], int]:
-    """How many imports lead from a room to another."""
+    """Return the number of imports from one room to another."""
     counts: dict[tuple[str, str], int] = {}
     for importer in graph.modules:
         for imported in graph.find_modules_directly_imported_by(importer):
@@ -95,7 +95,7 @@ def arrows_of(graph: grimp.ImportGraph) -> dict[tuple[str, str], int]:
 
 
 def structure(rooms: dict[str, Room], arrows: dict[tuple[str, str], int]) -> dict[str, Any]:
-    """What a picture shows: sizes of rooms, arrows between rooms of a floor, and hand-overs."""
+    """Return the structure that a picture shows: sizes of rooms, arrows within floors, and hand-overs."""
     return {
         "rooms": {name: [room.modules, room.lines] for name, room in sorted(rooms.items())},
         "arrows": [list(pair) for pair in sorted(arrows) if is_drawn(*pair)],
@@ -104,13 +104,13 @@ def structure(rooms: dict[str, Room], arrows: dict[tuple[str, str], int]) -> dic
 
 
 def is_drawn(above: str, below: str) -> bool:
-    """Whether an arrow is drawn: from room to room of one floor."""
+    """Return whether an arrow is drawn: only between two rooms of the same floor."""
     floor = above.split(".")[0]
     return floor == below.split(".")[0] and floor not in (above, below)
 
 
 def differences(drawn: dict[str, Any], now: dict[str, Any]) -> list[str]:
-    """Return in which points a picture is not that of the code, a line each."""
+    """Return the differences between a picture and the code, one line each."""
     lines = []
     for name in sorted({*drawn["rooms"], *now["rooms"]}):
         sizes = [one["rooms"].get(name, [0, 0]) for one in (drawn, now)]
@@ -134,10 +134,9 @@ def check_flow() -> None:
 
 
 def levels(rooms: list[Room], arrows: dict[tuple[str, str], int]) -> dict[str, int]:
-    """Height of each room within its floor: above all rooms of the floor that it imports.
+    """Return the level of each room in its floor: above all rooms of this floor that it imports.
 
-    The modules that lie on the floor itself are no room: they stand at the bottom, some of them below and
-    some above the rooms.
+    The modules directly in a floor are no room: they are drawn at the bottom, although some import rooms.
     """
     names = {room.name for room in rooms if room.name != room.floor}
     below = {name: {b for (a, b) in arrows if a == name and b in names} for name in names}
@@ -155,7 +154,7 @@ def levels(rooms: list[Room], arrows: dict[tuple[str, str], int]) -> dict[str, i
 def place(
     rooms: dict[str, Room], arrows: dict[tuple[str, str], int]
 ) -> tuple[dict[str, tuple[float, float]], dict[str, tuple[float, float]]]:
-    """Centres of the rooms, and the bottom and top of each floor."""
+    """Return the centres of the rooms, and the bottom and top of each floor."""
     centres: dict[str, tuple[float, float]] = {}
     bands: dict[str, tuple[float, float]] = {}
     bottom = 0.0
@@ -165,7 +164,7 @@ def place(
         rows = max(height.values()) + 1
         for level in range(rows):
             row = sorted(name for name, at in height.items() if at == level)
-            # Single rooms stand in turn to the left and right, so that no arrow runs through them.
+            # Single rooms are placed alternately left and right, so that no arrow runs through them.
             shift = (-1.6, 1.6)[level % 2] if len(row) % 2 else 0.0
             for column, name in enumerate(row):
                 centres[name] = (
@@ -287,7 +286,7 @@ def draw(out: Path) -> None:
 
 
 def check(picture: Path) -> list[str]:
-    """Return in which points a picture is not that of the code."""
+    """Return the differences between the picture in a file and the code."""
     check_flow()
     graph = grimp.build_graph(*FLOORS, cache_dir=None)
     with Image.open(picture) as image:

@@ -34,7 +34,7 @@ FIELD = "tylcv"
 
 
 def show(axes: Axes, values: NDArray[np.float32], mask: NDArray[np.bool_], cell_m: float) -> None:
-    """Draw how sick plants are: 0 healthy, 1 lost."""
+    """Draw the sickness of plants: 0 is healthy, 1 is lost."""
     pixels = np.where(mask, 1.0 - values, np.nan)
     width, height = pixels.shape
     extent = (0.0, width * cell_m, 0.0, height * cell_m)

@@ -29,7 +29,7 @@ RUNS = (
 
 
 def draw(axes: Axes, result: Result, title: str) -> None:
-    """Draw the flown paths, a cross where a vehicle ended that did not come home."""
+    """Draw the flown paths, with a cross at the last position of a vehicle that did not return."""
     draw_farm(axes, result.farm)
     for one, colour in zip(result.flights, COLOURS, strict=True):
         axes.plot(one.track.x_m, one.track.y_m, color=colour, linewidth=0.9, label=f"vehicle {one.system_id}")

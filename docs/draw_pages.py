@@ -2,7 +2,7 @@
 
     python docs/draw_pages.py report.png bench-page.png --out docs/images
 
-What they show is flown first, in a folder that is removed. It needs Chromium, and the extra `dev`.
+The script first flies the runs of these pages, in a temporary folder. It needs Chromium and the extra `dev`.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def served(*arguments: str) -> Iterator[str]:
 
 
 def opened(browser: Browser, url: str, *, height: int = HEIGHT) -> Page:
-    """Open a page, and let it draw."""
+    """Open a page, and wait until it is drawn."""
     page = browser.new_page(viewport={"width": WIDTH, "height": height}, color_scheme="light")
     page.goto(url)
     page.wait_for_timeout(STILL_MS)
@@ -61,13 +61,13 @@ def opened(browser: Browser, url: str, *, height: int = HEIGHT) -> Page:
 
 
 def keep(shown: Page | Locator, path: Path) -> None:
-    """Save a picture in few colours, which pages have."""
+    """Save a picture with few colours, which suffice for pages."""
     picture = Image.open(io.BytesIO(shown.screenshot())).convert("RGB")
     picture.quantize(dither=Image.Dither.NONE).save(path, optimize=True)
 
 
 def draw_report(browser: Browser, folder: Path, out: Path) -> None:
-    """Draw the page of a run in its middle, and its summary."""
+    """Draw the page of a run at half of its time, and the summary of the run."""
     run("fly", *FLEET, "--out", folder / "run", "--no-plots")
     run("report", folder / "run")
     page = opened(browser, (folder / "run.html").as_uri())
@@ -111,7 +111,7 @@ def draw_board(browser: Browser, folder: Path, out: Path) -> None:
 
 
 def draw_live(browser: Browser, folder: Path, out: Path) -> None:
-    """Draw the page of a flight while it happens."""
+    """Draw the live page during a flight."""
     flight = (
         "fly",
         *FLEET,

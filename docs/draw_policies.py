@@ -2,7 +2,7 @@
 
     python docs/draw_policies.py policies.png --out docs/images
 
-The flights are those of `benchmarks/policies.py`: the paper's robot, the `epidemic` estimator.
+The flights are made as in `benchmarks/policies.py`, with the paper's robot and the estimator `epidemic`.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ FADED = 0.35
 
 
 def draw_flight(axes: Axes, case: Case, name: str, run: Run) -> None:
-    """Draw the truth of both crops and the tracks, the first third of the steps dark."""
+    """Draw the truth of both crops, and the tracks with the first third of the steps dark."""
     farm = get_farm(case.farm)
     environment = generate_environment(
         farm.grid(), days=DAY, seed=child_seed(SEED, "environment"), keep_days=[DAY]

@@ -1,7 +1,7 @@
-"""Parts of pages that the site makes of the code.
+"""Parts of pages that the site makes from the code.
 
-A line ``<!-- table: NAME -->`` stands for a table, a block ``{reference}`` of names for their docstrings, and
-``<!-- contents -->`` for the hidden tables of contents of the pages that the page's own table links to.
+A line ``<!-- table: NAME -->`` is replaced by a table, and a block ``{reference}`` by the docstrings of the
+names in it. ``<!-- contents -->`` is replaced by hidden tables of contents of all pages in the page's table.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _MARK = re.compile(r"^<!-- table: ([\w-]+) -->$", re.MULTILINE)
 
 
 def with_tables(page: str) -> str:
-    """Return the text of a page with its tables."""
+    """Return the text of a page, with its marks replaced by tables."""
     page = _REFERENCE.sub(lambda found: "\n".join(_reference(found[1].split())), page)
     page = page.replace(_CONTENTS, "\n".join(_contents(page)))
     return _MARK.sub(lambda found: "\n".join(TABLES[found[1]]()), page)

@@ -46,8 +46,8 @@ def turns_camera(item: MissionItem) -> bool | None:
 class Place:
     """A place on a leg of a mission.
 
-    Fraction 0 is the end of the previous leg, after all commands between the two legs. A place at the end of
-    a leg has the number of the next leg and fraction 0.
+    Fraction 0 means the end of the previous leg, after all commands between the two legs. The end of a leg is
+    always written as the next leg with fraction 0.
     """
 
     item: int
@@ -68,7 +68,7 @@ class Leg:
     """Latitude and longitude (degrees), and altitude (m) in the frame of the leg's item."""
     end: tuple[float, float, float]
     straight: bool
-    """Whether a mission can be cut on the leg: it has no spline, no loiter and no CONDITION command."""
+    """Whether a mission can be cut on the leg: the leg has no spline, no loiter and no CONDITION command."""
     works: bool
     """Whether images are taken on the leg or at its end."""
 
@@ -173,7 +173,7 @@ class Course:
 
     @cached_property
     def _ends(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Starts and ends of the legs in the frame (m), float64[n, 2] each."""
+        """Starts and ends of the legs in the local frame (m), float64[n, 2] each."""
         begin, end = (
             np.column_stack(self.frame.from_wgs84(*np.array([place[:2] for place in places]).T))
             for places in ([leg.begin for leg in self.legs], [leg.end for leg in self.legs])
@@ -207,7 +207,7 @@ class Course:
         return [leg.item for leg in self.legs]
 
     def leg_of(self, place: Place) -> int:
-        """Return the index of the leg of a place; the number of legs if the place is past the last leg."""
+        """Return the index of the leg of a place, or the number of legs if the place is past the last leg."""
         return bisect.bisect_left(self._flown_items, place.item)
 
     def metres(self, place: Place) -> float:
@@ -219,7 +219,7 @@ class Course:
         return float(self.ends_m[number] - (1.0 - behind) * self.lengths_m[number])
 
     def place(self, metres: float) -> Place | None:
-        """Return the place at a distance from the start of the course; None at the end of the course."""
+        """Return the place at a distance from the start of the course, or None at the end of the course."""
         number = int(np.searchsorted(self.ends_m, metres, side="right"))
         if number >= len(self.legs):
             return None
@@ -236,7 +236,7 @@ class Course:
         return x, y, z
 
     def after(self, place: Place) -> Place | None:
-        """Return `place` if its leg has images, else the start of the next leg with images, else None."""
+        """Return `place` if its leg has images, otherwise the start of the next leg with images, or None."""
         number = self.leg_of(place)
         if number < len(self.legs) and self.legs[number].works:
             return place
@@ -265,20 +265,20 @@ class Course:
     def along(self, items: ArrayLike, east_m: ArrayLike, north_m: ArrayLike) -> NDArray[np.float64]:
         """Return the distance from the start of the course to each position, float64[n].
 
-        Each position (m in the frame) is projected onto the leg of its item.
+        Each position (m in the local frame) is projected onto the leg to its item.
         """
         numbers, part, _ = self._projected(items, east_m, north_m)
         metres: NDArray[np.float64] = self.ends_m[numbers] - (1.0 - part) * self.lengths_m[numbers]
         return metres
 
     def aside_m(self, items: ArrayLike, east_m: ArrayLike, north_m: ArrayLike) -> NDArray[np.float64]:
-        """Return the distance of each position from the leg of its item, float64[n]; 0 past the last leg."""
+        """Return the distance of each position from the leg of its item, float64[n]; 0 after the last leg."""
         return self._projected(items, east_m, north_m)[2]
 
     def _projected(
         self, items: ArrayLike, east_m: ArrayLike, north_m: ArrayLike
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return leg index, flown fraction of the leg and distance from the leg of each position."""
+        """Return for each position the leg index, the flown fraction, and the distance from the leg."""
         numbers = np.searchsorted(self._flown_items, np.asarray(items))
         ended = numbers >= len(self.legs)
         numbers = np.minimum(numbers, len(self.legs) - 1)
@@ -329,15 +329,15 @@ def unrolled(mission: Mission) -> Mission:
     return replace(mission, items=tuple(written))
 
 
-# A vehicle farther from its leg is on the approach, or flies another mission.
+# A vehicle farther from its leg than this is on the approach, or flies another mission.
 _ON_LEG_M = 50.0
 
 
 class MissionProgress:
     """Progress of a vehicle along the course of its mission.
 
-    A position counts after a later HEARTBEAT confirms the mission mode; positions of the return home are
-    discarded. `receive` expects only messages of the vehicle's autopilot.
+    A position counts only if the next HEARTBEAT confirms the mission mode, so positions of the return home
+    are discarded. `receive` expects only messages of the vehicle's autopilot.
 
     Parameters
     ----------
@@ -371,9 +371,9 @@ class MissionProgress:
         return self.monitor.in_mission and self.monitor.state.armed and not self.monitor.left_mission
 
     def place(self) -> Place | None:
-        """Return the farthest place flown; None if the mission was flown to its end.
+        """Return the farthest place flown, or None if the mission was flown to its end.
 
-        MissionError if the vehicle never flew its mission.
+        Raises MissionError if the vehicle never flew its mission.
         """
         if not self._flown:
             msg = "no message shows that the vehicle flew its mission by itself"

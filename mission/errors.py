@@ -41,7 +41,7 @@ class LinkError(WbfMissionError, OSError):
 
 
 class NoPeerError(LinkError):
-    """A link without an answer from its other end."""
+    """A link whose other end does not answer."""
 
 
 class LinkLostError(LinkError):

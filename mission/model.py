@@ -1,6 +1,6 @@
 """Mission model shared by planners, mission files and the MAVLink mission protocol.
 
-A parameter of ``None`` is the vehicle's default: NaN on the wire, ``null`` in a .plan file.
+A parameter that is None stands for the vehicle's default value: NaN on the wire, ``null`` in a .plan file.
 """
 
 from __future__ import annotations
@@ -73,20 +73,20 @@ GLOBAL_FRAMES = frozenset({0, 3, 5, 6, 10, 11})
 RELATIVE_FRAMES = frozenset({3, 6})
 DEGREES_E7 = 1e7
 FLOAT32_MAX = 3.4028235e38
-MAX_ITEMS = 65535  # sequence numbers and counts are 16 bits wide
-# The commands marked hasLocation in the MAVLink XML, without those of local frames (23, 24).
+MAX_ITEMS = 65535  # MAVLink's sequence numbers and counts have 16 bits.
+# The commands marked hasLocation in the MAVLink XML, except for 23 and 24, which use local frames.
 _POSITION_COMMANDS = frozenset(
     {16, 17, 18, 19, 21, 22, 25, 31, 34, 35, 36, 80, 81, 82, 84, 85, 94}
     | {179, 188, 189, 192, 195, 201, 252, 611}
     | {4001, 4501, 5000, 5001, 5002, 5003, 5004, 5100, 30001, 43003}
     | set(range(31000, 31010))
 )
-# NAV_CONTINUE_AND_CHANGE_ALT has no latitude, but its z is an altitude in the frame.
+# NAV_CONTINUE_AND_CHANGE_ALT has no latitude, but its z is an altitude in the frame of the item.
 _ALTITUDE_COMMANDS = frozenset({30})
 
 
 def has_position(command: int) -> bool:
-    """Return whether the command's x, y, z are a position (otherwise they are parameters 5 to 7)."""
+    """Return whether x, y, z of a command are a position, rather than the parameters 5 to 7."""
     return command in _POSITION_COMMANDS
 
 
@@ -214,7 +214,7 @@ class MissionItem:
         acceptance_radius_m: float = 0.0,
         yaw_deg: float | None = None,
     ) -> MissionItem:
-        """Return a NAV_WAYPOINT at an altitude above home; None as `yaw_deg` is the default heading."""
+        """Return a NAV_WAYPOINT at an altitude above home; without `yaw_deg`, the heading is the default."""
         return cls(
             Command.NAV_WAYPOINT,
             Frame.GLOBAL_RELATIVE_ALT,
@@ -228,7 +228,7 @@ class MissionItem:
         )
 
     def in_standard_frame(self) -> MissionItem:
-        """Return the item, in frame MISSION if its command has no position.
+        """Return the item; if its command has no position, change its frame to MISSION.
 
         ArduPilot's tools write commands without a position in frame 0 or 3, which PX4 refuses. Every
         autopilot accepts frame MISSION.

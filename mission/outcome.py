@@ -14,11 +14,11 @@ _WORDS = {
     "pilot_took_over": "a pilot took over",
     "autopilot_restarted": "autopilot restarted in flight",
 }
-"""Texts of the outcomes with names that need an explanation."""
+"""Texts for outcomes whose names need an explanation."""
 
 
 def in_words(outcome: Outcome | str, reason: str = "") -> str:
-    """Return the text of an outcome, with its reason if the reason adds anything.
+    """Return the text of an outcome, followed by the reason if the reason says more than the outcome.
 
     >>> in_words(Outcome.BATTERY_DEPLETED), in_words("arming_refused", "denied")
     ('battery empty in the air', 'arming refused: denied')

@@ -16,7 +16,7 @@ Way: TypeAlias = Callable[[tuple[float, float], tuple[float, float]], Sequence[t
 """Function from two positions (latitude, longitude) to the corners of a path round obstacles."""
 
 _VIDEO_START, _VIDEO_STOP = 2500, 2501
-# Names of settings by command. The last command of each name is in force when a part begins.
+# Each command changes the setting of this name; the last command before a part is in force there.
 _SETTINGS: dict[int, str] = {
     183: "servo",
     181: "relay",
@@ -35,9 +35,9 @@ _SETTINGS: dict[int, str] = {
     _VIDEO_START: "video",
     _VIDEO_STOP: "video",
 }
-# Servos and relays: each output number (param1) is a separate setting.
+# Of servos and relays, each output number (param1) is a separate setting.
 _BY_NUMBER = frozenset({183, 181})
-# Settings repeated at the first position of the part, so that the approach is not recorded.
+# These settings are repeated only at the first position of the part, so that the approach is not recorded.
 _AT_THE_PLACE = frozenset({"images", "video", "yaw"})
 _STOPS = {
     int(Command.DO_SET_CAM_TRIGG_DIST): int(Command.DO_SET_CAM_TRIGG_DIST),
@@ -60,10 +60,10 @@ def part_of(
 ) -> Mission:
     """Return a mission that takes off, flies the part of `course` between two places, and lands.
 
-    Settings in force at `begin` are repeated: speeds, region of interest and gimbal after the take-off,
-    camera and heading at the first position of the part. The camera is stopped at `end`. Fence, rally
-    points, altitude frames, take-off and landing are copied from the whole mission. Leading legs without
-    images are left out.
+    The mission repeats settings in force at `begin`: speeds, region of interest and gimbal after the
+    take-off; camera and heading at the first position of the part. The camera is stopped at `end`. Fence,
+    rally points, altitude frames, take-off and landing are copied from the whole mission. Leading legs
+    without images are left out.
 
     Parameters
     ----------
@@ -134,10 +134,10 @@ def part_of(
 
 
 def resumed_at(course: Course, begin: Place, overlap_m: float) -> Place | None:
-    """Return the first place of the part that begins at `begin`; None if no leg with images remains.
+    """Return the first place to fly in order to resume at `begin`, or None if no leg with images remains.
 
-    The first place is `overlap_m` before `begin`. If the leg of `begin` has no images, the first place is the
-    start of the next leg with images.
+    The first place is `overlap_m` before `begin`. If the leg of `begin` has no images, the place is the start
+    of the next leg with images.
     """
     following = course.after(begin)
     if following is None or following != begin:
@@ -146,7 +146,7 @@ def resumed_at(course: Course, begin: Place, overlap_m: float) -> Place | None:
 
 
 def image_spacing_m(mission: Mission, speed_m_s: float) -> float | None:
-    """Return the approximate image spacing of a mission (m); None without a camera trigger.
+    """Return the approximate image spacing of a mission (m), or None without a camera trigger.
 
     >>> image_spacing_m(Mission((MissionItem(206, param1=3.0),)), 5.0)
     3.0
@@ -161,7 +161,7 @@ def image_spacing_m(mission: Mission, speed_m_s: float) -> float | None:
 def _approach(
     course: Course, first: Place, hold_s: float, home: GeoPoint | None, way: Way | None
 ) -> list[MissionItem]:
-    """Return the items between take-off and `first`, with the settings in force at `first`."""
+    """Return items for the flight from take-off to `first`, with the settings in force at `first`."""
     items = course.mission.items
     leg = course.leg_of(first)
     since = course.legs[leg - 1].item if leg else course.begin - 1
@@ -185,7 +185,7 @@ def _approach(
 
 
 def _settings(items: Iterable[MissionItem]) -> dict[str, MissionItem]:
-    """Return the settings in force after `items`, by name, in the order of the items."""
+    """Return the items of the settings in force after `items`, by name, in the order of `items`."""
     held: dict[str, MissionItem] = {}
     for item in items:
         name = _SETTINGS.get(item.command)
@@ -215,7 +215,7 @@ def _is_for_next(item: MissionItem) -> bool:
 
 
 def _reachable(course: Course, first: Place, end: Place | None) -> Place | None:
-    """Return the possible end of a part that should end at `end`; None for the end of the mission."""
+    """Return a place near `end` at which a part can end, or None if it ends with the mission."""
     # A curved leg cannot be cut and is flown whole. Trailing legs without images are left out.
     if end is None or (number := course.leg_of(end)) >= len(course.legs):
         return None
@@ -235,7 +235,7 @@ def _reachable(course: Course, first: Place, end: Place | None) -> Place | None:
 
 
 def _waypoint(like: MissionItem, place: tuple[float, float, float]) -> MissionItem:
-    """Return a waypoint at `place` without hold; radius, heading and frame are those of `like`."""
+    """Return a waypoint at `place` without hold; radius, heading and frame are taken from `like`."""
     radius_m = like.param2 if like.command == _WAYPOINT else 0.0
     yaw = like.param4 if like.command == _WAYPOINT else None
     frame = like.frame if like.has_position else Frame.GLOBAL_RELATIVE_ALT

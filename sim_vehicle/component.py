@@ -18,9 +18,9 @@ NEVER = float("inf")
 
 @runtime_checkable
 class Component(Protocol):
-    """A MAVLink component, which sends the messages that `receive` and `poll` return.
+    """A MAVLink component; its host sends the messages that `receive` and `poll` return.
 
-    Times are monotone seconds of the host's clock.
+    Times are seconds of the host's monotonic clock.
     """
 
     @property
@@ -71,7 +71,7 @@ class KeepsLog(Protocol):
 
 @runtime_checkable
 class Serves(Protocol):
-    """A component that exchanges messages with one vehicle only, and has a system id of its own."""
+    """A component with its own system id that exchanges messages with one vehicle only."""
 
     @property
     def vehicle_system_id(self) -> int:
@@ -80,15 +80,15 @@ class Serves(Protocol):
 
 
 UNHEARD: Any = object()
-"""Placeholder for a message that nobody listens to (see `SaysMuch`); the host counts it as a frame."""
+"""Placeholder for a message to which nobody listens (see `SaysMuch`); the host counts it as a frame."""
 
 
 @runtime_checkable
 class SaysMuch(Protocol):
-    """A component that need not build messages that nobody listens to."""
+    """A component that can leave out messages to which nobody listens."""
 
     def only_heard(self, message_ids: frozenset[int] | None) -> None:
-        """Build answers and messages of these IDs (None: all); return `UNHEARD` for any other message."""
+        """Build only messages with these IDs (None: all); return `UNHEARD` in place of other messages."""
         ...
 
 
@@ -100,9 +100,9 @@ class Streams(Protocol):
     """Name of the link from which the next message comes; empty for a link without a name."""
 
     def open_links(self, names: frozenset[str]) -> None:
-        """Add links for streaming; afterwards `streamed` returns the telemetry in place of `poll`."""
+        """Add links for streaming; from then on `streamed` returns the telemetry, and `poll` does not."""
         ...
 
     def streamed(self) -> list[tuple[str, list[mavlink.MAVLink_message]]]:
-        """Return each link's telemetry that is due at the time of the last `poll`."""
+        """Return, for each link, the telemetry that is due at the time of the last `poll`."""
         ...

@@ -19,7 +19,7 @@ GENERIC = Profile("the vehicle", m.MAV_AUTOPILOT_GENERIC)
 
 
 def profile_for(autopilot: int) -> Profile:
-    """Return the profile for the MAV_AUTOPILOT of a heartbeat, `GENERIC` for an unknown autopilot.
+    """Return the profile for the MAV_AUTOPILOT of a heartbeat; `GENERIC` if the autopilot is unknown.
 
     Raises TransferError if an entry point cannot be loaded or is not a `Profile`.
 

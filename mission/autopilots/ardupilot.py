@@ -39,7 +39,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, MissionItem, has_position
 
 _YAW = frozenset({"param4"})
-# From mavlink_int_to_mission_cmd. Camera commands need version 4.4, DO_RETURN_PATH_START 4.6.
+# mavlink_int_to_mission_cmd has these commands: camera commands since 4.4, DO_RETURN_PATH_START since 4.6.
 _PLACED = frozenset(
     {16, 17, 18, 19, 20, 21, 22, 30, 31, 82, 83, 84, 85, 92, 93, 94, 112, 114, 115, 177, 178, 179}
     | {181, 182, 183, 184, 188, 189, 191, 193, 194, 195, 197, 201, 202, 203, 205, 206, 207, 208, 210, 211}
@@ -59,7 +59,7 @@ _LOSSY: Mapping[int, frozenset[str]] = {
     Command.DO_SET_CAM_TRIGG_DIST: frozenset({"param2", "param4"}),
     Command.DO_JUMP: frozenset({"param3", "param4"}),
 }
-# A download returns fence items with altitude 0 above sea level, and rally points with whole metres.
+# In a download, fence items have altitude 0 above sea level, and altitudes of rally points are whole metres.
 _READ_BACK: Mapping[int, Mapping[str, ReadBack]] = {
     Command.NAV_SPLINE_WAYPOINT: {"param1": _WHOLE, **FIRST_ALONE},
     Command.NAV_LOITER_UNLIM: {**NO_PARAMETERS, "param3": _WHOLE},
@@ -120,7 +120,7 @@ _DIALECT = Dialect(
         IgnoredField(
             Command.NAV_WAYPOINT,
             "param2",
-            "ArduPilot does not store the acceptance radius (param2): it has one for all (WPNAV_RADIUS)",
+            "ArduPilot does not store the acceptance radius (param2): WPNAV_RADIUS holds for all waypoints",
             severity=Severity.NOTE,
             vehicle_types=frozenset({*COPTERS, ROVER}),
         ),
@@ -196,7 +196,7 @@ _ROVER: Questions = {
     Meaning.LINK_LOST: {"FS_GCS_ENABLE": 1.0},
     **_ANY,
 }
-# Parameters that determine the duration of climbs, return and landing; 4.7 has new names and SI units.
+# These parameters determine the times of climbs, return and landing; 4.7 has new names and SI units.
 _MOTION: Motion = {
     "WPNAV_SPEED": {"WP_SPD": 100.0, "WPNAV_SPEED": 1.0},
     "WPNAV_SPEED_UP": {"WP_SPD_UP": 100.0, "WPNAV_SPEED_UP": 1.0},
@@ -211,7 +211,7 @@ _MOTION: Motion = {
     "LAND_SPEED_HIGH": {"LAND_SPD_HIGH_MS": 100.0, "LAND_SPEED_HIGH": 1.0},
     "LAND_ALT_LOW": {"LAND_ALT_LOW_M": 100.0, "LAND_ALT_LOW": 1.0},
 }
-# Not LOITER for copters: with the throttle stick at its lowest position, a copter in LOITER descends.
+# Copters do not hold in LOITER: with the throttle stick at its lowest position, they would descend.
 _HOLD: Mapping[int | None, str] = {FIXED_WING: "LOITER", ROVER: "HOLD", None: "BRAKE"}
 
 
@@ -235,7 +235,7 @@ _MODES = FlightModes(
     mission=frozenset({"AUTO"}),
     resume="AUTO",
     hold=_HOLD,
-    # ArduCopter does not arm in AUTO, nor in altitude-hold modes without a throttle stick.
+    # ArduCopter arms neither in AUTO nor, without a throttle stick, in altitude-hold modes.
     arming={FIXED_WING: None, ROVER: None, None: "GUIDED"},
     ends=_ends,
     in_pymavlink=True,
@@ -292,18 +292,18 @@ ARDUPILOT = Profile(
         FIXED_WING: (15, 10),
         ROVER: (15, 10),
     },
-    # Return to launch if the ground station is lost, but continue a mission.
+    # With these parameters, a vehicle without its ground station returns to launch, but continues a mission.
     change_failsafe=dict.fromkeys(
         COPTERS,
         (
-            # FS_GCS_ENABLE is last: the failsafe must not be enabled before the option to continue missions.
+            # FS_GCS_ENABLE comes last: the option to continue missions must be set before the failsafe.
             NeededParameter("FS_OPTIONS", bits=2),
             NeededParameter("FS_GCS_TIMEOUT", least=90),
             NeededParameter("FS_GCS_ENABLE", good=frozenset({1, 2, 3, 6}), value=1),
         ),
     ),
     modes=_MODES,
-    # FS_GCS_ENABLE 2 of old ArduCopters continues a mission.
+    # On old ArduCopters, FS_GCS_ENABLE = 2 lets a mission continue.
     settings=VehicleSettings(
         {FIXED_WING: _PLANE, ROVER: _ROVER, None: _COPTER},
         {FIXED_WING: {}, ROVER: {}, None: _MOTION},

@@ -19,7 +19,7 @@ class Severity(StrEnum):
     """Severity of a remark."""
 
     ERROR = "error"
-    """The autopilot would refuse the plan or not fly it."""
+    """The autopilot would refuse the plan, or would not fly the plan."""
     WARNING = "warning"
     """A value is ignored or replaced, with an effect on the flight."""
     NOTE = "note"
@@ -39,7 +39,7 @@ class ReadBack(Enum):
     """1 for a positive value, otherwise 0."""
 
     def of(self, value: float | None) -> float:
-        """Return the value read back for a sent value; None is an unset value.
+        """Return the value read back for a sent value (None if unset).
 
         >>> ReadBack.WHOLE.of(-2.7), ReadBack.SIGN.of(0.0), ReadBack.FLAG.of(None)
         (-2.0, 1.0, 0.0)
@@ -61,7 +61,7 @@ class Substitute:
     """Replacement of a command that an autopilot does not support."""
 
     make: Callable[[MissionItem], MissionItem | None]
-    """Returns the item to send, None to omit the item."""
+    """Function that returns the item to send, or None to omit the item."""
     text: str
     """Description of the replacement for the operator."""
 
@@ -80,12 +80,12 @@ class IgnoredField:
     """Advice to the operator."""
     severity: Severity = Severity.WARNING
     vehicle_types: frozenset[int] | None = None
-    """MAV_TYPEs that ignore the parameter; None for any."""
+    """MAV_TYPEs that ignore the parameter, or None for any."""
 
 
 @dataclass(frozen=True, slots=True)
 class ArmingCondition:
-    """Condition on the mission that a vehicle parameter imposes for arming."""
+    """Condition that a vehicle parameter sets on the mission; if it is not met, the vehicle does not arm."""
 
     parameter: str
     refusing: frozenset[float]
@@ -97,7 +97,7 @@ class ArmingCondition:
     unknown: Severity
     """Severity of the remark if the value is unknown and the default imposes the condition."""
     needed: frozenset[int] = frozenset()
-    """Commands of which the mission must contain at least one; empty for no such condition."""
+    """The mission must contain at least one of these commands; if empty, no command is required."""
     barred: frozenset[int] = frozenset()
     """Commands that the mission must not contain."""
     vehicle_types: frozenset[int] = frozenset({FIXED_WING})
@@ -117,19 +117,19 @@ class Dialect:
     yaw_in_waypoints: bool = False
     """Whether the heading is a parameter of waypoints, and CONDITION_YAW is not supported."""
     roi_modes: frozenset[int] | None = None
-    """Modes (MAV_ROI) accepted for DO_SET_ROI with a position; None for any."""
+    """Modes (MAV_ROI) accepted for DO_SET_ROI with a position, or None for any."""
     not_for: Mapping[int, frozenset[int]] = field(default_factory=dict)
-    """Commands that a MAV_TYPE does not support although other vehicles of this autopilot do."""
+    """Commands, by MAV_TYPE, that this type does not support although other vehicles of this autopilot do."""
     substitutes: Mapping[int, Substitute] = field(default_factory=dict)
     """Replacements of unsupported commands, by command."""
     instead: Mapping[int, str] = field(default_factory=dict)
     """Advice for unsupported commands without a replacement, by command."""
     defaults: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
-    """Values sent for unset parameters that must not be NaN, by command; 0 for all others."""
+    """Values sent for unset parameters that must not be NaN, by command; any others are sent as 0."""
     highest_m: float = float("inf")
     """Altitude limit (m); altitudes of this magnitude or more are refused."""
     most_jumps: int | None = None
-    """Number of DO_JUMP items that every board can count; more may be skipped in flight."""
+    """Number of DO_JUMP items that every board can count; further DO_JUMP items may be skipped in flight."""
     ignored: tuple[IgnoredField, ...] = ()
     conditions: tuple[ArmingCondition, ...] = ()
 

@@ -34,7 +34,7 @@ class NeededParameter:
     """Minimum value."""
 
     def wanted(self, value: int) -> int:
-        """Return the required value, given the present ``value``, which is kept if accepted."""
+        """Return the value to set: the present ``value`` if it is accepted, otherwise the required value."""
         if self.good:
             return value if value in self.good else self.value
         return max(value | self.bits, self.least)
@@ -42,10 +42,10 @@ class NeededParameter:
 
 @dataclass(frozen=True, slots=True)
 class CardRoom:
-    """Storage for a plan on an SD card, with a size set by a parameter at boot.
+    """Storage for a plan on an SD card; a parameter sets the size when the vehicle boots.
 
     Source: ArduPilot ``StorageManager.cpp`` (attach_file), ``AP_Mission.cpp`` and ``AC_PolyFence_loader.cpp``
-    (max_items); item sizes from the documentation of the parameter. Item numbers include home.
+    (max_items); sizes of items from the parameter's documentation. Numbers of items include home.
 
     >>> room = CardRoom("BRD_SD_MISSION", 64, 1312)
     >>> room.items(64), room.items(10), room.kib_for(682), room.kib_for(683), room.kib_for(5000)
@@ -63,11 +63,11 @@ class CardRoom:
     most_bytes: int = 0xFFFF
 
     def items(self, kib: float) -> int:
-        """Return the number of items that fit for a parameter value above 0."""
+        """Return the number of items that fit on the card for a parameter value above 0."""
         return max(0, min(1024 * int(kib), self.most_bytes) - self.header_bytes) // self.item_bytes
 
     def kib_for(self, items: int) -> int | None:
-        """Return the smallest parameter value for ``items`` items, None if no value suffices."""
+        """Return the smallest parameter value for ``items`` items, or None if no value suffices."""
         kib = -(-(items * self.item_bytes + self.header_bytes) // 1024)
         return kib if kib <= self.largest_kib and items <= self.items(kib) else None
 
@@ -77,7 +77,7 @@ class FlightModes:
     """Names and uses of an autopilot's flight modes; the defaults know no mode."""
 
     numbers: Callable[[int], Mapping[str, tuple[float, float, float]]] = lambda _vehicle_type: {}
-    """Returns the parameters 1 to 3 of DO_SET_MODE by mode name, for a MAV_TYPE."""
+    """Function from a MAV_TYPE to the parameters 1 to 3 of DO_SET_MODE, by name of the mode."""
     mission: frozenset[str] = frozenset()
     """Modes that fly the mission."""
     resume: str = ""
@@ -87,10 +87,10 @@ class FlightModes:
     arming: Mapping[int | None, str | None] = field(default_factory=lambda: {None: None})
     """Mode for arming without a radio control, by MAV_TYPE; value None if any mode will do."""
     ends: Callable[[int, int], frozenset[str]] = lambda _vehicle_type, _last_command: frozenset()
-    """Returns the modes after the end of a mission, besides the mission modes, for a MAV_TYPE and the last
-    command of the mission."""
+    """Function from a MAV_TYPE and the last command of a mission to the modes in which the mission may end,
+    besides the mission modes."""
     aliases: Mapping[str, str] = field(default_factory=dict)
-    """Mode names by alternative name."""
+    """Names of modes, by the modes' alternative names."""
     in_pymavlink: bool = False
     """Whether pymavlink names the mode of a HEARTBEAT; if not, custom_mode is parameter 2 of DO_SET_MODE."""
 
@@ -128,17 +128,17 @@ class Meaning(Enum):
 
 
 Questions: TypeAlias = Mapping[Meaning, Mapping[str, float]]
-"""Parameters to request, by meaning: names, newest firmware first, with the factor to SI units."""
+"""Parameters to request, by meaning: the name in each firmware, newest first, and its factor to SI units."""
 
 
 Motion: TypeAlias = Mapping[str, Mapping[str, float]]
-"""Motion parameters by name in the simulator: the names in real firmware, newest first,
-with the factor from the real to the simulated value."""
+"""Motion parameters, by name in the simulator: the name in each real firmware, newest first, and its factor
+from the real to the simulated value."""
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleSettings:
-    """Parameters of an autopilot that a plan depends on, and the meaning of some values."""
+    """Parameters of an autopilot that matter for a plan, and the meaning of some values."""
 
     questions: Mapping[int | None, Questions] = field(default_factory=dict)
     """Parameters to request, by MAV_TYPE; key None for any other."""
@@ -149,7 +149,7 @@ class VehicleSettings:
     fence_off: frozenset[float] = frozenset()
     """Values of `Meaning.FENCE_ACTION` that disable the fence."""
     fence_tells: frozenset[float] = frozenset({0.0})
-    """Values of `Meaning.FENCE_ACTION` with which a fence breach is only reported."""
+    """Values of `Meaning.FENCE_ACTION` with which the vehicle only reports a fence breach."""
 
     def asked_of(self, vehicle_type: int) -> Questions:
         """Return the parameters to request from a vehicle (MAV_TYPE)."""
@@ -186,21 +186,21 @@ class Profile:
     abort_s: float = 5.0
     """Timeout after which the vehicle aborts a transfer (s)."""
     abort_result: int | None = None
-    """ACK that the vehicle sends when it aborts an upload, None for no ACK."""
+    """ACK that the vehicle sends when it aborts an upload, or None for no ACK."""
     busy_result: int = m.MAV_MISSION_ERROR
     """ACK for a COUNT during another transfer."""
     order_result: int | None = None
-    """ACK for an item out of order, None for no ACK."""
+    """ACK for an item out of order, or None for no ACK."""
     range_result: int | None = m.MAV_MISSION_ERROR
-    """ACK for a request beyond the end of the plan, None for no ACK."""
+    """ACK for a request beyond the end of the plan, or None for no ACK."""
     clear_all_types: bool = True
     """Whether MISSION_CLEAR_ALL with type 255 clears all three plans; if not, the ACK is UNSUPPORTED."""
     frames: frozenset[int] | None = None
-    """Accepted MAV_FRAMEs; None for any."""
+    """Accepted MAV_FRAMEs, or None for any."""
     usual_limits: tuple[int | None, int | None, int | None] = (None, None, None)
     """Number of items that common boards store, per plan type, for `count_warning`."""
     lossy: Mapping[int, frozenset[str]] = field(default_factory=dict)
-    """Item fields that are not stored, by command, for the comparison after an upload."""
+    """Item fields that the vehicle does not store, by command; the comparison after an upload skips them."""
     read_back: Mapping[int, Mapping[str, ReadBack]] = field(default_factory=dict)
     """Item fields that change between upload and download, by command."""
     whole_seconds: bool = False
@@ -218,9 +218,9 @@ class Profile:
     range_checked: bool = True
     """Whether items with values out of range are refused; if not, they are stored unchanged."""
     nan_parameters: Mapping[int, frozenset[str]] | None = None
-    """Parameters that may be NaN, by command; None if all may be."""
+    """Parameters that may be NaN, by command, or None if all may be."""
     placed: frozenset[int] | None = None
-    """Commands accepted in a global frame; None for any."""
+    """Commands accepted in a global frame, or None for any."""
     unplaced: frozenset[int] | None = None
     """Commands accepted in frame MISSION; None for any."""
     checks_jumps: bool = False
@@ -236,7 +236,7 @@ class Profile:
     fence_card: CardRoom | None = None
     """Storage of larger fences on an SD card."""
     space_text: str | None = "Only {} items are supported"
-    """STATUSTEXT for a plan with too many items, with the capacity including home; None for no text."""
+    """STATUSTEXT for a plan with too many items, with the capacity including home, or None for no text."""
     item_text: str | None = None
     """STATUSTEXT (MAV_SEVERITY_CRITICAL) for an invalid item, except with the ACK ERROR; None for no text."""
     type_result: int = m.MAV_MISSION_INVALID
@@ -244,13 +244,13 @@ class Profile:
     partial_write: bool = False
     """Whether MISSION_WRITE_PARTIAL_LIST is supported."""
     partial_result: int | None = m.MAV_MISSION_ERROR
-    """ACK for a refused partial list, None for no ACK."""
+    """ACK for a refused partial list, or None for no ACK."""
     checks_stored_mission: bool = False
     """Whether an uploaded fence triggers a check of the stored mission, with a STATUSTEXT."""
     empty_hold_s: float = 0.0
-    """Time for which every COUNT is refused after a COUNT of 0 (s)."""
+    """Time after a COUNT of 0 during which the vehicle refuses every COUNT (s)."""
     received_texts: tuple[str, str, str] | None = None
-    """STATUSTEXT (MAV_SEVERITY_INFO) after an upload, per plan type; None for no text."""
+    """STATUSTEXT (MAV_SEVERITY_INFO) after an upload, per plan type, or None for no text."""
     timeout_text: str = "Operation timeout"
     """STATUSTEXT after an aborted upload."""
     text_prefix: str = ""
@@ -258,18 +258,18 @@ class Profile:
     streams_on_request: bool = False
     """Whether the vehicle sends only heartbeats until a ground station requests its streams."""
     change_modes: Mapping[int, tuple[int, int]] | None = None
-    """Custom modes of the guided and of the mission mode, by MAV_TYPE, if a mission in flight is best
-    replaced while the vehicle flies to a position in guided mode. None: the whole mission is replaced in
-    mission mode, with the next item marked as current."""
+    """Custom modes (guided mode, mission mode), by MAV_TYPE, for vehicles whose mission is best replaced
+    while they fly to a position in guided mode. None: the whole mission is replaced in mission mode, with the
+    next item marked as current."""
     change_failsafe: Mapping[int, tuple[NeededParameter, ...]] = field(default_factory=dict)
-    """Parameters to set before a change in guided mode, by MAV_TYPE, so that a vehicle that loses its ground
-    station in guided mode returns."""
+    """Parameters to set before a change in guided mode, by MAV_TYPE: with them, a vehicle that loses its
+    ground station in guided mode returns."""
     dialect: Dialect = field(default_factory=Dialect)
     """Conversion rules for items (`mission.transfer.rendering`)."""
     modes: FlightModes = field(default_factory=lambda: FlightModes(in_pymavlink=True))
     """Flight modes."""
     settings: VehicleSettings = field(default_factory=VehicleSettings)
-    """Parameters that a plan depends on."""
+    """Parameters that matter for a plan."""
     bytewise: bool = False
     """Whether integer parameters are sent as the bytes of a float, not as a float value."""
     start_arms: bool = False
@@ -283,7 +283,7 @@ class Profile:
     stays_armed: frozenset[int] = frozenset()
     """MAV_TYPEs that stay armed after the return home."""
     radius_in_space: bool = False
-    """Whether a multirotor's acceptance radius is three-dimensional, so height errors count."""
+    """Whether a multirotor's acceptance radius is three-dimensional, so that height errors count."""
     estimator_message: int = m.MAVLINK_MSG_ID_ESTIMATOR_STATUS
     """Id of the message with the quality of the position estimate."""
 
@@ -294,7 +294,7 @@ class Profile:
         return {kind: card for kind, card in both.items() if card is not None}
 
     def room(self, mission_type: MissionType, card_kib: float = 0.0) -> int:
-        """Return the capacity of a plan (items without home), with ``card_kib`` of SD card storage.
+        """Return the capacity of a plan (items without home) with ``card_kib`` KiB of SD card storage.
 
         >>> from mission.autopilots import ARDUPILOT
         >>> ARDUPILOT.room(MissionType.MISSION), ARDUPILOT.room(MissionType.MISSION, 64)

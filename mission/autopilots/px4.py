@@ -27,7 +27,7 @@ from mission.model import MAX_ITEMS, Command, MissionType
 
 _LANDINGS = frozenset({21, 85})
 _TAKEOFFS = frozenset({22, 84})
-# From parse_mavlink_mission_item: commands in a global frame, and commands in frame MISSION.
+# These are the commands of parse_mavlink_mission_item in a global frame and in frame MISSION.
 _PLACED = frozenset({16, 17, 19, 21, 22, 31, 80, 84, 85, 195, 201, 4501, 5000, 5001, 5002, 5003, 5004, 5100})
 _UNPLACED = frozenset(
     {20, 80, 93, 112, 114, 177, 178, 179, 187, 189, 196, 197, 200, 201, 203, 204, 205, 206, 211, 214}
@@ -124,7 +124,7 @@ _WING: Questions = {
     Meaning.FASTEST: {"FW_AIRSPD_MAX": 1.0},
     **_ANY,
 }
-# Parameters that determine the duration of climbs, return and landing.
+# These parameters determine the duration of climbs, return and landing.
 _MOTION: Motion = {
     name: {name: 1.0}
     for name in (

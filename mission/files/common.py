@@ -41,13 +41,13 @@ _SUFFIX_OF_KIND = {
     RALLY_KIND: ".ral",
 }
 POINTS_OF_KIND = {kind: _SUFFIX_OF_KIND[kind] for kind in (FENCE_KIND, RALLY_KIND)}
-"""Suffix of the format of a fence or rally file, which may have the suffix of a waypoint list."""
+"""Suffix of the format that reads files of this kind, even if they have a waypoint list's suffix."""
 _TEXT_KINDS = {
     rb"qgc\s+wpl\b.*": WAYPOINTS_KIND,
     rb"rally\s.*": RALLY_KIND,
     rb"[-+]?\d[\d.,e+-]*\s+[-+]?\d[\d.,e+-]*": FENCE_KIND,
 }
-"""Kinds of text files, by a pattern of the first non-comment line in lower case."""
+"""Kinds of text files, by a pattern of the first line that is no comment (in lower case)."""
 _XML_KINDS = {b"kml": KML_KIND, b"gpx": GPX_KIND, b"html": "an HTML page"}
 _XML_PROLOGUE = 100_000
 BOM = b"\xef\xbb\xbf"
@@ -60,7 +60,7 @@ Place: TypeAlias = tuple[float | None, float | None, float | None]
 
 
 class Firmware(IntEnum):
-    """Autopilot that a mission file is written for (MAV_AUTOPILOT)."""
+    """The autopilot for which a mission file is written (MAV_AUTOPILOT)."""
 
     GENERIC = 0
     ARDUPILOT = 3
@@ -124,7 +124,7 @@ def decode_text(data: bytes) -> str:
         return data.decode("utf-16" if data.startswith(_UTF_16_BOMS) else "utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise MissionFileError(f"line {line}: this is no UTF-8 text; save the file as UTF-8") from None
+        raise MissionFileError(f"line {line}: this is not UTF-8 text; save the file as UTF-8") from None
 
 
 def _kind_of_json(data: bytes) -> str:
@@ -144,7 +144,7 @@ def _kind_of_json(data: bytes) -> str:
 
 
 def wrong_kind(data: bytes, expected: str) -> MissionFileError:
-    """Return the error for content that is not of the expected kind."""
+    """Return the error to raise for content that is not of the expected kind."""
     found = kind_of(data)
     advice = "give a mission, such as a .plan or .waypoints"
     if suffix := _SUFFIX_OF_KIND.get(found):
@@ -168,7 +168,7 @@ def decode_json(data: bytes, decoder: msgspec.json.Decoder[T], path: str = "", l
     except RecursionError:
         raise MissionFileError("the JSON is nested too deeply for a mission file") from None
     except ValueError as error:  # msgspec.DecodeError and UnicodeDecodeError
-        raise MissionFileError(f"{not_json(error, data, line)}; the file is damaged or no JSON") from None
+        raise MissionFileError(f"{not_json(error, data, line)}; the file is damaged or is not JSON") from None
 
 
 def check_json(data: bytes, expected: str) -> None:
@@ -191,7 +191,7 @@ def make_item(
     autocontinue: bool,
     keep_frame: bool = False,
 ) -> MissionItem:
-    """Return a mission item in its standard frame, or with `keep_frame` in `frame`.
+    """Return a mission item in the standard frame of its command; with `keep_frame`, in `frame`.
 
     Error messages begin with `where`. ``None`` in `place` (x, y, z) is a number missing from the file: it
     counts as 0 for a command without a position, and is an error for a command with a position.
@@ -233,10 +233,10 @@ def jump_target(item: MissionItem, where: str) -> int:
 def resolve_jumps(
     numbers: Sequence[int | None], items: Iterable[tuple[str, MissionItem]], numbering: str
 ) -> tuple[MissionItem, ...]:
-    """Return the items with jump targets as indices.
+    """Return the items; targets of DO_JUMP, which are item numbers in the file, become indices.
 
-    `numbers` are the item numbers in the file; `numbering` is their name in error messages. Each item is
-    paired with its location in the file.
+    `numbers` are the item numbers in the file; `numbering` is the name of the numbers in error messages. Each
+    item comes with its location in the file.
     """
     index_of, counts = {number: index for index, number in enumerate(numbers)}, Counter(numbers)
     resolved = []
@@ -275,8 +275,8 @@ class WithNotes:
 def home_for_file(mission: Mission) -> GeoPoint:
     """Return the home position to write in a format that requires a home.
 
-    An unknown home is written as the mission's first position at 0 m. Without any position it is written as
-    0, 0, 0, which readers take for unknown.
+    An unknown home is written as the mission's first position at 0 m. If the mission has no position either,
+    home is written as 0, 0, 0, which readers understand as unknown.
     """
     if mission.home is not None:
         return mission.home
@@ -295,14 +295,14 @@ def home_of(where: str, latitude_deg: float, longitude_deg: float, altitude_m: f
 def home_from_file(
     where: str, latitude_deg: float, longitude_deg: float, altitude_m: float
 ) -> GeoPoint | None:
-    """Return the home position for a format that requires a home; None for 0, 0, 0."""
+    """Return the home read from a format that requires a home; a home of 0, 0, 0 is unknown (None)."""
     if latitude_deg == longitude_deg == altitude_m == 0.0:
         return None
     return home_of(f"{where}: home", latitude_deg, longitude_deg, altitude_m)
 
 
 def file_parameters(item: MissionItem, firmware: Firmware) -> Parameters:
-    """Return parameters 1 to 4 for a file. An unset value is None, or 0 for ArduPilot, which refuses NaN."""
+    """Return parameters 1 to 4 for a file; unset values are None, or 0 for ArduPilot, which refuses NaN."""
     default = 0.0 if firmware == Firmware.ARDUPILOT else None
     first, second, third, fourth = (
         default if value is None else float(value)

@@ -46,7 +46,7 @@ class GeoFence(msgspec.Struct):
     polygons: list[Polygon] = []
     circles: list[Circle] = []
     breach_return: tuple[float, float, float] | None = msgspec.field(default=None, name="breachReturn")
-    # The fence of version 1, which QGroundControl itself no longer reads.
+    # This key holds a fence of version 1, which QGroundControl itself no longer reads.
     polygon: msgspec.Raw = msgspec.Raw(b"[]")
 
 
@@ -93,7 +93,7 @@ def _place(
 
 
 def geo_fence(items: Sequence[MissionItem]) -> dict[str, Any]:
-    """Return the object ``geoFence`` for MAVLink fence items; MissionFileError for other items."""
+    """Return the object ``geoFence`` for MAVLink fence items; raises MissionFileError for other items."""
     fence: dict[str, Any] = {"circles": [], "polygons": [], "version": 2}
     index = 0
     while index < len(items):
@@ -120,7 +120,7 @@ def geo_fence(items: Sequence[MissionItem]) -> dict[str, Any]:
         elif item.command == Command.NAV_FENCE_RETURN_POINT:
             fence["breachReturn"] = [float(item.x), float(item.y), float(item.z)]
         else:
-            msg = f"fence item {index + 1}: command {item.command} is no fence command (5000 to 5004)"
+            msg = f"fence item {index + 1}: command {item.command} is not a fence command (5000 to 5004)"
             raise MissionFileError(msg)
         index += 1
     return fence

@@ -30,7 +30,7 @@ _FIELDS = {
     "z": "altitude or parameter 7",
 }
 _MOST_SHOWN = 5
-_SAME_PLACE_DEG = 1e-7  # The resolution of MAVLink
+_SAME_PLACE_DEG = 1e-7  # Resolution of positions in MAVLink
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ def differences(mission: Mission, kept: Mission) -> list[Loss]:
 
 
 def dropped(what: str, count: int, of: int) -> list[Loss]:
-    """Return the loss of `count` out of `of` items; an empty list if `count` is 0.
+    """Return a list with the loss of `count` out of `of` items; the list is empty if `count` is 0.
 
     >>> dropped("fence item", 4, 4)[0].text
     'fence items are not kept (4 of 4)'
@@ -136,13 +136,12 @@ class MissionFormat:
         Name for messages.
     suffixes : tuple of str
         Suffixes in lower case, with the dot; the first is the usual suffix.
-    loads : callable or None
-        Function from the content of a file to a mission, a mission with notes, or a drawing; None if the
-        format cannot be read.
+    loads : callable or None Function from the content of a file to a mission, a mission with notes, or a
+        drawing. None: the format cannot be read.
     dumps : callable or None
         Function from a mission and a firmware to the content of a file; None if the format cannot be written.
     hold : callable or None
-        Function that returns the part of a mission that one file can hold; None if a file holds all parts.
+        Function that returns the part of a mission that one file can hold, or None if a file holds all parts.
     losses : callable or None
         Function that returns the losses of a mission, for a format that cannot be read back.
     """
@@ -159,7 +158,7 @@ ENTRY_POINT_GROUP = "wbf_mission.mission_formats"
 
 
 def _read_text(data: bytes) -> Mission | WithNotes | Drawn:
-    """Read a waypoint list, or a fence or rally points that have a suffix of waypoint lists."""
+    """Read a waypoint list, or a fence or rally file with the suffix of a waypoint list."""
     other = _known().get(POINTS_OF_KIND.get(kind_of(data), ""))
     return waypoints.loads(data) if other is None or other.loads is None else other.loads(data)
 
@@ -179,7 +178,7 @@ _OLD = ".mission"
 
 def _refuse(data: bytes) -> Mission:
     """Raise MissionFileError for a .mission file (QGroundControl 3), which cannot be read."""
-    raise wrong_kind(data, "a mission of a kind that is read")
+    raise wrong_kind(data, "a mission of a kind that can be read")
 
 
 def mission_formats() -> tuple[MissionFormat, ...]:
@@ -192,7 +191,7 @@ def mission_formats() -> tuple[MissionFormat, ...]:
 
 
 def _known(*, strict: bool = False) -> dict[str, MissionFormat]:
-    """Return all formats by suffix; a broken package is left out, or with `strict` raises its error."""
+    """Return all formats by suffix; a broken package is skipped, or raises its error if `strict`."""
     formats = list(_CORE)
     for entry in entry_points(ENTRY_POINT_GROUP):
         try:
@@ -219,7 +218,7 @@ def ending(path: str | os.PathLike[str]) -> str:
 
 
 def _found(path: str | os.PathLike[str], *, writing: bool) -> MissionFormat:
-    """Return the format of a file name; MissionFileError if reading (`writing`: writing) is unsupported."""
+    """Return the format of a file name; raise MissionFileError if it has no reader (or no writer)."""
     suffix = ending(path)
     found = _known().get(suffix)
     if found is None or (found.dumps if writing else found.loads) is None:
@@ -236,7 +235,7 @@ def _found(path: str | os.PathLike[str], *, writing: bool) -> MissionFormat:
 
 
 def reader_for(path: str | os.PathLike[str]) -> Loads:
-    """Return the `MissionFormat.loads` of a file name, or raise MissionFileError."""
+    """Return the function that reads a file of this name, or raise MissionFileError."""
     if ending(path) == _OLD:
         return _refuse
     loads = _found(path, writing=False).loads
@@ -245,7 +244,7 @@ def reader_for(path: str | os.PathLike[str]) -> Loads:
 
 
 def writer_for(path: str | os.PathLike[str]) -> Dumps:
-    """Return the `MissionFormat.dumps` of a file name, or raise MissionFileError."""
+    """Return the function that makes the content of a file of this name, or raise MissionFileError."""
     dumps = _found(path, writing=True).dumps
     assert dumps is not None
     return dumps

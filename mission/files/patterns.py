@@ -1,9 +1,9 @@
 """Landing patterns and structure scans: complex items of QGroundControl plans that store no commands.
 
-QGroundControl generates the commands of these items when it loads a plan. This module generates the
-same commands from the same keys.
-Sources: QGroundControl, src/MissionManager: LandingComplexItem, FixedWingLandingComplexItem (versions 1 and
-2), VTOLLandingComplexItem, StructureScanComplexItem (version 3), QGCMapPolygon::offset, CameraSection.
+QGroundControl generates the commands of these items when it loads a plan. This module generates the same
+commands from the keys of the items. Sources: QGroundControl, src/MissionManager: LandingComplexItem,
+FixedWingLandingComplexItem (versions 1 and 2), VTOLLandingComplexItem, StructureScanComplexItem (version 3),
+QGCMapPolygon::offset, CameraSection.
 """
 
 from __future__ import annotations
@@ -191,7 +191,7 @@ def _flight_polygon(
         raise MissionFileError(msg)
     area = np.sum(corners[:, 0] * np.roll(corners[:, 1], -1) - corners[:, 1] * np.roll(corners[:, 0], -1))
     outwards = np.column_stack([edges[:, 1], -edges[:, 0]]) / lengths[:, None] * np.sign(area) * distance_m
-    # Each new corner is the intersection of two adjacent edges after their shift.
+    # Each new corner is the intersection of two adjacent edges that were shifted outwards.
     shift = outwards - np.roll(outwards, 1, axis=0)
     along = (shift[:, 0] * edges[:, 1] - shift[:, 1] * edges[:, 0]) / turns
     moved = corners + np.roll(outwards, 1, axis=0) + along[:, None] * before

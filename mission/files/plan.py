@@ -210,7 +210,7 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
     as param1. Rally points need altitudes above home, or a known home. An unknown home is written as the
     first position of the mission. A default parameter is written as null, for ArduPilot as 0.
 
-    MissionFileError if the target of a jump does not exist, or the fence or a rally point cannot be written.
+    Raises MissionFileError if a jump target is missing, or the fence or a rally point cannot be written.
 
     >>> loads(dumps(Mission((MissionItem.waypoint(28.05, -82.15, 10.0),))).encode()).items[0].param4 is None
     True

@@ -49,7 +49,7 @@ _COLUMNS = (
     *("seq", "current", "frame", "command", "param1", "param2", "param3", "param4"),
     *("x (latitude)", "y (longitude)", "z (altitude)", "autocontinue"),
 )
-# MAV_CMD by action number of WPL 100, which is older than MAV_CMD (pymavlink, mavwp.py).
+# WPL 100 has action numbers, which are older than MAV_CMD; this is the MAV_CMD of each (pymavlink, mavwp.py).
 _ACTIONS_100 = {2: 22, 3: 20, 4: 21, 24: 22, 26: 21, 25: 16, 27: 17}
 
 
@@ -81,7 +81,7 @@ def loads(data: bytes) -> Mission | WithNotes:
     and 120, a missing home row, gaps in seq, a home row with command 0, and commands without a position in
     frame 0 or 3. Jump targets become indices of the mission's items.
 
-    The first row is home if its seq is 0 and it is a waypoint in frame 0 or has command 0. Version 120,
+    The first row is home if its seq is 0 and it has command 0, or is a waypoint in frame 0. Version 120,
     written by old QGroundControl, has no home. Other programs write version 120 with home as the only row in
     frame 0.
 
@@ -168,7 +168,7 @@ def _row(words: list[str], line: int) -> _Row:
 
 
 def _number(word: str, line: int, column: str) -> float | None:
-    """Return the number in a column; None for NaN."""
+    """Return the number in a column, or None for NaN."""
     try:
         value = parse_number(word)
     except ValueError:
@@ -201,8 +201,8 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
     written as the first position of the mission. A default parameter is written as NaN, for ArduPilot as 0.
     Numbers have at least eight decimals and are read back exactly.
 
-    MissionFileError if the mission holds more than one plan, a fence command among its items, or a jump to a
-    missing item.
+    Raises MissionFileError if the mission holds more than one plan, if a fence command is among the items, or
+    if the target of a jump is missing.
     """
     plans = {"mission items": mission.items, "fence items": mission.fence, "rally points": mission.rally}
     held = [f"{len(items)} {name}" for name, items in plans.items() if items]
@@ -231,14 +231,14 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
 
 
 def one_plan(mission: Mission) -> Mission:
-    """Return the plan that a file can hold: the mission items, else the fence, else the rally points."""
+    """Return the one plan that a file can hold: the first non-empty of mission, fence and rally points."""
     if mission.items:
         return replace(mission, fence=(), rally=())
     return replace(mission, rally=()) if mission.fence else mission
 
 
 def _line(seq: int, item: MissionItem, firmware: Firmware) -> str:
-    # NaN in this spelling can be read by Qt, Python, C and .NET. .NET Framework reads no other spelling.
+    # Qt, Python, C and .NET can read NaN in this spelling. The older .NET Framework reads no other spelling.
     numbers = (*file_parameters(item, firmware), item.x, item.y, item.z)
     texts = (
         "NaN" if number is None else np.format_float_positional(float(number), unique=True, min_digits=8)

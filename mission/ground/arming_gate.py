@@ -16,7 +16,7 @@ LIFE_S = 2.0
 
 
 class Standstill:
-    """Timer of the interval between calls of `look`, by a clock that runs while the machine sleeps.
+    """Measures the time between calls of `look` with a clock that also runs while the machine sleeps.
 
     >>> times_s = iter([0.0, 1.0, 15.0, 15.5])
     >>> standstill = Standstill(lambda: next(times_s))
@@ -36,17 +36,17 @@ class Standstill:
 
 
 FARTHEST_M = 300.0
-"""Largest distance between the vehicle and the start of the plan for arming (m)."""
+"""Greatest distance from the start of the plan at which a vehicle may be armed (m)."""
 _PREARM = int(m.MAV_SYS_STATUS_PREARM_CHECK)
 _ASK_AGAIN_S = 5.0
 _STATUS_US = 1_000_000
-# Prefixes of ArduPilot's and PX4's texts with a reason against arming.
+# Texts of ArduPilot and PX4 with a reason against arming begin with one of these words.
 _REASON = re.compile(r"(?:PreArm|Arm|Preflight Fail)\s*: *(.+)")
 _MOST_REASONS = 8
 
 
 class Stage(Enum):
-    """Stage of the gate."""
+    """Stage of the arming gate."""
 
     CHECKING = "the vehicle does not say that it can arm"
     ASKING = "the operator is asked"
@@ -68,8 +68,8 @@ class ArmingGate:
         self, vehicle: tuple[int, int], *, agreed: bool = False, clock: Callable[[], float] | None = None
     ) -> None:
         self.stage = Stage.CHECKING
-        self.reasons: list[str] = []  # the vehicle's reasons against arming, the latest last
-        self.told = 0  # number of reasons received
+        self.reasons: list[str] = []  # The vehicle's reasons against arming, the latest last.
+        self.told = 0  # Number of reasons received.
         self._due_s = -math.inf
         self._vehicle = vehicle
         self._agreed = agreed
@@ -88,13 +88,13 @@ class ArmingGate:
         ]
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect, infinite if none."""
+        """Return the time of the next `poll` that has an effect; infinity if there is none."""
         if self.stage is Stage.CHECKING:
             return self._due_s
         return math.inf if self.stage in (Stage.ASKING, Stage.WAITING) else -math.inf
 
     def on_sys_status(self, message: m.MAVLink_sys_status_message, *, has_position: bool) -> None:
-        """Handle a SYS_STATUS; ``has_position``: the vehicle has a position estimate."""
+        """Handle a SYS_STATUS; ``has_position`` says whether the vehicle has a position estimate."""
         if self.stage not in (Stage.CHECKING, Stage.ASKING, Stage.WAITING):
             return
         knows = bool(message.onboard_control_sensors_present & _PREARM)

@@ -18,7 +18,7 @@ from mission.transfer import Event, Output, RoundTrip, Transfer, UploadBegunAnew
 
 
 class FailsafeGuard:
-    """Reader and setter of the failsafe parameters, sans-IO; one object for each flight.
+    """Reads and sets the failsafe parameters, sans-IO; each flight has one guard.
 
     The parameters are set in order, because the link may be lost after each of them. The last parameter
     enables a failsafe that depends on the other parameters.
@@ -87,7 +87,7 @@ class FailsafeGuard:
         return self._next_setting()
 
     def _next_setting(self, *, again: bool = False) -> list[Message]:
-        """Return the message that sets the next parameter, nothing if its value is unknown."""
+        """Return the message that sets the next parameter; nothing if the parameter's value is unknown."""
         name = next(iter(self._open), None)
         if name is None or name not in self._set or (name in self._sent and not again):
             return []
@@ -120,7 +120,7 @@ class ChangeOutcome(Enum):
 
 @dataclass(slots=True)
 class ChangeRecord:
-    """Record of one change of a mission in flight. Times (s) are those of the run, None if not reached.
+    """Record of one change of a mission in flight. Times (s) count from the start of the run.
 
     Parameters
     ----------
@@ -149,9 +149,9 @@ class ChangeRecord:
 
     @property
     def delay_s(self) -> float | None:
-        """Time from the first message to the turn (s), None if the vehicle has not turned.
+        """Time from the first message to the turn (s), or None if the vehicle has not turned.
 
-        A change that keeps the present target may be sent later than requested, when the target is near.
+        A change that keeps the present target may be sent later than requested, shortly before the target.
         """
         return None if self.turned_s is None or self.sent_s is None else self.turned_s - self.sent_s
 
@@ -162,11 +162,11 @@ class ChangeRequest:
 
     old: Mission  # mission on the vehicle
     new: Mission
-    item: int  # current item of the old mission
-    resume_at: int  # item of the new mission to fly to next
+    item: int  # Current item of the old mission.
+    resume_at: int  # Item of the new mission to fly to next.
     contact: Contact
-    seconds_an_item: float  # measured upload and read-back time per item
-    guard: FailsafeGuard | None = None  # sets failsafe parameters before the vehicle leaves its mission
+    seconds_an_item: float  # Measured upload and read-back time per item.
+    guard: FailsafeGuard | None = None  # Sets failsafe parameters before the vehicle leaves its mission.
 
 
 class ChangeSession(ABC):
@@ -182,7 +182,7 @@ class ChangeSession(ABC):
         self.record = ChangeRecord(len(request.new.items), request.resume_at)
         self.held = request.old
         self._contact, self._monitor = request.contact, request.contact.monitor
-        # Without a measured link, the change measures its own round trip time.
+        # If the link has no measured round trip time, the change measures the round trip time.
         self._round_trip = request.contact.round_trip or RoundTrip()
         self._transfer: Transfer | None = None
         self._texts_before = len(request.contact.texts.texts)
@@ -206,7 +206,7 @@ class ChangeSession(ABC):
 
     @abstractmethod
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect, infinite if none."""
+        """Return the time of the next `poll` that has an effect; infinity if there is none."""
 
     @abstractmethod
     def _take(self, output: Output, now_s: float) -> list[Message]:
@@ -230,7 +230,7 @@ class ChangeSession(ABC):
         self.record.outcome, self.record.text, self.record.ended_s = outcome, text, now_s
 
     _flown_meanwhile = ""
-    """What the operator reads about the vehicle during retries of the upload."""
+    """Text that tells the operator what the vehicle does while the upload is repeated."""
 
     def _note_begun_anew(self, event: Event, now_s: float) -> None:
         """Report a retry of the upload to the operator."""

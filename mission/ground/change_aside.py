@@ -1,7 +1,7 @@
 """Change of a mission in flight, in guided mode, on autopilots that overwrite missions in place (ArduPilot).
 
 During the upload the stored mission is a mixture of old and new items. Meanwhile the vehicle flies to a
-position in guided mode. It resumes the mission only after the whole mission was acknowledged and read back.
+position in guided mode. The vehicle resumes only after the whole mission was acknowledged and read back.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ from mission.transfer import (
     VerifiedUpload,
 )
 
-# Defaults of PSC_POSXY_P and WPNAV_ACCEL, from which ArduCopter computes its stopping point.
+# ArduCopter computes its stopping point from PSC_POSXY_P and WPNAV_ACCEL, of which these are the defaults.
 _STOP_P_PER_S, _STOP_M_S2 = 1.0, 2.5
-# Margin for delayed positions: a vehicle that resumes at exactly the stopping distance creeps to the target.
+# The margin is for delayed positions: a vehicle creeps to the target if it resumes at the stopping distance.
 _LEAVE_SPARE_M, _MOST_LEAVE_M = 0.5, 12.0
 
 
 @dataclass(slots=True)
 class Leg:
-    """Leg flown in guided mode to an item of a plan; to the point above home if the item is the return."""
+    """Leg flown in guided mode to an item of a plan; if the item is the return, to the point above home."""
 
     plan: Mission
     index: int
@@ -89,7 +89,7 @@ class Leg:
     def leave_m(self) -> float:
         """Distance to the target at which to resume the mission (m): stopping distance plus a margin.
 
-        The stopping distance is that of the square-root controller of ArduCopter's `AC_PosControl`.
+        The stopping distance is computed as in the square-root controller of ArduCopter's `AC_PosControl`.
         """
         speed_m_s, linear_m_s = self.monitor.state.ground_speed_m_s, _STOP_M_S2 / _STOP_P_PER_S
         stopping_m = speed_m_s / _STOP_P_PER_S
@@ -101,7 +101,7 @@ class Leg:
 _FRESH_S = 1.0
 _PATIENCE_S = 20.0
 _TRIES = 3
-# Time to read back the mission and to choose the item.
+# The vehicle's mission is read back, and the item chosen, in this time.
 _SPARE_S = 1.0
 _CHAIN_M = 10.0
 _CHAIN_S = 1.5
@@ -109,9 +109,9 @@ _LATE_M = 3.0
 _LONGEST_S = 5.0
 _FOREVER = 1_000_000
 _SILENT_S = 2.0
-# Longest delay of a command after the change (s); after it, another operator has chosen guided mode.
+# A command may arrive this late (s). Guided mode that shows later was chosen by another operator.
 _LATE_ORDER_S = 30.0
-# At lower speeds the direction of the velocity is noise.
+# At lower speeds the direction of the velocity is mostly noise.
 _SLOW_M_S = 0.5
 _GUIDED_FLAG = float(m.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
 
@@ -134,8 +134,8 @@ class AsideChange(ChangeSession):
 
     The vehicle resumes the mission just before the target. If the upload takes longer, the vehicle flies to
     further waypoints of the new mission one by one. A failed upload is repeated. If all repetitions fail, the
-    old mission is restored. If that fails too, the vehicle returns home (RTL). It flies only a complete
-    mission that was acknowledged and read back.
+    old mission is restored. If the restoration fails too, the vehicle returns home (RTL). The vehicle flies
+    only a complete mission that was acknowledged and read back.
     """
 
     def __init__(self, request: ChangeRequest) -> None:
@@ -162,7 +162,7 @@ class AsideChange(ChangeSession):
     _flown_meanwhile = "it flies to the next point in the guided mode"
 
     def start(self, now_s: float) -> list[Message]:
-        """Begin the change: at once, or later so that the time in guided mode is short."""
+        """Begin the change at once, or later if this shortens the time in guided mode."""
         self.record.asked_s = self._waits_s = self._heard_s = now_s
         guard = self.request.guard
         if guard is not None and not guard.ready:
@@ -171,7 +171,7 @@ class AsideChange(ChangeSession):
         return self._begin(now_s)
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Handle a message of the vehicle; after the end, watch that the vehicle stays in its mission."""
+        """Handle a message of the vehicle; after the change, watch that the vehicle stays in its mission."""
         self._heard_s = now_s
         if self._step is _Step.GUARDING:
             return self._guard(message, now_s)
@@ -221,7 +221,7 @@ class AsideChange(ChangeSession):
         return out
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect, infinite if none."""
+        """Return the time of the next `poll` that has an effect; infinity if there is none."""
         deadlines = [self._wake_s, self._transfer_s, *(order.due_s for order in self._orders.values())]
         if self._step is _Step.GUARDING and self.request.guard is not None:
             deadlines.append(self.request.guard.due_s)
@@ -256,7 +256,7 @@ class AsideChange(ChangeSession):
             return []
         window_s = 1.5 * request.seconds_an_item * len(request.new.items) + _SPARE_S
         if item != self._near and self._near >= 0:
-            # The vehicle has passed the target that was too near.
+            # The vehicle has passed the target, which was too near for a change.
             self._near, self._leg.index = -1, next_flown_to(request.new.items, self._leg.index)
         if same_position(request.old.items[item], request.new.items[self._leg.index]):
             trip_s = self._round_trip.seconds or 0.5 * request.seconds_an_item
@@ -313,7 +313,7 @@ class AsideChange(ChangeSession):
         return self._answered(message.command, answer, self._said(result_name(message.result)), now_s)
 
     def _answered(self, command: int, answer: Answer, text: str, now_s: float) -> list[Message]:
-        """Continue after the answer to an order; NONE if the order timed out."""
+        """Continue after the answer to an order; the answer is NONE if the order timed out."""
         order = self._orders.pop(command)
         if not self.done:
             self.record.retries += order.repeats
@@ -394,7 +394,7 @@ class AsideChange(ChangeSession):
         return self._order(int(Command.NAV_RETURN_TO_LAUNCH), now_s, tries=_FOREVER)
 
     def _choose(self, now_s: float) -> list[Message]:
-        """Order the item at which to resume the mission."""
+        """Order the vehicle to set its current item to the item at which to resume."""
         self._step = _Step.CHOOSING
         home = 1 if self._contact.profile.home_at_zero else 0
         self._flown_next = self._leg.index
@@ -436,7 +436,7 @@ class AsideChange(ChangeSession):
         if self._step is _Step.NEARING:
             near = distance <= self._leg.leave_m + speed * (self._round_trip.seconds or 0.0)
             return self._resume(now_s) if near or self._is_far else []
-        # No further waypoint is needed if the upload ends before the vehicle reaches the target.
+        # The vehicle needs no further waypoint if the upload ends before it reaches the target.
         in_time = self._whole_s - now_s < distance / max(speed, 0.5) and distance > _LATE_M
         # An order arrives one round trip after the position that triggers it.
         ahead = max(_CHAIN_M, _CHAIN_S * speed) + speed * (self._round_trip.seconds or 0.0)

@@ -57,7 +57,7 @@ class WholeListChange(ChangeSession):
         return self._mark
 
     def _next_then(self) -> int:
-        """Return the item to fly to after the upload; items that will be passed by then are skipped."""
+        """Return the item to fly to after the upload; items passed during the upload are skipped."""
         request = self.request
         old, new, state = request.old.items, request.new.items, self._monitor.state
         item, target = request.item, request.resume_at
@@ -68,7 +68,7 @@ class WholeListChange(ChangeSession):
             item, target = onward, next_flown_to(new, target)
         if not same_position(old[item], new[target]) or not math.isfinite(state.latitude_deg):
             return target
-        # Half of the measured time per item is for reading back.
+        # Half of the measured time per item is needed to read the mission back.
         upload_s = _SURELY * 0.5 * request.seconds_an_item * (len(new) + 1)
         here, passed_s = (state.latitude_deg, state.longitude_deg), 0.0
         while True:
@@ -112,7 +112,7 @@ class WholeListChange(ChangeSession):
         return out
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect, infinite if none."""
+        """Return the time of the next `poll` that has an effect; infinity if there is none."""
         return math.inf if self.done else min(self._due_s, self._transfer_s)
 
     def _take(self, output: Output, now_s: float) -> list[Message]:
@@ -170,7 +170,7 @@ class WholeListChange(ChangeSession):
             self._end(ChangeOutcome.GIVEN_UP, f"{self._why}; the vehicle holds another mission", now_s)
 
     def _look(self, now_s: float) -> None:
-        """Check whether the vehicle flies the new mission, and end the change if that is proved."""
+        """Check whether the vehicle flies the new mission, and end the change if this is proved."""
         state = self._monitor.state
         sent = self._upload_sent
         known_id = self._id if sent is None or self._transfer is not sent else sent.opaque_id
@@ -194,7 +194,7 @@ class WholeListChange(ChangeSession):
         return self._monitor.mode in self._monitor.modes.ends(int(items[-1].command))
 
     def _insist(self, now_s: float) -> list[Message]:
-        """Order the item at which to resume, if the vehicle reports another item of the new mission."""
+        """Order the vehicle to the item at which to resume, if the vehicle reports another item."""
         monitor = self._monitor
         self._due_s = now_s + _SHOWN_S
         state = monitor.state
@@ -204,7 +204,7 @@ class WholeListChange(ChangeSession):
             return []
         if monitor.left_mission:
             self.held = self.request.new
-            # PX4 stays in mission mode at the end of a mission until it returns.
+            # At the end of a mission, PX4 stays in mission mode until the vehicle returns.
             ended = "had flown its mission to the end" if monitor.in_mission else "had left its mission"
             self._end(ChangeOutcome.GIVEN_UP, f"the vehicle {ended} ({monitor.mode})", now_s)
             return []

@@ -29,9 +29,9 @@ class MissionChanges:
     def __init__(self, contact: Contact, held: Mission) -> None:
         self.held = held
         self.records: list[ChangeRecord] = []
-        self.parameters_set: list[str] = []  # vehicle parameters that were set, with old and new value
-        self.changed_s = -math.inf  # start or end of the last change
-        self.broken_off = False  # whether a change was dropped, so the mission on the vehicle is unknown
+        self.parameters_set: list[str] = []  # Vehicle parameters that were set, with old and new value.
+        self.changed_s = -math.inf  # Start or end of the last change.
+        self.broken_off = False  # Whether a change was dropped, so the mission on the vehicle is unknown.
         self._contact = contact
         self._session: ChangeSession | None = None
         self._guard: FailsafeGuard | None = None
@@ -47,7 +47,7 @@ class MissionChanges:
         return self._contact.monitor.vehicle_type in (self._contact.profile.change_modes or {})
 
     def begin(self, mission: Mission, resume_at: int, seconds_an_item: float, now_s: float) -> list[Message]:
-        """Begin a change, to resume at item ``resume_at``; raises the errors of `GroundStation.change`."""
+        """Begin a change; the vehicle resumes at item ``resume_at``. Raises like `GroundStation.change`."""
         contact, held = self._contact, self.held
         rendered = render(mission, contact.profile, contact.monitor.vehicle_type)
         refuse_errors(rendered)
@@ -81,7 +81,7 @@ class MissionChanges:
         return self._noted(self._session.poll(now_s))
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect, infinite if none."""
+        """Return the time of the next `poll` that has an effect; infinity if there is none."""
         return math.inf if self._session is None else self._session.next_deadline()
 
     def drop(self) -> None:
@@ -99,7 +99,7 @@ class MissionChanges:
 
 
 def check_change(new: Mission, resume_at: int, old: Mission) -> None:
-    """Check that a mission may be sent to a vehicle in flight; PX4 itself does not check ranges.
+    """Check that a mission may be sent to a vehicle in flight, because PX4 itself does not check ranges.
 
     Raises MissionError if the item at which to resume has no position, a position is too high or too far from
     home, or the mission does not lead home although the old mission did. Raises the error of `check_plan`.

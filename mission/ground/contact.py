@@ -36,10 +36,10 @@ class Answer(Enum):
 class Order:
     """Pending command to a vehicle: COMMAND_LONG, or COMMAND_INT with a position.
 
-    ``position`` is latitude and longitude (degrees) and altitude above home (m). ``message`` replaces the
-    command for vehicles without the command, and gets no COMMAND_ACK. ``tries`` is the largest number of
-    transmissions: by default four, more over a link that loses frames. ``round_trip`` determines the timeout.
-    COMMAND_ACKs to other system ids than ``sender`` are ignored.
+    ``position`` is latitude and longitude (degrees) and altitude above home (m). ``message`` is sent in place
+    of a command that the vehicle lacks; the vehicle answers it with no COMMAND_ACK. ``tries`` is the largest
+    number of transmissions: by default four, more over a link that loses frames. ``round_trip`` determines
+    the timeout. COMMAND_ACKs to a system id other than ``sender`` are ignored.
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class Order:
         return [m.MAVLink_command_long_message(*self._target, self._command, confirmation, *self._params)]
 
     def answer(self, message: m.MAVLink_command_ack_message, now_s: float) -> Answer:
-        """Return the meaning of a COMMAND_ACK for this order, and extend the timeout if in progress."""
+        """Return the meaning of a COMMAND_ACK for this order; IN_PROGRESS extends the timeout."""
         # A shared link carries answers to other stations, too. Answers of MAVLink 1 have no target (0).
         is_other = message.target_system and self._sender not in (None, message.target_system)
         if message.command != self._command or is_other:
@@ -117,7 +117,7 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class StateBefore:
-    """Flight mode and arming of a vehicle when an order was given."""
+    """Flight mode and armed state of a vehicle when an order was given."""
 
     mode: str
     is_armed: bool
@@ -133,7 +133,7 @@ class StateBefore:
         return monitor.mode_heard_s > self.given_s
 
     def is_overruled(self, monitor: VehicleMonitor, expected: Collection[str] = ()) -> bool:
-        """Whether a pilot or a failsafe has acted since the order; repeating the order would overrule them.
+        """Whether a pilot or a failsafe has acted since the order; to repeat the order would overrule that.
 
         ``expected`` are further flight modes in which the order still holds.
         """
@@ -143,7 +143,7 @@ class StateBefore:
 
 
 def tries_over(round_trip: RoundTrip | None) -> int:
-    """Return the number of transmissions after which one request in a thousand is still unanswered.
+    """Return the number of transmissions after which only one request in a thousand has no answer.
 
     >>> trip = RoundTrip()
     >>> tries_over(trip)
@@ -222,16 +222,16 @@ class Contact:
         return self._maker is OWN_TRANSFERS
 
     def order(self, command: int, *params: float, **options: Any) -> Order:
-        """Return an order to the vehicle; ``options`` are those of `Order`."""
+        """Return an order to the vehicle; ``options`` go to `Order`."""
         options |= {"round_trip": self.round_trip, "sender": self.ground[0]}
         return Order(self.vehicle, int(command), *params, **options)
 
     def upload(self, *plan: Any, **options: Any) -> VerifiedUpload:
-        """Return an upload to the vehicle; the arguments are those of `VerifiedUpload`."""
+        """Return an upload to the vehicle; the arguments go to `VerifiedUpload`."""
         return self._maker.upload(*plan, **self._address, **options)
 
     def download(self, *plan: Any, **options: Any) -> Transfer:
-        """Return a download from the vehicle; the arguments are those of `MissionDownload`."""
+        """Return a download from the vehicle; the arguments go to `MissionDownload`."""
         return self._maker.download(*plan, **self._address, **options)
 
     @property

@@ -1,4 +1,4 @@
-"""Requests for images with lost messages."""
+"""Requests for images of which messages were lost."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from mission.transfer import RoundTrip
 from mission.transfer.wire import command_long
 from sensors.camera.wire import ObservationAssembler
 
-_EACH_S = 0.5  # interval of the requests
-_ROUNDS = 20  # requests without a new image before giving up
-_AT_ONCE = 50  # images per request
-_FEW = 5  # images per first request over a measured link
-_MANY_CAME, _FEW_CAME = 0.6, 0.3  # fractions of answered requests that double or halve a batch
+_EACH_S = 0.5  # Interval of the requests.
+_ROUNDS = 20  # Requests without a new image before giving up.
+_AT_ONCE = 50  # Images per request.
+_FEW = 5  # Images per first request over a measured link.
+_MANY_CAME, _FEW_CAME = 0.6, 0.3  # Fractions of answered requests that double or halve a batch.
 
 
 class ImageFetch:
-    """Requests for the images that an assembler misses, sent to the camera of a vehicle in batches.
+    """Requests the images that an assembler misses from the camera of a vehicle, in batches.
 
     Over a link with a measured round trip time, the interval follows the round trip, and the batch size
     adapts to the fraction of answered requests.
@@ -70,7 +70,7 @@ class ImageFetch:
             self._assembler.expect(message.image_count)
 
     def ask(self, now_s: float) -> list[Message]:
-        """Return the next requests, none if no image is missing or all attempts are used up."""
+        """Return the next requests; there are none if no image is missing or all attempts are used up."""
         lost = self._assembler.statistics.lost
         self._rounds = 1 if lost < self._lost else self._rounds + 1
         self._lost = lost

@@ -11,7 +11,7 @@ from mission.model import Command, Mission, MissionItem
 _RETURNS = frozenset({int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_LAND)})
 _CAMERA = frozenset({int(Command.DO_SET_CAM_TRIGG_DIST), int(Command.DO_SET_CAM_TRIGG_INTERVAL)})
 _SPEED = frozenset({int(Command.DO_CHANGE_SPEED)})
-# DO items that may stand between two positions.
+# These DO items may stand between two positions.
 _DO = frozenset({178, 195, 197, 201, 203, 205, 206, 214, 530, 2000, 2001})
 FLOWN_TO = frozenset({16, 17, 18, 19, 31, 82})
 """MAV_CMDs of items with a position on the path."""
@@ -36,7 +36,7 @@ def leads_on(items: Sequence[MissionItem], begin: int) -> bool:
 
 
 def next_flown_to(items: Sequence[MissionItem], index: int) -> int:
-    """Return the index of the next position, return or landing after item ``index``, else ``index``."""
+    """Return the next index whose item is a position, a return or a landing; ``index`` if none follows."""
     following = index + 1
     while following < len(items) and items[following].command in _DO:
         following += 1
@@ -50,13 +50,13 @@ def same_position(a: MissionItem, b: MissionItem) -> bool:
 
 
 def apart_m(a: tuple[float, float], b: tuple[float, float]) -> float:
-    """Return the distance (m) of two nearby positions (latitude, longitude), on a sphere."""
+    """Return the distance (m) between two near positions (latitude, longitude) on a sphere."""
     north, east = b[0] - a[0], (b[1] - a[1]) * math.cos(math.radians(a[0]))
     return _EARTH_M * math.radians(math.hypot(north, east))
 
 
 def speed_before(items: Sequence[MissionItem], index: int) -> float | None:
-    """Return the speed set before an item (m/s), None for the vehicle's default."""
+    """Return the speed set before an item (m/s), or None for the vehicle's default."""
     for item in reversed(items[:index]):
         if item.command == Command.DO_CHANGE_SPEED and (item.param1 or 0.0) <= 1.0:
             speed = item.param2
@@ -84,7 +84,7 @@ class Shots:
 
 
 def shots_ordered(item: MissionItem) -> Shots | None:
-    """Return the camera trigger that an item sets, None if the item sets none.
+    """Return the camera trigger that an item sets, or None if the item sets none.
 
     A single image (IMAGE_START_CAPTURE without an interval) has an infinite interval.
     """
@@ -102,7 +102,7 @@ def shots_ordered(item: MissionItem) -> Shots | None:
 
 
 def shots_before(items: Sequence[MissionItem], index: int) -> Shots | None:
-    """Return the camera trigger during the leg to item ``index``, None if none was set.
+    """Return the camera trigger during the leg to item ``index``, or None if none was set.
 
     >>> orders = [MissionItem(Command.DO_SET_CAM_TRIGG_DIST, param1=metres) for metres in (5.0, 0.0)]
     >>> leg = MissionItem(Command.NAV_WAYPOINT, x=27.0, y=-82.0, z=10.0)
@@ -147,7 +147,7 @@ def revised_mission(
     """Return a mission through new waypoints, and the item at which to resume.
 
     The new mission keeps the take-off, speed, camera trigger and end of the held mission. If the camera is
-    already triggering, the new trigger item takes no image at once. Otherwise triggering starts at the
+    already triggering, the new trigger item takes no image at once; otherwise triggering starts at the
     change. ``item`` is the current item of the held mission. ``path_deg`` has latitude and longitude of the
     new waypoints; an empty path leads home immediately.
 

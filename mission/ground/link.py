@@ -18,7 +18,7 @@ from mission.transfer.wire import GROUND_STATION
 ProgressCallback = Callable[[str, float, float], None]
 Note = Callable[[str], None]
 DriverMaker = Callable[[str, OnEvent, OnText | None], TransferDriver]
-"""Opens the link of an address and returns its `TransferDriver`."""
+"""Function that opens the link of an address and returns its `TransferDriver`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class TransferReport:
     remarks : list of dict
         Remarks on items that the autopilot refuses or changes (`mission.transfer.remarks.Remark`).
     accepted : bool or None
-        Whether the vehicle finds its mission feasible; None if the vehicle does not report that.
+        Whether the vehicle finds its mission feasible, or None if the vehicle does not report that.
     """
 
     system_id: int

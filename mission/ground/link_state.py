@@ -12,8 +12,8 @@ from mission.transfer import RoundTrip
 
 _WINDOW = 200  # frames for the quality
 _SEQUENCES = 256
-_LATE = 128  # a larger step of the sequence number is a late frame
-_FEWEST = 20  # frames for a first estimate of the loss
+_LATE = 128  # A larger step of the sequence number is a late frame.
+_FEWEST = 20  # Frames for a first estimate of the loss.
 _ASK_S = 1.0
 _ASK_AGAIN_S = 5.0
 _MOST_OPEN = 32  # limit of stored requests without an answer
@@ -23,11 +23,11 @@ _MOST_OPEN = 32  # limit of stored requests without an answer
 class LinkReport:
     """Link quality over a whole flight."""
 
-    frames: int  # frames received from the autopilot
-    lost_frames: int  # frames missing by sequence number
-    round_trip_s: float | None  # smoothed round trip time, None if never measured
-    worst_silence_s: float  # longest time without a message
-    silent_s: float  # total time of all silences
+    frames: int  # Frames received from the autopilot.
+    lost_frames: int  # Frames missing by sequence number.
+    round_trip_s: float | None  # Smoothed round trip time, None if never measured.
+    worst_silence_s: float  # Longest time without a message.
+    silent_s: float  # Total time of all silences.
 
     @property
     def loss(self) -> float:
@@ -39,13 +39,13 @@ class LinkState:
     """Frame loss and round trip time of the link to an autopilot.
 
     The round trip is measured by TIMESYNC (https://mavlink.io/en/services/timesync.html), which PX4 and
-    ArduPilot answer. A TIMESYNC answer repeats the time stamp of its request, unlike a COMMAND_ACK, so it
+    ArduPilot answer. Unlike a COMMAND_ACK, a TIMESYNC answer repeats the time stamp of its request, and so
     identifies the request.
     """
 
     def __init__(self) -> None:
-        self.heard_s = -math.inf  # time of the last frame, -inf before the first
-        self.frames = self.lost_frames = 0  # frames received, and frames missing by sequence number
+        self.heard_s = -math.inf  # Time of the last frame, -inf before the first.
+        self.frames = self.lost_frames = 0  # Frames received, and frames missing by sequence number.
         self.round_trip = RoundTrip()
         self._sequence: int | None = None
         self._steps: deque[int] = deque(maxlen=_WINDOW)
@@ -54,7 +54,7 @@ class LinkState:
 
     @property
     def quality(self) -> float | None:
-        """Fraction of the last 200 frames that arrived, by sequence number; None before the first frame."""
+        """Fraction of the frames that arrived, over the last 200 arrivals, or None before the first frame."""
         sent = sum(self._steps)
         return len(self._steps) / sent if sent else None
 

@@ -33,9 +33,9 @@ class PilotWatch:
         self.mode = ""
         self._in_mission: bool | None = None
         self._shows_mission = False
-        self.ordered: Maneuver | None = None  # maneuver ordered by the station, None in the mission
-        self.obeyed = ""  # description of the vehicle's response to the order, empty before
-        self.ended_by_restart = ""  # state after a reboot that ended the mission, empty without one
+        self.ordered: Maneuver | None = None  # Maneuver ordered by the station, None in the mission.
+        self.obeyed = ""  # Description of the vehicle's response to the order, empty before.
+        self.ended_by_restart = ""  # State after a reboot that ended the mission, empty without one.
         self._held: list[tuple[float, str]] = []
         self._restarted = False
         self.mission_over = False  # whether the vehicle reported the end of its mission
@@ -45,7 +45,7 @@ class PilotWatch:
 
     @property
     def in_doubt(self) -> bool:
-        """Whether it is still unknown if the mission ended in this mode or another pilot chose the mode."""
+        """Whether it is unclear why the present mode shows: the mission's end, or another pilot's choice."""
         return self._doubt is not None
 
     @property
@@ -80,10 +80,10 @@ class PilotWatch:
     ) -> None:
         """Handle a HEARTBEAT of the vehicle in flight.
 
-        `expects_change`: the mission is being changed, so leaving the mission mode is not reported.
-        `flies_home`: the vehicle returns, so only modes that neither return nor land are reported.
-        `unsure`: a mode change may result from a reboot, so reports wait for `settle` or `on_restart`.
-        `ends_in`: modes after the mission's end; they show a takeover if no end is reported within 5 s.
+        With `expects_change`, the mission is being changed, so leaving the mission mode is not reported. With
+        `flies_home`, the vehicle returns, so only modes that neither return nor land are reported. With
+        `unsure`, a mode change may come from a reboot, so reports wait for `settle` or `on_restart`.
+        `ends_in` are modes after the mission's end; they mean a takeover if no end is reported in 5 s.
         """
         flies_home |= self.mission_over
         if flies_home and self.ordered is None and not unsure:
@@ -121,11 +121,11 @@ class PilotWatch:
             self.settle()
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect, infinite if none."""
+        """Return the time of the next `poll` that has an effect; infinity if there is none."""
         return math.inf if self._doubt is None else self._doubt[0] + _DOUBT_S
 
     def order(self, ordered: Maneuver | None) -> None:
-        """Record the ordered maneuver, None for none."""
+        """Record the ordered maneuver, or None for none."""
         self.ordered, self.obeyed = ordered, ""
 
     def settle(self) -> None:
@@ -134,7 +134,7 @@ class PilotWatch:
         self._held.clear()
 
     def on_restart(self, message: m.MAVLink_heartbeat_message | None, now_s: float) -> None:
-        """Record a reboot, and report it with the first HEARTBEAT after the reboot (None if not received)."""
+        """Record a reboot; report the reboot with the first HEARTBEAT after it (None: not yet arrived)."""
         self._restarted = True
         if message is not None:
             self._report_restart(message, now_s)
@@ -187,7 +187,7 @@ class PilotWatch:
             return
         if self.ordered is not None:
             modes = VehicleModes(message.autopilot, message.type).shows(self.ordered)
-            # An order to resume counts as obeyed in the mission mode, as handled above.
+            # An order to resume is obeyed when the mission mode shows, which is handled above.
             if self.ordered is not Maneuver.RESUME and (not modes or self.mode in modes):
                 self.obeyed = f"{_SHOWS[self.ordered]} (mode {self.mode})"
             # During a change or a return home, another mode does not mean that the mission was left.
@@ -228,8 +228,8 @@ _ACTION = r": (?:holding|returning|landing|terminating the flight)$"
 class _TextCause:
     """STATUSTEXT that names the cause of an early end.
 
-    ``acts``: the text itself proves a reaction of the vehicle; otherwise a HEARTBEAT must show the reaction.
-    ``first_only``: the cause counts only if no text before it names a cause.
+    With ``acts``, the text itself proves a reaction of the vehicle; otherwise a HEARTBEAT must show the
+    reaction. With ``first_only``, the cause counts only if no earlier text names a cause.
     """
 
     pattern: re.Pattern[str]
@@ -282,16 +282,16 @@ _CAUSES = (
 
 @dataclass(slots=True)
 class FailureWatch:
-    """Signs of failures in one flight, from HEARTBEAT, SYS_STATUS, BATTERY_STATUS and texts."""
+    """Signs of failures in a flight, collected from HEARTBEAT, SYS_STATUS, BATTERY_STATUS and texts."""
 
-    failsafe: bool = False  # whether the last HEARTBEAT showed an active failsafe
-    began: list[int] = field(default_factory=list)  # number of texts received at each start of a failsafe
-    low_battery: bool = False  # from the last BATTERY_STATUS
-    empty_battery: bool = False  # from the last BATTERY_STATUS
-    unhealthy: int = 0  # MAV_SYS_STATUS_SENSOR bits enabled and unhealthy in any SYS_STATUS
+    failsafe: bool = False  # Whether the last HEARTBEAT showed an active failsafe.
+    began: list[int] = field(default_factory=list)  # Number of texts received at each start of a failsafe.
+    low_battery: bool = False  # Whether the last BATTERY_STATUS reported a low charge.
+    empty_battery: bool = False  # Whether the last BATTERY_STATUS reported an empty battery.
+    unhealthy: int = 0  # MAV_SYS_STATUS_SENSOR bits enabled and unhealthy in any SYS_STATUS.
 
     def on_heartbeat(self, message: m.MAVLink_heartbeat_message, texts_heard: int) -> None:
-        """Handle a HEARTBEAT; ``texts_heard`` is the number of texts received before."""
+        """Handle a HEARTBEAT; ``texts_heard`` is the number of texts received before it."""
         before, self.failsafe = self.failsafe, message.system_status in _FAILSAFE_STATES
         if self.failsafe and not before:
             self.began.append(texts_heard)
@@ -306,7 +306,7 @@ class FailureWatch:
         self.empty_battery = message.battery_remaining == 0
 
     def cause(self, texts: Sequence[tuple[float, int, str]]) -> tuple[Outcome, str] | None:
-        """Return outcome and reason of an aborted flight, None without any sign of a failure.
+        """Return outcome and reason of an aborted flight, or None without any sign of a failure.
 
         The vehicle's texts have priority. Without texts, the state, battery and sensor health decide.
         """
@@ -355,8 +355,8 @@ class MissionEnd:
 
     def __init__(self, contact: Contact, changes: MissionChanges) -> None:
         self.pilot, self.failures = PilotWatch(), FailureWatch()
-        self.is_complete = False  # whether the last MISSION_CURRENT showed a complete mission
-        self.says_finished = False  # whether a STATUSTEXT reported the end of the mission
+        self.is_complete = False  # Whether the last MISSION_CURRENT showed a complete mission.
+        self.says_finished = False  # Whether a STATUSTEXT reported the end of the mission.
         self._contact, self._monitor, self._changes = contact, contact.monitor, changes
         self._progress = ""
 
@@ -399,7 +399,7 @@ class MissionEnd:
 
     @property
     def ends_flight(self) -> bool:
-        """Whether a complete mission ends the flight; if not, the armed vehicle still returns home."""
+        """Whether the flight ends with the mission; if not, the armed vehicle still has to return home."""
         items, kind = self._changes.held.items, self._monitor.vehicle_type
         # Rovers stay armed at home, and fixed wings circle above home after a return without a landing.
         lands = any(item.command == Command.NAV_LAND for item in items)
@@ -417,10 +417,10 @@ class MissionEnd:
         if cause is None and pilot.somebody_else_flies:
             return Outcome.PILOT_TOOK_OVER, pilot.reason
         if cause is None and self.says_finished and pilot.mission_over and not pilot.ended_mission:
-            # The reported state is that of a new mission, which arrived after the flown mission had ended.
+            # The reported state belongs to a new mission, which arrived after the flown mission had ended.
             return Outcome.COMPLETED, ""
         return cause or (Outcome.FLIGHT_ABORTED, texts.last_warning(f"disarmed{self._progress}"))
 
     def completed(self, texts_before: int) -> tuple[Outcome, str]:
-        """Return outcome and reason of a mission reported complete, as ArduPilot does after any landing."""
+        """Return outcome and reason of a flight whose mission the vehicle reports as complete."""
         return self.cause(texts_before) if self.pilot.ended_mission else (Outcome.COMPLETED, "")

@@ -63,7 +63,7 @@ class VehicleModes:
 
     @property
     def arming(self) -> str | None:
-        """Mode for arming without a radio control; None if any mode will do."""
+        """Mode for arming without a radio control, or None if any mode will do."""
         return self._known.arming.get(self.vehicle_type, self._known.arming[None])
 
     def maneuver(self, kind: Maneuver) -> tuple[int, tuple[float, ...]]:
@@ -96,7 +96,7 @@ class VehicleModes:
         return frozenset(shown[kind]) if hold else frozenset()
 
     def ends(self, last_command: int) -> frozenset[str]:
-        """Return the modes after the end of a mission with this last command, besides the mission modes.
+        """Return the modes, besides mission modes, in which a mission with this last command may end.
 
         >>> [sorted(VehicleModes(12, 2).ends(command)) for command in (20, 16)], VehicleModes(3, 2).ends(20)
         ([['RTL'], ['LOITER']], frozenset())

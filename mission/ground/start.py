@@ -18,10 +18,10 @@ _AGAIN_S = 3.0
 _LAST_WORDS_S = 0.5
 """Wait for the reason of a refusal (s): ArduPilot sends the STATUSTEXT after the COMMAND_ACK."""
 _LATE_ANSWER_S = 1.0
-"""Time to read an answer that arrived while the program was suspended (s)."""
+"""Time allowed for reading an answer that arrived while the program was suspended (s)."""
 _MODE_SHOWN_S = 2.5
 _MODE_SETTLES_S = 1.0
-"""Time after a mode change in which the arming checks may still be those of the old mode (s)."""
+"""Time after a mode change during which the vehicle may still report the old mode's arming checks (s)."""
 
 
 class MissionStart:
@@ -33,8 +33,8 @@ class MissionStart:
     """
 
     def __init__(self, contact: Contact, gate: ArmingGate | None, delay_s: float) -> None:
-        self.phase = Phase.WAIT  # FLIGHT after the vehicle accepted the order to start
-        self.failure: tuple[Outcome, str] | None = None  # outcome and reason of a failed start
+        self.phase = Phase.WAIT  # FLIGHT after the vehicle accepted the order to start.
+        self.failure: tuple[Outcome, str] | None = None  # Outcome and reason of a failed start.
         self._contact, self._monitor, self._texts = contact, contact.monitor, contact.texts
         self._gate, self._delay_s = gate, delay_s
         self._home: GeoPoint | None = None
@@ -82,7 +82,7 @@ class MissionStart:
             monitor = self._monitor
             starts = self.phase is Phase.START and self._before.is_past(monitor)
             if self._armed_since:
-                # Only the answer was lost. A repetition would arm a vehicle that a pilot has disarmed since.
+                # Only the answer was lost. Another order could arm a vehicle that a pilot disarmed.
                 out += self._give_start(now_s)
             elif starts and monitor.is_armed and monitor.in_mission:
                 # A repeated order would restart the mission in flight.
@@ -117,7 +117,7 @@ class MissionStart:
         return self._disarm(0.0) if pending else []
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect, infinite if none."""
+        """Return the time of the next `poll` that has an effect; infinity if there is none."""
         due_s = [self._arm_s] if self.phase is Phase.WAIT else []
         if self.phase is Phase.READY and self._gate is not None:
             due_s.append(self._gate.next_deadline())
@@ -134,7 +134,7 @@ class MissionStart:
             self._gate.on_sys_status(message, has_position=self._monitor.knows_position)
 
     def on_heartbeat(self) -> None:
-        """End the start if HEARTBEATs show that the vehicle armed and that a pilot has disarmed it since."""
+        """End the start if HEARTBEATs show that the vehicle armed, and that a pilot then disarmed it."""
         if self._gate is None or self.phase is not Phase.ARM or self._order is None:
             return
         if self._armed_since and not self._monitor.is_armed:
@@ -232,7 +232,7 @@ class MissionStart:
         self.failure = Outcome.NO_ANSWER, f"no answer while {self.phase.value}"
         if self.phase is not Phase.ARM:
             return []
-        # Only the answer may be lost, so the vehicle may have armed.
+        # Perhaps only the answer was lost, so the vehicle may have armed.
         return self._disarm(now_s)
 
     def _refused(self, why: str, now_s: float) -> None:

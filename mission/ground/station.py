@@ -30,7 +30,7 @@ from sensors.camera.wire import ObservationAssembler
 
 _CONTACT_S = 30.0
 _STATE_S, _STATE_BEHIND_LINK_S = 2.5, 5.0
-"""Longest wait for the last mission state after disarming (s), on a fast and on a slow link."""
+"""Longest waits for the last mission state after disarming (s), on a fast link and on a slow link."""
 _CLOCK_S = 5.0
 """Longest wait for the vehicle's clock after a silence (s); three round trips are added."""
 _BEFORE_FLIGHT = frozenset({Phase.CONTACT, Phase.UPLOAD}) | STARTING
@@ -132,8 +132,8 @@ class GroundStation:
         self._fetch: ImageFetch | None = None
         self._order: Order | None = None
         self._ordered_before: Maneuver | None = None
-        self._before = StateBefore.of(self._monitor, -math.inf)  # state when the pending order was given
-        self._ordered_modes: frozenset[str] = frozenset()  # modes that the pending order leads to
+        self._before = StateBefore.of(self._monitor, -math.inf)  # State when the pending order was given.
+        self._ordered_modes: frozenset[str] = frozenset()  # Modes that the pending order leads to.
         self._chosen = range(0)
         self._no_position = True  # no position was received since the last HEARTBEAT
         self._armed = self._flew = False
@@ -188,7 +188,7 @@ class GroundStation:
 
     @property
     def mission(self) -> Mission:
-        """Mission on the vehicle, or to be uploaded."""
+        """Mission that the vehicle holds, or that will be uploaded."""
         return self._changes.held
 
     @property
@@ -336,7 +336,7 @@ class GroundStation:
         return out
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect, infinite after the end."""
+        """Return the time of the next `poll` that has an effect; infinity after the end."""
         if self.done:
             return math.inf
         due_s = [
@@ -356,7 +356,7 @@ class GroundStation:
 
     @property
     def link_report(self) -> LinkReport | None:
-        """Link quality over the flight of a real vehicle; None for a simulated vehicle."""
+        """Link quality over the flight of a real vehicle, or None for a simulated vehicle."""
         if self.arming_gate is None:
             return None
         link, silences = self.link, self._silences
@@ -429,7 +429,7 @@ class GroundStation:
         return self._ask_for_streams()
 
     def _ask_for_streams(self) -> list[Message]:
-        """Request telemetry until it arrives, if the autopilot sends telemetry only on request."""
+        """Request telemetry until telemetry arrives, if the autopilot sends telemetry only on request."""
         silent, self._no_position = self._no_position, True
         if not silent or not self._contact.profile.streams_on_request:
             return []

@@ -9,17 +9,17 @@ from mission.outcome import Phase
 
 _STOPPED = {
     Phase.CONTACT: "nothing was sent",
-    Phase.UPLOAD: "nothing was started; the upload was broken off, so the plans on the vehicle are not known",
-    Phase.WAIT: "nothing was started; what was uploaded stays in the vehicle",
-    Phase.READY: "nothing was started; what was uploaded stays in the vehicle",
-    Phase.MODE: "the mission was not started; what was uploaded stays in the vehicle",
+    Phase.UPLOAD: "nothing was started; the upload was broken off, so the plans on the vehicle are unknown",
+    Phase.WAIT: "nothing was started; the uploaded plans stay in the vehicle",
+    Phase.READY: "nothing was started; the uploaded plans stay in the vehicle",
+    Phase.MODE: "the mission was not started; the uploaded plans stay in the vehicle",
     Phase.ARM: "the vehicle was just told to arm, then to disarm: its motors may run; nothing was started",
     Phase.START: "the vehicle is armed and was just told to start its mission: it may take off",
 }
 
 
 class NotStartedError(WbfMissionError, RuntimeError):
-    """Ctrl-C before the start of the flight; the text describes the state of the vehicle."""
+    """The user pressed Ctrl-C before the flight began; the text describes the state of the vehicle."""
 
 
 def doing(ground: GroundStation, now_s: float) -> str:
@@ -36,5 +36,5 @@ def doing(ground: GroundStation, now_s: float) -> str:
 
 
 def not_started(ground: GroundStation) -> str | None:
-    """Return the state of the vehicle after a run that ends before the flight; None after the start."""
+    """Return the state of the vehicle after a run that ends before the flight, or None after the start."""
     return None if ground.started_s is not None else _STOPPED.get(ground.phase)

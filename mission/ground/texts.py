@@ -14,7 +14,7 @@ WHOLE_S = 0.5
 _WARNING = 4  # MAV_SEVERITY_WARNING
 _MOST_TEXTS = 10_000
 _CONTROL = re.compile(r"[\x00-\x1f\x7f]")
-# Texts of PX4 and ArduCopter that do not contain the reason of a refusal.
+# These texts of PX4 and ArduCopter do not contain the reason of a refusal.
 _NO_REASON = re.compile(
     r"Arming denied: Resolve system health failures first|Switching to .* is currently not available"
     r"|Mode change to .* failed: init failed"
@@ -26,8 +26,8 @@ class TextLog:
 
     def __init__(self) -> None:
         self.texts: list[tuple[float, int, str]] = []
-        self._chunk = (0, -1)  # id and number of the last chunk
-        self._joined: int | None = None  # index of the text of the last chunk, None if it was dropped
+        self._chunk = (0, -1)  # Id and number of the last chunk.
+        self._joined: int | None = None  # Index of the text of the last chunk, None if it was dropped.
 
     def on_text(self, message: m.MAVLink_statustext_message, now_s: float) -> None:
         """Handle a STATUSTEXT: a new text, or the next chunk of the last text."""
@@ -66,7 +66,7 @@ class TextLog:
     def last_warning(self, otherwise: str, since: int = 0) -> str:
         """Return the latest warning since index ``since``, or ``otherwise`` without a warning.
 
-        A text without a reason counts only if no other warning arrived: autopilots send it after the reason.
+        A text that gives no reason counts only if no other warning arrived, because it follows the reason.
 
         >>> log = TextLog()
         >>> log.note("Mission rejected: no take-off", 0.0)

@@ -17,8 +17,8 @@ TrueState: TypeAlias = m.MAVLink_hil_state_quaternion_message | m.MAVLink_sim_st
 
 
 _GROUND_MM = 50
-_ON_GROUND = 1  # MAV_LANDED_STATE_ON_GROUND
-_Fix = tuple[float, int, int, int]  # ms, 1e-7 degree, 1e-7 degree, mm above home
+_ON_GROUND = 1  # MAV_LANDED_STATE_ON_GROUND.
+_Fix = tuple[float, int, int, int]  # ms, 1e-7 degree, 1e-7 degree, mm above home.
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,9 +60,9 @@ class Track:
         return np.hypot(self.x_m - there.x_m, self.y_m - there.y_m)
 
     def least_distance_m(self, other: Track) -> float | None:
-        """Return the smallest 3D distance from another track (m), None if the tracks do not overlap in time.
+        """Return the smallest 3D distance from another track (m), or None if no times overlap.
 
-        The distance is evaluated at the times of this track within the time span of the other.
+        The distance is evaluated at the times of this track that lie in the time span of the other track.
         """
         if not len(self.time_s) or not len(other.time_s):
             return None
@@ -133,7 +133,7 @@ class TrackRecorder:
         return _track(self._fixes, frame)
 
     def true_track(self, frame: LocalFrame) -> Track | None:
-        """Return the true track, None if no simulator sent true positions."""
+        """Return the true track, or None if no simulator sent true positions."""
         return _track(self._true_fixes, frame) if self._true_fixes else None
 
 

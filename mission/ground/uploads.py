@@ -44,8 +44,8 @@ class PlanUploads:
         on_progress: Callable[[int, int], None] | None = None,
         force: bool = False,
     ) -> None:
-        self.statistics: list[TransferStatistics] = []  # statistics of each upload
-        self.failure = ""  # reason of a failed upload, empty if none failed
+        self.statistics: list[TransferStatistics] = []  # Statistics of each upload.
+        self.failure = ""  # Reason of a failed upload, empty if none failed.
         self._rendered = Rendered(mission, (), tuple(range(len(mission.items))))
         self._force = force
         self._ending: tuple[str, float] | None = None
@@ -62,7 +62,7 @@ class PlanUploads:
 
     @property
     def mission(self) -> Mission:
-        """Mission converted for the vehicle's autopilot; unconverted before `start`."""
+        """Mission, converted for the vehicle's autopilot by `start`."""
         return self._rendered.mission
 
     @property
@@ -72,7 +72,7 @@ class PlanUploads:
 
     @property
     def seconds_an_item(self) -> float:
-        """Upload time per mission item (s), a default before the first upload."""
+        """Upload time per mission item (s); before the first upload, a default time."""
         times = [
             upload.duration_s / upload.items
             for upload in self.statistics
@@ -120,7 +120,7 @@ class PlanUploads:
         return self._take(self._transfer.poll(now_s), now_s)
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect, infinite if none."""
+        """Return the time of the next `poll` that has an effect; infinity if there is none."""
         if self._ending is not None:
             return self._ending[1]
         deadline_s = None if self._transfer is None else self._transfer.next_deadline()

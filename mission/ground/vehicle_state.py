@@ -21,7 +21,7 @@ _RESTART_MS = 5000
 
 
 class BootClock:
-    """Continuous clock from a vehicle's times since boot, across reboots of its autopilot.
+    """Clock derived from a vehicle's times since boot; it runs on across reboots of the autopilot.
 
     >>> clock = BootClock()
     >>> [clock.take(time_ms, now_s) for time_ms, now_s in ((90_000, 10.0), (91_000, 11.0), (200, 13.0))]
@@ -56,7 +56,7 @@ _NO_HEADING = 65535
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """Battery of the vehicle: remaining fraction and consumed energy, None if unknown."""
+    """Battery of the vehicle: remaining fraction and consumed energy, or None if unknown."""
 
     remaining: float | None = None
     consumed_wh: float | None = None
@@ -75,7 +75,7 @@ class Battery:
         return Battery(min(known, default=None), max(used, default=None))
 
     def used_since(self, before: Battery, capacity_wh: float) -> float | None:
-        """Return the fraction used since an earlier state, by the energy or else by the remaining fraction.
+        """Return the battery fraction used since an earlier state, from the energy or remaining fraction.
 
         >>> Battery(0.9, 10.0).used_since(Battery(1.0, 2.0), 80.0)
         0.1
@@ -98,18 +98,18 @@ class Battery:
 class VehicleState:
     """State of a vehicle from its last telemetry."""
 
-    heard_s: float = -math.inf  # time of the last position, -inf before the first
+    heard_s: float = -math.inf  # time of the last position, -inf before any
     latitude_deg: float = math.nan
     longitude_deg: float = math.nan
-    height_m: float = 0.0  # above home
-    velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # east, north, up
-    heading_rad: float | None = None  # compass heading
+    height_m: float = 0.0  # Above home.
+    velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # east, north, up.
+    heading_rad: float | None = None  # Compass heading.
     battery: Battery = Battery()
     armed: bool = False
-    custom_mode: int = 0  # flight mode, in the autopilot's numbering
-    item: int | None = None  # current item, counted like `Mission.items`; None if unknown
-    total: int | None = None  # items of the mission on the vehicle, without home; None if unknown
-    mission_id: int = 0  # opaque id of the mission on the vehicle, 0 without one
+    custom_mode: int = 0  # Flight mode, in the autopilot's numbering.
+    item: int | None = None  # Current item, counted like `Mission.items`; None if unknown.
+    total: int | None = None  # Items of the mission on the vehicle, without home; None if unknown.
+    mission_id: int = 0  # Opaque id of the mission on the vehicle, 0 without one.
 
     def position_m(self, frame: LocalFrame) -> tuple[float, float]:
         """Return the position in ``frame``: x and y (m)."""
@@ -128,8 +128,8 @@ class VehicleState:
 _POSITION_KNOWN, _POSITION_HELD = int(m.EKF_POS_HORIZ_ABS), int(m.EKF_CONST_POS_MODE)
 # PX4 sets EKF_PRED_POS_HORIZ_ABS while it uses GNSS; otherwise EKF_CONST_POS_MODE means no position.
 _POSITION_AIDED = int(m.EKF_PRED_POS_HORIZ_ABS)
-_LANDED_UNKNOWN = 0  # MAV_LANDED_STATE_UNDEFINED
-_NO_MISSION = 1  # MISSION_STATE_NO_MISSION
+_LANDED_UNKNOWN = 0  # MAV_LANDED_STATE_UNDEFINED.
+_NO_MISSION = 1  # MISSION_STATE_NO_MISSION.
 # Value of MISSION_CURRENT.mission_mode outside the mission mode; 0 means unknown, 1 mission mode.
 _SUSPENDED = 2
 _NO_TOTAL = 65535
@@ -140,8 +140,8 @@ class VehicleMonitor:
     """Last telemetry of a vehicle."""
 
     def __init__(self) -> None:
-        self.vehicle_type = 0  # MAV_TYPE in the heartbeat
-        self.autopilot = 0  # MAV_AUTOPILOT in the heartbeat
+        self.vehicle_type = 0  # MAV_TYPE in the heartbeat.
+        self.autopilot = 0  # MAV_AUTOPILOT in the heartbeat.
         # Times of the last HEARTBEAT, MISSION_CURRENT and GLOBAL_POSITION_INT, -inf before the first.
         self.mode_heard_s = self.item_heard_s = self.position_heard_s = -math.inf
         self.heartbeat: m.MAVLink_heartbeat_message | None = None
@@ -153,9 +153,9 @@ class VehicleMonitor:
         self.battery = Battery()
         self.lowest_battery = Battery()  # lowest reading since `begin_flight`
         self._has_battery = False
-        self.battery_percent: int | None = None  # value on the wire, up to 127
-        self.flies: bool | None = None  # in the air by EXTENDED_SYS_STATE, None if unknown
-        self.clock = BootClock()  # clock of positions and of SYSTEM_TIME
+        self.battery_percent: int | None = None  # Value on the wire, up to 127.
+        self.flies: bool | None = None  # Whether in the air, by EXTENDED_SYS_STATE; None if unknown.
+        self.clock = BootClock()  # Clock of positions and of SYSTEM_TIME.
         self._boot_ms = 0
         self._takes: dict[int, Callable[[Any, float], None]] = dict(
             (
@@ -202,7 +202,7 @@ class VehicleMonitor:
         self.flies = message.landed_state != m.MAV_LANDED_STATE_ON_GROUND if known else None
 
     def _on_battery(self, message: m.MAVLink_battery_status_message, _now_s: float) -> None:
-        """Store the remaining fraction and the consumed energy; negative values are unknown."""
+        """Store the remaining fraction and the consumed energy; a negative value means unknown."""
         remaining, consumed_wh = self.battery.remaining, self.battery.consumed_wh
         if message.battery_remaining >= 0:
             self._has_battery = True
@@ -237,7 +237,7 @@ class VehicleMonitor:
 
     @property
     def knows_position(self) -> bool:
-        """Whether the vehicle has a position, by its estimator flags or else by its GNSS fix.
+        """Whether the vehicle has a position, from its estimator flags, or else its GNSS fix.
 
         ArduPilot sends GLOBAL_POSITION_INT, even with 0/0, before it has a position.
         """
@@ -281,7 +281,7 @@ class VehicleMonitor:
 
     @property
     def left_mission(self) -> bool:
-        """Whether the vehicle reports its mission as suspended, as it does outside the mission mode."""
+        """Whether the vehicle reports its mission as suspended, as vehicles do outside the mission mode."""
         current = self._current
         return current is not None and current.mission_mode == _SUSPENDED
 

@@ -55,7 +55,7 @@ class Link(Protocol):
         """Close the link; a second call has no effect."""
 
     def fileno(self) -> int | None:
-        """Return the file descriptor for ``select``, None if the link has none."""
+        """Return the file descriptor for ``select``, or None if the link has no descriptor."""
 
 
 class MemoryLink:
@@ -70,7 +70,7 @@ class MemoryLink:
         self._open = True
 
     def send(self, data: bytes) -> None:
-        """Deliver the bytes to the other end of the pair."""
+        """Deliver the data to the other end of the pair."""
         if not self._open:
             msg = f"{self.name}: the link is closed"
             raise LinkError(msg)
@@ -192,7 +192,7 @@ Tap = Callable[[bytes, bool], None]
 
 
 class MavlinkEndpoint:
-    """MAVLink sender and receiver of one component on a link.
+    """The sender and receiver of MAVLink messages for one component on a link.
 
     Parameters
     ----------

@@ -11,20 +11,20 @@ import numpy as np
 
 from mission.errors import LinkError
 
-_BUFFER_BYTES = 16384  # typical transmit buffer of a telemetry radio
-_BITS_A_BYTE = 10.0  # 8N1: start bit, 8 data bits, stop bit
+_BUFFER_BYTES = 16384  # Typical transmit buffer of a telemetry radio.
+_BITS_A_BYTE = 10.0  # 8N1: start bit, 8 data bits, stop bit.
 
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """Faults of one channel direction."""
+    """Faults of one direction of a link."""
 
-    loss: float = 0.0  # probability (0 to 1) that a frame is lost
-    duplicate: float = 0.0  # probability that a frame arrives twice
-    corrupt: float = 0.0  # probability that one byte of a frame is changed
-    delay_s: float = 0.0  # delay of each frame
-    jitter_s: float = 0.0  # largest additional random delay, which reorders frames
-    baud: float = math.inf  # line speed (bit/s); frames that overflow a buffer of 16 KiB are lost
+    loss: float = 0.0  # Probability (0 to 1) that a frame is lost.
+    duplicate: float = 0.0  # Probability that a frame arrives twice.
+    corrupt: float = 0.0  # Probability that one byte of a frame is changed.
+    delay_s: float = 0.0  # Delay of each frame.
+    jitter_s: float = 0.0  # Largest random delay added to a frame; it reorders frames.
+    baud: float = math.inf  # Line speed (bit/s); frames that overflow a buffer of 16 KiB are lost.
 
     def __post_init__(self) -> None:
         for name in ("loss", "duplicate", "corrupt"):
@@ -96,5 +96,5 @@ class FaultyChannel:
         return arrived
 
     def next_arrival(self) -> float | None:
-        """Return the arrival time of the next frame, None if no frame is in transit."""
+        """Return the arrival time of the next frame, or None if no frame is in transit."""
         return self._flying[0][0] if self._flying else None

@@ -18,8 +18,8 @@ from mission.errors import LinkError, LinkLostError
 from mission.link.address import SERIAL, Link, LinkAddress, parse_link_url
 from mission.link.sockets import Stream, TcpLink, TcpListener, UdpInLink, UdpOutLink
 
-_RETRY_S = 1.0  # interval of reconnection attempts
-_GIVE_UP_S = 5.0  # timeout of one reconnection attempt
+_RETRY_S = 1.0  # Interval of reconnection attempts.
+_GIVE_UP_S = 5.0  # Timeout of one reconnection attempt.
 _PENDING = frozenset({0, errno.EINPROGRESS, errno.EWOULDBLOCK, errno.EALREADY})
 _SERIAL_ERRORS = {
     errno.ENOENT: "no device has that name; check the name, and that the device is plugged in",
@@ -71,12 +71,12 @@ class SerialLink(Stream):
             self._port.close()
 
     def fileno(self) -> int | None:
-        """Return the file descriptor, None after `close`."""
+        """Return the file descriptor, or None after `close`."""
         return int(self._port.fileno()) if self._port.is_open else None
 
 
 def _serial_reason(error: BaseException) -> str:
-    """Return the reason why a device cannot be opened, by the error number in the exception chain."""
+    """Return why a device cannot be opened, from the error number in the chain of exceptions."""
     cause: BaseException | None = error
     while cause is not None:
         number = getattr(cause, "errno", None)
@@ -110,7 +110,7 @@ class _Returning(ABC, Generic[_Link]):
             self._lose()
 
     def receive(self) -> list[bytes]:
-        """Return the pieces that have arrived, an empty list while disconnected."""
+        """Return the pieces that have arrived, or an empty list while disconnected."""
         link = self._link or self._try()
         if link is None:
             return []
@@ -125,7 +125,7 @@ class _Returning(ABC, Generic[_Link]):
         self._lose()
 
     def fileno(self) -> int | None:
-        """Return the file descriptor, None while disconnected."""
+        """Return the file descriptor, or None while disconnected."""
         return None if self._link is None else self._link.fileno()
 
     def _lose(self) -> None:
@@ -135,7 +135,7 @@ class _Returning(ABC, Generic[_Link]):
 
     @abstractmethod
     def _try(self) -> _Link | None:
-        """Try to reconnect if an attempt is due; return the connection, None while disconnected."""
+        """Try to reconnect if an attempt is due; return the connection, or None while disconnected."""
 
 
 class TcpServerLink(_Returning[TcpLink]):
@@ -170,7 +170,7 @@ class TcpServerLink(_Returning[TcpLink]):
 
 
 class _Reopening(_Returning[_Link]):
-    """Link that retries a lost connection each second without blocking; ``connections`` counts successes."""
+    """Link that tries each second to reconnect, without blocking; ``connections`` counts successes."""
 
     def __init__(self, address: LinkAddress, link: _Link, clock: Callable[[], float]) -> None:
         super().__init__(str(address), link)
@@ -252,7 +252,7 @@ class TcpClientLink(_Reopening[TcpLink]):
 
 
 class SerialClientLink(_Reopening[SerialLink]):
-    """Serial link that reopens an unplugged device; raises LinkError if the first opening fails."""
+    """Serial link that reopens an unplugged device; if the first opening fails, it raises LinkError."""
 
     def __init__(self, address: LinkAddress, *, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(address, SerialLink(address), clock)

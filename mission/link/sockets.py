@@ -20,7 +20,7 @@ from mission.errors import LinkError, LinkLostError, NoPeerError
 from mission.link.address import LinkAddress
 
 _MOST_BYTES, _OVERHEAD_BYTES = 32 << 20, 256
-"""Largest memory of the queue, and Python's overhead that is counted for each datagram (bytes)."""
+"""Largest memory of the queue, and the memory counted for each datagram besides its data (bytes)."""
 _SHARES = 32
 _OTHERS = "other senders"
 
@@ -39,10 +39,10 @@ class WaitingDatagrams:
     """First-in, first-out queue of datagrams that limits the memory of each sender.
 
     One sender may fill the whole queue. When the queue is full, the newest datagram of the sender with the
-    most queued bytes is dropped, so a sender within its share (1/32) loses nothing. The last share holds all
-    senders after the first 31. Sender addresses can be forged, so a flood of new senders must not displace a
-    vehicle: a new sender replaces only the known sender with the fewest delivered datagrams, and only if none
-    of that sender's datagrams is queued.
+    most queued bytes is dropped, so a sender below its share of the memory (1/32) loses nothing. The first 31
+    senders have a share each; all others use the last share together. Sender addresses can be forged, so a
+    flood of new senders must not displace a vehicle: a new sender replaces only the known sender with the
+    fewest delivered datagrams, and only if this sender has no datagram in the queue.
     """
 
     def __init__(self) -> None:
@@ -86,7 +86,7 @@ class WaitingDatagrams:
         self._held_bytes += more_bytes
 
     def _admit(self, peer: Any) -> _Share:
-        """Return the share of a new sender: an individual share, or the common share."""
+        """Return the share of a new sender: a share of its own, or the share common to later senders."""
         if len(self._shares) >= _SHARES - 1:
             weakest = min(self._shares, key=lambda known: self._shares[known].taken)
             if self._shares[weakest].waiting:
@@ -100,7 +100,7 @@ _BATCH = 256
 _BUFFER_BYTES = 4 << 20
 _REST_S = 0.1
 _BACKLOG_BYTES = 1 << 20
-# Largest age of a frame in a transmit buffer (s). An older order might overrule a pilot who has acted since.
+# Largest age of a frame in a transmit buffer (s): an old command could overrule a pilot's later action.
 _LONGEST_S = 3.0
 _Peer = Any
 
@@ -163,7 +163,7 @@ class _OnSocket:
         self._socket.close()
 
     def fileno(self) -> int | None:
-        """Return the file descriptor, None after `close`."""
+        """Return the file descriptor, or None after `close`."""
         number = self._socket.fileno()
         return None if number < 0 else number
 
@@ -176,7 +176,7 @@ class _Datagrams(_OnSocket):
     """UDP socket; with ``at_once``, a thread moves arriving datagrams from the kernel into a large queue.
 
     The kernel's buffer is small (Linux: 208 KiB including bookkeeping, about 330 datagrams): less than a
-    second of a vehicle's telemetry and images. The caller may be busy for longer than that.
+    second of a vehicle's telemetry and images. The caller may be busy for longer than a second.
 
     Raises LinkError, and closes the socket, if the thread's sockets cannot be created.
     """
@@ -197,7 +197,7 @@ class _Datagrams(_OnSocket):
             self._reader.start()
 
     def fileno(self) -> int | None:
-        """Return a file descriptor that is readable while datagrams are queued, None after `close`."""
+        """Return a file descriptor that is readable while datagrams are queued, or None after `close`."""
         return super().fileno() if self._reader is None else self._reader.fileno()
 
     def close(self) -> None:
@@ -254,7 +254,7 @@ class _Datagrams(_OnSocket):
 
 
 class _Reader:
-    """Thread that calls ``take`` when a socket is readable, and a descriptor that signals queued data."""
+    """A thread that calls ``take`` when a socket is readable, and a descriptor that signals queued data."""
 
     def __init__(self, made: socket.socket, take: Callable[[], bool], name: str) -> None:
         self._socket, self._take = made, take
@@ -269,7 +269,7 @@ class _Reader:
         self._thread.start()
 
     def fileno(self) -> int | None:
-        """Return the descriptor that `show` makes readable, None after `close`."""
+        """Return the descriptor that `show` makes readable, or None after `close`."""
         number = self._ready.fileno()
         return None if number < 0 else number
 
@@ -319,8 +319,8 @@ def _listen(made: socket.socket, where: Any) -> None:
 class UdpSocket(_Datagrams):
     """Bound UDP socket for any number of peers.
 
-    ``at_once`` is for callers that may be busy between two calls of `receive_from`; it costs a thread and
-    five file descriptors. Port 0 lets the system choose. Raises LinkError if the socket cannot be bound.
+    ``at_once`` is for callers that may be busy between two calls of `receive_from`; the option costs a thread
+    and five file descriptors. Port 0 lets the system choose. Raises LinkError if the socket cannot be bound.
     """
 
     def __init__(self, address: LinkAddress, *, at_once: bool = False) -> None:
@@ -359,7 +359,7 @@ class UdpInLink(UdpSocket):
 
 
 class UdpOutLink(_Datagrams):
-    """UDP link that sends to one host and receives only from that host."""
+    """UDP link that sends to one host and receives from this host only."""
 
     def __init__(self, address: LinkAddress) -> None:
         super().__init__(_open(address, socket.SOCK_DGRAM, _connect_datagrams), address, at_once=True)
@@ -385,7 +385,7 @@ class Stream(ABC):
     def __init__(self, name: str, most_bytes: int) -> None:
         self.name = name
         self.dropped = 0
-        # Frames with the time of `send`; infinite for the rest of a partly sent frame, which is not dropped.
+        # Frames wait with the time of their `send`, which is infinite for the rest of a partly sent frame.
         self._backlog: deque[tuple[float, bytes]] = deque()
         self._backlog_bytes, self._most_bytes = 0, most_bytes
 
@@ -420,7 +420,7 @@ class Stream(ABC):
 
     @abstractmethod
     def _write(self, data: bytes) -> int:
-        """Write bytes without blocking; return the number written."""
+        """Write bytes without blocking; return the number of bytes written."""
 
     @abstractmethod
     def _gone(self) -> LinkLostError:

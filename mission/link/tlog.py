@@ -46,8 +46,8 @@ class TlogWriter(Closing):
             raise LinkError(msg) from error
 
     def write(self, frame: bytes, time_s: float) -> None:
-        """Add one frame; ``time_s`` is the Unix time (s); OSError names the file."""
-        if time_s != self._time_s:  # most frames have the time of the previous one
+        """Add one frame with its Unix time (s); an OSError names the file."""
+        if time_s != self._time_s:  # most frames have the time of the previous frame
             self._time_s, self._stamp = time_s, _stamp(time_s)
         self._put(self._stamp + frame)
         self.frames += 1
@@ -74,7 +74,7 @@ class TlogWriter(Closing):
 
 
 class FrameLog:
-    r"""Frames with times relative to a start that is not known yet.
+    r"""Frames with times since a start whose Unix time is not known yet.
 
     >>> log = FrameLog()
     >>> log.write(b"frame", 1.5)

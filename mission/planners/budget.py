@@ -37,11 +37,11 @@ def _straight(path_xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @runtime_checkable
 class Budget(Protocol):
-    """Cost of paths, and its limit.
+    """A budget of a flight: the cost of a path, and the greatest allowed cost.
 
-    The cost need not be a length: the application predicts seconds or watt hours with the vehicle's model. A
+    The cost need not be a length: `wbf_mission` predicts seconds or watt hours with a model of the vehicle. A
     planner assumes only that denser paths usually cost more, and checks the cost of each path that it
-    returns. A budget that evaluates paths faster together than one by one may also be a `BatchBudget`.
+    returns. A budget may also be a `BatchBudget`, if it evaluates many paths together faster than singly.
     """
 
     @property
@@ -65,15 +65,15 @@ class BatchBudget(Budget, Protocol):
     """A budget that evaluates many paths in one call."""
 
     def costs(self, paths_xy_m: Sequence[NDArray[np.float64]]) -> list[float]:
-        """Return the `cost` of each path, bit for bit."""
+        """Return the costs of several paths, bit for bit the results of `cost` for each path."""
 
 
 @runtime_checkable
 class ExplainedBudget(Budget, Protocol):
-    """A budget that explains infinite costs."""
+    """A budget that can say why the cost of a path is infinite."""
 
     def reason(self, path_xy_m: NDArray[np.float64]) -> str:
-        """Return the reason why the vehicle cannot fly a path (as for `cost`); empty if it can."""
+        """Return why the vehicle cannot fly `path_xy_m` (an array as for `cost`), or "" if it can."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,8 +122,8 @@ class LengthBudget:
 class StepBudget:
     """A budget of timesteps of the paper's robot, which moves at most one cell per timestep.
 
-    The robot starts a new step at every waypoint. A leg therefore costs its length in cells, rounded up, and
-    a waypoint at the robot's present position also costs one step.
+    The robot starts a new step at every waypoint. A leg therefore costs its length in cells, rounded up; a
+    leg of zero length also costs one step.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ class StepBudget:
     def __post_init__(self) -> None:
         check_limit(self.limit_steps, "steps")
         if not (math.isfinite(self.step_m) and self.step_m > 0):
-            msg = f"step of {self.step_m} m: a step budget needs a step above zero"
+            msg = f"step of {self.step_m} m: the step of a step budget must be above zero"
             raise PlanningError(msg)
 
     @property

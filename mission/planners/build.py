@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
 TOLERANCE_M = 1.0
 """Greatest difference between the wanted and the actual height above ground (m)."""
-_AT_SAMPLES = 0.7  # Fraction of the tolerance used at samples; the rest is for the ground between samples
-_MOST_SAMPLES = 2_000_000  # Limits memory and time
+_AT_SAMPLES = 0.7  # Fraction of the tolerance allowed at samples; the ground between samples needs the rest.
+_MOST_SAMPLES = 2_000_000  # Greatest number of samples; it limits memory and time.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeightProfile:
-    """Terrain following at a height above the ground.
+    """Terrain following: finds waypoints of a path at a wanted height above the ground.
 
     Parameters
     ----------
@@ -36,9 +36,9 @@ class HeightProfile:
         Wanted height above the ground.
     step_m : float
         Greatest distance between samples of the ground.
-    climb, descent : float
-        Steepest slopes of the vehicle, metres up or down per metre over ground, above zero. Over steeper
-        ground the flight starts its climb earlier, and is higher than wanted, never lower.
+    climb, descent : float Steepest slopes of the vehicle, metres up or down per metre over ground, above
+        zero. Over steeper ground the flight starts its climb earlier, so it is higher than wanted, never
+        lower.
     home_m : tuple of float
         Home position. Altitudes are relative to the ground at home.
     """
@@ -51,7 +51,7 @@ class HeightProfile:
     home_m: tuple[float, float]
 
     def follow(self, path_m: Points) -> tuple[Points, NDArray[np.float64], NDArray[np.int64]]:
-        """Return the waypoints of a path: points, altitudes above home, owners.
+        """Return the waypoints of a path: positions, altitudes above home, and owners.
 
         The owner of a waypoint is the index of the path point at the end of its leg. The waypoints include
         all points of the path. Altitudes are linear between waypoints.
@@ -73,7 +73,7 @@ class HeightProfile:
 
 
 def _sampled(path_m: Points, step_m: float) -> tuple[Points, NDArray[np.int64], NDArray[np.float64]]:
-    """Return samples along a path, the index of the path point after each sample, and the flown distance."""
+    """Return samples along a path: position, index of the next path point, and distance from the start."""
     lengths = np.hypot(*np.diff(path_m, axis=0).T)
     counts = np.maximum(np.ceil(lengths / step_m), 1).astype(np.int64)
     if counts.sum() > _MOST_SAMPLES:
@@ -97,11 +97,11 @@ def _sampled(path_m: Points, step_m: float) -> tuple[Points, NDArray[np.int64], 
 def _slopes_limited(
     wanted: NDArray[np.float64], at: NDArray[np.float64], climb: float, descent: float
 ) -> NDArray[np.float64]:
-    """Return the lowest altitudes that keep the slopes and are nowhere below `wanted`."""
+    """Return the lowest altitudes that are nowhere below `wanted` or steeper than the given slopes."""
     if not (climb > 0.0 and descent > 0.0):
         msg = f"terrain: slopes of {climb:g} up and {descent:g} down must be above zero"
         raise PlanningError(msg)
-    # A climb must start before the rise, a descent may only end after the fall.
+    # A climb must start before the ground rises, and a descent may only end after the ground has fallen.
     rise = np.maximum.accumulate((wanted - climb * at)[::-1])[::-1] + climb * at
     fall = np.maximum.accumulate(wanted + descent * at) - descent * at
     limited: NDArray[np.float64] = np.maximum(rise, fall)
@@ -116,7 +116,7 @@ def _keep_within(
     tolerance_m: float,
     kept: NDArray[np.bool_],
 ) -> None:
-    """Mark in `kept` the samples that keep straight lines within the tolerance (Douglas and Peucker 1973)."""
+    """Mark in `kept` the samples that a polyline within the tolerance needs (Douglas and Peucker 1973)."""
     open_ = [(begin, end)]
     while open_:
         first, last = open_.pop()
@@ -202,13 +202,13 @@ def build_mission(
     7. ``NAV_RETURN_TO_LAUNCH``, which also lands. Without `return_home` this item is omitted, and the vehicle
        holds at the last waypoint.
 
-    With a `pattern`, for a fixed wing, the take-off item has a position ahead and the speed is an airspeed.
-    A landing replaces the return: ``DO_LAND_START``, ``NAV_LOITER_TO_ALT`` on a circle tangent to the final
-    approach, and ``NAV_LAND`` at home.
+    With a `pattern` (for a fixed wing), the take-off item has a position ahead of home, and the speed is an
+    airspeed. A landing replaces the return: ``DO_LAND_START``, ``NAV_LOITER_TO_ALT`` on a circle tangent to
+    the final approach, and ``NAV_LAND`` at home.
 
-    A point within 1 cm of the previous point means a loiter. With a camera interval, each such point adds an
-    interval to the hold (param1), for another image. With a camera distance, such points are dropped. Legs
-    overshoot for autopilots that turn early (`mission.planners.cornering.Cornering`). No item sets a yaw.
+    A point within 1 cm of the previous point is a loiter. With a camera interval, each loiter adds an
+    interval to the hold (param1), for another image; with a camera distance, loiters are dropped. Legs are
+    extended for autopilots that turn early (`mission.planners.cornering.Cornering`). No item sets a yaw.
 
     Parameters
     ----------
@@ -255,7 +255,7 @@ def build_mission(
     route = (cornering or Cornering()).waypoints(path.points_m, home_xy_m, avoid=avoid)
     points, altitudes_m = route.points_m, np.full(len(route.points_m), altitude_m)
     holds_s = route.loiters * (camera_interval_s or 0.0)
-    before = after = 0  # Waypoints on the leg from home to the path, and on the leg back
+    before = after = 0  # Number of waypoints added to the leg from home to the path, and to the leg back
     if heights is not None:
         homewards = return_home and pattern is None
         points, altitudes_m, holds_s, before, after = _followed(
@@ -297,7 +297,7 @@ def build_mission(
     first = (*start, *approach, waypoints[0]) if camera_on_approach else (*approach, waypoints[0], *start)
     if twice:
         assert camera_interval_s is not None
-        # Reaching the second waypoint at the same place already takes an interval.
+        # The vehicle already spends one interval on its way to the second waypoint at the same place.
         again = replace(waypoints[0], param1=float(holds_s[before]) - camera_interval_s)
         first = (*approach, replace(waypoints[0], param1=0.0), *start, again)
     return Mission(
@@ -316,12 +316,12 @@ def _followed(
     *,
     homewards: bool,
 ) -> tuple[Points, NDArray[np.float64], NDArray[np.float64], int, int]:
-    """Return points, altitudes and holds over uneven ground, and waypoint counts of approach and return."""
+    """Return points, altitudes and holds over uneven ground; numbers of extra waypoints out and back."""
     way = np.vstack((home_xy_m, points, *([home_xy_m] if homewards else [])))
     places, altitudes, owner = heights.follow(way)
     # The take-off item replaces a waypoint at home.
     places, altitudes, owner = places[1:], altitudes[1:], owner[1:]
-    # The last waypoint of each owner lies at the path's point.
+    # The last waypoint of each owner lies at the owner, a point of the path.
     is_point = np.append(np.diff(owner) > 0, True)
     holds = np.where(is_point, np.append(holds_s, 0.0)[np.minimum(owner - 1, len(holds_s))], 0.0)
     before = int(np.count_nonzero(owner == 1)) - 1

@@ -13,35 +13,35 @@ from numpy.typing import NDArray
 from mission.errors import PlanningError
 from mission.planners.path import COINCIDENT_M, Area, Points, distinct
 
-# Leg lengths are in multiples of the acceptance radius.
-_LEAST_LEG = 0.15  # Shorter legs never overshoot
-_SHORT_LEG = 0.75  # Shorter legs do not overshoot within a curve, or between two antiparallel rows
-_CURVED = math.cos(math.radians(40.0))  # Smaller turns are part of a curve
+# The lengths of legs are in multiples of the acceptance radius.
+_LEAST_LEG = 0.15  # Shorter legs never overshoot.
+_SHORT_LEG = 0.75  # Shorter legs do not overshoot in a curve or between two antiparallel rows.
+_CURVED = math.cos(math.radians(40.0))  # Smaller turns are part of a curve.
 _BACK = -math.cos(math.radians(30.0))
-# A corner between two longer legs has no overshoot: little is cut off, and a stop costs seconds.
+# Legs do not overshoot at a corner between two legs longer than this: the vehicle cuts off little there.
 _LONG_LEG = 10.0
-_BEFORE_M = 0.5  # Radius less overshoot: a vehicle that turns before the corner swings less wide
-_STRAIGHT = math.cos(math.radians(15.0))  # Smaller turns cut off almost nothing
+_BEFORE_M = 0.5  # Radius minus overshoot: a vehicle that turns before the waypoint swings out less.
+_STRAIGHT = math.cos(math.radians(15.0))  # In smaller turns the vehicle cuts off almost nothing.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Waypoints:
-    """The waypoints of a path."""
+    """The waypoints of a planned path."""
 
-    points_m: Points  # Positions in metres of the farm frame, float64[n, 2]
-    of_point: NDArray[np.int64]  # Index of the path point behind each waypoint, ascending, int64[n]
-    radius_m: float  # Acceptance radius; 0: the autopilot's default
-    loiters: NDArray[np.int64]  # Number of immediate repetitions of each point in the path, int64[n]
+    points_m: Points  # Positions in metres of the farm frame, float64[n, 2].
+    of_point: NDArray[np.int64]  # Index of the path point that each waypoint stands for, ascending, int64[n].
+    radius_m: float  # Acceptance radius; 0: the autopilot's default.
+    loiters: NDArray[np.int64]  # Number of immediate repetitions of each point in the path, int64[n].
 
 
 @dataclass(frozen=True, slots=True)
 class Cornering:
-    """How an autopilot turns at the corners of a path.
+    """The way an autopilot turns at the corners of a path.
 
-    PX4 turns to the next waypoint once inside the acceptance radius. The radius cannot be small, because it
-    also has to contain the error of the height estimate: with 0.5 m a real PX4 waits at waypoints for
-    seconds. Legs therefore overshoot, so that the camera sees the path up to its corners: each leg starts
-    earlier and ends later by the radius less half a metre.
+    PX4 turns to the next waypoint as soon as the vehicle is inside the acceptance radius. The radius cannot
+    be small, because it must exceed the error of the height estimate: with a radius of 0.5 m a real PX4 waits
+    at waypoints for seconds. Legs therefore overshoot, so that the camera covers the path up to its corners:
+    each leg starts earlier and ends later by the radius minus 0.5 m.
 
     Parameters
     ----------
@@ -100,9 +100,9 @@ class Cornering:
     def _overshot(
         self, points: Points, start_m: tuple[float, float] | None, avoid: Area | None
     ) -> tuple[NDArray[np.int64], Points]:
-        """Return the index of the point behind each waypoint, and the waypoints of overshooting legs."""
+        """Return, for overshooting legs, indices of path points and the waypoints that stand for them."""
         come, go = self._directions(points, start_m)
-        # Candidates per point: end of the incoming leg, start of the outgoing leg, and the point itself.
+        # Each point has three candidates: end of the incoming leg, start of the outgoing leg, itself.
         places = np.stack((points + self.overshoot_m * come, points - self.overshoot_m * go, points), axis=1)
         use = np.stack((come.any(axis=1), go.any(axis=1), np.ones(len(points), np.bool_)), axis=1)
         if avoid is not None:
@@ -112,11 +112,11 @@ class Cornering:
         return np.nonzero(use)[0], places[use]
 
     def _directions(self, points: Points, start_m: tuple[float, float] | None) -> tuple[Points, Points]:
-        """Return the unit vectors of the legs to and from each point; zero where a leg does not overshoot."""
+        """Return unit vectors of the legs to and from each point; a leg that does not overshoot has zeros."""
         flown = points if start_m is None else np.vstack((start_m, points))
         steps = np.diff(flown, axis=0)
         length_m = np.hypot(steps[:, 0], steps[:, 1])
-        # A start at the first point makes a leg of zero length, without direction.
+        # If the start is at the first point, the leg between them has zero length and no direction.
         every = np.where((length_m < COINCIDENT_M)[:, None], 0.0, steps / np.maximum(length_m, 1e-9)[:, None])
         as_planned = (length_m < _LEAST_LEG * self.radius_m) | self._between_rows(every, length_m)
         overshot = np.where(as_planned[:, None], 0.0, every)
@@ -134,7 +134,7 @@ class Cornering:
         return come, go
 
     def _between_rows(self, every: Points, length_m: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return whether each leg is the short connection from the end of a row to the start of the next."""
+        """Return whether each leg is a short connection from the end of a row to the next row."""
         between = length_m < _SHORT_LEG * self.radius_m
         back = (every[:-2] * every[2:]).sum(axis=1) < _BACK
         between[1:-1] &= back & ~between[:-2] & ~between[2:]
@@ -143,6 +143,6 @@ class Cornering:
 
 
 def _at_both_ends(of_leg: NDArray[Any], before: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the values of the legs to and from each point; zero where there is no leg."""
+    """Return the values of the legs to each point and from each point; zero if there is no such leg."""
     none = np.zeros((1, *of_leg.shape[1:]), of_leg.dtype)
     return np.concatenate((none[:before], of_leg)), np.concatenate((of_leg[1 - before :], none))

@@ -25,10 +25,10 @@ def lawnmower(
 ) -> PlannedPath:
     """Plan as many equidistant parallel rows from border to border as the budget allows.
 
-    The number of rows is any number from two up to rows a footprint apart (the paper's implementation has
-    only odd numbers). An area narrower than the footprint has one row. A non-convex area is decomposed into
-    boustrophedon cells, flown in nearest-first order. Rows cross passable land between the parts of the area,
-    unless rows that do not cross it lie at least 5 % closer together.
+    There are at least two rows; rows lie at least a footprint apart. The number of rows may be odd or even
+    (odd only in the paper's code). An area narrower than the footprint has one row. A non-convex area is
+    decomposed into boustrophedon cells, flown in nearest-first order. Rows cross passable land between the
+    parts of the area, unless rows without these crossings can lie at least 5 % closer together.
 
     Parameters
     ----------
@@ -90,14 +90,14 @@ def adaptive_lawnmower(
 ) -> PlannedPath:
     """Plan rows over the tomatoes with two thirds of the budget, then over the strawberries with the rest.
 
-    The paper gives two thirds of the budget to the tomatoes. The strawberries get one third less a safety
-    margin of a tenth, because the paper does not count the legs to the first row and between the crops. This
-    planner counts all legs and needs no margin. Each crop has as many rows as its share allows. The tomatoes
-    also get budget that the strawberries cannot use, if the strawberries already have rows a footprint apart.
-    The tomatoes give up rows if the remaining budget is too small for the strawberries.
+    The paper gives the tomatoes two thirds of the budget. The strawberries get a third, less a tenth as a
+    safety margin, because the paper does not count the legs to the first row and between the crops. This
+    planner counts all legs and needs no margin. Each crop has as many rows as its share allows. If the
+    strawberries already have rows a footprint apart, the tomatoes also get the remaining budget. If the
+    budget is too small for one row over the strawberries, the tomatoes give up rows.
 
     A farm with a single crop spends the whole budget on that crop. Without crop areas the rows cover the
-    whole area. `PlannedPath.spacing_m` is the smaller spacing of the two crops.
+    whole area. `PlannedPath.spacing_m` is the smaller of the two crops' row spacings.
 
     Parameters
     ----------

@@ -20,13 +20,13 @@ Divide: TypeAlias = Callable[[Area, Sequence[float]], list[Area]]
 """Function that divides an area into parts with given shares, which add up to 1."""
 
 STRIPS, VORONOI = "strips", "voronoi"
-_SAMPLES = 4000  # Grid points in the area: cell shares are accurate to about 0.1 %
+_SAMPLES = 4000  # Number of grid points in the area, so that shares are accurate to about 0.1 %
 _LLOYD_ROUNDS = 60
 _WEIGHT_ROUNDS = 12
 _BALANCE_ROUNDS = 25
-_MOVED = 1e-3  # Lloyd's algorithm stops when no site moves further (fraction of the area's size)
-_LEAST_SHARE = 0.02  # Least fraction of a reach for rows, even if approach and return are longer
-_LEAST_M2 = 1e-9  # Smaller pieces are artefacts of rounding
+_MOVED = 1e-3  # Lloyd's algorithm stops if no site moves by more than this fraction of the area's size.
+_LEAST_SHARE = 0.02  # Least fraction of a reach for rows, even if approach and return leave less.
+_LEAST_M2 = 1e-9  # Smaller pieces are artefacts of rounding.
 _ROUNDING = 1e-8
 # Low-discrepancy sequence R2, based on the plastic number (Roberts 2018).
 _EVEN = (0.7548776662466927, 0.5698402909980532)
@@ -51,7 +51,7 @@ def strips(area: Area, shares: Sequence[float]) -> list[Area]:
 def power_cells(area: Area, shares: Sequence[float]) -> list[Area]:
     """Return the compact cells of a centroidal power diagram.
 
-    A point belongs to the site with the least power distance: squared distance less the site's weight
+    A point belongs to the site with the least power distance: squared distance minus the site's weight
     (Aurenhammer 1987). Each round chooses the weights so that each cell has its share of the area, then moves
     the sites to the centroids of their cells, as in Lloyd's algorithm (for equal shares: Balzer, Schloemer
     and Deussen 2009).
@@ -85,11 +85,11 @@ PARTITIONS: Mapping[str, Divide] = {STRIPS: strips, VORONOI: power_cells}
 def balanced(
     area: Area, divide: Divide, reach_m: Sequence[float], ways_m: Callable[[int, Area], float]
 ) -> list[Area]:
-    """Return parts that use the same fraction of each vehicle's reach.
+    """Return parts of an area, one per vehicle, so that all vehicles fly the same fraction of their reach.
 
-    Rows at a common spacing s over a part of area A are A / s long. `ways_m` returns the length of approach
-    and return for a vehicle's number and its part. The areas are corrected until the used fractions differ by
-    less than 4 %, or the rounds are used up. The result is the partition with the least difference.
+    With row spacing s, the rows over a part of area A are A / s long. `ways_m` maps a vehicle's number and
+    part to the length of approach and return. The areas are corrected until the used fractions differ by less
+    than 4 %, or the rounds are used up. The result is the partition with the least difference found.
     """
     reach = np.asarray(reach_m, dtype=np.float64)
     shares = reach / reach.sum()
@@ -110,9 +110,9 @@ def balanced(
 
 
 def shares_of_reach(parts: Sequence[Area], reach_m: ArrayLike, ways_m: ArrayLike) -> NDArray[np.float64]:
-    """Return the fraction of its reach that each vehicle flies, with a common row spacing over all parts.
+    """Return the fraction of its reach that each vehicle flies, if all parts have the same row spacing.
 
-    The common spacing is the spacing at which the vehicles together fly the sum of their reaches.
+    At the common spacing, the flights of all vehicles together are as long as the sum of the reaches.
     """
     areas = np.array([part.area for part in parts])
     reach, ways = np.asarray(reach_m, dtype=np.float64), np.asarray(ways_m, dtype=np.float64)
@@ -131,7 +131,7 @@ def _checked(shares: Sequence[float]) -> list[float]:
 
 
 def _axes(area: Area) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return unit vectors along the area's shorter and longer side; the latter points to +x or +y."""
+    """Return unit vectors along the area's shorter and longer side; the second points to +x or +y."""
     low_x, low_y, high_x, high_y = area.bounds
     box = np.array([[low_x, low_y], [high_x, low_y], [high_x, high_y], [low_x, high_y]])
     tight = shapely.get_coordinates(shapely.oriented_envelope(area))[:4]
@@ -151,7 +151,7 @@ def _extent(corners: Points) -> float:
 
 
 def _cut(turned: Area, low: float, high: float, share: float) -> float:
-    """Return the x of the vertical cut with the given share of the turned area on its left."""
+    """Return the x of the vertical cut that has the fraction `share` of the rotated area on its left."""
     _, below, _, above = turned.bounds
     begin, end, wanted = low, high, share * turned.area
     for _ in range(60):
@@ -187,7 +187,7 @@ def _samples(area: Area) -> Points:
 
 
 def _spread(area: Area, points: Points, count: int) -> Points:
-    """Return `count` positions spread evenly over the area; fall back to `points` on very thin areas."""
+    """Return `count` positions spread evenly over the area; on very thin areas, positions from `points`."""
     low_x, low_y, high_x, high_y = area.bounds
     found: list[Points] = []
     for number in range(1, 1000 * count):
@@ -218,7 +218,7 @@ def _owners(points: Points, sites: Points, weights: NDArray[np.float64]) -> NDAr
 def _weights(
     points: Points, sites: Points, weights: NDArray[np.float64], shares: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the weights that give the cells their shares, by coordinate-wise updates."""
+    """Return weights that give the cells their shares of the area; the weights are found one by one."""
     if len(sites) == 1:
         return weights
     distances = _distances(points, sites)
@@ -249,7 +249,7 @@ def _power_cell(area: Area, sites: Points, weights: NDArray[np.float64], k: int)
     for other in range(len(sites)):
         if other == k or not len(ring):
             continue
-        # Half-plane of points that belong to site k rather than to the other site: normal . x <= bound.
+        # Points x with normal . x <= bound belong to site k rather than to the other site.
         normal = 2.0 * (sites[other] - sites[k])
         bound = float((sites[other] ** 2).sum() - (sites[k] ** 2).sum() - weights[other] + weights[k])
         ring = _clipped(ring, normal, bound)
@@ -269,7 +269,7 @@ def _clipped(ring: list[NDArray[np.float64]], normal: NDArray[np.float64], bound
 
 
 def _parts(area: Area, cells: Sequence[shapely.Polygon]) -> list[Area]:
-    """Return the area of each cell; parts of a connected area are connected where possible."""
+    """Return the part of the area in each cell; each part of a connected area is connected if possible."""
     pieces = [polygons_of(shapely.intersection(area, cell), _LEAST_M2) for cell in cells]
     if not all(pieces):
         msg = f"partition: the area is too small for {len(cells)} vehicles; take fewer, or a larger area"
@@ -280,7 +280,7 @@ def _parts(area: Area, cells: Sequence[shapely.Polygon]) -> list[Area]:
 
 
 def _connected(pieces: list[list[shapely.Polygon]]) -> list[list[shapely.Polygon]]:
-    """Give each piece, except the largest piece of a part, to the part with the longest common border."""
+    """Give each piece to the part with the longest common border; the largest piece of a part stays there."""
     largest = [max(polygons, key=lambda piece: piece.area) for polygons in pieces]
     loose = [
         piece
@@ -294,6 +294,6 @@ def _connected(pieces: list[list[shapely.Polygon]]) -> list[list[shapely.Polygon
     for piece in sorted(loose, key=lambda piece: -piece.area):
         around = [shapely.intersection(piece.boundary, shapely.buffer(part, near_m)) for part in parts]
         taker = int(np.argmax(shapely.length(around)))
-        # Reset the precision grid, or later operations would snap to it (see `geo.Farm.crop_area`).
+        # Reset the precision grid; otherwise later operations would snap to it (see `geo.Farm.crop_area`).
         parts[taker] = shapely.set_precision(shapely.union(parts[taker], piece, grid_size=near_m), 0.0)
     return [polygons_of(part, _LEAST_M2) for part in parts]

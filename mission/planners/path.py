@@ -29,7 +29,7 @@ class PlannedPath:
         Points of the path, x and y in metres of the farm frame, n >= 1; stored read-only. The leg from the
         request's start to the first point is not part of the path.
     spacing_m : float or None
-        Distance between neighbouring rows or rings; None for a path without rows.
+        Distance between neighbouring rows or rings, or None for a path without rows.
     planner : str
         Name of the planner.
 

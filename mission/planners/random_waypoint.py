@@ -16,12 +16,12 @@ from mission.planners.terrain import TOLERANCE_M, Terrain, draw_places
 
 MAX_WAYPOINTS = 30_000
 _FIRST_BLOCK = 16
-_CUTS = 10  # Trials for the length of the last leg
-_UNUSED = 1e-6  # Fraction of the budget that may remain unused
-# Skip near positions if a circle with the least leg as radius covers more than this fraction of the area.
+_CUTS = 10  # Greatest number of trial lengths of the last leg.
+_UNUSED = 1e-6  # Fraction of the budget that may remain unused.
+# Near positions are skipped if a circle with the least leg as radius covers more of the area than this.
 _OFTEN = 1 / 6
-_MOST_PASSED = 64  # After this number of rejected draws, take the farthest of them
-# A leg turns straight back if its unit vector plus that of the previous leg is shorter than this.
+_MOST_PASSED = 64  # If this number of draws is rejected, the farthest draw is taken.
+# A leg turns straight back if its unit vector and the previous leg's have a sum shorter than this.
 _BACK = 0.03
 
 
@@ -30,7 +30,7 @@ def random_waypoint(request: PlanningRequest, /, *, waypoints: int | None = None
 
     A leg that would leave the area is replaced by the shortest path inside the area. The last leg is cut to
     use up the budget. A seed gives the same positions in the same order for every budget. On land where many
-    legs would be shorter than `PlanningRequest.least_leg_m`, near positions are skipped.
+    legs would be shorter than `least_leg_m`, positions near the previous position are skipped.
 
     The path begins at the start, or at the nearest point of the inset area if the start is outside.
 
@@ -74,7 +74,7 @@ def random_waypoint(request: PlanningRequest, /, *, waypoints: int | None = None
 
 
 class _Walk:
-    """An endless random walk, drawn on demand."""
+    """An endless random walk; its positions are drawn on demand."""
 
     def __init__(self, request: PlanningRequest) -> None:
         self._terrain = Terrain(request.area, request.footprint_m, request.passable, request.least_leg_m)
@@ -118,7 +118,7 @@ class _Walk:
         return places
 
     def _places_apart(self, count: int) -> Points:
-        """Return the next positions without legs that are too short or turn straight back."""
+        """Return the next positions; skip positions whose leg would be too short or turn straight back."""
         found = [self.legs[-2][-1] if len(self.legs) > 1 else self._start, self.legs[-1][-1]]
         while len(found) < count + 2:
             drawn = self._places(_MOST_PASSED)
@@ -156,7 +156,7 @@ def _use_up(request: PlanningRequest, points: Points, leg: Points, spent: float)
         cost = request.cost(candidate)
         if cost <= limit:
             good, good_cost = middle, cost
-            # A leg between separate parts may cross forbidden land, and no path may end there.
+            # A leg between separate parts may cross forbidden land, but the path must not end on such land.
             if shapely.dwithin(request.room, Point(cut), TOLERANCE_M):
                 best = candidate
         else:

@@ -42,7 +42,7 @@ SearchProgress: TypeAlias = Callable[[int, int], None]
 """Callback of a search: takes the number of rounds done and the estimated total number of rounds."""
 
 
-_ROUNDING_M = 1e-3  # Rounded outlines may let the area leave the passable land by this distance
+_ROUNDING_M = 1e-3  # The area may extend this far beyond the passable land, because outlines are rounded
 
 
 def _no_progress(_done: int, _total: int) -> None:
@@ -78,9 +78,8 @@ class PlanningRequest:
         footprint.
     footprint_along_m : float, optional
         Length of an image on the ground, in the direction of flight. None: equal to `footprint_m`.
-    least_leg_m : float
-        Shortest leg that the autopilot flies reliably. An autopilot skips waypoints when several legs in a
-        row are shorter.
+    least_leg_m : float Shortest leg that the autopilot flies reliably. An autopilot skips waypoints if
+        several successive legs are shorter.
 
     Raises
     ------
@@ -129,15 +128,15 @@ class PlanningRequest:
 
     @property
     def room(self) -> Area:
-        """The land that the path may cross: `passable`, or `area` if that is None."""
+        """The land that the path may cross: `passable`, or `area` if `passable` is None."""
         return self.area if self.passable is None else self.passable
 
     def cost(self, points_m: Points) -> float:
-        """Return the cost of the flight from the start through the points, with the return if it counts."""
+        """Return the cost of the flight from the start through the points; the budget may add the return."""
         return float(self.budget.cost(self._flight(points_m)))
 
     def costs(self, paths_m: Sequence[Points]) -> list[float]:
-        """Return the `cost` of each path."""
+        """Return the costs of the flights along several paths, as `cost` does for one path."""
         flights = [self._flight(points) for points in paths_m]
         if len(flights) > 1 and isinstance(self.budget, BatchBudget):
             return [float(cost) for cost in self.budget.costs(flights)]
@@ -175,7 +174,7 @@ ENTRY_POINT_GROUP = "wbf_mission.planners"
 
 
 class Registered(NamedTuple):
-    """A loaded entry point: name, name in error messages, object, and parameters given in the text."""
+    """A loaded entry point: its name, its name in errors, the object, and parameters given in the text."""
 
     name: str
     what: str
@@ -217,8 +216,8 @@ def make_planner(planner: str | Planner, /, **parameters: Any) -> ConfiguredPlan
     planner : str or Planner
         Your own planner, or the name of an installed planner, optionally with parameters:
         ``lawnmower:direction=0.3`` (see `geo.named.parse_named`). Names are case-insensitive.
-    **parameters
-        Further parameters, see `planner_parameters`. They override those of a `ConfiguredPlanner`.
+    **parameters Further parameters, see `planner_parameters`. They override the parameters of a
+        `ConfiguredPlanner`.
 
     Raises
     ------
@@ -264,7 +263,7 @@ def planner_parameters(planner: Callable[..., PlannedPath]) -> dict[str, Any]:
 
 
 def load_registered(kind: str, group: str, text: str, parameters: Mapping[str, Any]) -> Registered:
-    """Return the entry point that a text names (see `geo.named.parse_named`); names are case-insensitive."""
+    """Return the entry point named in a text (see `geo.named.parse_named`); names are case-insensitive."""
     name, given = parse_named(text)
     entry = next((found for found in entry_points(group=group) if found.name.lower() == name.lower()), None)
     if entry is None:

@@ -1,4 +1,4 @@
-"""Search for the densest path within a budget, over an area with or without its gaps."""
+"""Search for the densest path within a budget over an area, with rows that cross its gaps or skip them."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from mission.planners.terrain import area_of, parts_of, polygons_of
 LOOK_AHEAD = (1, 2, 3)
 # The second guess of a round is the midpoint between the first guess and the upper bound.
 _APART = 2
-_SLOPE_OVER = 0.9  # Cost slopes are measured over densities at least 10 % apart: other slopes are noisy
-_LEAST_SHARE = 1e-6  # Smaller gaps are artefacts of rounding (fraction of the area)
-_WORTH = 1.05  # Vehicles fly turns worse than rows: a path with more turns must be denser by this factor
+_SLOPE_OVER = 0.9  # Cost slopes are measured between densities at least 10 % apart; closer pairs are noisy.
+_LEAST_SHARE = 1e-6  # Smaller gaps are artefacts of rounding (fraction of the area).
+_WORTH = 1.05  # Vehicles fly turns less well than rows: a path with more turns must be denser by this factor.
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
     """The densest candidate path within a budget."""
 
-    index: int  # Index of the candidate
-    points_m: Points  # Points of the path, float64[n, 2]
-    cost: float  # Cost of the path
+    index: int  # Index of the candidate.
+    points_m: Points  # Points of the path, float64[n, 2].
+    cost: float  # Cost of the path.
 
 
 def densest_feasible(
@@ -47,15 +47,15 @@ def densest_feasible(
 
     The cost grows only roughly with the index: rows that end on the far side have a longer return. The search
     therefore brackets the last feasible index by interpolation and bisection, then tries a few candidates
-    beyond it (`look_ahead`), and continues from a feasible candidate. The cost of the returned candidate has
-    been evaluated and is within the limit.
+    beyond it (`look_ahead`), and starts again from a feasible candidate among these. The returned candidate's
+    cost is always evaluated, never interpolated, and within the limit.
 
-    A `BatchBudget` evaluates candidates in rounds. The first round tests a guess and a larger index; after a
-    good guess, the last feasible index lies between the two. Further rounds narrow this interval, and the
-    last round tests all candidates of `look_ahead`.
+    A `BatchBudget` evaluates candidates in rounds. The first round tests a guessed index and a larger index;
+    if the guess is good, the last feasible index lies between the two. Further rounds narrow this interval,
+    and the last round tests all candidates of `look_ahead`.
 
     The cost should be roughly linear in `density(index)`. If even the sparsest candidates cost more than the
-    limit, PlanningError names them (`what`, such as ``lawnmower with 2 rows``) and the least budget.
+    limit, the PlanningError contains `what` (such as ``lawnmower with 2 rows``) and the least budget.
     """
     bound = request.budget.limit if limit is None else limit
     seen: dict[int, float] = {}
@@ -66,7 +66,7 @@ def densest_feasible(
     at_once = isinstance(request.budget, BatchBudget)
 
     def feasible(*indices: int) -> bool:
-        """Return whether any index is feasible; evaluate new indices, in one round for a `BatchBudget`."""
+        """Return whether any index is feasible. A `BatchBudget` evaluates all new indices in one round."""
         nonlocal best, cheapest, rounds
         for batch in [indices] if at_once else [(index,) for index in indices]:
             new = [index for index in dict.fromkeys(batch) if index not in seen]
@@ -117,7 +117,7 @@ def densest_feasible(
 
 
 def _rounds_left(best: Found | None, seen: dict[int, float], highest: int) -> int:
-    """Return the number of rounds that bisection would still take, plus one to look ahead."""
+    """Return the number of rounds that bisection would still need, plus a round that looks ahead."""
     if best is None:
         return 1
     bad = min((index for index in seen if index > best.index), default=highest + 1)
@@ -142,7 +142,7 @@ def _guess(
     if bad is not None:
         slope = (seen[bad] - low) / (density(bad) - low_density)
     else:
-        # The slope between neighbouring indices is mostly noise.
+        # The slope of the cost between neighbouring indices is mostly noise.
         apart = [index for index in seen if density(index) <= _SLOPE_OVER * low_density]
         below = max(apart, default=None)
         rise = low - (seen[below] if below is not None else 0.0)
@@ -153,7 +153,7 @@ def _guess(
 
 
 def _last_below(density: Callable[[int], float], wanted: float, first: int, last: int) -> int:
-    """Return the largest index in first..last with a density of at most `wanted`, or `first`."""
+    """Return the largest index in first..last with a density of at most `wanted`, or `first` if none has."""
     while first < last:
         middle = (first + last + 1) // 2
         if density(middle) <= wanted * (1 + 1e-12):
@@ -164,7 +164,7 @@ def _last_below(density: Callable[[int], float], wanted: float, first: int, last
 
 
 def cannot_be_flown(request: PlanningRequest, points_m: Points, what: str) -> PlanningError:
-    """Return the error if even the sparsest path has infinite cost; `what` names this path."""
+    """Return the error for a sparsest path of infinite cost; `what` is the path's name in the text."""
     budget = request.budget
     reason = request.reason(points_m) or "the vehicle cannot come back from it"
     return PlanningError(
@@ -205,14 +205,14 @@ def gaps_of(area: Area, passable: Area) -> list[Polygon]:
 
 
 def with_gaps(area: Area, gaps: Sequence[Polygon]) -> Area:
-    """Return the union of an area and gaps."""
+    """Return the union of an area and some of its gaps."""
     return area_of(polygons_of(shapely.union_all([area, *gaps])))
 
 
 def swept_lands(request: PlanningRequest) -> list[Area]:
-    """Return candidate lands for rows: the area, the area with enclosed gaps, and the area with all gaps.
+    """Return up to three lands for rows: the area, the area with enclosed gaps, the area with all gaps.
 
-    The cost of the rows decides between the lands: a row that skips a pond is shorter but has two more turns.
+    The caller compares costs: rows that skip a pond are shorter than rows across it, but have more turns.
     """
     area = request.area
     if request.passable is None or not (gaps := gaps_of(area, request.passable)):
@@ -228,9 +228,9 @@ def swept_lands(request: PlanningRequest) -> list[Area]:
 
 
 def densest_over(request: PlanningRequest, plan: Callable[[Area], PlannedPath]) -> PlannedPath:
-    """Return the path of `plan` with the least spacing over the `swept_lands`.
+    """Call `plan` for each of the `swept_lands`, and return the path with the least spacing.
 
-    A path in more pieces wins only if it is denser by 5 %. PlanningError if `plan` fails on every land.
+    A path whose rows skip gaps wins only if it is denser by 5 %. Raises PlanningError if `plan` always fails.
     """
     lands = swept_lands(request)
     if len(lands) == 1:

@@ -16,10 +16,10 @@ from mission.planners.search import densest_feasible, densest_over, spacing_limi
 from mission.planners.terrain import Terrain, is_rectangle, parts_of
 
 SPACING_RATIO = 1e-3
-"""Relative difference between neighbouring spacings of the search."""
+"""Relative difference between successive spacings that the search tries."""
 
-_SMALLEST = 1e-4  # Ratio of the least to the widest spacing: more rings than a mission has items
-_LEAST_AREA_M2 = 1e-9  # Smaller pieces of an offset are artefacts of rounding
+_SMALLEST = 1e-4  # Ratio of the least to the widest spacing; no mission has items for as many rings.
+_LEAST_AREA_M2 = 1e-9  # Smaller pieces of an offset are artefacts of rounding.
 
 
 def spiral(
@@ -32,12 +32,12 @@ def spiral(
     """Plan a spiral from the border inwards, with the smallest spacing that the budget allows.
 
     An axis-aligned rectangle gets the paper's spiral, see `rectangle_spiral`, from the corner nearest to the
-    start. Any other area gets rings at inward offsets of the spacing, also round holes, and in each piece
-    where an offset splits the area. Rings cross passable land between the parts of the area, unless rings
-    that do not cross it lie at least 5 % closer together.
+    start. Any other area gets rings parallel to its border and round its holes, a spacing apart; if the land
+    inside a ring falls into pieces, each piece gets its own rings. Rings cross passable land between the
+    parts of the area, unless rings without these crossings can lie at least 5 % closer together.
 
-    The search tries spacings in steps of 0.1 % down to the footprint: a spacing 0.1 % smaller would exceed
-    the budget.
+    The search tries spacings down to the footprint, each 0.1 % smaller than the previous spacing. The next
+    smaller spacing would exceed the budget.
 
     Parameters
     ----------
@@ -92,12 +92,12 @@ def _spiral(request: PlanningRequest, land: Area, limits: tuple[float, float]) -
 
 
 def _steps(ratio: float) -> int:
-    """Return the number of search steps that divide the spacing by `ratio`."""
+    """Return the number of search steps that reduce a spacing to 1 / `ratio` of its value."""
     return math.ceil(math.log(ratio) / -math.log1p(-SPACING_RATIO) - 1e-9)
 
 
 def _half_width(part: Polygon) -> float:
-    """Return the least spacing that leaves only the outer ring, to about 2 %."""
+    """Return the least spacing at which a part has only its outer ring, accurate to about 2 %."""
     x_min, y_min, x_max, y_max = part.bounds
     high = float(min(x_max - x_min, y_max - y_min)) / 2
     if is_rectangle(part):
@@ -118,8 +118,8 @@ def rectangle_spiral(
 ) -> Points:
     """Return the corners of the paper's anticlockwise inward spiral over a rectangle.
 
-    After each corner the bound behind it moves in by the spacing. The spiral ends when a bound passes the
-    centre. `corner` is the first corner: 0 is (x_min, y_min), the others follow anticlockwise.
+    After each side flown, the bound at that side moves inward by the spacing. The spiral ends when a bound
+    passes the centre. `corner` is the first corner: 0 is (x_min, y_min), 1 to 3 follow anticlockwise.
 
     >>> rectangle_spiral((0, 0, 4, 4), 2.0).tolist()
     [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [2.0, 4.0], [2.0, 2.0]]
@@ -180,7 +180,7 @@ def spiral_pieces(area: Area, spacing_m: float, start_m: ArrayLike) -> list[Poin
 
 
 def _rings(polygon: Polygon, spacing_m: float, here: Points) -> Iterator[Points]:
-    """Yield the rings of a polygon inwards, branch by branch, nearest branch first."""
+    """Yield the rings of a polygon from outside to inside; the nearest piece inside a ring comes first."""
     branches: list[list[Polygon]] = [[polygon]]
     while branches:
         if not branches[-1]:
@@ -200,9 +200,9 @@ def _rings(polygon: Polygon, spacing_m: float, here: Points) -> Iterator[Points]
 
 
 def ring_from(ring_m: NDArray[np.float64], start_m: ArrayLike, gap_m: float) -> Points:
-    """Return an anticlockwise turn along a closed ring from the ring's point nearest to the start.
+    """Return an anticlockwise lap of a closed ring, from the ring's point nearest to the start.
 
-    The turn stops `gap_m` (at most half a turn) short of its first point, to continue on the next ring.
+    The lap ends `gap_m` (at most half a lap) before its first point, where the path goes on to the next ring.
 
     >>> square = np.array([(0.0, 0.0), (4, 0), (4, 4), (0, 4), (0, 0)])
     >>> ring_from(square, (2.0, -1.0), 1.0).tolist()

@@ -21,33 +21,33 @@ from mission.planners.path import Area, Points, path_length
 from mission.planners.sweep import rotation, row_chains
 from mission.planners.terrain import TOLERANCE_M, parts_of, polygons_of
 
-_LEAST_M2 = 1e-9  # Smaller pieces are artefacts of rounding
-_LEAST_UNSEEN = 0.25  # Smaller unseen pieces get no row (fraction of a footprint, or of the spacing squared)
-_TOUCH_M = 1e-6  # Intervals closer than this distance are merged
-# Border points for the middle line: distance in widths of the land, and greatest number.
+_LEAST_M2 = 1e-9  # Smaller pieces are artefacts of rounding.
+_LEAST_UNSEEN = 0.25  # Smaller uncovered pieces get no row (fraction of a footprint or squared spacing).
+_TOUCH_M = 1e-6  # Intervals closer than this distance are merged.
+# Border points from which the middle line is found: distance in widths of the land, greatest number.
 _STEP, _MOST_POINTS = 0.5, 3000
 # Tolerances for simplifying the middle line, in image widths. The coarsest line that covers enough is used.
 _COARSENESS = (0.5, 0.25, 0.12, 0.06, 0.03, 0.015)
 _AS_MUCH = 0.003  # Fraction of the land that a coarser line may additionally miss
 _MOST_BRANCHES = 100
-_ARM = 2.0  # Least length of an arm in image widths: rows next to a shorter arm also cover the arm
+_ARM = 2.0  # Least length of an arm in image widths: a shorter arm is covered by the rows next to it
 _MOST_CORNERS = 12
 _MOST_CUTS = 3
 _CANDIDATES = 2
-_WORTH = 0.97  # A cut pays for its additional turns if it reduces the sum of widths to this fraction
-_SHORTEST_EDGE = 1e-3  # Shorter edges have a random direction (fraction of the land's size)
-_MOST_OF_IT = 0.9  # The hull is simplified if long edges make up a smaller fraction of its outline
+_WORTH = 0.97  # A cut pays for its additional turns if it reduces the sum of widths to this fraction.
+_SHORTEST_EDGE = 1e-3  # Shorter edges are ignored, as noise (fraction of the land's size).
+_MOST_OF_IT = 0.9  # The hull is simplified if long edges make up a smaller fraction of its outline.
 
 
 @dataclass(frozen=True, slots=True)
 class Swath:
     """Camera footprint along a row, and row spacing, in metres."""
 
-    across_m: float  # Width of the footprint
-    along_m: float  # Length of the footprint in the direction of flight
-    spacing_m: float  # Greatest row spacing
-    overshoot_m: float = 0.0  # Length of a row beyond its strip; a negative value shortens the row
-    # Land within this distance of a row sets the row's length; None: the land of the row's strip
+    across_m: float  # Width of the footprint.
+    along_m: float  # Length of the footprint in the direction of flight.
+    spacing_m: float  # Greatest row spacing.
+    overshoot_m: float = 0.0  # Length of a row beyond its strip; a negative value shortens the row.
+    # A row is as long as the land within this distance of the row; None: as long as the land in its strip
     reach_m: float | None = None
 
     @property
@@ -57,18 +57,18 @@ class Swath:
 
     @property
     def least_m2(self) -> float:
-        """Least unseen area that gets an additional row."""
+        """Least area of an uncovered piece that gets an additional row."""
         return _LEAST_UNSEEN * max(self.across_m, self.spacing_m) * max(self.along_m, self.spacing_m)
 
     def seen_from(self, path: Points) -> shapely.Geometry:
-        """Return the area of square images along a path; too small at turns sharper than 97 degrees."""
+        """Return the area covered by square images along a path; too small at turns above 97 degrees."""
         line = shapely.LineString(path) if path_length(path) > TOLERANCE_M else shapely.Point(path[0])
         return shapely.buffer(
             line, 0.5 * self.across_m, cap_style="square", join_style="mitre", mitre_limit=1.5
         )
 
     def seen_along(self, left: float, right: float, y: float) -> Polygon:
-        """Return the area covered along a horizontal row, at least one row spacing wide."""
+        """Return the area that images along a horizontal row cover, at least one row spacing wide."""
         ahead, aside = max(0.5 * self.along_m, self.end_m), 0.5 * max(self.across_m, self.spacing_m)
         return shapely.box(left - ahead, y - aside, right + ahead, y + aside)
 
@@ -178,7 +178,7 @@ def ring_strips(area: Area, swath: Swath, passes: int) -> tuple[list[NDArray[np.
     """Return closed rings along the borders of an area, outermost first, and the remaining land for rows.
 
     The first ring covers the border, and each further ring lies a row spacing inside the previous ring. Land
-    too narrow for a ring remains for rows. Rows overlap the rings as much as they overlap each other.
+    too narrow for a ring remains for rows. Rows overlap the rings as much as neighbouring rows overlap.
     """
     rings: list[NDArray[np.float64]] = []
     for number in range(passes):
@@ -205,7 +205,7 @@ def is_narrow(part: Polygon, swath: Swath) -> bool:
 
 
 def without_arms(part: Polygon, swath: Swath) -> list[Polygon]:
-    """Split a part into pieces wider than an image, and narrow arms; return [] if there are no arms.
+    """Split a part into wide pieces and narrow arms (narrower than an image); return [] without arms.
 
     >>> field = shapely.union(shapely.box(0, 0, 50, 50), shapely.box(50, 20, 120, 26))
     >>> [piece.bounds for piece in without_arms(field, Swath(10, 8, 5))]
@@ -222,7 +222,7 @@ def without_arms(part: Polygon, swath: Swath) -> list[Polygon]:
 
 
 def strip_lines(part: Polygon, room: Area, swath: Swath) -> list[Points]:
-    """Return the rows of a narrow part, float64[n, 2] each: the main row, and a row for each unseen branch.
+    """Return rows of a narrow part, float64[n, 2] each: the main row, and a row per branch that it misses.
 
     >>> strip = shapely.box(0, 0, 100, 4)
     >>> [line.tolist() for line in strip_lines(strip, strip, Swath(10, 8, 5))]
@@ -241,7 +241,7 @@ def strip_lines(part: Polygon, room: Area, swath: Swath) -> list[Points]:
 
 
 def _best_line(part: Polygon, room: Area, swath: Swath) -> LineString:
-    """Return the line with the fewest corners among the lines that cover the most of a part."""
+    """Return the coarsest line among the lines that cover almost the most of a part."""
     middle = _middle(part)
     lines = [_straight(part), *(shapely.simplify(middle, share * swath.across_m) for share in _COARSENESS)]
     lines = [_with_ends(line, swath.end_m) for line in lines]
@@ -297,7 +297,7 @@ def _middle(part: Polygon) -> LineString:
 
 
 def _with_ends(line: LineString, end_m: float) -> LineString:
-    """Return the line shortened by `end_m` at both ends, at most to its midpoint; extended if negative."""
+    """Return the line, shortened at both ends by `end_m`; a negative `end_m` extends the line."""
     if end_m >= 0.0:
         cut_m = min(end_m, 0.5 * line.length)
         cut = substring(line, cut_m, line.length - cut_m)
@@ -343,10 +343,10 @@ def width(part: Polygon) -> float:
 
 
 def cut_parts(part: Polygon, spacing_m: float) -> list[list[Polygon]]:
-    """Return candidate decompositions of a concave part, the best of each round of cuts first.
+    """Return candidate decompositions of a concave part, found by one, two and three cuts.
 
-    Cuts extend the sides of reflex corners. The sum of the widths decides the number of rows (minimal sum of
-    altitudes, Huang 2001). Each decomposition reduces this sum, and each of its parts has at least one row.
+    Each cut extends a side of a reflex corner. The sum of the widths decides the number of rows (minimal sum
+    of altitudes, Huang 2001). Each decomposition reduces the sum, and its parts have at least one row each.
     """
     found: list[tuple[float, list[Polygon]]] = []
     parts, whole = [part], width(part)

@@ -42,22 +42,22 @@ NAME = "survey"
 BEST = "best"
 SEEN, OVERLAP = "seen", "overlap"
 MOST_PASSES = 20
-_EVERY_DEG = 30  # Step of the first directions to try, besides those of the hull's edges
-_FINER_DEG = (12.0, 6.0, 3.0)  # Steps for refining the best direction
+_EVERY_DEG = 30  # Step between the directions tried first, together with the directions of the hull's edges.
+_FINER_DEG = (12.0, 6.0, 3.0)  # Steps for refining the best direction.
 _HULL_ANGLES = 6
 # Longer paths are compared by length and number of turns: predicting all their flights would take minutes.
 _PRICED_M = 400_000.0
-_TURN_M = 20.0  # Row length with about the cost of a turn
-_LONGER = 2.5  # Layouts longer than this multiple of the shortest layout are not evaluated
-_AS_MUCH = 0.02  # Fraction of the area by which a layout may cover less than the best layout
-_ROW_M = 0.01  # Half the width of the line that stands for a row
-_FINALISTS = 3  # Number of layouts for which the best order of cells is computed
-_SMOOTHED = 0.125  # Greatest smoothing of borders with many vertices (fraction of an image)
-_MOST_TOGGLED = 6  # Limit of gaps, parts and cuts tried one by one: each takes one or two predictions
-# Short legs: candidate shifts of a corner, across and along the transit, in multiples of the least leg.
+_TURN_M = 20.0  # Length of a row that costs about as much as a turn.
+_LONGER = 2.5  # Layouts longer than this multiple of the shortest layout are not evaluated.
+_AS_MUCH = 0.02  # A layout may cover less than the best layout by this fraction of the area.
+_ROW_M = 0.01  # Half the width of the line that stands for a row.
+_FINALISTS = 3  # Number of layouts for which the best order of cells is computed.
+_SMOOTHED = 0.125  # Greatest smoothing of borders with many vertices (fraction of an image).
+_MOST_TOGGLED = 6  # Greatest number of gaps or parts tried one by one; a trial takes one or two predictions.
+# To remove short legs, a corner is shifted across and along the transit by these multiples of the least leg.
 _ASIDE = (0.25, 0.5, 1.0, 1.5, 2.0)
 _ALONG = (0.0, -0.5, 0.5, -1.0, 1.0)
-# Points closer to the direct leg are dropped: the autopilot cuts corners by as much anyway (in least legs).
+# Points this close to the direct leg (in least legs) are dropped: the autopilot cuts such corners anyway.
 _NEAR = 0.5
 
 
@@ -74,9 +74,9 @@ def survey(
 ) -> PlannedPath:
     """Plan rows that cover the whole area, with the row spacing for the wanted image overlap.
 
-    Borders split the rows into cells, flown in an order with short transits. Where this costs less, parts of
-    the area have rows in different directions, concave parts are cut, and rows cross passable land outside
-    the area.
+    Borders split the rows into cells, which are flown in an order with short transits. To reduce the cost,
+    parts of the area may have rows in different directions, concave parts may be cut, and rows may cross
+    passable land outside the area.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def survey(
         raise cannot_be_flown(request, points, what)
     if cost > request.budget.limit:
         error = too_small(request, points, cost, what)
-        msg = f"{error}; with the budget unlimited it is planned for several flights"
+        msg = f"{error}; with an unlimited budget it is planned for several flights"
         raise PlanningError(msg)
     return PlannedPath(points, swath.spacing_m, NAME)
 
@@ -181,7 +181,7 @@ Layout: TypeAlias = tuple[tuple[Polygon, float], ...]
 
 
 class _Plans:
-    """Paths of layouts. `last`: the headland passes are flown after the rows."""
+    """Builds the paths of layouts. With `last`, the headland passes are flown after the rows."""
 
     def __init__(self, request: PlanningRequest, swath: Swath, passes: int, *, last: bool) -> None:
         self.request, self.swath = request, swath
@@ -200,7 +200,7 @@ class _Plans:
         return ring_strips(land, self.swath, self._passes)[1]
 
     def is_narrow(self, part: Polygon) -> bool:
-        """Return whether a single row along the middle covers the part, so that its direction is fixed."""
+        """Return whether the part's rows follow its middle line, so that their direction is fixed."""
         return self._lines_of(part) is not None
 
     def _lines_of(self, part: Polygon) -> list[Points] | None:
@@ -228,7 +228,7 @@ class _Plans:
         if self._last:
             pieces += self._rings(pieces[-1][-1] if pieces else start)
         if not pieces:
-            msg = f"{NAME}: no row of the area lies where the path may lead"
+            msg = f"{NAME}: no row lies on land that the path may cross"
             raise PlanningError(msg)
         legs, least_m = self._terrain.legs(pieces, start), self.request.least_leg_m
         points = np.vstack(legs)
@@ -267,7 +267,7 @@ class _Plans:
 
 
 def _room(room: Area, overshoot_m: float) -> Area:
-    """Return the land that rows may cross: they may overshoot the outer border, but not into holes."""
+    """Return the land that rows may cross: `room`, extended beyond its outer border, but not into holes."""
     if overshoot_m <= 0.0:
         return room
     holes = [Polygon(ring) for part in parts_of(room) for ring in part.interiors]
@@ -285,7 +285,7 @@ class _Search:
         self._rough, self._shortest_m = False, math.inf
 
     def best(self) -> list[Layout]:
-        """Return the cheapest layouts; their costs are those of an approximate order of their cells."""
+        """Return the cheapest layouts; their costs are approximate, like the order of their cells."""
         lands = swept_lands(self._request)
         even = [math.radians(degrees) for degrees in range(0, 180, _EVERY_DEG)]
         angles = [*hull_angles(lands[0])[:_HULL_ANGLES], *even]
@@ -305,7 +305,7 @@ class _Search:
         return self._ranked()[0]
 
     def _ranked(self) -> list[Layout]:
-        """Return the layouts that cover nearly the most, cheapest first, then the other layouts."""
+        """Return layouts, cheapest first; layouts that cover clearly less than the best come last."""
         enough = max(self._seen.values(), default=0.0) - _AS_MUCH
         return sorted(self._known, key=lambda layout: (self._seen[layout] < enough, self._known[layout]))
 
@@ -339,7 +339,7 @@ class _Search:
             self._price([self._plans.common(land, turned % math.pi) for turned in beside])
 
     def _toggle_gaps(self, land: Area, angle: float) -> None:
-        """Try rows across each gap alone, then across all the gaps for which this reduced the cost."""
+        """Try rows across each gap alone, then across all the gaps where crossing reduced the cost."""
         passable = self._request.room
         gaps = gaps_of(land, passable)[:_MOST_TOGGLED]
         alone = {k: self._plans.common(with_gaps(land, [gap]), angle) for k, gap in enumerate(gaps)}
@@ -350,7 +350,7 @@ class _Search:
             self._price([self._plans.common(with_gaps(land, better), angle)])
 
     def _turn_parts(self) -> None:
-        """Try the directions of each part's own hull edges."""
+        """Try for each part the row directions along the edges of its convex hull."""
         for number in range(min(len(self._best()), _MOST_TOGGLED)):
             layout = self._best()
             if number < len(layout) > 1 and not self._plans.is_narrow(part := layout[number][0]):
@@ -362,7 +362,7 @@ class _Search:
                 )
 
     def _cut(self, ways: Callable[[Polygon], list[list[Polygon]]]) -> None:
-        """Try the decompositions of each part by `ways`, each with one row direction and with several."""
+        """Try the decompositions of each part by `ways`, with one row direction and with several."""
         layout = self._best()
         angle = self._angle(layout)
         found: list[Layout] = []
@@ -418,7 +418,7 @@ def _short_beside(points: Points, corner: NDArray[np.bool_], least_m: float) -> 
 def _without_leg(
     points: Points, corner: NDArray[np.bool_], k: int, least_m: float, terrain: Terrain
 ) -> Iterator[tuple[Points, NDArray[np.bool_]]]:
-    """Yield paths that differ at leg k, with their `corner` arrays."""
+    """Yield changed paths in which leg k may no longer be short, each with its `corner` array."""
     for j in (k, k + 1):
         if not 0 < j < len(points) - 1:
             continue
@@ -441,7 +441,7 @@ def _without_leg(
 
 
 def _corners_instead(before: Points, way: Points, after: Points, least_m: float, terrain: Terrain) -> Points:
-    """Return candidate positions for one corner that replaces a transit, `least_m` from its ends."""
+    """Return candidate positions of a corner that replaces a transit, `least_m` or more from both ends."""
     along = after - before
     along = along / max(float(np.hypot(*along)), 1e-9)
     across = np.array((-along[1], along[0]))

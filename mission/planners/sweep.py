@@ -17,18 +17,18 @@ from mission.planners.path import Area, Points
 from mission.planners.search import is_number
 from mission.planners.terrain import Terrain, is_rectangle, parts_of, straight_lengths
 
-_EDGE_M = 1e-7  # Outermost rows are scanned this far inside: crossings exactly on an edge are unreliable
-_MERGE_M = 1e-9  # Pieces of a row closer than this distance are merged
-_MAX_ROWS = 50_000  # More rows than a mission has items
-_ROUNDED_RAD = 5.1e-5  # Error of an angle rounded to four decimals
+_EDGE_M = 1e-7  # Outermost rows are scanned this far inside: crossings exactly on an edge are unreliable.
+_MERGE_M = 1e-9  # Pieces of a row closer than this distance are merged.
+_MAX_ROWS = 50_000  # Greatest number of rows; no mission has items for more.
+_ROUNDED_RAD = 5.1e-5  # Error of an angle rounded to four decimals.
 
 
 class Sweep:
     """Parallel rows over an inset area, for any number of rows.
 
     Each part of the area has rows from border to border. All parts have about the same row spacing, at least
-    `min_spacing_m`. The part with the greatest extent across the rows sets the spacing. PlanningError if no
-    number of rows satisfies both limits.
+    `min_spacing_m`. The part with the greatest extent across the rows sets the spacing. Raises PlanningError
+    if no number of rows keeps `min_spacing_m` and `max_spacing_m`.
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class _Part:
 def row_chains(
     row: NDArray[np.intp], left: NDArray[np.float64], right: NDArray[np.float64]
 ) -> list[list[int]]:
-    """Return the cells, as chains of pieces in successive rows without a fork or a merge."""
+    """Return cells as indices of row pieces, one piece per row; a cell ends where pieces fork or merge."""
     pieces: dict[int, list[int]] = {}
     for index, number in enumerate(row.tolist()):
         pieces.setdefault(number, []).append(index)
@@ -202,7 +202,7 @@ def sweep_angle(area: Area, direction: str | float | None = None) -> float:
     - ``"longest-side"``: along the longest straight side.
     - ``"fewest-turns"``: along the edge of the convex hull across which the area is narrowest.
     - A number: the angle itself. An angle that equals the angle of a hull edge to four decimals snaps to this
-      edge, because rows almost parallel to a border lose the outermost row.
+      edge, because otherwise the outermost of rows almost parallel to a border would be lost.
     - None: ``"x"`` for an axis-aligned rectangle, as in the paper, otherwise ``"fewest-turns"``.
 
     Any other value raises PlanningError.
@@ -241,7 +241,7 @@ def sweep_angle(area: Area, direction: str | float | None = None) -> float:
 
 
 def rotation(angle_rad: float) -> NDArray[np.float64]:
-    """Return the matrix into a frame with its x axis at the angle (``points @ matrix.T``)."""
+    """Return the matrix of a rotation into a frame with its x axis at the angle (``points @ matrix.T``)."""
     if angle_rad == 0.0:
         return np.eye(2)
     cosine, sine = math.cos(angle_rad), math.sin(angle_rad)
@@ -249,7 +249,7 @@ def rotation(angle_rad: float) -> NDArray[np.float64]:
 
 
 MOST_EXACT = 9
-"""Greatest number of cells with an optimal order; more cells are ordered by 2-opt and single-cell moves."""
+"""Greatest number of cells for which the optimal order is computed; more cells are ordered by 2-opt."""
 _ROUGHLY_EXACT = 5
 _TRIALS, _ROUGH_TRIALS = 3000, 200
 _GAIN_M = 1e-6  # Smaller gains are rounding errors
@@ -267,7 +267,7 @@ def fly_cells(
 
     A cell is float64[n, 2, 2] (row, end, (x, y)), or the points of a line, float64[n, 2], flown from either
     end. The flight goes from `start_m` to `home_m`; it ends with the last row if `home_m` is None. With
-    `exact`, transits are measured round corners and holes of the terrain. Otherwise they are straight.
+    `exact`, transits are measured round corners and holes of the terrain; otherwise transits are straight.
     """
     home = start_m if home_m is None else home_m
     corners = np.array([_corners(cell) for cell in cells])
@@ -302,7 +302,7 @@ def _flown(cell: NDArray[np.float64], *, from_last: bool, from_right: bool) -> l
 
 
 def _exits(rows: int) -> list[int]:
-    """Return the exit corner for each entry corner (first row left and right, last row left and right)."""
+    """Return the exit corner for each entry corner (0 to 3: first row left, right, last row left, right)."""
     if rows == 1:
         return [1, 0, 3, 2]
     return [(2 if entry < 2 else 0) + (entry % 2 if rows % 2 == 0 else 1 - entry % 2) for entry in range(4)]
@@ -315,7 +315,7 @@ class _Tour:
         count = len(exits)
         at = 4 * np.arange(count)[:, None] + np.arange(4)
         leave = 4 * np.arange(count)[:, None] + np.array(exits)
-        # Transit lengths between cells, by the entry corner of each: [from, entry, to, entry].
+        # Lengths of transits, by the two cells and their entry corners: [cell, entry, next cell, entry].
         self._step = ways[leave[:, :, None, None], at[None, None]]
         self._first = ways[-2][at]
         self._last = ways[-1][leave] if returns else np.zeros((count, 4))

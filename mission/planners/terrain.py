@@ -19,7 +19,7 @@ from mission.planners.path import Area, Points
 
 TOLERANCE_M = 5e-7
 MAX_VERTICES = 500
-_MOST_SEEN = 60_000  # Greatest number of pairs in a complete visibility graph, which takes about a second
+_MOST_SEEN = 60_000  # Greatest number of pairs in a visibility graph of all corners: the graph takes a second
 _NO_POINTS: Points = np.empty((0, 2))
 
 
@@ -35,7 +35,7 @@ def polygons_of(geometry: shapely.Geometry, least_m2: float = 0.0) -> list[Polyg
 
 
 def area_of(polygons: Sequence[Polygon]) -> Area:
-    """Return the polygons as one area; an empty polygon if there are none."""
+    """Return the polygons as one area, or an empty polygon if there are none."""
     if not polygons:
         return Polygon()
     return polygons[0] if len(polygons) == 1 else MultiPolygon(polygons)
@@ -77,7 +77,7 @@ def inset(area: Area, distance_m: float, least_leg_m: float = 0.0) -> Area:
 
 
 def smoothed(area: Area, most_m: float, least_leg_m: float = 0.0) -> Area:
-    """Return the area smoothed inward as in `inset`; the same object if it needs no smoothing."""
+    """Return the area, smoothed inward as in `inset`, or the same object if it needs no smoothing."""
     parts = parts_of(area)
     found = [piece for part in parts for piece in _smoothed(part, most_m, _has_many)]
     if least_leg_m > 0.0:
@@ -101,7 +101,7 @@ def _is_rough(parts: Sequence[Polygon], least_leg_m: float) -> bool:
 
 
 def _smoothed(part: Polygon, most_m: float, needs: Callable[[Sequence[Polygon]], bool]) -> Sequence[Polygon]:
-    """Return polygons inside the part with fewer vertices, at most `2 most_m` from its border."""
+    """Return simpler polygons inside the part, with borders at most `2 most_m` from the part's border."""
     tolerance = most_m / 64
     pieces: Sequence[Polygon] = [part]
     while needs(pieces) and 0.0 < tolerance <= most_m:
@@ -127,7 +127,7 @@ def _shrunk(part: Polygon, margin: float) -> Area:
 class Region:
     """A polygon with visibility tests and shortest paths.
 
-    A shortest path turns only at reflex corners. It is found by A* over the visibility graph; edges of the
+    A shortest path turns only at reflex corners. The search uses A* over the visibility graph; edges of the
     graph are computed on demand and cached.
     """
 
@@ -158,7 +158,7 @@ class Region:
         return np.asarray(shapely.covers(self.tolerant, shapely.linestrings(legs)))
 
     def route(self, start_m: Points, end_m: Points) -> Points | None:
-        """Return the corners of the shortest path between two points, float64[n, 2]; None if none exists."""
+        """Return the corners of the shortest path between two points, float64[n, 2], or None without one."""
         if bool(self.sees(start_m[None], end_m[None])[0]):
             return _NO_POINTS
         from_start = np.hypot(*(self.corners - start_m).T)
@@ -185,7 +185,7 @@ class Region:
         from_start: Points,
         to_end: Points,
     ) -> tuple[Points | None, float]:
-        """Return the shortest path through the corners `near`, and its length."""
+        """Return the shortest path that turns only at the corners `near`, and its length."""
         corners = self.corners[near]
         reaches_end = self.sees(corners, end_m)
         spent = np.where(self.sees(corners, start_m), from_start, math.inf)
@@ -252,7 +252,7 @@ class _Regions:
         self._bounds = shapely.bounds(self._tree.geometries)
 
     def near(self, starts_m: Points, ends_m: Points) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return leg and region indices where the region's bounds contain both ends, sorted by region."""
+        """Return indices of legs, and of regions whose bounds contain the leg's ends, sorted by region."""
         legs, numbers = self._tree.query(shapely.points(starts_m))
         low, high = self._bounds[numbers, :2], self._bounds[numbers, 2:]
         held = ((low <= ends_m[legs]) & (ends_m[legs] <= high)).all(axis=1)
@@ -309,8 +309,8 @@ class Terrain:
     def legs(self, pieces: Sequence[Points], start_m: ArrayLike) -> list[Points]:
         """Return the pieces, each preceded by the corners of the transit to the piece.
 
-        The pieces lie in the inset area. A transit is a straight leg if that stays in the inset land, else
-        the shortest path in the inset land, else the shortest path in the full land (the area, or the
+        The pieces lie in the inset area. A transit is a straight leg if this leg stays in the inset land,
+        else the shortest path in the inset land, else the shortest path in the full land (the area, or the
         passable land). A transit between separate parts is straight. The start may lie anywhere and is not
         part of the result.
         """
@@ -330,7 +330,7 @@ class Terrain:
     def lengths(self, places_m: Points) -> NDArray[np.float64]:
         """Return the lengths of the shortest paths between positions, float64[n, n].
 
-        A length is the straight distance if the positions lie in separate parts. All lengths are, if the
+        The straight distance is returned if two positions lie in separate parts, and for all positions if the
         visibility graph would be too large.
         """
         # Imported here because scipy.sparse is slow to import, and only this method needs it.

@@ -27,9 +27,9 @@ _CLASS_VALUES = (1.0, 0.5, 0.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SummedMap:
-    """A weighted sum of maps, which is computed only in the cells that are read.
+    """A weighted sum of maps; reading a cell computes the sum in that cell.
 
-    On a large farm, allocating memory for the whole sum takes longer than computing it.
+    The whole sum is never stored: on a large farm, allocating its memory takes longer than the sum itself.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class SummedMap:
     shape: tuple[int, int]
 
     def __getitem__(self, cells: Any) -> NDArray[np.float32]:
-        """Return the sum in some cells, given as an index of an array."""
+        """Return the sum in the cells that an index, as for an array, selects."""
         first = np.broadcast_to(np.float32(0.0), self.shape)[cells]
         total = np.zeros(first.shape, np.float32)
         for weight, mask, values in self.parts:
@@ -68,16 +68,16 @@ class Acquisition(Protocol):
     def __call__(self, observation: PolicyObservation, /) -> AcquisitionValues:
         """Return the value of observing each cell, float32[W, H]: at least 0, and 0 in unscored cells.
 
-        The result is an array, or a map that is computed where it is read.
+        The result is an array, or a `SummedMap`, which is computed only in cells that are read.
         """
 
 
 def expected_loss(observation: PolicyObservation) -> AcquisitionValues:
-    """Return the expected loss of the current estimate in each cell: observing a cell saves its loss.
+    """Return the expected loss of the current estimate in each cell, which observing the cell would save.
 
-    The loss is summed over the fields with their weights. A field with class probabilities has the expected
-    score loss under these probabilities. Other fields have the variance of the estimate times the mean weight
-    of a squared error above and below the truth.
+    The loss is summed over the fields with their weights. The loss of a field with class probabilities is the
+    expectation of the score's loss. The loss of another field is the variance of the estimate times the mean
+    weight of a squared error above and below the truth.
     """
     known = observation.model.expected_loss
     if known is not None:
@@ -93,8 +93,8 @@ def variance(observation: PolicyObservation) -> AcquisitionValues:
 def entropy(observation: PolicyObservation) -> AcquisitionValues:
     """Return the entropy of the class probabilities (nats) in each cell, summed with the fields' weights.
 
-    A field without class probabilities gets the entropy of a normal distribution, relative to a standard
-    deviation of 0.01 and at least zero.
+    A field without class probabilities gets the entropy of a normal distribution minus the entropy at a
+    standard deviation of 0.01, at least zero.
     """
 
     def of_field(k: int, field: Field) -> NDArray[np.floating]:
@@ -110,7 +110,7 @@ def entropy(observation: PolicyObservation) -> AcquisitionValues:
 def probability_of_sick(observation: PolicyObservation) -> AcquisitionValues:
     """Return the probability that an unobserved plant is sick, summed over the diseases with their weights.
 
-    Without class probabilities, the probability is 1 less the estimated health. Cells without uncertainty
+    Without class probabilities, the probability is 1 minus the estimated health. Cells without uncertainty
     have the value 0.
     """
 
@@ -167,21 +167,20 @@ class WithCoverage:
 
 @dataclass(frozen=True, slots=True)
 class WithCorrelationLength:
-    """An acquisition with larger weights of smooth fields, for the information gained beside the track.
+    """An acquisition that gives smooth fields larger weights, because a track informs about land beside it.
 
     Observations of a field with correlation length l also reduce the variance beside the track: a squared
     exponential process keeps only ``1 - exp(-d^2 / l^2)`` of its variance at a distance d. A step along the
-    track therefore saves the loss of a swath ``sqrt(pi) l`` wide, not only the loss of its cell. The
-    neighbour shares of the route search account for this information on diseases.
+    track therefore saves the loss of a swath ``sqrt(pi) l`` wide, not only the loss of its cell. Diseases
+    keep their weights: the route search already counts information beside the track for them.
 
     Parameters
     ----------
     strip : float
         Width in cells of the strip that a track sees in route searches
         (`mission.policies.planning_grid.strip_width`).
-    beyond : int
-        Longest side, in cells, of farms on which the weights do not change: there the first rows already
-        determine the field.
+    beyond : int Weights change only on farms with a side longer than this, in cells: on smaller farms the
+        first rows already determine the field.
     """
 
     acquisition: Acquisition
@@ -207,7 +206,7 @@ class WithCorrelationLength:
 class Balanced:
     """An acquisition with a lower bound on the weights of diseases.
 
-    With the weights of the score, a policy searches for a disease of small weight last, perhaps too late.
+    With the score's weights, a policy would look for a disease of small weight last, perhaps too late.
 
     Parameters
     ----------
@@ -241,7 +240,7 @@ ACQUISITIONS: dict[str, Acquisition] = {
 
 
 def make_acquisition(acquisition: str | Acquisition) -> Acquisition:
-    """Return the acquisition with this name (from `ACQUISITIONS`); return a callable unchanged."""
+    """Return the acquisition function of this name in `ACQUISITIONS`, or a callable as it is."""
     if callable(acquisition):
         return acquisition
     if acquisition not in ACQUISITIONS:

@@ -21,7 +21,7 @@ from mission.policies.observation import VehicleReport, pays_for_return
 WHOLE = "none"
 """Name for no partition: each vehicle gets the whole area."""
 PARTITION_NAMES = (*PARTITIONS, WHOLE)
-_ALIKE = 0.01  # Vehicles get equal strips if their reaches differ by a smaller fraction
+_ALIKE = 0.01  # Vehicles get strips of equal area if their reaches differ by less than this fraction
 
 
 def check_partition(partition: str) -> str:
@@ -73,15 +73,15 @@ def shared(vehicles: Sequence[VehicleReport], partition: str) -> dict[int, Area]
     return {vehicle.system_id: part for vehicle, part in zip(vehicles, parts, strict=True)}
 
 
-# Half the width of the land along a row, in row spacings: slightly more than half avoids gaps.
+# A row covers the land up to this distance on each side, in row spacings: more than 0.5 avoids gaps.
 _OF_SPACING = 0.55
-# A vehicle plans all its unseen land again if rows over added land would be farther apart by this factor.
+# A vehicle plans all its unflown land again if rows over added land would be farther apart by this factor.
 _COARSER = 1.5
 
 
 @dataclass(frozen=True, slots=True)
 class OnwardBudget:
-    """A vehicle's remaining budget in flight, for planners of the path ahead."""
+    """The rest of a vehicle's budget in flight, with which a planner plans the path ahead."""
 
     vehicle: VehicleReport
     before_m: Points  # Points that the vehicle flies before the planned path, float64[n, 2]
@@ -101,7 +101,7 @@ class OnwardBudget:
         return self.costs([path_xy_m])[0]
 
     def costs(self, paths_xy_m: Sequence[NDArray[np.float64]]) -> list[float]:
-        """Return the `cost` of each path."""
+        """Return the cost of each path, as `cost` does."""
         return self.vehicle.travel_cost.rest([np.vstack((self.before_m, path[1:])) for path in paths_xy_m])
 
 
@@ -110,10 +110,10 @@ class Share:
     """The land of a vehicle, and the row spacing of its path."""
 
     part: Area
-    spacing_m: float | None  # None for a path without rows
+    spacing_m: float | None  # None: the path has no rows
 
     def unflown(self, vehicle: VehicleReport) -> Area:
-        """Return the land along the vehicle's remaining path; its whole land if the path has no rows."""
+        """Return the land along the vehicle's remaining path; all its land if the path has no rows."""
         if self.spacing_m is None:
             return self.part
         if not len(vehicle.rest_m):
@@ -130,11 +130,11 @@ def reallocate(
     shares: Mapping[int, Share],
     planner: Planner,
 ) -> dict[int, tuple[Points, Share]]:
-    """Return the remaining path of each of the `takers`, extended over its piece of the lost vehicles' land.
+    """Return new paths of the vehicles `takers`, which take over the lost vehicles' unflown land.
 
-    The unseen land is divided among the `takers` in proportion to their unused budgets. A vehicle flies its
-    path to the end, then rows over its piece. If the budget is too small for these rows, the vehicle plans
-    all its unseen land again with a wider row spacing. If that is too costly as well, it keeps its path.
+    Each vehicle gets a piece of this land, in proportion to its unused budget. The vehicle flies its path to
+    the end, then rows over the piece. If the budget allows no rows or only rows much farther apart, the
+    vehicle plans all its unflown land again. If even this costs too much, the vehicle keeps its path.
     """
     left = [shares[vehicle.system_id].unflown(vehicle) for vehicle in lost]
     flying = [vehicle for vehicle in takers if vehicle.system_id in shares]
@@ -166,7 +166,7 @@ def _pieces(land: Area, takers: Sequence[VehicleReport]) -> list[Area]:
     try:
         return strips(land, np.maximum(spare / spare.sum(), 0.02).tolist())
     except PlanningError:
-        # Land too small for a division goes to the nearest vehicle.
+        # Land that is too small to be divided goes to the nearest vehicle.
         nearest = min(takers, key=lambda taker: shapely.distance(land, shapely.Point(taker.position_m)))
         return [land if taker is nearest else shapely.Polygon() for taker in takers]
 
@@ -174,7 +174,7 @@ def _pieces(land: Area, takers: Sequence[VehicleReport]) -> list[Area]:
 def _more(
     vehicle: VehicleReport, mine: Share, piece: Area, planner: Planner
 ) -> tuple[Points, float | None] | None:
-    """Return a path over the vehicle's unseen land and the piece, and its row spacing; None if too costly."""
+    """Return a path over the vehicle's unflown land and its piece, and its row spacing, or None."""
     if piece.is_empty or vehicle.left <= 0.0:
         return None
     footprint_m = vehicle.request.footprint_m

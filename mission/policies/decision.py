@@ -106,11 +106,11 @@ class Decision:
                 array = np.empty((0, 2))
             if array.ndim != 2 or array.shape[1] != 2:
                 shape = array.shape
-                msg = f"vehicle {system_id}: a path is finite (x, y) points, not an array of shape {shape}"
+                msg = f"vehicle {system_id}: a path must be finite (x, y) points, not of shape {shape}"
                 raise AnswerError(msg, "no points")
             if not np.isfinite(array).all():
                 worst = array[~np.isfinite(array)][0]
-                msg = f"vehicle {system_id}: a path is finite (x, y) points, but a coordinate is {worst}"
+                msg = f"vehicle {system_id}: a path must be finite (x, y) points, but a coordinate is {worst}"
                 raise AnswerError(msg, "not finite")
             array.flags.writeable = False
             taken[int(system_id)] = array
@@ -150,7 +150,7 @@ def _checked_cost(name: str, vehicle: VehicleReport, points: Points) -> float:
         raise AnswerError(msg, "not steerable")
     cost = vehicle.travel_cost.rest([points])[0]
     budget = vehicle.request.budget
-    # The direct return is always allowed, even if it exceeds the budget in wind or round an obstacle.
+    # The direct return is always allowed, even if wind or an obstacle makes it cost more than the budget.
     if len(points) and not cost <= vehicle.left + budget.limit * _OF_LIMIT:
         over = f"the budget of {budget.limit:g} {budget.unit}"
         if vehicle.spent > 0.0:

@@ -41,7 +41,7 @@ from mission.policies.steering import (
     make_coordination,
 )
 
-_RADIUS = 3  # Radius, in cells, of the neighbour shares: further cells lose less than 1 % of their value
+_RADIUS = 3  # Radius, in cells, of the neighbour shares: cells beyond it lose less than 1 % of their value
 _ALTERNATIVES = 4
 _LEAST_LEGS = 4
 _MOST_STOPS = 40
@@ -68,12 +68,12 @@ class MapPolicy(ABC):
         Parameters of `mission.policies.acquisition.WithCoverage`.
     least_weight : float
         Parameter of `mission.policies.acquisition.Balanced`.
-    coordination : {"sequential", "auction"} or Coordination
-        How the vehicles of a fleet share the map (`mission.policies.steering`).
+    coordination : {"sequential", "auction"} or Coordination The rule by which the vehicles of a fleet share
+        the map (`mission.policies.steering`).
     """
 
     reason: ClassVar[str]
-    """Reason that the record of each decision shows."""
+    """Reason shown in the record of each decision."""
 
     acquisition: str | Acquisition = "expected-loss"
     share: float = 0.12
@@ -104,7 +104,7 @@ class MapPolicy(ABC):
         return self._steering.decide(observation, self._routes, self.reason)
 
     def _routes(self, problem: RouteProblem) -> Sequence[Route]:
-        """Return the routes of `_search`, or a far leg and a route from its end if no value is near."""
+        """Return the routes of `_search`. If no value is near, return a far leg and a route from its end."""
         routes = self._search(problem)
         far = [] if routes else far_route(problem)
         if not far:
@@ -127,8 +127,8 @@ class MapPolicy(ABC):
 class Greedy(MapPolicy):
     """Fly the straight leg with the greatest ratio of value to cost, and choose again after a few cells.
 
-    Further legs are appended by the same rule, on the map without the value already taken, so that the
-    vehicle always has a path ahead. The class also has the parameters of `MapPolicy`.
+    So that the vehicle always has a path ahead, the same rule appends further legs; the value that earlier
+    legs observe counts as 0. The class also has the parameters of `MapPolicy`.
 
     Parameters
     ----------
@@ -180,8 +180,8 @@ class Greedy(MapPolicy):
 class Orienteering(MapPolicy):
     """Choose places and their order for the greatest discounted value within the remaining budget.
 
-    The cost of a leg is the vehicle's travel cost. If the budget counts the return, the tour leaves enough
-    for it. The class also has the parameters of `MapPolicy`.
+    The cost of a leg is the vehicle's travel cost. If the budget counts the return, the tour leaves enough of
+    the budget for the return. The class also has the parameters of `MapPolicy`.
 
     Parameters
     ----------
@@ -218,7 +218,7 @@ class Orienteering(MapPolicy):
             if pays_for_return(vehicle)
             else np.zeros(len(places))
         )
-        # The cost per cell includes turns, or expensive turns would use up the whole limit.
+        # The cost per cell includes turns; otherwise expensive turns would use up the whole limit.
         per_cell = problem.costs.per_cell + problem.costs.turn / CELLS_A_LEG
         limit = min(vehicle.left, self.horizon * per_cell + float(back[0]))
         order, value = search_tour(
@@ -229,7 +229,7 @@ class Orienteering(MapPolicy):
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class RollingHorizon(MapPolicy):
-    """Fly the route of several legs with the most value up to a horizon; search again after a few cells.
+    """Fly the most valuable route of several legs up to a horizon of cost; search again after a few cells.
 
     A route earns the value of each cell once, and observing a cell removes a share of its neighbours' values.
     The search cannot predict what the vehicle will find, so it is repeated in flight. The class also has the
@@ -260,7 +260,7 @@ class RollingHorizon(MapPolicy):
 
     def _search(self, problem: RouteProblem) -> Sequence[Route]:
         per_cell = problem.costs.per_cell
-        # The horizon includes turns, or expensive turns would use up the whole horizon.
+        # The horizon includes turns; otherwise expensive turns would use up the whole horizon.
         horizon = self.horizon * (per_cell + problem.costs.turn / CELLS_A_LEG)
         route = search_route(
             problem.values, problem.shares, problem.planning_grid.free, problem.x, problem.y, self._offsets,

@@ -36,7 +36,7 @@ class Event(Enum):
     ENDING = "ending"
     """A vehicle is about to reach the end of its path, after which the vehicle flies home."""
     LOST = "lost"
-    """A vehicle failed or fell silent, and its part of the farm remains unseen."""
+    """A vehicle failed or fell silent, so its part of the farm remains uncovered."""
 
 
 class Status(Enum):
@@ -49,7 +49,7 @@ class Status(Enum):
     FLYING = "flying"
     """On the path, which can be changed."""
     CHANGING = "changing"
-    """On the path while a new path is being sent. No further change is possible before it arrives."""
+    """On the path while a new path is being sent. No other change is possible until the new path arrives."""
     SILENT = "silent"
     """Probably on the path, but without recent telemetry or with unknown progress. The vehicle cannot get a
     new path."""
@@ -60,14 +60,14 @@ class Status(Enum):
     ENDED = "ended"
     """Landed as planned."""
     LOST = "lost"
-    """Failed, or silent for longer than the plan explains."""
+    """Failed, or silent for longer than the planned flight can explain."""
 
 
 class TravelCost(Protocol):
     """Travel costs of a vehicle from its current position, in the unit of its budget."""
 
     def rest(self, paths_m: Sequence[Points]) -> list[float]:
-        """Return the cost of each path, from the vehicle's position through its points and home.
+        """Return the cost of each path: from the vehicle's position through the path's points and home.
 
         A path is float64[n, 2] in metres of the farm frame; n = 0 is the direct return. The return costs
         nothing if the budget does not count it. A path that the vehicle cannot fly costs infinity. Decisions
@@ -77,15 +77,15 @@ class TravelCost(Protocol):
     def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
         """Return the approximate costs of straight legs, float64[n, m], from n points to m points.
 
-        The costs include the wind and the mean cost of a turn. This method is fast, for a choice among many
-        legs.
+        The costs include the wind and the mean cost of a turn. The method is fast, so that a policy can
+        choose among many legs.
         """
 
     def change(self, points_m: Points) -> float:
         """Return the additional cost of switching from the current path to another path.
 
-        The cost is 0 if the autopilot keeps its speed, as most do. A policy needs to compare a new path with
-        the current path only if this cost is above 0.
+        The cost is 0 if the vehicle keeps its speed during the change, as with most autopilots. A policy
+        needs to compare a new path with the current path only if this cost is above 0.
         """
 
 
@@ -97,8 +97,8 @@ class ContactArea:
     1.0
     """
 
-    center_m: tuple[float, float]  # Metres of the farm frame
-    radius_m: float  # A negative radius: no reliable contact anywhere
+    center_m: tuple[float, float]  # Metres of the farm frame.
+    radius_m: float  # Negative if there is no reliable contact anywhere.
 
     @property
     def is_nowhere(self) -> bool:
@@ -136,11 +136,10 @@ class VehicleReport:
     travel_cost : TravelCost
         Travel costs from the current position.
     battery : float or None
-        Remaining fraction of the battery; None if unknown.
-    delay_s : float
-        Measured delay from a decision to the vehicle's turn (s).
-    contact : ContactArea or None
-        Area in which a path must end so that the vehicle can receive another path. None: anywhere.
+        Remaining fraction of the battery, or None if unknown.
+    delay_s : float Measured delay from a decision until the vehicle turns to the new path (s).
+    contact : ContactArea or None Area in which a path must end so that the vehicle can receive another path.
+        None: no limit.
     """
 
     system_id: int
@@ -204,8 +203,7 @@ class PolicyObservation:
         All observations of the run, in order of arrival.
     vehicles : tuple of VehicleReport
         Vehicles in the order of their system ids.
-    compute_s : float
-        Time limit of the decision (s). Later decisions are not flown.
+    compute_s : float Time limit of the decision (s). A later decision is not flown.
     """
 
     event: Event
@@ -266,7 +264,7 @@ class GeometricTravelCost:
     def rest(self, paths_m: Sequence[Points]) -> list[float]:
         """Return the cost of each path from the position, plus the return if the budget counts it.
 
-        Repeated points cost nothing: in flight they only join two pieces of a path.
+        Repeated points cost nothing, because in flight they only join two pieces of a path.
         """
         here = np.asarray(self.position_m, dtype=np.float64)
         return [self.budget.cost(np.vstack((here, drop_coincident(path)))) for path in paths_m]
@@ -285,7 +283,7 @@ class GeometricTravelCost:
 
 
 def pays_for_return(vehicle: VehicleReport) -> bool:
-    """Return whether the vehicle's budget counts the return; True if this is unclear."""
+    """Return whether the vehicle's budget counts the return, or True if this is unclear."""
     request = vehicle.request
     place = np.array(request.area.representative_point().coords)
     home = np.array([request.start_xy_m])

@@ -18,18 +18,18 @@ from mission.policies.observation import VehicleReport
 MOST_CELLS = 128
 """Longest side of a planning grid, in blocks."""
 DIRECTIONS = 64
-_PROBE_CELLS = (8.0, 24.0)  # Lengths, in cells, of the legs that `LegCosts` is fitted to
+_PROBE_CELLS = (8.0, 24.0)  # Lengths, in blocks, of the legs whose costs `LegCosts` fits
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanningGrid:
-    """The area of a vehicle, in square blocks of farm cells."""
+    """The area of a vehicle, divided into square blocks of farm cells."""
 
-    free: NDArray[np.bool_]  # Blocks entirely inside the area, bool[w, h]
-    cell_m: float  # Side of a block, metres
-    block: int  # Side of a block, in farm cells
-    convex: bool  # Whether the area is a rectangle, so that no leg between two of its points leaves it
-    area: Area  # The area, widened slightly against rounding
+    free: NDArray[np.bool_]  # Blocks entirely inside the area, bool[w, h].
+    cell_m: float  # Side of a block, metres.
+    block: int  # Side of a block, in farm cells.
+    convex: bool  # Whether the area is a rectangle, which no leg between two of its points leaves.
+    area: Area  # The area, widened slightly against rounding.
 
     @classmethod
     def of(cls, area: Area, shape: tuple[int, int], cell_size_m: float, footprint_m: float) -> PlanningGrid:
@@ -64,9 +64,9 @@ class PlanningGrid:
         return np.where(self.free, sums, np.float32(0.0)).astype(np.float32)
 
     def shares(self, fine: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the neighbour shares for blocks, from the neighbour shares `fine` for single cells.
+        """Return the neighbour shares of blocks, computed from `fine`, the neighbour shares of single cells.
 
-        A vehicle that crosses a block sees a strip of the block, widened by the neighbour shares.
+        A vehicle that crosses a block observes a strip of the block; the neighbour shares widen the strip.
         """
         if self.block == 1:
             return fine
@@ -84,8 +84,8 @@ class PlanningGrid:
 
 
 def strip_width(shares: NDArray[np.float32]) -> float:
-    """Return the width (cells) of the strip whose value a long straight leg removes."""
-    # Fraction of value that the whole leg removes from a cell beside it.
+    """Return the width (cells) of a strip with as much value as a long straight leg removes."""
+    # A long leg removes this fraction of the value of a cell, by the cell's distance from the leg.
     beside = 1.0 - np.prod(1.0 - shares.astype(np.float64), axis=0)
     beside[len(shares) // 2] = 1.0
     return float(beside.sum())
@@ -93,15 +93,15 @@ def strip_width(shares: NDArray[np.float32]) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LegCosts:
-    """Linear costs of legs in the unit of the vehicle's budget: `turn` plus slope times length in blocks."""
+    """Linear costs of legs, in the unit of the vehicle's budget: `turn` + slope * length in blocks."""
 
-    turn: float  # Constant cost of a leg
+    turn: float  # Constant cost of a leg.
     # Cost per block of length, by direction from the x-axis towards y, float64[directions]
     slopes: NDArray[np.float64]
 
     @classmethod
     def of(cls, vehicle: VehicleReport, cell_m: float) -> LegCosts:
-        """Fit the vehicle's travel costs with legs of two lengths in each direction."""
+        """Fit the model to the vehicle's travel costs of legs of two lengths in each direction."""
         angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
         rays = np.stack((cos(angle), sin(angle)), axis=1) * cell_m
         here = np.asarray(vehicle.position_m)

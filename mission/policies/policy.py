@@ -18,10 +18,10 @@ from mission.policies.observation import Event, PolicyObservation, Status, Vehic
 
 @dataclass(frozen=True, slots=True)
 class Triggers:
-    """When to ask a policy for a decision in flight.
+    """The events after which a policy is asked for a decision in flight.
 
     Every policy is asked at the start and at the loss of a vehicle. A policy with any trigger is also asked
-    before a path ends.
+    shortly before a path ends.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class Policy(Protocol):
 
     @property
     def triggers(self) -> Triggers:
-        """When to ask the policy in flight."""
+        """The triggers of this policy's decisions in flight."""
 
     def start(self) -> None:
         """Clear the memory before a new run."""
@@ -85,10 +85,10 @@ class Policy(Protocol):
 
 @dataclass(slots=True, eq=False)
 class FixedPlan:
-    """A planner as a policy: plans only at the start.
+    """A policy that lets a planner plan at the start, and then keeps the paths.
 
     Each vehicle of a fleet plans for a part of the land. When a vehicle is lost, the other vehicles take over
-    its unflown land, as far as their budgets allow (`mission.policies.allocation`).
+    the unflown land, as far as their budgets allow (`mission.policies.allocation`).
 
     Parameters
     ----------
@@ -118,11 +118,11 @@ class FixedPlan:
         check_partition(self.partition)
 
     def start(self) -> None:
-        """Clear the vehicles' shares of the previous run."""
+        """Forget each vehicle's land of the previous run."""
         self._shares = {}
 
     def decide(self, observation: PolicyObservation) -> Decision:
-        """Plan for every vehicle at the start, reallocate a lost vehicle's land, else change nothing."""
+        """Plan for every vehicle at the start, and reallocate the land of a vehicle that is lost later."""
         if observation.event is Event.START:
             return self._plan(observation.steerable)
         if observation.event is Event.LOST and self.partition != WHOLE:
@@ -189,7 +189,7 @@ def policy_names() -> tuple[str, ...]:
 def policy_parameters(name: str) -> dict[str, Any]:
     """Return the parameters of a policy (the arguments of its factory) with their defaults.
 
-    PlanningError if no policy has this name.
+    Raises PlanningError if no policy has this name.
     """
     named = load_registered("policy", ENTRY_POINT_GROUP, name, {})
     return _parameters(named.found, named.what)
@@ -239,6 +239,6 @@ def make_policy(policy: str | Policy, /, **parameters: Any) -> Policy:
 
 def _parameters(factory: Any, what: str) -> dict[str, Any]:
     if not callable(factory):
-        msg = f"{what} is no class and no other callable that makes a policy"
+        msg = f"{what} is neither a class nor another callable that makes a policy"
         raise PlanningError(msg)
     return {name: argument.default for name, argument in inspect.signature(factory).parameters.items()}

@@ -1,8 +1,8 @@
 """Compiled search for routes on a map of cell values: straight legs one by one, or a tour of places.
 
-A tour solves the orienteering problem (Golden, Levy & Vohra 1987) with value along the legs, not only at the
-places: which places to visit within a budget, and in what order. Places are inserted in the order of value
-per cost. The tour is then improved by reversing sections (2-opt), and by removing and refilling sections.
+A tour solves the orienteering problem (Golden, Levy & Vohra 1987): to choose places and their order within a
+budget. In this search, cells along the legs also have value. Places are inserted in the order of value per
+cost. Then the tour is improved by reversing sections (2-opt), and by removing and refilling sections.
 """
 
 from __future__ import annotations
@@ -52,10 +52,10 @@ def leg_values(
 ) -> None:
     """Fill in values and costs, float64[n] each, of the legs from (x, y) to surrounding cells.
 
-    `pooled`, float32[W, H], is the value of observing each cell. Legs may cross only `free` cells,
-    bool[W, H], but may start elsewhere. The target cells are `offsets`, int64[n, 2], from the cell of (x, y).
-    For `turn` and `slopes` see `mission.policies.planning_grid.LegCosts`. A leg over a cell that is not free
-    has the value -1.
+    `pooled`, float32[W, H], is the value of observing each cell. Legs may cross only `free` cells, bool[W,
+    H], but may start elsewhere. `offsets`, int64[n, 2], gives the target cells relative to the cell of (x,
+    y). For `turn` and `slopes` see `mission.policies.planning_grid.LegCosts`. A leg over a cell that is not
+    free has the value -1.
     """
     begin_i, begin_j = math.floor(x + 1e-9), math.floor(y + 1e-9)
     inside = is_free(free, begin_i, begin_j)
@@ -93,9 +93,10 @@ X, Y, COST, VALUE = range(4)
 
 
 def neighbour_shares(share: float, spread: float, radius: int) -> NDArray[np.float32]:
-    """Return the shares of value that observing a cell removes, float32[2 radius + 1, 2 radius + 1].
+    """Return the fractions of value that observing a cell removes from the cell and its neighbours.
 
-    The share is 1 for the cell itself, and ``share * exp(-d^2 / spread)`` for a cell d cells away.
+    The result is float32[n, n], n = 2 radius + 1: 1 in the middle, ``share * exp(-d^2 / spread)`` d cells
+    away.
     """
     axis = np.arange(-radius, radius + 1)
     squares = axis[:, None] ** 2 + axis[None, :] ** 2
@@ -106,7 +107,7 @@ def neighbour_shares(share: float, spread: float, radius: int) -> NDArray[np.flo
 
 @compiled
 def pool(left: Any, shares: Any, x_0: int, x_1: int, y_0: int, y_1: int, out: Any) -> None:
-    """Write the value of observing each cell, including the neighbour shares, to a block of `out`."""
+    """Write the value of observing each cell, including shares of nearby cells, to a block of `out`."""
     width, height = left.shape
     radius = shares.shape[0] // 2
     first, end = max(y_0, 0), min(y_1, height)
@@ -145,7 +146,7 @@ def take_leg(left: Any, shares: Any, x: float, y: float, to_x: float, to_y: floa
 
 
 def leg_offsets(reach: int) -> NDArray[np.int64]:
-    """Return the end cells of legs relative to their first cell, int64[n, 2]; sparser with distance."""
+    """Return the end cells of legs relative to the first cell, int64[n, 2]; far end cells are sparser."""
     axis = np.arange(-reach, reach + 1)
     dx, dy = (part.ravel() for part in np.meshgrid(axis, axis, indexing="ij"))
     distance = np.hypot(dx, dy)
@@ -170,8 +171,8 @@ def _expand(
 ) -> None:
     """Find the best leg for each sector of directions and each interval of cost.
 
-    Fills `best`, float64[sectors, groups + 1], with the values projected to the ends of the intervals, and
-    `best_end`, float64[sectors, groups + 1, 4], with the ends of the legs.
+    The array `best`, float64[sectors, groups + 1], gets the values of the legs, projected to the ends of the
+    intervals. The array `best_end`, float64[sectors, groups + 1, 4], gets the ends of the legs.
     """
     sectors, groups = best.shape[0], best.shape[1] - 1
     interval = horizon / groups
@@ -227,7 +228,7 @@ def _expand(
 
 @compiled
 def _insert(ranks: Any, ends: Any, parents: Any, rank: float, end: Any, node: int) -> None:
-    """Insert a route into its group, sorted best first, unless all routes of the group are better."""
+    """Insert a route into its group (sorted, best first), unless all routes of the group are as good."""
     k = len(ranks) - 1
     if rank <= ranks[k]:
         return
@@ -259,9 +260,9 @@ def search_route(
     """Search for the route with the greatest discounted value up to a horizon of cost (beam search).
 
     `values`, float32[W, H], are the acquisition values of the cells. Value earned after a cost is discounted
-    by ``exp(-cost / patience)``. The search divides the costs up to the horizon into `groups`, and keeps the
-    `beam` best routes in each. For `shares` see `neighbour_shares`; for `free`, `turn` and `slopes` see
-    `leg_values`; for `offsets` see `leg_offsets`.
+    by ``exp(-cost / patience)``. The search divides the costs up to the horizon into `groups` intervals, and
+    keeps the `beam` best routes of each interval. For `shares` see `neighbour_shares`; for `free`, `turn` and
+    `slopes` see `leg_values`; for `offsets` see `leg_offsets`.
 
     Return the ends of the legs of the best route, float64[legs, 4]: x, y, cumulative cost, and cumulative
     discounted value. There are no legs if no value can be reached.
@@ -393,7 +394,7 @@ def _fill(
         for place in range(1, len(places)):
             if used[place]:
                 continue
-            # Only the cheapest position and the end are tried: trying all would square the running time.
+            # Only the cheapest position and the end are tried: trying all positions would square the time.
             at, least = count, costs[tour[count - 1], place] + back[place] - back[tour[count - 1]]
             for k in range(1, count):
                 extra = costs[tour[k - 1], place] + costs[place, tour[k]] - costs[tour[k - 1], tour[k]]
@@ -462,7 +463,7 @@ def search_tour(
 
     `places`, float64[n, 2], are the start and the candidate places, in cells. `costs`, float64[n, n], are the
     costs of the legs between the places, and `back`, float64[n], the costs of returning home. `pooled`,
-    float32[W, H], is the value of observing each cell, which counts once. Value earned after a cost is
+    float32[W, H], is the value of observing each cell; a cell counts only once. Value earned after a cost is
     discounted by ``exp(-cost / patience)``. The tour has at most `most` places. Each of the `rounds` removes
     and refills a third of the tour.
 

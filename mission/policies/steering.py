@@ -1,4 +1,4 @@
-"""Decisions for a fleet, made from route searches for single vehicles and a coordination of their paths."""
+"""Decisions for a fleet: a search finds routes for each vehicle, and a coordination assigns them."""
 
 from __future__ import annotations
 
@@ -18,22 +18,23 @@ from mission.policies.observation import ContactArea, Event, PolicyObservation, 
 from mission.policies.planning_grid import LegCosts, PlanningGrid
 from mission.policies.route_search import take_leg
 
-_LEAST_LEG = 1e-3  # Shorter pieces of a leg get no waypoint (m)
+_LEAST_LEG = 1e-3  # A leg is cut only after a piece of this length (m)
 _STAY: Points = np.empty((0, 2))
 _KEEPS_PATH = (Status.READY, Status.CLIMBING, Status.FLYING, Status.CHANGING, Status.SILENT)
 _OUT_BY_BACK, _MOST_ONWARD = 6.0, 12
-"""Beyond radio contact: wanted ratio of path length to return length, and limit of further searches."""
+"""For routes that end beyond radio contact: least length as a multiple of the distance back to contact, and
+greatest number of searches that extend the route."""
 _MOST_BY_BUDGET = 200
-"""Limit of further searches if there is no radio contact anywhere."""
+"""Greatest number of searches that extend a route if there is no radio contact anywhere."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bid:
     """A vehicle's best path, given the promised paths of the other vehicles."""
 
-    points_m: Points  # Points of the path in metres of the farm frame, float64[n, 2]
-    value: float  # Expected value, in the policy's own measure
-    share: float  # Cost as a fraction of the remaining budget, which is comparable between vehicles
+    points_m: Points  # Points of the path in metres of the farm frame, float64[n, 2].
+    value: float  # Expected value, in the policy's own measure.
+    share: float  # Cost as a fraction of the vehicle's remaining budget.
 
     @property
     def rate(self) -> float:
@@ -66,10 +67,10 @@ def sequential(vehicles: Sequence[VehicleReport], present: Promised, bidder: Bid
 def auction(vehicles: Sequence[VehicleReport], present: Promised, bidder: Bidder) -> dict[int, Points]:
     """Assign paths in the order of `Bid.rate`, by repeated auctions.
 
-    The vehicles first release their current paths. In each auction every vehicle bids, the bid with the best
-    rate wins, and its path is promised. Bids can only fall, so only a winning bid from an earlier auction is
-    recomputed (Minoux 1978). A vehicle without a bid keeps its path. The bound of `sequential` applies, but
-    the order does not depend on the system ids.
+    The vehicles first release their current paths. In each auction every vehicle without a new path bids, the
+    bid with the best rate wins, and its path is promised. Bids can only fall, so only a winning bid from an
+    earlier auction is recomputed (Minoux 1978). A vehicle without a bid keeps its path. The result has the
+    same bound as with `sequential`, but the order does not depend on the system ids.
     """
     bidding = {vehicle.system_id: vehicle for vehicle in vehicles}
     promised = {number: path for number, path in present.items() if number not in bidding}
@@ -100,7 +101,7 @@ COORDINATIONS: dict[str, Coordination] = {"sequential": sequential, "auction": a
 
 
 def make_coordination(coordination: str | Coordination) -> Coordination:
-    """Return the coordination with this name (from `COORDINATIONS`); return a callable unchanged."""
+    """Return the coordination of this name in `COORDINATIONS`, or a callable as it is."""
     if callable(coordination):
         return coordination
     found = COORDINATIONS.get(str(coordination))
@@ -116,10 +117,10 @@ class RouteProblem:
 
     vehicle: VehicleReport
     planning_grid: PlanningGrid
-    values: ValueMap  # Remaining values after the routes of the other vehicles, float32[w, h]
-    shares: NDArray[np.float32]  # Neighbour shares, float32[2 r + 1, 2 r + 1]
+    values: ValueMap  # Acquisition values that the other vehicles' routes leave, float32[w, h].
+    shares: NDArray[np.float32]  # Neighbour shares, float32[2 r + 1, 2 r + 1].
     costs: LegCosts
-    x: float  # Position of the vehicle: x, y
+    x: float  # Position of the vehicle: x and y
     y: float
 
 
@@ -137,7 +138,7 @@ Search: TypeAlias = Callable[[RouteProblem], Sequence[Route]]
 
 @dataclass(slots=True)
 class Steering:
-    """Makes decisions for a fleet from route searches for single vehicles (see `Coordination`)."""
+    """Makes decisions for a fleet: searches for routes, and assigns them by a `Coordination`."""
 
     acquisition: Acquisition
     shares: NDArray[np.float32]  # Neighbour shares, see `mission.policies.route_search.neighbour_shares`
@@ -167,7 +168,7 @@ class Steering:
             )
             routes = search(problem)
             contact = vehicle.contact
-            # Without contact anywhere the vehicle can receive only its first path.
+            # If there is no contact anywhere, the vehicle can receive only its first path.
             if contact and routes and (observation.event is Event.START or not contact.is_nowhere):
                 routes = [_out_and_back(problem, routes[0], search, contact), *routes[1:]]
             paths = [
@@ -238,17 +239,17 @@ class Steering:
 
 
 def _joined(maps: Mapping[PlanningGrid, ValueMap]) -> AcquisitionMap | None:
-    """Return the union of the vehicles' maps on the planning grid of the first vehicle; None without maps."""
+    """Return the union of the maps on the planning grid of the first vehicle, or None without maps."""
     if not maps:
         return None
     cell_m = next(iter(maps)).cell_m
-    # Maps of vehicles with a larger footprint have larger blocks and do not fit.
+    # Maps with blocks of another size, of vehicles with another footprint, cannot be joined and are left out.
     alike = [values for grid, values in maps.items() if grid.cell_m == cell_m]
     return AcquisitionMap(alike[0] if len(alike) == 1 else np.maximum.reduce(alike), cell_m)
 
 
 def _pays_for_change(problem: RouteProblem, points_m: Points) -> bool:
-    """Return whether a new path gains more than the current path for the same cost, including the change."""
+    """Return whether a new path gains more than the current path, at equal cost including the change."""
     vehicle, cell_m = problem.vehicle, problem.planning_grid.cell_m
     price = vehicle.travel_cost.change(points_m)
     if price <= 0.0:
@@ -275,8 +276,9 @@ def _out_and_back(problem: RouteProblem, first: Route, search: Search, contact: 
     """Return a route that starts with the route `first` and ends within radio contact.
 
     Beyond contact the vehicle cannot receive a new path, so it would fly home at the end of the route.
-    Further routes are therefore appended, on the map without the value already taken, until the return is
-    short compared with the route. Without contact anywhere, routes are appended until the budget is used up.
+    Further routes are therefore appended until the way back is short compared with the route; the value that
+    earlier routes observe counts as 0. If there is no contact anywhere, routes are appended until the budget
+    is used up.
     """
     cell_m, costs = problem.planning_grid.cell_m, problem.costs
     route, left = Route(np.array([[problem.x, problem.y]]), 0.0), problem.values.copy()
@@ -286,7 +288,7 @@ def _out_and_back(problem: RouteProblem, first: Route, search: Search, contact: 
             take_leg(left, problem.shares, *begin, *end)
         route = Route(np.vstack((route.corners, onward[0].corners)), route.value + onward[0].value)
         length = path_length(route.corners)
-        # An approximate cost is enough here: the exact cost takes longer and is computed once, at the end.
+        # An approximate cost is enough here: the exact cost takes longer, and is computed once at the end.
         if length * costs.per_cell + (len(route.corners) - 1) * costs.turn > problem.vehicle.left:
             break
         away_m = contact.away_m(route.corners[-1] * cell_m)
@@ -301,7 +303,7 @@ def _out_and_back(problem: RouteProblem, first: Route, search: Search, contact: 
 
 
 def _nearest_in(contact: ContactArea, grid: PlanningGrid, corner: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the nearest position with contact that a straight leg from the corner reaches, in cells.
+    """Return the nearest position with contact that a straight leg can reach from the corner (in cells).
 
     The result is float64[1, 2], or float64[0, 2] if the corner itself has contact or no leg reaches contact.
     """
@@ -336,7 +338,7 @@ def most_payable(vehicle: VehicleReport) -> float:
 
 
 def affordable(vehicle: VehicleReport, points_m: Points) -> Points:
-    """Return the part of a path within the remaining budget, possibly cut inside a leg or empty."""
+    """Return the part of a path that the remaining budget allows; the part may be empty or end in a leg."""
     if not len(points_m):
         return points_m
     left = most_payable(vehicle)

@@ -1,7 +1,7 @@
-"""Ground station's side of the mission protocol: transition table, and base class of the transfers, sans-IO.
+"""Ground station's side of the mission protocol, sans-IO: transition table and base class of the transfers.
 
 Each row of the table maps a state and an input to an action (the method of that name) and the next state. An
-input is a message classified for the state, a timer, or a call of the owner. Source:
+input is a timer, a call of the owner, or a message, classified for the present state. Source:
 https://mavlink.io/en/services/mission.html. Real autopilots continue after some error ACKs (ArduPilot: out of
 order; PX4: busy before an upload starts). Such an ACK is "trouble": the transfer fails only if no progress
 follows. An ERROR after an item was sent ends an upload immediately, because PX4 has aborted the upload.
@@ -149,12 +149,12 @@ CLIENT_TABLE: Final[dict[tuple[ClientState, ClientInput], tuple[str, ClientState
 
 _TROUBLE = frozenset({wire.ERROR, wire.INVALID_SEQUENCE, wire.DENIED})
 MORE_OPENINGS = 3
-"""Factor on the repetition rate of the opening message over a link that loses frames."""
+"""On a link that loses frames, the opening message is repeated more often by this factor."""
 
 
 @dataclass(frozen=True, slots=True)
 class ClientTimers:
-    """Timers of the ground station; the defaults are those of the MAVLink specification.
+    """Timers of the ground station; the defaults come from the MAVLink specification.
 
     Parameters
     ----------
@@ -262,7 +262,7 @@ class ClientTransfer(ABC):
         return NOTHING
 
     def next_deadline(self) -> float | None:
-        """Return the time of the next `poll` that has an effect, None before the start and after the end."""
+        """Return the time of the next effective `poll`, or None before the start and after the end."""
         if self._state is READY or self.done:
             return None
         return min(self._give_up_s(), self._retry_s())
@@ -383,7 +383,7 @@ class ClientTransfer(ABC):
             self.round_trip.limit(now_s - self._opened_s)
 
     def _note_trouble(self, message: wire.AckMessage, now_s: float) -> Output:
-        """Store an error ACK, and the time of the first: later ACKs must not postpone the timeout."""
+        """Store an error ACK; the timeout counts from the first error ACK, not from later ACKs."""
         self._trouble = (message.type, now_s if self._trouble is None else self._trouble[1])
         return NOTHING
 
@@ -399,7 +399,7 @@ class ClientTransfer(ABC):
         return self._failed(FailureReason.REFUSED, text, message.type, notify=False)
 
     def _fail_given_up(self, message: wire.AckMessage, now_s: float) -> Output:
-        """Fail as refused, and cancel: a vehicle that is still receiving would refuse the next COUNT."""
+        """Fail as refused, and cancel; a vehicle that still expects items would refuse the next COUNT."""
         refused = self._fail_refused(message, now_s)
         return Output((wire.ack(self.target, wire.OPERATION_CANCELLED, self.mission_type),)) + refused
 
@@ -427,9 +427,9 @@ class ClientTransfer(ABC):
         return "at the start"
 
     def _refused_item(self) -> int | None:
-        """Return the last item that was sent, None before the first."""
+        """Return the number of the last item sent, or None before the first item."""
         return None
 
     def _at(self) -> str:
-        """Return a text with the last item that was sent, empty before the first."""
+        """Return a text that names the last item sent; empty before the first item."""
         return ""

@@ -112,7 +112,7 @@ class TransferDriver(Closing):
     def wait_for_vehicle(
         self, timeout_s: float = 10.0, *, system_id: int | None = None, besides: Collection[int] = ()
     ) -> Vehicle:
-        """Wait for the heartbeat of autopilot ``system_id``, or by default of any that is not in ``besides``.
+        """Wait for the heartbeat of autopilot ``system_id``; without it, of any autopilot not in ``besides``.
 
         Raises NoVehicleError if no such heartbeat arrives in time, LinkError if the link fails.
         """
@@ -155,7 +155,7 @@ class TransferDriver(Closing):
 
     def _turn(self, transfer: Transfer) -> Event | None:
         last: Event | None = None
-        # The frame loss of the link follows from the sequence numbers of the vehicle's frames.
+        # Gaps in the sequence numbers of the vehicle's frames give the frame loss of the link.
         vehicle, sources = self.vehicle, self.endpoint.reader.sources
         heard = None if vehicle is None else sources.get((vehicle.system_id, vehicle.component_id))
         if heard is not None and heard.received >= _FEWEST_FRAMES:
@@ -185,7 +185,7 @@ class TransferDriver(Closing):
             self._on_text(message, self._clock())
 
     def _armed_now(self) -> bool:
-        """Whether the vehicle is armed according to a fresh heartbeat; a silent vehicle counts as armed.
+        """Return whether a fresh heartbeat shows the vehicle armed; a silent vehicle counts as armed.
 
         Messages queued on the link may be minutes old, for example after a question to the operator.
         """
@@ -304,7 +304,7 @@ class TransferDriver(Closing):
         return tuple(costs)
 
     def mission_state(self, listen_s: float = 1.0) -> int | None:
-        """Return the last MISSION_STATE that arrives within ``listen_s``, None if none arrives.
+        """Return the last MISSION_STATE that arrives within ``listen_s``, or None if none arrives.
 
         PX4 acknowledges a mission before it checks feasibility. An infeasible mission is stored, but its
         state is MISSION_STATE_NO_MISSION, and PX4 refuses the mission mode. The vehicle's STATUSTEXTs are

@@ -33,7 +33,7 @@ class PlanState(Enum):
     """Plan on the vehicle after a failed upload.
 
     ``OLD``: the previous plan. ``UNKNOWN``: the previous or the new plan, since the final ACK may be lost. A
-    vehicle that overwrites items in place (ArduPilot) may hold a mixture. Only a download shows this.
+    vehicle that overwrites items in place (ArduPilot) may hold items of both; a download shows which.
     """
 
     OLD = "old"
@@ -131,7 +131,7 @@ class PlanReplaced(Event):
     changed : bool
         False if the new plan equals the previous plan, so the vehicle keeps its progress along the mission.
     start_sequence : int or None
-        Item marked as current, None if no item was.
+        Item marked as current, or None if no item was.
     complete : bool
         False if the upload was aborted on a vehicle that overwrites its plan in place.
     """
@@ -222,7 +222,7 @@ class Transfer(Protocol):
         """Handle the timers that are due."""
 
     def next_deadline(self) -> float | None:
-        """Return the time of the next `poll`, None if no timer runs."""
+        """Return the time of the next `poll`, or None if no timer runs."""
 
     def cancel(self, now_s: float) -> Output:
         """Cancel the transfer."""

@@ -17,7 +17,7 @@ _CIRCLES = frozenset({5003, 5004})
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """Problem or change of an item, or of a plan as a whole, for an autopilot.
+    """Remark on an item or a whole plan: a problem for an autopilot, or a change made for it.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def count_remarks(
 
 
 def _room(profile: Profile, parameters: Mapping[str, float]) -> tuple[int, str, bool] | None:
-    """Return the largest number of mission items, its reason, and whether the limit may be lower."""
+    """Return the limit of mission items, the reason of the limit, and whether it may be lower still."""
     card = profile.card
     if card is None or card.parameter not in parameters:
         return None

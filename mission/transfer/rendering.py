@@ -117,7 +117,7 @@ def render(
 def refuse_errors(rendered: Rendered, *, arming: bool = True) -> None:
     """Raise LocalTransferError with the first error remark, if any.
 
-    ``arming`` includes errors that only prevent arming, because of the vehicle's parameters.
+    Without ``arming``, errors that only prevent arming (because of vehicle parameters) do not count.
     """
     errors = [remark for remark in rendered.errors if arming or not remark.parameter]
     if errors:
@@ -140,7 +140,7 @@ def _merged(remarks: list[Remark]) -> list[Remark]:
 
 
 class _Writer:
-    """Converts the items of a mission step by step; ``entries`` are pairs of original number and item."""
+    """Converts the items of a mission in steps; ``entries`` pairs each item with its original number."""
 
     def __init__(self, mission: Mission, profile: Profile, vehicle_type: int) -> None:
         self.mission = mission
@@ -250,14 +250,14 @@ class _Writer:
                 before = (item.x, item.y)
 
     def _position_after(self, k: int) -> tuple[float, float] | None:
-        """Return the first position after entry ``k``, None without one."""
+        """Return the first position after entry ``k``, or None without one."""
         for _, item in self.entries[k + 1 :]:
             if item.has_position and (item.x or item.y):
                 return item.x, item.y
         return None
 
     def _landing_start(self, k: int, item: MissionItem) -> MissionItem:
-        """Return DO_LAND_START with the next item's position, or without a position, for the autopilot."""
+        """Return DO_LAND_START as the autopilot needs it: with the next item's position or no position."""
         if self._dialect.land_start_placed is False and item.frame != Frame.MISSION:
             return MissionItem(Command.DO_LAND_START, autocontinue=item.autocontinue)
         if self._dialect.land_start_placed and item.frame == Frame.MISSION:
@@ -291,7 +291,7 @@ class _Writer:
                 self._say(number, Severity.ERROR, text, "use DO_SET_ROI_LOCATION")
 
     def _frame_problem(self, command: int, frame: int) -> tuple[str, str] | None:
-        """Return the problem of a position command in a frame, and the fix; None without a problem."""
+        """Return the problem of a position command in a frame, and the fix, or None without a problem."""
         profile = self._profile
         without = frame == Frame.MISSION and profile.unplaced is not None
         if without and command not in (profile.unplaced or ()):
@@ -308,7 +308,7 @@ class _Writer:
         return None
 
     def set_defaults(self) -> None:
-        """Set unset parameters to their defaults where the autopilot refuses NaN."""
+        """Give unset parameters their default values if the autopilot refuses NaN for them."""
         if self._profile.nan_parameters is None:
             return
         for k, (number, item) in enumerate(self.entries):
@@ -377,7 +377,7 @@ class _Writer:
 
 
 def _without_nan(item: MissionItem, profile: Profile) -> MissionItem:
-    """Return the item with defaults for the unset parameters that the autopilot would refuse as NaN."""
+    """Return the item with default values for unset parameters that the autopilot refuses as NaN."""
     allowed = (profile.nan_parameters or {}).get(item.command, frozenset())
     defaults = profile.dialect.defaults.get(item.command, {})
     unset: dict[str, Any] = {

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-_GAIN = 0.125  # smoothing factor of TCP (RFC 6298)
-_SLOW = 1.1  # shortest timeout, in round trips
-_FAILS = 0.01  # accepted probability that all copies of a message are lost
-_MOST_COPIES = 4  # limit of the extra traffic
-_SURE_LOSS = 0.02  # a smaller measured loss may be chance
+_GAIN = 0.125  # Smoothing factor of TCP (RFC 6298).
+_SLOW = 1.1  # Shortest timeout, as a multiple of the round trip time.
+_FAILS = 0.01  # Accepted probability that all copies of a message are lost.
+_MOST_COPIES = 4  # Limits the extra traffic.
+_SURE_LOSS = 0.02  # A smaller measured loss may be due to chance.
 
 
 class RoundTrip:
@@ -17,7 +17,7 @@ class RoundTrip:
     Attributes
     ----------
     seconds : float or None
-        Smoothed round trip time (s), None before the first measurement.
+        Smoothed round trip time (s), or None before the first measurement.
     loss : float
         Measured fraction of lost frames.
 
@@ -52,7 +52,7 @@ class RoundTrip:
 
     @property
     def known_s(self) -> float | None:
-        """Round trip time or its upper bound (s), None if neither is known."""
+        """Round trip time or its upper bound (s), or None if neither is known."""
         return self._limit_s if self.seconds is None else self.seconds
 
     @property
@@ -63,8 +63,8 @@ class RoundTrip:
     def wait(self, default_s: float, floor_s: float, most_s: float) -> float:
         """Return the timeout of a message: four round trips between ``floor_s`` and ``most_s``.
 
-        The timeout is never shorter than 1.1 round trips. ``default_s`` is the timeout without a known round
-        trip time.
+        The timeout is never shorter than 1.1 round trips. If the round trip time is unknown, ``default_s`` is
+        returned.
         """
         known_s = self.known_s
         if known_s is None:
@@ -75,8 +75,8 @@ class RoundTrip:
         """Return the number of copies of a message to send per round trip, and their spacing (s).
 
         The peer aborts the transfer ``patience_s`` after the last new message. If the link loses frames and
-        too few repetitions fit into that time, several copies are sent per round trip. Their number, at most
-        four, is chosen so that all are lost with a probability of 1 % or less.
+        too few repetitions fit into that time, several copies are sent per round trip. The copies, at most
+        four, are just enough that all are lost with a probability of at most 1 %.
 
         >>> trip = RoundTrip()
         >>> trip.sample(4.0)

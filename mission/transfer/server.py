@@ -53,8 +53,8 @@ _Sender = tuple[int, int]
 class _Refusal(NamedTuple):
     """Answer to a message that has no other effect.
 
-    ``result`` returns the MAV_MISSION_RESULT to send, None for no ACK. ``text`` is a STATUSTEXT sent with the
-    ACK, ``silent_text`` one sent without an ACK.
+    ``result`` returns the MAV_MISSION_RESULT to send, or None for no ACK. ``text`` is the STATUSTEXT sent
+    with the ACK, ``silent_text`` the STATUSTEXT sent without an ACK.
     """
 
     result: Callable[[Profile], int | None]
@@ -68,7 +68,7 @@ def _always(result: int) -> Callable[[Profile], int]:
 
 
 def _where_denied(result: int) -> Callable[[Profile], int | None]:
-    """Return ``result`` for autopilots that send DENIED while busy, None for those that send only a text."""
+    """Return ``result`` for an autopilot that sends DENIED while busy, or None if it sends only a text."""
     return lambda profile: int(result) if profile.busy_result == wire.DENIED else None
 
 
@@ -96,7 +96,7 @@ class MissionServer(ServerInputs):
 
     The server has no socket and no clock. The owner passes messages and the time, sends the messages of each
     output, and calls `poll` at `next_deadline`. No received message makes the server raise. The rules are in
-    `mission.transfer.server_session`; an action is a row of ``_REFUSALS`` or the method of that name.
+    `mission.transfer.server_session`; each action is a row of ``_REFUSALS`` or a method of the same name.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ class MissionServer(ServerInputs):
     validator : callable, optional
         Returns a MAV_MISSION_RESULT for each mission item, 0 to accept.
     home : GeoPoint, optional
-        Home position, item 0 of downloads for profiles with a home item. Assign `home` when it changes.
+        Home position; item 0 of downloads if the profile has a home item. Assign `home` if it changes.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ class MissionServer(ServerInputs):
 
     @property
     def home(self) -> GeoPoint | None:
-        """Home position, item 0 of downloads for profiles with a home item."""
+        """Home position; it is item 0 of downloads if the profile has a home item."""
         return self._store.home
 
     @home.setter
@@ -234,7 +234,7 @@ class MissionServer(ServerInputs):
         return Output((), self._step(_I.ABORT, None, self._session.partner, now_s).events)
 
     def next_deadline(self) -> float | None:
-        """Return the time of the next `poll`, None without a transfer in progress."""
+        """Return the time of the next `poll`, or None without a transfer in progress."""
         session = self._session
         if session.state is IDLE:
             return None
@@ -282,7 +282,7 @@ class MissionServer(ServerInputs):
     def _warn_of_floats(
         self, text: str, message: wire.ItemMessage | wire.RequestMessage, old: int
     ) -> tuple[Event, ...]:
-        """Return ArduPilot's warning, once per transfer, if the message is of the deprecated type ``old``."""
+        """Return ArduPilot's warning (once per transfer) if the message is of the deprecated type ``old``."""
         if self._session.warned or type(message).id != old or not self.profile.stateless_download:
             return ()
         self._session.warned = True
@@ -339,7 +339,7 @@ class MissionServer(ServerInputs):
         return self._ask(now_s)
 
     def _take_item(self, message: wire.ItemMessage, sender: _Sender, now_s: float) -> Output:
-        """Store the item and request the next one."""
+        """Store the item and request the next item."""
         said = self._keep(message)
         part = () if self.profile.atomic else (PlanPart(self._session.type),)
         return self._ask(now_s) + Output(events=(*said, *part))
@@ -421,7 +421,7 @@ class MissionServer(ServerInputs):
         return () if texts is None else (StatusText(self._session.type, _INFO, texts[self._session.type]),)
 
     def _merged(self) -> tuple[MissionItem, ...]:
-        """Return the stored plan with the received items in place."""
+        """Return the stored plan, in which received items replace the old items of the same numbers."""
         session = self._session
         came = tuple(session.items)
         if session.first or session.part or len(came) < session.count:

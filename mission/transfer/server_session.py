@@ -2,8 +2,8 @@
 
 Each row of the table maps a state and an input to an action (a refusal, or the method of that name) and the
 next state. An input is a timer, or a message classified by sender and state. Sources:
-https://mavlink.io/en/services/mission.html and PX4's ``mavlink_mission.cpp``. Where ArduPilot differs, the
-profile changes the classification of messages.
+https://mavlink.io/en/services/mission.html and PX4's ``mavlink_mission.cpp``. The profile changes the
+classification of messages where ArduPilot differs.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ class StoredPlan:
 
 
 class PlanStore:
-    """Storage of the vehicle's three plans, with their capacities and their form on the wire."""
+    """Stores the vehicle's three plans; knows their capacities and their form on the wire."""
 
     def __init__(
         self,
@@ -232,21 +232,21 @@ class ServerSession:
     state: ServerState = IDLE
     partner: tuple[int, int] = (0, 0)
     type: MissionType = MissionType.MISSION
-    count: int = 0  # upload: number of items on the wire
-    first: int = 0  # upload: first item of a partial upload
-    part: bool = False  # upload: whether only a part of the plan is replaced
-    items: list[MissionItem] = field(default_factory=list)  # upload: received items
-    cut: bool = False  # upload: whether a smaller COUNT has already truncated the stored plan
-    start: int | None = None  # upload: item marked as current
-    candidate: MissionItem | None = None  # upload: last received item
-    verdict: int = int(wire.ACCEPTED)  # upload: MAV_MISSION_RESULT for `candidate`
-    outgoing: tuple[MissionItem, ...] = ()  # download: items to send
-    next: int = 0  # download: highest requested item plus one
-    asked_int: bool = False  # download: whether MISSION_REQUEST_INT was used
-    warned: bool = False  # whether the warning about deprecated float messages was sent
-    heard_s: float = 0.0  # time of the partner's last message
-    asked_s: float = 0.0  # time of the last request for an item
-    held_until_s: float = -1.0  # time until which COUNT is refused after an empty COUNT
+    count: int = 0  # upload: number of items on the wire.
+    first: int = 0  # upload: first item of a partial upload.
+    part: bool = False  # upload: whether only a part of the plan is replaced.
+    items: list[MissionItem] = field(default_factory=list)  # upload: received items.
+    cut: bool = False  # upload: whether a smaller COUNT has already truncated the stored plan.
+    start: int | None = None  # upload: item marked as current.
+    candidate: MissionItem | None = None  # upload: last received item.
+    verdict: int = int(wire.ACCEPTED)  # upload: MAV_MISSION_RESULT for `candidate`.
+    outgoing: tuple[MissionItem, ...] = ()  # download: items to send.
+    next: int = 0  # download: highest requested item plus one.
+    asked_int: bool = False  # download: whether MISSION_REQUEST_INT was used.
+    warned: bool = False  # Whether the warning about deprecated float messages was sent.
+    heard_s: float = 0.0  # Time of the partner's last message.
+    asked_s: float = 0.0  # Time of the last request for an item.
+    held_until_s: float = -1.0  # Time until which COUNT is refused after an empty COUNT.
     ended: EndedUpload | None = None
 
     @property
@@ -425,7 +425,7 @@ class ServerInputs:
         return as_stored(item, self.profile), verdict
 
     def _item_of(self, message: wire.ItemMessage) -> MissionItem | None:
-        """Return the item of a message, None if its numbers are invalid and the autopilot checks them."""
+        """Return the item of a message, or None if its numbers are invalid and the autopilot checks them."""
         try:
             return wire.item_from_message(message)
         except MissionError:

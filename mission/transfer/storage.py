@@ -1,4 +1,4 @@
-"""Acceptance and storage of mission items by autopilots.
+"""Rules by which autopilots accept and store mission items.
 
 Sources: PX4 ``mavlink_mission.cpp`` (parse_mavlink_mission_item), ArduPilot ``AP_Mission.cpp``
 (mavlink_int_to_mission_cmd, sanity_check_params), and observations of PX4 1.17 and ArduCopter 4.7.
@@ -28,7 +28,7 @@ class UncheckedItem(MissionItem):
 
     @classmethod
     def of(cls, message: wire.ItemMessage) -> UncheckedItem | None:
-        """Return the item of a message, None if the position does not fit into a MISSION_ITEM_INT."""
+        """Return the item of a message, or None if the position does not fit into a MISSION_ITEM_INT."""
         placed = message.frame in (0, 3, 5, 6, 10, 11) and has_position(message.command)
         scale = 1e7 if placed and type(message).id == wire.ITEM_INT else 1.0
         x, y = message.x / scale, message.y / scale
@@ -43,7 +43,7 @@ class UncheckedItem(MissionItem):
 
 
 def validate_numbers(message: wire.ItemMessage, profile: Profile) -> int:
-    """Return the MAV_MISSION_RESULT for the received parameters of an item, such as a forbidden NaN."""
+    """Return the MAV_MISSION_RESULT for the parameters of a received item (some must not be NaN)."""
     if profile.nan_parameters is None:
         return int(wire.ACCEPTED)
     allowed = profile.nan_parameters.get(message.command, frozenset())

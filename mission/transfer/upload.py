@@ -40,12 +40,13 @@ _I = ClientInput
 _SHORTEST_TRIP_S = 0.02
 START_S = 30.0
 _START_TRIPS = 6.6
-"""Limit until the vehicle accepts an item, in round trips, if longer than `START_S`: six, plus 10 %."""
+"""The vehicle must accept an item within this number of round trips (six, plus 10 %), or within `START_S`,
+whichever is longer."""
 
 
 @dataclass(slots=True)
 class _Answers:
-    """First and last time an item was sent within the current round trip, and the number of copies."""
+    """Times at which an item was first and last sent within a round trip, and the number of copies sent."""
 
     first_s: float
     last_s: float
@@ -85,7 +86,7 @@ class MissionUpload(ClientTransfer):
     home : GeoPoint, optional
         Home position, for autopilots that store home as item 0.
     start_sequence : int or None
-        Item to mark as current, None for none.
+        Item to mark as current, or None for none.
     origins : sequence of int, optional
         Number of each item in the user's plan, from 0, for error messages. Default: the position in
         ``items``.
@@ -161,7 +162,7 @@ class MissionUpload(ClientTransfer):
         return max(self.round_trip.known_s or 0.0, _SHORTEST_TRIP_S)
 
     def _was_lost(self, answers: _Answers, now_s: float) -> bool:
-        """Whether a repeated request means that the item was lost, not that the item is still in transit."""
+        """Return whether a repeated request means that the item was lost, rather than still in transit."""
         if now_s >= answers.first_s + self._trip_s:
             return True
         copies, apart_s = self.round_trip.copies(self.profile.abort_s)
@@ -320,13 +321,13 @@ class MissionClear(ClientTransfer):
 
 
 NO_MISSION_LEFT = "the old mission was cleared before: the vehicle holds no mission"
-"""Message text for a vehicle with a mission that was cleared before a failed upload."""
+"""Message text if an upload failed after the vehicle's old mission was cleared."""
 
 
 def gives_up_mission(
     mission: Mission, kinds: Collection[MissionType], profile: Profile, *, armed: bool
 ) -> bool:
-    """Whether to clear a vehicle's old mission before uploading new plans of these types.
+    """Return whether to clear a vehicle's old mission before new plans of these types are uploaded.
 
     True only for a disarmed vehicle that would check the old mission against the new fence. If the upload is
     then aborted, the vehicle has no mission to fly.

@@ -32,7 +32,7 @@ class Vehicle:
 
 
 def vehicle_of(message: Message) -> Vehicle | None:
-    """Return the vehicle of an autopilot's heartbeat, None for any other message."""
+    """Return the vehicle of an autopilot's heartbeat, or None for any other message."""
     if (
         not is_a(message, mavlink.MAVLink_heartbeat_message)
         or message.autopilot == mavlink.MAV_AUTOPILOT_INVALID

@@ -10,8 +10,8 @@ The last ACK of an upload can be lost, and then the client cannot know whether t
   place (ArduPilot) refused an item; the text names the items that the vehicle holds.
 - `TransferFailed` with reason DIFFERENT: the plan read back differs from the plan that was sent.
 - `TransferFailed` with ``vehicle_plan`` UNKNOWN: the vehicle stopped answering after the last item or while
-  the plan was read back. For a vehicle that overwrites in place, this can already happen after the first
-  message, which truncates the old plan.
+  the plan was read back. A vehicle that overwrites in place may do so after the first message already, which
+  truncates the old plan.
 """
 
 from __future__ import annotations
@@ -142,7 +142,7 @@ def compare_plans(
 
 _RESTARTS = 5
 _STUCK_S, _QUICK_S = 15.0, 1.0
-# Results of an aborted upload: ERROR is PX4's answer to further items, ArduPilot sends OPERATION_CANCELLED.
+# After it aborted an upload, PX4 answers items with ERROR, and ArduPilot sends OPERATION_CANCELLED.
 _GIVEN_UP = frozenset({wire.ERROR, wire.OPERATION_CANCELLED})
 
 
@@ -157,7 +157,7 @@ class VerifiedUpload:
     Parameters
     ----------
     start_sequence : int, None, or callable
-        Item to mark as current, None for none. A callable is called for each attempt.
+        Item to mark as current, or None for none. A callable is called for each attempt.
     readings : int
         Number of downloads before a difference counts; an echo of an older transfer can spoil a download.
     send, read : callable
@@ -230,7 +230,7 @@ class VerifiedUpload:
         return self._continue(self._part.poll(now_s), now_s)
 
     def next_deadline(self) -> float | None:
-        """Return the time of the next `poll` that has an effect, None before the start and after the end."""
+        """Return the time of the next effective `poll`, or None before the start and after the end."""
         return self._part.next_deadline()
 
     def cancel(self, now_s: float) -> Output:
@@ -301,7 +301,7 @@ class VerifiedUpload:
         return Output(events=(replace(failed, text=text, vehicle_plan=PlanState.UNKNOWN),))
 
     def _is_bad_luck(self, failed: TransferFailed) -> bool:
-        """Whether frame loss alone may explain the failure, so that a retry makes sense."""
+        """Return whether frame loss alone may explain the failure, so that a retry makes sense."""
         copies, _ = self._round_trip.copies(self._profile.abort_s)
         gave_up = failed.reason is FailureReason.TIMEOUT or failed.result in _GIVEN_UP
         return copies > 1 and gave_up and self._restarts > 0
@@ -314,7 +314,7 @@ class VerifiedUpload:
     def _is_given_up(self, failed: TransferFailed, now_s: float) -> bool:
         """Whether the vehicle aborted the upload and a retry makes sense.
 
-        PX4 sends the same result for an invalid item. Such an item is refused twice without repeated
+        PX4 sends the same result for an invalid item, but refuses such an item twice without repeated
         messages.
         """
         # A vehicle sends ERROR before the first item if it is busy.
@@ -398,7 +398,7 @@ def _held_text(sent: Sequence[MissionItem], held: Sequence[MissionItem], profile
 class TransferMaker(NamedTuple):
     """Factory of verified uploads and of downloads.
 
-    The parameters are those of `VerifiedUpload` and `MissionDownload`; a factory ignores unsupported options.
+    Takes the parameters of `VerifiedUpload` and `MissionDownload`; a factory ignores unsupported options.
     """
 
     upload: Callable[..., VerifiedUpload]

@@ -230,7 +230,7 @@ def item_from_message(message: ItemMessage) -> MissionItem:
     """Return the mission item of a MISSION_ITEM_INT or MISSION_ITEM.
 
     NaN in parameters 5 to 7 of a command without a position becomes 0 ("not used"). Raises MissionError if a
-    number is infinite or the position is out of range; `refusal` returns the MAV_MISSION_RESULT to answer.
+    number is infinite or the position is out of range; `refusal` returns the MAV_MISSION_RESULT to send.
     """
     placed = message.frame in GLOBAL_FRAMES and has_position(message.command)
     x, y, z = message.x, message.y, message.z
@@ -273,7 +273,7 @@ _ITEM_BYTES = struct.Struct("<BHB4fiif")
 def plan_checksum(items: Iterable[MissionItem]) -> int:
     """Return the opaque id of a plan, a CRC32 over its items.
 
-    The hashed fields (frame, command, autocontinue, seven parameters) are those of PX4
+    The hashed fields (frame, command, autocontinue, seven parameters) are the same as in PX4
     (``mavlink_mission.cpp``). An empty plan has the id 0, which MAVLink reserves for "none"; other plans
     never have the id 0.
     """
@@ -322,7 +322,7 @@ def home_items(home: GeoPoint) -> tuple[MissionItem]:
 def to_wire_order(
     items: tuple[MissionItem, ...], mission_type: MissionType, profile: Profile, home: GeoPoint | None = None
 ) -> tuple[MissionItem, ...]:
-    """Return the items in the autopilot's numbering, if necessary with home as item 0 and shifted jumps."""
+    """Return the items as the autopilot numbers them: some have home as item 0, which shifts jump targets."""
     if not profile.home_at_zero or mission_type != MissionType.MISSION or not items:
         return items
     first = home_items(GeoPoint(0.0, 0.0, 0.0) if home is None else home)
@@ -332,7 +332,7 @@ def to_wire_order(
 def from_wire_order(
     items: tuple[MissionItem, ...], mission_type: MissionType, profile: Profile
 ) -> tuple[tuple[MissionItem, ...], GeoPoint | None]:
-    """Return the items and the home position, if any, from the autopilot's numbering (`to_wire_order`)."""
+    """Return the items without home, and home (or None), from the autopilot's numbering (`to_wire_order`)."""
     if not profile.home_at_zero or mission_type != MissionType.MISSION or not items:
         return items, None
     home = GeoPoint(items[0].x, items[0].y, items[0].z) if items[0].has_position else None

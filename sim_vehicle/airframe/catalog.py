@@ -1,6 +1,6 @@
-"""Vehicle files: TOML with the fields of `VehicleSpec`, and a table for each part of the vehicle.
+"""Vehicle files, which are TOML: fields of `VehicleSpec`, and a table for each part of the vehicle.
 
-Built-in vehicles are vehicle files in ``sim_vehicle/airframe/vehicles``.
+The files of the built-in vehicles are in ``sim_vehicle/airframe/vehicles``.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def _files() -> dict[str, Traversable]:
 
 
 def forget_vehicles() -> None:
-    """Clear the caches of kinds and vehicle files, after a package was installed at run time."""
+    """Clear the caches of kinds and vehicle files, as needed after a package was installed at run time."""
     forget_kinds()
     for known in (vehicle_names, _files, _packaged):
         known.cache_clear()
@@ -87,11 +87,11 @@ def _packaged(name: str) -> VehicleSpec:
 
 
 def load_vehicle(path: Path) -> VehicleSpec:
-    """Read a vehicle file: keys of `VehicleSpec`, and tables for the parts of the vehicle.
+    """Return the vehicle that a vehicle file describes.
 
-    The tables are ``[battery]``, ``[power]``, ``[airframe]``, ``[published]``, and tables of autopilot
-    parameters by the name of the autopilot (``[px4]``, ``[ardupilot]``). The key ``base`` names the vehicle
-    that supplies missing values; its default is the base of the file's kind.
+    The keys are fields of `VehicleSpec`. The tables are ``[battery]``, ``[power]``, ``[airframe]``,
+    ``[published]``, and a table of parameters for each autopilot (``[px4]``, ``[ardupilot]``). The key
+    ``base`` names the vehicle that supplies missing values, by default the base of the file's kind.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def load_vehicle(path: Path) -> VehicleSpec:
 
 
 def _build(where: str, name: str, data: dict[str, Any], base: VehicleSpec) -> VehicleSpec:
-    """Return a vehicle with the values of a file, and with those of `base` for the rest."""
+    """Return a vehicle with the values of a vehicle file; `base` supplies the missing values."""
     changes: dict[str, Any] = {"name": name}
     own = dict(base.autopilot_parameters)
     known = {f.name for f in fields(VehicleSpec) if f.name not in _NOT_IN_FILES}
@@ -146,7 +146,7 @@ def _build(where: str, name: str, data: dict[str, Any], base: VehicleSpec) -> Ve
 
 
 def _part(key: str, value: object, base: VehicleSpec) -> object:
-    """Return the part of a vehicle that a table of a vehicle file describes."""
+    """Return the battery, power model, airframe or published endurance that a table describes."""
     types = {
         "battery": BatterySpec,
         "published": PublishedEndurance,
@@ -174,12 +174,12 @@ def _part(key: str, value: object, base: VehicleSpec) -> object:
 def _parameters(
     key: str, value: object, base: tuple[tuple[str, float], ...]
 ) -> tuple[tuple[str, float], ...]:
-    """Return the parameters of `base`, with those of an autopilot's table added or changed."""
+    """Return the parameters of `base`, updated by the parameters in an autopilot's table."""
     if not isinstance(value, dict):
         raise VehicleError(f"{key} must be a table of parameters")
     for name, number in value.items():
         if not _PARAMETER.fullmatch(name):
-            msg = f"[{key}] {name!r} is no parameter's name: capitals, digits and _, at most 16"
+            msg = f"[{key}] {name!r} is not a parameter name: use capitals, digits and _, at most 16"
             raise VehicleError(msg)
         if isinstance(number, bool) or not isinstance(number, int | float) or not abs(number) < 1e9:
             raise VehicleError(f"[{key}] {name} {number!r} is not a number")

@@ -8,9 +8,9 @@ position controller corrects the resulting position error. A part of the velocit
 accelerates the vehicle: tilt errors move the vehicle and not the estimate, and corrections move the estimate
 and not the vehicle.
 
-The numbers are measured on eight flights of quadrotors, a rover and an aeroplane. Velocity errors are the
-difference between the estimated velocity and the rate of the estimated position, on the six flights of
-quadrotors. The push is measured on the two of these flights that have attitudes:
+The numbers are measured on eight flights of quadrotors, a rover and an aeroplane. The velocity error is the
+difference between the estimated velocity and the rate of change of the estimated position; it is measured on
+the six flights of quadrotors. The push is measured on the two of them that recorded attitudes:
 
 ============================  ===================================================================
 jumps of the height           90 % to the other side; size 1.0 m (tenth percentile 1.05 m,
@@ -46,19 +46,19 @@ SETTLED_S = 119.0
 LEAST_LEVEL_M = 0.5
 """Minimum of the absolute height error between two jumps."""
 LEVEL_SCALE_M = 0.15
-"""Mean of the exponentially distributed part of this error above `LEAST_LEVEL_M`."""
+"""Mean of the exponentially distributed excess of the absolute height error over `LEAST_LEVEL_M`."""
 MEDIAN_DWELL_S, DWELL_SIGMA = 0.35, 1.44
-"""Median (s) and log-standard deviation of the time between jumps, log-normally distributed."""
+"""Median (s) and log-standard deviation of the time between jumps, which is log-normally distributed."""
 DRIFT_M, DRIFT_S = 0.29, 3.8
 """Standard deviation and time constant of the height drift, a second-order Gauss-Markov process."""
 HEIGHT_M = math.sqrt((LEAST_LEVEL_M + LEVEL_SCALE_M) ** 2 + LEVEL_SCALE_M**2 + DRIFT_M**2)
 """Standard deviation of the height error in the phase of jumps, 0.73 m."""
 VELOCITY_M_S, VELOCITY_S, VELOCITY_DAMPING = 0.214, 2.25, 0.73
-"""Deviation, time constant and damping of the horizontal velocity error per axis."""
+"""Standard deviation, time constant and damping of the horizontal velocity error, per axis."""
 PUSH_1_S, UNSEEN = 0.5, 0.3
-"""Gains of the push for the velocity error (1/s) and for the change of the velocity error."""
+"""Gains of the push: on the velocity error (1/s), and on the rate of change of the velocity error."""
 CLIMB_M_S, CLIMB_S = 0.1, 2.3
-"""Deviation and time constant of the vertical velocity error, without the rate of the height drift."""
+"""Standard deviation and time constant of the vertical velocity error beyond the height drift's rate."""
 
 
 def carried_aside_m(gain_1_s: float) -> float:
@@ -67,8 +67,8 @@ def carried_aside_m(gain_1_s: float) -> float:
     The vehicle holds a velocity with the error e until the position controller corrects the position x:
     dx/dt = e - P x, with the controller's gain P and the second-order process e of `EstimateErrors`. In the
     steady state all derivatives of covariances are 0 (Lyapunov's equation), which gives the variance of x.
-    Push and turns are neglected. In 240 flights of random paths the distance from home at the start of the
-    return deviates by 0.23 m (one standard deviation).
+    The formula neglects the push and turns. In 240 flights of random paths, the distance from home at the
+    start of the return varied by 0.23 m (one standard deviation).
 
     Examples
     --------
@@ -96,7 +96,7 @@ class EstimateErrors:
     seed: np.random.SeedSequence | int = 0
 
     def first(self, count: int) -> NDArray[np.float64]:
-        """Return the errors (estimate less truth) at every `GRID_S` from the first take-off.
+        """Return the first `count` errors (estimate minus truth), one every `GRID_S` from the first take-off.
 
         All error processes start at 0.
 
@@ -118,11 +118,11 @@ class EstimateErrors:
     def _drift(
         self, name: str, count: int, deviation: float, time_s: float, damping: float
     ) -> NDArray[np.float64]:
-        # Imported here, because flights without errors need no compiler.
+        # The import is inside the function because flights without errors need no compiler.
         from sim_vehicle.airframe.drift import recur
 
-        # `first` and `second` come from the sampled poles; `variance` is the variance of the process with
-        # drive 1.
+        # `first` and `second` follow from the poles of the sampled process; `variance` is the variance of the
+        # process with drive 1.
         decay = math.exp(-damping * GRID_S / time_s)
         first = 2.0 * decay * math.cos(math.sqrt(1.0 - damping * damping) * GRID_S / time_s)
         second = -decay * decay

@@ -43,8 +43,8 @@ DEFAULT_AUTOPILOT = "px4"
 NO_AUTOPILOT = "generic"
 """Autopilot name of a vehicle with the generic motion, which no autopilot controls."""
 KIND_GROUP = "wbf_mission.vehicle_kinds"
-"""Entry point group of kinds; each entry is a `VehicleKind` with the name of the entry."""
-# Add-on and MAV_TYPE of the kinds that this package's add-ons provide.
+"""Entry point group of kinds; each entry is a `VehicleKind` that has the entry's name."""
+# Kinds that the add-ons of this package provide, with their add-on and MAV_TYPE.
 _ADDED = {"fixed-wing": ("wings", 1), "rover": ("rovers", 10)}
 _VEHICLES = resources.files("sim_vehicle.airframe") / "vehicles"
 
@@ -55,7 +55,7 @@ class Movement(Enum):
     HOVERS = "hovers"
     """The vehicle flies at any speed and can hover."""
     CIRCLES = "circles"
-    """The vehicle flies and can hold only by circling; `FixedWingProcedures` move it."""
+    """The vehicle flies and can hold its position only by circling; `FixedWingProcedures` move it."""
     DRIVES = "drives"
     """The vehicle stays on the ground or the water; take-offs and heights are ignored."""
     STEPS = "steps"
@@ -73,12 +73,12 @@ class VehicleKind:
     """
 
     name: str
-    """Name of the entry point; also used in vehicle files and by autopilots."""
+    """Name of the kind in vehicle files, for autopilots, and as an entry point."""
     movement: Movement
     base: str
     """Name of the vehicle that supplies values missing from a vehicle file of this kind."""
     typical: str
-    """Name of the vehicle that flies if only the kind is known; its motion is compiled ahead of time."""
+    """Name of the vehicle to use if only the kind is known; its motion is compiled ahead of time."""
     vehicles: Traversable = _VEHICLES
     """Folder of vehicle files; the name of a file is the name of its vehicle."""
     power: type[AnyPowerSpec] | None = None
@@ -86,16 +86,16 @@ class VehicleKind:
     airframe: type | None = None
     """Dataclass of ``[airframe]`` in vehicle files; None if the kind has no such table."""
     procedures: str = ""
-    """``module:NAME`` of the `FlightProcedures` without an autopilot, imported at the first motion. If empty,
-    the procedures of the default autopilot are used."""
+    """``module:NAME`` of the `FlightProcedures` of vehicles without an autopilot. The first motion imports
+    them. If this is empty, the procedures of the default autopilot are used."""
     firmwares: Mapping[str, str] = field(default_factory=dict)
-    """``module:NAME`` of a `Firmware` for each autopilot that does not itself support this kind, by
-    autopilot name."""
+    """``module:NAME`` of the `Firmware` for this kind, by autopilot name, for autopilots that do not
+    themselves support the kind."""
     shown_as: str = ""
-    """Kind of the firmware that peers see if the autopilot has no firmware for this kind; the procedures of
-    this kind move the vehicle. If empty, an autopilot without a firmware for this kind is refused."""
+    """Kind whose firmware MAVLink peers see if the autopilot has no firmware for this kind; the procedures of
+    this kind still move the vehicle. If this is empty, such an autopilot is refused."""
     mav_types: tuple[int, ...] = ()
-    """MAV_TYPEs of heartbeats of this kind; a type that no kind has is taken for a multirotor."""
+    """MAV_TYPEs in heartbeats of this kind; a vehicle with a MAV_TYPE of no kind counts as a multirotor."""
 
 
 BUILT_IN = {
@@ -135,7 +135,7 @@ def kind_names() -> tuple[str, ...]:
 
 
 def get_kind(name: str) -> VehicleKind:
-    """Return the kind of vehicles with a name.
+    """Return the vehicle kind with this name.
 
     Raises
     ------
@@ -153,7 +153,7 @@ def _registered(name: str) -> VehicleKind:
     found = load_entry(entry, f"vehicle kind {name}", VehicleError)
     if not isinstance(found, VehicleKind) or found.name != name:
         raise VehicleError(
-            f"vehicle kind {name} ({entry.value}) is no sim_vehicle.airframe.kind.VehicleKind of this name"
+            f"vehicle kind {name} ({entry.value}) is not a sim_vehicle.airframe.kind.VehicleKind of this name"
         )
     return found
 
@@ -166,7 +166,7 @@ def kind_of_type(mav_type: int) -> str:
 
 
 def not_installed() -> str:
-    """Return a list of missing add-ons, to append to an error about an unknown kind or vehicle."""
+    """Return a note that lists missing add-ons, for errors about an unknown kind or vehicle."""
     missing = [
         f"{kind} (wbf_mission.addons.{addon})"
         for kind, (addon, _) in _ADDED.items()
@@ -176,7 +176,7 @@ def not_installed() -> str:
 
 
 def forget_kinds() -> None:
-    """Clear the caches of kinds, after a package was installed at run time."""
+    """Clear the caches of kinds, as needed after a package was installed at run time."""
     kind_names.cache_clear()
     _registered.cache_clear()
 

@@ -18,8 +18,8 @@ GRAVITY_M_S2 = 9.80665
 
 # Indices of the constants of a power model in an array.
 # Every model has the mass (kg), the constant power (W), 1 / efficiency and the loss in the battery (1/W).
-# DRAG is drag over V^2, for rotorcraft rho f / 2.
-# Rotorcraft have also the constants 1 / (2 rho A), k, P0 / W^1.5 and 3 / Utip^2.
+# DRAG is the drag divided by V^2; for rotorcraft it is rho f / 2. Models of rotorcraft also have the
+# constants 1 / (2 rho A), k, P0 / W^1.5 and 3 / Utip^2.
 COEFFICIENTS = 9
 MASS, DRAG, INDUCED_FLOW, INDUCED_FACTOR, PROFILE, TIP_SPEED, CONSTANT_POWER, PER_EFFICIENCY, BATTERY_LOSS = (
     range(COEFFICIENTS)
@@ -48,9 +48,9 @@ class BatterySpec:
     relaxation_s: float = 30.0
     """Time constant of the polarization voltage."""
     reserve_fraction: float = 0.2
-    """Remaining fraction below which the battery is low; a plan should land earlier."""
+    """Fraction of the charge below which the battery is low; a plan should land the vehicle earlier."""
     critical_fraction: float = 0.1
-    """Remaining fraction below which the vehicle must land where it is."""
+    """Remaining fraction of the charge below which the vehicle must land at its present position."""
 
     def __post_init__(self) -> None:
         positive(
@@ -62,19 +62,19 @@ class BatterySpec:
         for name in ("resistance_ohm", "polarization_ohm"):
             value = getattr(self, name)
             if not _is_number(value) or not 0.0 <= value < 10.0:
-                msg = f"battery: {name} {value!r} is negative or no resistance of a battery: give 0 to 10"
+                msg = f"battery: {name} {value!r} is not a resistance from 0 to below 10 ohm"
                 raise VehicleError(msg)
         if not self.empty_cell_v < self.cell_voltage_v < self.full_cell_v <= 5.0:
             msg = (
                 f"battery: empty_cell_v {self.empty_cell_v}, cell_voltage_v {self.cell_voltage_v} and "
-                f"full_cell_v {self.full_cell_v} must be ordered and at most 5"
+                f"full_cell_v {self.full_cell_v} must be in ascending order, at most 5"
             )
             raise VehicleError(msg)
         levels = (self.critical_fraction, self.reserve_fraction)
         if not all(_is_number(level) for level in levels) or not 0.0 <= levels[0] <= levels[1] < 1.0:
             msg = (
                 f"battery: critical_fraction {self.critical_fraction} and reserve_fraction "
-                f"{self.reserve_fraction} must be ordered within 0..1"
+                f"{self.reserve_fraction} must be in ascending order, within 0..1"
             )
             raise VehicleError(msg)
 
@@ -94,9 +94,9 @@ class _PowerSpec:
     """Parameters common to all power models."""
 
     mass_kg: float
-    """Mass in operation, with battery and payload."""
+    """Mass of the vehicle, with battery and payload."""
     efficiency: float
-    """Propulsive power (rotors: shaft power) divided by electric power: propeller, motor, ESC, wiring."""
+    """Efficiency of the propulsion: propulsive power (of rotorcraft: shaft power) over electric power."""
     # Constant power of autopilot and radio, and constant power of the camera.
     avionics_w: float = 8.0
     camera_w: float = 4.0
@@ -144,12 +144,12 @@ class FurtherPowerSpec(_PowerSpec, ABC):
     @property
     @abstractmethod
     def drag_area_m2(self) -> float:
-        """Equivalent flat plate area of the drag proportional to the square of the airspeed."""
+        """Equivalent flat plate area of the drag that is proportional to the square of the airspeed."""
 
     @property
     @abstractmethod
     def own_drag(self) -> float:
-        """Constant of induced drag (times V^2, fixed wing) or of rolling drag (ground vehicle)."""
+        """Constant of the induced drag (fixed wing: drag times V^2) or rolling drag (ground vehicle)."""
 
     @abstractmethod
     def steady_w(
@@ -166,7 +166,7 @@ def _is_number(value: object) -> bool:
 
 
 def positive(what: str, spec: object, *names: str) -> None:
-    """Raise VehicleError naming the first attribute that is not a positive number."""
+    """Raise VehicleError with the name of the first attribute that is not a positive number, if any."""
     for name in names:
         value = getattr(spec, name)
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < 1e9:
@@ -175,7 +175,7 @@ def positive(what: str, spec: object, *names: str) -> None:
 
 
 def within(what: str, spec: object, *ranges: tuple[str, float, float]) -> None:
-    """Raise VehicleError naming the first attribute that is neither None nor within its range."""
+    """Raise VehicleError with the name of the first attribute that is neither None nor in range, if any."""
     for name, low, high in ranges:
         value = getattr(spec, name)
         if value is not None and (not _is_number(value) or not low <= value <= high):

@@ -1,19 +1,19 @@
-"""Errors of satellite positions and barometer, and of the position estimate that follows them.
+"""Errors of the satellite receiver, the barometer, and the position estimate that follows both.
 
 The error of a receiver along an axis is the sum of a first-order Gauss-Markov process (atmosphere, orbits)
 and white noise (receiver), as in Rankin, *An error model for sensor simulation: GPS and differential GPS*,
 IEEE PLANS 1994. Beard and McLain (*Small Unmanned Aircraft*, 2012, section 7.5) use Rankin's numbers. The
-standard deviations are 4.7 m and 0.4 m along a horizontal axis, and 9.2 m and 0.7 m upwards. The time
-constant is 1100 s, and the dilutions of precision are 1.3 and 1.8. `SensorNoise` sets the size of the errors;
-the ratios and the time constant are fixed.
+process has a standard deviation of 4.7 m along a horizontal axis and 9.2 m upwards, and a time constant of
+1100 s. The white noise has a deviation of 0.4 m horizontally and 0.7 m upwards. The dilutions of precision
+are 1.3 (horizontal) and 1.8. `SensorNoise` sets the size of the errors; the ratios are fixed.
 
-The error of a barometer has the same parts (Sabatini and Genovese, *Sensors* 13(11), 2013). The autopilot
-measures heights from the reading at power-up. The estimate follows the sensors with a time constant of 2 s.
-The autopilot flies by the estimate: the estimated position is as planned, and the true position is off by
-the error (docs/decisions/0011).
+The error of a barometer has the same two parts (Sabatini and Genovese, *Sensors* 13(11), 2013). The autopilot
+measures heights from the barometer's reading at power-up. The estimate follows the sensors with a time
+constant of 2 s. The autopilot flies by the estimate: the estimated position follows the plan, and the true
+position differs from it by the error (docs/decisions/0011).
 
-Errors are drawn on a fixed grid of 0.1 s from one random stream per sensor. Errors of a sensor
-depend neither on the time step of the simulation nor on the other sensor.
+Errors are drawn on a fixed grid of 0.1 s from one random stream per sensor. The errors of one sensor depend
+neither on the time step of the simulation nor on the other sensor.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ BAROMETER_WHITE = 0.2
 FILTER_S = 2.0
 """Time constant with which the estimate follows the sensors."""
 GROUND_M = 5.0
-"""Height below which the vertical error is faded out of the motion, because the ground ends a descent."""
+"""Height below which the vertical error fades out of the motion, because the ground stops a descent."""
 
 
 class SensorErrors(NamedTuple):
-    """Errors at one time: estimate or measurement less truth (m)."""
+    """Errors at one time: estimate or measurement minus truth (m)."""
 
     # Errors of the autopilot's estimate; `up_m` is the error of the height above the start.
     east_m: float
@@ -75,11 +75,11 @@ class Sensed(NamedTuple):
     barometer_m: float
     """Barometric height."""
     drift_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """True velocity less estimated velocity."""
+    """True velocity minus estimated velocity."""
 
     @classmethod
     def exact(cls, place_m: tuple[float, float, float]) -> Sensed:
-        """Return the readings of sensors without errors at a position."""
+        """Return the readings of error-free sensors at a position."""
         return cls(place_m, place_m, place_m, place_m[2])
 
 
@@ -94,10 +94,10 @@ class SensorNoise:
     """
 
     gps_m: float = 0.0
-    """Standard deviation of the receiver's slow error along each horizontal axis; 0 is an exact receiver.
+    """Standard deviation of the receiver's slow error along each horizontal axis; 0 for an exact receiver.
     Typical values are 1 to 2 m without corrections, 0.5 m with SBAS, 0.01 m with RTK."""
     barometer_m: float = 0.0
-    """Standard deviation of the barometer's slow error; 0 is an exact barometer."""
+    """Standard deviation of the barometer's slow error; 0 for an exact barometer."""
     seed: np.random.SeedSequence | int = 0
     estimate_errors: bool = False
     """Whether height and velocity have the errors of PX4's estimate
@@ -127,7 +127,7 @@ class SensorNoise:
         return VERTICAL * self.gps_m
 
     def of_vehicle(self, system_id: int) -> SensorNoise:
-        """Return the noise of one vehicle of a fleet; vehicle 1 keeps this seed."""
+        """Return this noise with a seed for one vehicle of a fleet; vehicle 1 keeps the present seed."""
         if system_id == 1:
             return self
         return replace(self, seed=child_seed(self.seed, f"vehicle-{system_id}"))
@@ -168,7 +168,7 @@ class NavigationErrors:
         )
 
     def sense(self, position_m: tuple[float, float, float], time_s: float) -> Sensed:
-        """Return the true position and the readings of a vehicle at an estimated position."""
+        """Return the true position and the sensor readings of a vehicle, from its planned position."""
         x, y, z = position_m
         now = self.at(time_s)
         before = self.at(time_s - GRID_S) if time_s >= GRID_S else now
@@ -210,14 +210,14 @@ class NavigationErrors:
         return row
 
     def _normal(self, count: int) -> NDArray[np.float64]:
-        """Return standard normal numbers: slow errors, then white noise, each (gps 3, barometer)."""
+        """Return standard normal numbers: 4 for slow errors (GPS 3, barometer 1), then 4 for white noise."""
         gps, barometer = (
             random.standard_normal((count, 2, n)) for random, n in zip(self._random, (3, 1), strict=True)
         )
         return np.concatenate((gps, barometer), axis=2).reshape(count, 8)
 
     def _draw(self) -> NDArray[np.float64]:
-        """Return the next block: errors of the estimate (gps 3, barometer), then errors of the sensors."""
+        """Return the next block: 4 errors of the estimate (GPS 3, barometer 1), then 4 of the sensors."""
         noise = self._normal(BLOCK)
         block = np.empty((BLOCK, 8))
         keep = math.exp(-GRID_S / FILTER_S)
@@ -231,7 +231,7 @@ class NavigationErrors:
 
 
 def _follow(noise: NDArray[np.float64], decay: float, last: float) -> NDArray[np.float64]:
-    """Return the first-order recursion ``y[i] = decay y[i-1] + noise[i]``."""
+    """Return the values of the first-order recursion ``y[i] = decay y[i-1] + noise[i]``."""
     values = []
     for value in noise.tolist():
         last = decay * last + value

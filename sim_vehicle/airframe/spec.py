@@ -47,7 +47,7 @@ class PublishedEndurance:
     """Airspeed of the flight; 0 for hover."""
     used_fraction: float = 1.0
     """Fraction of the battery that the flight uses."""
-    # Published conditions of the flight, and the source.
+    # Conditions of the published flight, and the source of the figures.
     condition: str = ""
     source: str = ""
 
@@ -107,7 +107,7 @@ class VehicleSpec:
     return_altitude_m: float = 15.0
     max_altitude_m: float = 500.0
     max_distance_m: float = 20_000.0
-    """Limit of the distance from home."""
+    """Limit of the distance from the start."""
     step_s: float = 0.02
     """Time step of the motion model."""
     disarm_delay_s: float = 2.0
@@ -115,9 +115,9 @@ class VehicleSpec:
     cell_m: float = FOOT_M
     """Length of one step of the ideal vehicle."""
     linear_drag_1_s: float | None = None
-    """Linear drag of a multirotor per mass; None for the drag of the autopilot's reference airframe."""
+    """Linear drag over mass of a multirotor; None for the drag of the autopilot's reference airframe."""
     attitude_response_s: float | None = None
-    """Time constant with which the tilt follows its setpoint; None for the one of the reference airframe."""
+    """Time constant with which the tilt follows its setpoint; None for the reference airframe's constant."""
     battery: BatterySpec | None = None
     """Battery; None for unlimited energy."""
     power: AnyPowerSpec | None = None
@@ -125,9 +125,9 @@ class VehicleSpec:
     airframe: Any = None
     """Airframe of the vehicle's kind; None for a typical airframe."""
     return_margin_m: float = 0.0
-    """Margin added to the distance from home that decides the return altitude, because a return may begin
-    farther away than planned. Margins are 0 in flight; `sim_vehicle.autopilot.with_return_margin` sets the
-    margin to predict the cost of a return."""
+    """Margin that is added to the distance from home before the return altitude is computed, because a return
+    may begin farther away than planned. The margin is 0 in flight; `sim_vehicle.autopilot.with_return_margin`
+    sets it for a prediction of the cost of a return."""
     autopilot_parameters: tuple[tuple[str, tuple[tuple[str, float], ...]], ...] = ()
     """Parameters of the vehicle for each autopilot, as pairs of name and value."""
     published: PublishedEndurance | None = None
@@ -183,7 +183,7 @@ class VehicleSpec:
         return self.vehicle_kind.movement is Movement.HOVERS
 
     def reaches(self, height_m: float) -> bool:
-        """Return whether the vehicle may fly at a height above home."""
+        """Return whether the vehicle may fly at this height above home."""
         return self.drives or 0.0 < height_m <= self.max_altitude_m
 
     def parameters_for(self, autopilot: str) -> tuple[tuple[str, float], ...]:
@@ -197,8 +197,8 @@ class VehicleSpec:
 
     @property
     def fastest_m_s(self) -> float:
-        """Highest speed in still air, limited by mission commands and by the airframe.
+        """Highest speed in still air that a mission can command and the airframe can reach.
 
-        The airspeed in wind is limited by `airspeed_limit_m_s` only and can be higher.
+        In wind, only `airspeed_limit_m_s` limits the airspeed, so the airspeed can be higher.
         """
         return self.top_speed_m_s if self.is_ideal else min(self.top_speed_m_s, self.airspeed_limit_m_s)

@@ -1,4 +1,4 @@
-"""Autopilots: each is a package with an `Autopilot`, which `get_autopilot` returns by name."""
+"""Autopilots: each autopilot is a package with an `Autopilot` object; `get_autopilot` returns it by name."""
 
 from sim_vehicle.airframe.kind import DEFAULT_AUTOPILOT, autopilot_names
 from sim_vehicle.autopilot.autopilot import (

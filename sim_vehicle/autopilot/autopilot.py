@@ -51,7 +51,7 @@ class Firmware:
     profile: Profile
     """Behaviour in the mission protocol."""
     parameter_table: Callable[[VehicleSpec, int], Sequence[MavParameter]]
-    """Function from a vehicle and its system id to the parameters, except those of `procedures`."""
+    """Function that returns the parameters of a vehicle with a system id, without those of `procedures`."""
     procedures: FlightProcedures
     """Motion, take-off, return and landing, with their parameters."""
     takes_off: bool = False
@@ -61,15 +61,15 @@ class Firmware:
     cold_boot: ColdBoot | None = None
     """Stages of the boot; None if they are unknown."""
     cornering: Cornering = field(default_factory=Cornering)
-    """Cornering: path at waypoints, and the acceptance radius that the firmware can hold."""
+    """Turns at waypoints: the acceptance radius that the firmware can hold, and whether legs overshoot."""
     sticks: StickRules | None = None
     """Flight by sticks; None if sticks have no effect."""
     strays_m: Callable[[VehicleSpec], float] | None = None
-    """Function from a vehicle to its lateral drift by estimate errors: standard deviation per horizontal axis
-    (`sim_vehicle.airframe.estimate_errors`). None if the estimate is exact."""
+    """Function that returns a vehicle's lateral drift due to estimate errors, as the standard deviation per
+    horizontal axis (`sim_vehicle.airframe.estimate_errors`). None if the estimate is exact."""
     return_height: tuple[str, float] | None = None
-    """Parameter of the minimum return altitude above home, and its unit in metres. A fleet in altitude layers
-    sets this parameter per vehicle. None if the return altitude is not changed."""
+    """Name of the parameter for the minimum return altitude above home, and its unit in metres. A fleet in
+    altitude layers sets the parameter for each vehicle. None if fleets do not change return altitudes."""
     reference: Callable[[], Sequence[MavParameter]] = tuple
     """Function that returns all parameters of the real firmware; unsupported parameters are only stored."""
 
@@ -108,13 +108,13 @@ class Autopilot:
     firmwares: Mapping[str, Firmware]
     """Firmwares by kind of vehicle; a kind can add its own (`VehicleKind.firmwares`)."""
     simulator_urls: Callable[[int], tuple[str, ...]]
-    """Function from the number of a vehicle (from 0) to the URLs of the links of the autopilot's own
+    """Function that takes a vehicle number (from 0), and returns the URLs of the links of the autopilot's own
     simulator."""
     link_names: tuple[str, ...] = ()
     """Names of these links, if the messages differ between links (`MavlinkProfile.link_rates_hz`)."""
 
     def for_vehicle(self, kind: str) -> Firmware:
-        """Return the firmware for a kind of vehicle, else the firmware for `VehicleKind.shown_as`.
+        """Return the firmware for a kind of vehicle; without one, the firmware for `VehicleKind.shown_as`.
 
         Raises
         ------
@@ -129,13 +129,13 @@ class Autopilot:
         return firmware
 
     def firmware(self, kind: str) -> Firmware | None:
-        """Return the firmware for a kind of vehicle, from the autopilot or from the kind, or None."""
+        """Return the firmware that the autopilot or the kind provides for a kind of vehicle, or None."""
         target = "" if kind in self.firmwares else get_kind(kind).firmwares.get(self.name, "")
         return _load_object(target, kind, Firmware) if target else self.firmwares.get(kind)
 
 
 def get_autopilot(name: str = DEFAULT_AUTOPILOT) -> Autopilot:
-    """Return the autopilot with a name, in upper or lower case.
+    """Return the autopilot with this name, in which case does not matter.
 
     Raises
     ------
@@ -188,7 +188,7 @@ def name_of_number(mav_autopilot: int) -> str | None:
 
 
 def forget_autopilots() -> None:
-    """Clear the caches of autopilots, after a package was installed at run time."""
+    """Clear the caches of autopilots, as needed after a package was installed at run time."""
     autopilot_names.cache_clear()
     _load.cache_clear()
     _load_object.cache_clear()
@@ -197,7 +197,7 @@ def forget_autopilots() -> None:
 def firmware_of(spec: VehicleSpec) -> Firmware | None:
     """Return the firmware with the procedures that move a vehicle; None for the generic motion.
 
-    The default autopilot moves vehicles whose kind has no procedures, such as fixed wings and rovers.
+    The default autopilot moves a vehicle without an autopilot whose kind has no procedures, such as a rover.
     """
     kind = spec.vehicle_kind
     if spec.autopilot == NO_AUTOPILOT:
@@ -208,7 +208,7 @@ def firmware_of(spec: VehicleSpec) -> Firmware | None:
 
 
 def _moves_itself(kind: VehicleKind, autopilot: str) -> bool:
-    """Return whether an autopilot leaves the motion of a kind of vehicle to the procedures of the kind."""
+    """Return whether the procedures of a kind of vehicle, and not the autopilot, move the vehicle."""
     if not (kind.procedures and kind.shown_as):
         return False
     return get_autopilot(autopilot).firmware(kind.name) is None
@@ -242,12 +242,12 @@ def estimate_errs(spec: VehicleSpec) -> bool:
 
 
 def with_return_margin(spec: VehicleSpec) -> VehicleSpec:
-    """Return a vehicle with the return margin for predictions under estimate errors.
+    """Return a vehicle with the return margin that predictions need because of estimate errors.
 
     PX4 returns at ``RTL_RETURN_ALT`` if the distance from home exceeds ``RTL_MIN_DIST``, otherwise lower. A
-    vehicle that drifts beyond this distance climbs and descends 20 m more, so predictions take the higher
-    altitude within the margin. ArduCopter's return altitude (``RTL_CONE_SLOPE``, ``RTL_CLIMB_MIN``) is a
-    continuous function of the distance, and its estimate is exact.
+    vehicle that drifts beyond this distance climbs and descends 20 m more, so predictions assume the higher
+    altitude even for distances shorter by the margin. ArduCopter needs no margin: its return altitude
+    (``RTL_CONE_SLOPE``, ``RTL_CLIMB_MIN``) varies continuously with the distance, and its estimate is exact.
 
     Examples
     --------
@@ -280,7 +280,7 @@ def fixed_wing_procedures(spec: VehicleSpec) -> FixedWingProcedures:
 def with_autopilot(
     spec: VehicleSpec, name: str, parameters: Mapping[str, float] | None = None
 ) -> VehicleSpec:
-    """Return a vehicle under an autopilot, with `parameters` of the autopilot.
+    """Return a vehicle that an autopilot with these `parameters` controls.
 
     The ideal vehicle has no autopilot and is returned unchanged. A fixed wing or rover without an autopilot
     gets the default autopilot. A vehicle moves by the procedures of its kind if the autopilot has no firmware
@@ -313,7 +313,7 @@ def with_autopilot(
 
 
 def _card_parameters(spec: VehicleSpec) -> dict[str, ParameterSpec]:
-    """Return the autopilot parameters for the size of the plan storage on an SD card."""
+    """Return the autopilot parameters that set the size of the plan storage on an SD card."""
     firmware = firmware_of(spec)
     cards = () if firmware is None else firmware.profile.cards.values()
     text = "room on the SD card"
@@ -323,8 +323,8 @@ def _card_parameters(spec: VehicleSpec) -> dict[str, ParameterSpec]:
 def adapt_vehicle(spec: VehicleSpec, autopilot: Autopilot) -> VehicleSpec:
     """Return the vehicle to simulate behind the MAVLink interface of ``autopilot``.
 
-    A vehicle whose kind has procedures, such as a multirotor, is unchanged, because its motion may be generic
-    or that of another autopilot.
+    A vehicle whose kind has procedures, such as a multirotor, is unchanged, because it may have the generic
+    motion or the motion of another autopilot.
 
     Examples
     --------

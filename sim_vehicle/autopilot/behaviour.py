@@ -56,34 +56,35 @@ class Action(Enum):
 class FailsafeRules:
     """Failsafes of a firmware.
 
-    Texts are sent to the operator as notices. In ``fence_text`` and ``stream_lost``, ``{}`` stands for the
-    reason or the action.
+    Texts are sent to the operator as notices. ``{}`` stands for the reason in ``fence_text``, and for the
+    action in ``stream_lost``.
     """
 
     # Actions of each failsafe by the value of its parameter.
     fence_actions: Mapping[int, Action]
     link_actions: Mapping[int, Action]
     battery_actions: Sequence[Mapping[int, Action]]
-    """Actions for the low, critical and emergency levels, by the value of the parameter of the level."""
+    """Actions at the low, critical and emergency battery levels, by the value of each level's parameter."""
     critical_apart: bool
     """Whether the critical level has its own parameter (ArduPilot)."""
     watches_voltage: bool
     """Whether a voltage that stays too low counts as a low battery (ArduPilot)."""
     any_inclusion: bool
-    """Whether all inclusion zones are inside the fence; if not, only the intersection of them is inside."""
+    """Whether a position in any inclusion zone is inside the fence; otherwise it must be in all of them."""
     needs_stream: bool
-    """Whether the setpoint mode needs a stream of setpoints before entry, and the vehicle returns home when
-    the stream stops (PX4). Otherwise only velocity setpoints time out (ArduPilot)."""
+    """Whether setpoints must arrive before the setpoint mode can be entered, and the vehicle returns home
+    when they stop (PX4). Otherwise only velocity setpoints time out (ArduPilot)."""
     pauses_in_mode: bool
-    """Whether a pause stops the vehicle in its mode (ArduPilot); otherwise a pause enters the hold mode."""
+    """Whether a pause stops the vehicle in its mode (ArduPilot); otherwise the vehicle enters the hold
+    mode."""
     yaws_to_setpoint: bool
     """Whether the vehicle yaws towards a position setpoint without a heading."""
     fences_setpoints: bool
     """Whether setpoints outside the fence are refused."""
     tells_link_loss: bool
-    """Whether the loss of the ground station is reported even without an action."""
+    """Whether the loss of the ground station is reported even if no action follows."""
     preflight: str
-    """Prefix of the notice about a failed preflight check without a request to arm."""
+    """Prefix of the notice about a preflight check that fails without a request to arm."""
     arming_texts: tuple[str, ...]
     """Notices of a refused arming request; ``{}`` in the first notice is the reason."""
     fence_text: str
@@ -94,23 +95,23 @@ class FailsafeRules:
     defaults: FailsafeDefaults = field(default_factory=FailsafeDefaults)
     """Initial values of the safety parameters."""
     mission_goes_on_bit: int = 0
-    """Bit of `failsafe_options` that continues a mission without a ground station; 0 for no such bit."""
+    """Bit of `failsafe_options` that lets a mission continue without a ground station; 0 if there is none."""
     link_ignored: str = ""
     idle: IdleDisarm | None = None
     """Rule that disarms an idle vehicle; None for no rule."""
     any_mode_disarmed: bool = False
-    """Whether a disarmed vehicle enters any mode, and a mode that it cannot fly prevents arming. Otherwise
-    such a mode is refused."""
+    """Whether a disarmed vehicle may enter a mode that it cannot fly, which then prevents arming. Otherwise
+    the vehicle refuses such a mode."""
     restores_mode: bool = False
     """Whether disarming restores the last requested mode in which the vehicle can arm (PX4)."""
     fence_refusal: str = ""
-    """Notice of a position refused by the fence; empty for none."""
+    """Notice that the fence refuses a commanded position; empty for none."""
     armed: str = "Armed by external command"
     armed_by_start: str = ""
     """Notice of arming by MISSION_START; empty if MISSION_START does not arm (ArduPilot)."""
     disarmed: str = "Disarmed by external command"
     disarming_text: str = "Disarming denied: not landed"
-    """Notice of a disarming request refused in flight; empty for none."""
+    """Notice that a disarming request is refused in flight; empty for none."""
     landed: tuple[str, ...] = ("Disarmed by landing",)
     """Notices of disarming after a landing."""
 
@@ -130,7 +131,7 @@ class FailsafeRules:
 
 
 def actions_by_value(**actions: str) -> Mapping[int, Action]:
-    """Return actions by parameter value; each keyword is the name of an `Action` with its values as text.
+    """Return actions by parameter value, from keywords that name an `Action` and list its values as text.
 
     Examples
     --------
@@ -141,11 +142,11 @@ def actions_by_value(**actions: str) -> Mapping[int, Action]:
 
 
 MissionRule: TypeAlias = "Callable[[Sequence[MissionItem], RuntimeParameters], str | None]"
-"""Function from a mission and the parameters to the reason of a refusal, or None."""
+"""Function that takes a mission and the parameters, and returns the reason for a refusal, or None."""
 
 
 def no_rule(_items: Sequence[MissionItem], _parameters: RuntimeParameters) -> str | None:
-    """Refuse no mission."""
+    """Return None, so that every mission is accepted."""
     return None
 
 
@@ -157,65 +158,65 @@ class MissionBehaviour:
     """
 
     restarts_leg: bool = False
-    """Whether each item takes effect when it arrives, and the leg to the current waypoint restarts
-    (ArduPilot). Otherwise the whole mission takes effect with its acknowledgement."""
+    """Whether each uploaded item takes effect when it arrives, and the leg to the current waypoint restarts
+    (ArduPilot). Otherwise the whole mission takes effect when it is acknowledged."""
     clamps_item: bool = True
-    """Whether a new mission with fewer items than the current number is continued at its last item (PX4).
-    Otherwise the vehicle completes the old leg, which ends the mission (ArduPilot)."""
+    """Whether the vehicle goes on at the last item if a new mission has no item with the current number
+    (PX4). Otherwise the vehicle completes the old leg, and the mission ends (ArduPilot)."""
     obeys_mark: bool = True
-    """Whether the item with ``current`` = 1 becomes the current item with the acknowledgement (PX4)."""
+    """Whether the item with ``current`` = 1 becomes current when the mission is acknowledged (PX4)."""
     keeps_jumps: bool = False
-    """Whether the counts of jumps are kept when the mission changes (ArduPilot)."""
+    """Whether jump counters keep their values when the mission changes (ArduPilot)."""
     clears_in_flight: bool = True
     """Whether MISSION_CLEAR_ALL is accepted while the mission is flown, and ends the mission (PX4)."""
     stays_after_last: bool = False
     """Whether the vehicle stays in the mission mode after the last item, until MISSION_START (ArduPilot).
     Otherwise the vehicle enters the hold mode."""
     return_lag_s: float | None = None
-    """Time until a return, as the last item, ends the mission and enters the return mode (PX4). None if the
-    return is flown as an item in the mission mode."""
+    """Time after which a return item at the end of a mission ends the mission and starts the return mode
+    (PX4). None if the vehicle flies the return item in the mission mode."""
     finished_texts: tuple[str, str] = ("Mission complete", "Mission complete")
     """Notices at the end of a mission in the air and on the ground."""
     return_text: str = ""
-    """Further notice at the end of a mission in the return mode."""
+    """Further notice if a mission ends in the return mode."""
     forgets_speed_in: frozenset[Mode] = frozenset()
-    """Modes that start with the default speed of the vehicle (ArduPilot)."""
+    """Modes in which the vehicle starts with its default speed (ArduPilot)."""
     replays_speed: bool = False
-    """Whether a resumed mission has the speed that items before the current item set (PX4); single commands
-    use their own speed."""
+    """Whether a resumed mission uses the speed set by items before the current item, and a single command
+    without a speed uses the cruise speed (PX4)."""
     rewinds_survey: bool = False
-    """Whether a mission left during a camera series is resumed one position earlier than the last position
-    passed (PX4)."""
+    """Whether a mission that was left during a camera series resumes one position before the last position
+    that was passed (PX4)."""
     pauses_shots: bool = True
     """Whether a camera series pauses outside the mission mode and continues at the next position reached in
     the mission mode (PX4). Otherwise the series continues in any mode until the vehicle disarms
     (ArduPilot)."""
     tells_shots: bool = False
-    """Whether CAMERA_FEEDBACK reports the shots commanded by the autopilot (ArduPilot)."""
+    """Whether CAMERA_FEEDBACK reports the shots that the autopilot commands (ArduPilot)."""
     changed_texts: tuple[str, ...] = ()
-    """Notices of a restarted leg; ``{}`` is the number of the item."""
-    # Notices of a missing current item and of a cleared mission; empty for none.
+    """Notices that a leg restarts; ``{}`` is the number of the item."""
+    # Notices that the current item is missing, and that the mission is empty; no notice if the text is empty.
     restart_failed_text: str = ""
     no_mission_text: str = ""
     outside_text: str = ""
-    """Notice of a waypoint outside the fence, in addition to the rejection; ``{}`` is its number (PX4)."""
+    """Notice that a waypoint is outside the fence, besides the rejection; ``{}`` is its number (PX4)."""
     empty_mission_text: str = ""
     """Reason why the vehicle does not arm in the mission mode without a mission (ArduPilot). If empty, the
     vehicle does not enter the mission mode without a mission."""
     rejected_text: str = "Mission rejected: {}"
-    """Notice of a mission that cannot be flown. If empty, such a mission is stored without a notice, and the
-    mission mode can be entered (ArduPilot)."""
+    """Notice that a mission cannot be flown. If this is empty, the vehicle stores such a mission without a
+    notice, and can enter the mission mode (ArduPilot)."""
     no_takeoff_text: str = ""
-    """Notice of a mission without a take-off item, started on the ground while armed."""
+    """Notice if an armed vehicle on the ground starts a mission without a take-off item."""
     refuses: MissionRule = no_rule
-    """Rule that refuses a flyable mission at upload (PX4)."""
+    """Further rule by which the upload of a flyable mission can be refused (PX4)."""
     refuses_to_arm: MissionRule = no_rule
     """Rule that refuses arming in any mode because of the loaded mission (ArduPlane)."""
     unknown_current_s: float = 0.0
-    """Time after a change during which MISSION_CURRENT has no item, 65535 (PX4)."""
+    """Time after a change of the mission during which MISSION_CURRENT has 65535, for no item (PX4)."""
     stopped_state: bool = False
-    """Whether MISSION_CURRENT outside the mission mode has the state "not started" (2) and the mode "unknown"
-    (0), like ArduPilot. Otherwise state and mode are "paused" (4) and "suspended" (2)."""
+    """Whether MISSION_CURRENT outside the mission mode reports the state "not started" (2) and the mode
+    "unknown" (0), like ArduPilot. Otherwise the state is "paused" (4) and the mode is "suspended" (2)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,10 +249,10 @@ class ColdBoot:
     blind_modes: frozenset[Mode]
     """Modes in which the vehicle arms without a position."""
     no_position: str
-    """Reason why the vehicle does not arm in other modes without a position."""
+    """Reason why the vehicle does not arm without a position in the other modes."""
 
     def at(self, boot_s: float) -> BootStage:
-        """Return the stage at a time since the start."""
+        """Return the stage at this time since the boot."""
         return [stage for stage in self.stages if stage.begins_s <= max(boot_s, 0.0)][-1]
 
     def problem(self, stage: BootStage, mode: Mode) -> str | None:

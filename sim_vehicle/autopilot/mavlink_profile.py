@@ -54,7 +54,7 @@ class Identity:
 
     @property
     def flight_sw_version(self) -> int:
-        """Version number in AUTOPILOT_VERSION, as an official release (255)."""
+        """Version number in AUTOPILOT_VERSION, with the type 255 of an official release."""
         major, minor, patch = self.version
         return major << 24 | minor << 16 | patch << 8 | 255
 
@@ -86,7 +86,7 @@ class RefusalTexts:
     arming: str = ""
     """Notice for an invalid parameter 1 (``{}``) of COMPONENT_ARM_DISARM."""
     interval: str = ""
-    """Notice for the interval of an unknown message; ``{}`` is the message id."""
+    """Notice if the interval of an unknown message is requested; ``{}`` is the message id."""
     current_item: str = ""
     """Notice for MISSION_SET_CURRENT."""
     landing: str = ""
@@ -114,21 +114,21 @@ class MavlinkProfile:
     stream_parameters: Mapping[str, str] = field(default_factory=dict)
     """Rate parameters by MAV_DATA_STREAM in the autopilot's own simulator (ArduPilot)."""
     motor_us: Callable[[float | None, bool], float] = _motor_us
-    """Motor pulse (us) as a function of thrust divided by maximum thrust (None on the ground), and of whether
-    the vehicle is armed."""
+    """Function that returns the motor pulse (us). Its arguments are thrust over maximum thrust (None on the
+    ground), and whether the vehicle is armed."""
     hover_share: float = 0.49
-    """Hover thrust divided by maximum thrust; PX4's simulator has the weight of SIH_MASS / (4 SIH_T_MAX)."""
+    """Hover thrust over maximum thrust; in PX4's simulator, the weight of SIH_MASS over 4 SIH_T_MAX."""
     gps_fix: int = _FIX_3D
     """GPS_FIX_TYPE in GPS_RAW_INT while the position is known."""
     reached_repeats: int = 0
     """Number of repetitions of MISSION_ITEM_REACHED, one per second."""
     reached_merged: bool = False
-    """Whether only the last of several items that end together is reported, such as a waypoint, its commands
+    """Whether only the last item is reported if several items end together, such as a waypoint, its commands
     and a return."""
     current_lag_s: float = 0.1
     """Time from the end of an item to the MISSION_CURRENT with the next item."""
     no_mission_total: int = 0
-    """Total in MISSION_CURRENT without a mission."""
+    """Number of items in MISSION_CURRENT if there is no mission."""
     refused_result: int = int(m.MAV_RESULT_TEMPORARILY_REJECTED)
     """MAV_RESULT of a command that is refused in the present state."""
     unknown_message_result: int = int(m.MAV_RESULT_DENIED)
@@ -138,7 +138,7 @@ class MavlinkProfile:
     silent: frozenset[int] = frozenset()
     """MAV_CMDs that are not answered."""
     unsupported: frozenset[int] = frozenset()
-    """MAV_CMDs that the firmware does not support, although the simulated vehicle could."""
+    """MAV_CMDs that the firmware does not support, although the simulated vehicle could carry them out."""
     int_only: frozenset[int] = frozenset()
     """MAV_CMDs that are accepted as COMMAND_INT only."""
     takeoff_needs_arming: bool = False
@@ -150,8 +150,8 @@ class MavlinkProfile:
     reposition_turns: bool = False
     """Whether the yaw of DO_REPOSITION is used (PX4)."""
     camera_by_default: bool = True
-    """Whether simulated vehicles have a camera component by default. ArduPilot has none, because DroneKit
-    takes the camera's heartbeat for the autopilot's."""
+    """Whether simulated vehicles have a camera component by default. With ArduPilot they have none, because
+    DroneKit mistakes the camera's heartbeat for the heartbeat of the autopilot."""
     hover_thrust: Setting | None = None
     """Hover thrust of SET_ATTITUDE_TARGET (0 to 1); None if attitude setpoints are not supported."""
     thrust_climbs: bool = False
@@ -165,16 +165,16 @@ class MavlinkProfile:
     packed_plans: bool = False
     """Whether mission, fence and rally points can be transferred as files (ArduPilot)."""
     system_files: bool = False
-    """Whether there are files about the board and its tasks (ArduPilot's @SYS)."""
+    """Whether files about the board and its tasks can be downloaded (ArduPilot's @SYS)."""
     component_metadata: tuple[str, str] | None = None
-    """Name and package of the tables of parameters (``lists/NAME*.csv``) for the files of COMPONENT_METADATA
-    (PX4). None if there are no such files."""
+    """Name and package of the parameter tables (``lists/NAME*.csv``) from which the files for
+    COMPONENT_METADATA are made (PX4). None if there are no such files."""
     reports_calibration: bool = False
     """Whether notices are sent during a calibration (PX4)."""
     calibration_text: str = ""
-    """Notice of a calibration refused while armed; empty for none."""
+    """Notice that a calibration is refused while the vehicle is armed; empty for none."""
     refusals: RefusalTexts = RefusalTexts()
     """Notices for refused commands."""
     gimbal: Setting | None = None
-    """Parameter that is above 0 if the firmware controls a gimbal; None if the firmware does not."""
+    """Parameter that is above 0 if the firmware controls a gimbal; None if it never does."""
     logs: LogBehaviour = LogBehaviour()

@@ -75,8 +75,8 @@ class ModeTable:
     """Custom modes of a firmware."""
 
     rows: tuple[tuple[int, Mode, str], ...]
-    """Rows of custom mode number, simulated mode, and the firmware's name for notices. HEARTBEAT has the
-    number of a mode's first row; the numbers of its later rows are accepted, too."""
+    """Rows of custom mode number, simulated mode, and the firmware's name for notices. HEARTBEAT reports the
+    number in the first row of a mode; the numbers in later rows are accepted, too."""
     boot: Mode
     """Mode after boot."""
     after_takeoff: Mode
@@ -95,7 +95,7 @@ class ModeTable:
     arms_in_mission: Setting | None = None
     """Parameter whose lowest bit allows arming in the mission mode; None without such a parameter."""
     armed_texts: Mapping[int, str] = field(default_factory=dict)
-    """Further notices of arming in a custom mode."""
+    """Further notices when the vehicle arms, by custom mode."""
     refused_text: str = "Mode {name} refused"
     """Notice of a refused mode; ``{name}`` stands for the mode, ``{reason}`` for ArduCopter's reason."""
     unknown_text: str = "Mode refused: unknown number {}"
@@ -121,7 +121,7 @@ class ModeTable:
         return numbers
 
     def mode_of(self, custom_mode: int) -> Mode | None:
-        """Return the mode with a custom mode number; None if unknown or not simulated."""
+        """Return the mode with this custom mode number; None if it is unknown or not simulated."""
         return next((mode for number, mode, _ in self.rows if number == custom_mode), None)
 
     def refusal(self, number: int, *, has_position: bool = True) -> str:
@@ -155,7 +155,7 @@ class ModeTable:
 
 
 def px4_custom_mode(main: int, sub: int = 0) -> int:
-    """Return the custom mode of a main and sub mode in PX4 (``px4_custom_mode.h``).
+    """Return PX4's custom mode number for a main mode and a sub mode (``px4_custom_mode.h``).
 
     Examples
     --------

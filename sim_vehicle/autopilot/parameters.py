@@ -1,8 +1,8 @@
 """Parameters of a firmware: metadata on MAVLink, values at run time, and tables of the real firmware.
 
-The tables are CSV files in ``lists/``: name, type, default, documented range, unit. Comments at the top of a
-table name its sources. ``*-motion`` tables hold the parameters of the motion, with a short description and
-the constant of the law of motion. ``*-details`` and ``*-choices`` are for parameter editors.
+The tables are CSV files in ``lists/`` with name, type, default, documented range and unit of each parameter.
+Comments at the top of a table name its sources. ``*-motion`` tables also have a short description, and a
+constant of the law of motion. Parameter editors show the ``*-details`` and ``*-choices`` tables.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ class MavParameter:
     integer: bool = False
     """Whether the type is an integer; otherwise REAL32."""
     scale: float = 1.0
-    """Parameter value per SI value (100 for centimetres)."""
+    """Parameter value divided by SI value (100 for centimetres)."""
     # Allowed range in the parameter's unit; for a stored parameter the documented range.
     low: float = -math.inf
     high: float = math.inf
@@ -155,7 +155,7 @@ class FailsafeDefaults:
     critical_battery_action: int = 1
     fence_enable: int = 1
     fence_action: int = 2
-    # Limits of the height above and the distance from home; 0 is no limit.
+    # Limits of the height above home and of the distance from home; 0 for no limit.
     fence_ceiling_m: float = 0.0
     fence_radius_m: float = 0.0
     link_timeout_s: float = 10.0
@@ -173,7 +173,7 @@ class FailsafeDefaults:
 
 @dataclass(slots=True)
 class RuntimeParameters:
-    """Values of one vehicle that parameters change at run time, in SI units, for every autopilot."""
+    """Values of one vehicle that parameters can change at run time, in SI units with every autopilot."""
 
     # Fields of `sim_vehicle.airframe.spec.VehicleSpec`.
     cruise_speed_m_s: float
@@ -203,7 +203,7 @@ class RuntimeParameters:
     low_voltage_timer_s: float = 10.0
     """Time for which the voltage must be low to trigger the failsafe (ArduPilot)."""
     low_voltage_source: int = 0
-    """0 for the terminal voltage, 1 for the voltage corrected for the load."""
+    """Voltage that is checked: 0 for the terminal voltage, 1 for the voltage corrected for the load."""
     fence_type: int = 7
     """Bits of FENCE_TYPE: 1 ceiling, 2 radius, 4 polygons and circles."""
     link_action: int = 0
@@ -219,7 +219,7 @@ class RuntimeParameters:
 
     @classmethod
     def of(cls, spec: VehicleSpec, defaults: FailsafeDefaults) -> RuntimeParameters:
-        """Return the initial values for a vehicle and the failsafes of its firmware."""
+        """Return the initial values for a vehicle whose firmware has these failsafe defaults."""
         battery = spec.battery
         values = {name: getattr(spec, name) for name in _OF_VEHICLE}
         values |= {field.name: getattr(defaults, field.name) for field in fields(defaults)}

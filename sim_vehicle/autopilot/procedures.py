@@ -56,7 +56,7 @@ class FlightProcedures(ABC):
         return {name: own.get(name, known.default) for name, known in self.parameters.items()}
 
     def numbers(self, spec: VehicleSpec, law: type | None = None) -> dict[str, float]:
-        """Return the constants of motion that are parameters (SI units); with `law`, only those in `law`."""
+        """Return the constants of motion that parameters set (SI units); with `law`, only fields of `law`."""
         value = self.values(spec)
         wanted = None if law is None else {field.name for field in fields(law)}
         return {
@@ -89,8 +89,8 @@ class FlightProcedures(ABC):
     ) -> list[Leg]:
         """Return the legs to the return point and down to the ground.
 
-        ``return_point`` is the position (home or another), with the minimum height of the return. A higher
-        return altitude has precedence.
+        ``return_point`` is home or another position, with the minimum height of the return. The vehicle's
+        return altitude has precedence if it is higher.
         """
 
 
@@ -103,7 +103,7 @@ def vertical_landing(spec: VehicleSpec, x_m: float, y_m: float) -> Leg:
 def over_and_down(
     spec: VehicleSpec, above: Position, last: Position, speed: float, near_m: float = 0.05
 ) -> list[Leg]:
-    """Return the legs to a position (none if within ``near_m``), and straight down to the ground."""
+    """Return the leg to a position (none within ``near_m`` of it), and the leg down to the ground."""
     x, y, _ = above
     away = math.hypot(x - last[0], y - last[1]) > near_m
     over = [Leg(above, speed, kind=LegKind.HOME)] if away else []
@@ -133,7 +133,7 @@ class GenericProcedures(FlightProcedures):
     def takeoff_legs(
         self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
     ) -> list[Leg]:
-        """Return a vertical climb, and a leg to the position of the item if it is elsewhere."""
+        """Return a vertical climb, and a leg to the item's position if this is not above the start."""
         x, y, z = target
         radius = spec.acceptance_radius_m
         keep = KEEP if heading == ALONG else heading
@@ -154,7 +154,7 @@ class GenericProcedures(FlightProcedures):
     def return_legs(
         self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
     ) -> list[Leg]:
-        """Return a climb, a leg over home and a landing; within the acceptance radius only a landing."""
+        """Return a climb, a leg home and a landing; within the acceptance radius of home only a landing."""
         x, y, z = last
         home_x, home_y, least = return_point
         if math.hypot(x - home_x, y - home_y) <= spec.acceptance_radius_m:
@@ -172,7 +172,7 @@ GENERIC = GenericProcedures()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixedWingBounds:
-    """Limits of a fixed wing that planning uses; SI units, radians."""
+    """Limits of a fixed wing for planning, in SI units and radians."""
 
     airspeed_min: float
     airspeed_trim: float
@@ -189,9 +189,9 @@ class FixedWingBounds:
 
 
 class FixedWingProcedures(FlightProcedures):
-    """Procedures of vehicles that circle to hold."""
+    """Procedures of vehicles that hold their position by circling."""
 
-    # Names of the parameters of the minimum airspeed (m/s), take-off height and return height (m).
+    # Names of the parameters for the minimum airspeed (m/s), the take-off height and the return height (m).
     least_airspeed: str
     takeoff_height: str
     return_height: str
@@ -202,7 +202,7 @@ class FixedWingProcedures(FlightProcedures):
     climbs_ahead: bool
     """Whether a take-off climbs straight ahead, not towards its position."""
     turns_to_zero: bool
-    """Whether a return item without coordinates is taken for a position at 0 N 0 E."""
+    """Whether the firmware takes a return item without coordinates for the position 0 N, 0 E."""
 
     @abstractmethod
     def limits(self, spec: VehicleSpec) -> FixedWingBounds:
@@ -210,8 +210,8 @@ class FixedWingProcedures(FlightProcedures):
 
     @abstractmethod
     def lands_as_mission(self, spec: VehicleSpec) -> bool:
-        """Return whether a return flies the landing of the mission, if the mission has one."""
+        """Return whether a return ends with the landing of the mission, if the mission has a landing."""
 
     def steepest_approach(self, spec: VehicleSpec) -> tuple[str, float] | None:
-        """Return name and value (degrees) of the parameter that limits the approach slope, or None."""
+        """Return the name and value (degrees) of the parameter that limits the approach slope, or None."""
         return None

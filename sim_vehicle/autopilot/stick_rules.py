@@ -67,14 +67,14 @@ class StickLoss:
     """Parameter that selects one of ``actions``."""
     actions: Mapping[int, Action]
     exceptions: Mapping[Mode, int]
-    """For each mode the bit of `RuntimeParameters.failsafe_options` that continues it without sticks."""
+    """Bits of `RuntimeParameters.failsafe_options` that let a mode continue without sticks, by mode."""
     in_stick_modes: Action = Action.NONE
     """Minimum action in modes flown by sticks (PX4 cannot stay in such a mode)."""
     release: Setting | None = None
-    """Time without input after which sticks are centred if there is no action; negative for never, None for
-    ``timeout``."""
+    """Time without stick input after which the sticks count as centred if no action follows. A negative time
+    means never; None stands for ``timeout``."""
     delay: Setting | None = None
-    """Time of the hold before an action other than hold (PX4)."""
+    """Time for which the vehicle holds before an action other than hold (PX4)."""
     on_ground: Action = Action.NONE
     """Action while the vehicle is on the ground."""
     arming: Setting | None = None
@@ -123,7 +123,7 @@ class TiltSticks:
     hold_below: Setting
     """Vertical speed below which the height is held (m/s)."""
     drag: Callable[[VehicleSpec], float]
-    """Function from a vehicle to its drag over mass and airspeed (1/s)."""
+    """Function that returns the drag of a vehicle divided by mass and airspeed (1/s)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,11 +147,11 @@ class StickRules:
     coordinated: frozenset[int] = frozenset()
     """Custom modes in which the roll stick turns the vehicle (DRIFT)."""
     needed: frozenset[Mode] = field(default_factory=frozenset)
-    """Modes that need sticks to be entered in flight and for arming (PX4)."""
+    """Modes that can be entered in flight, and allow arming, only with sticks (PX4)."""
     impossible: frozenset[Mode] = field(default_factory=frozenset)
     """Modes that cannot be entered in flight and do not allow arming (PX4)."""
     overrides: bool = False
-    """Whether RC_CHANNELS_OVERRIDE of the ground station MAV_GCS_SYSID is accepted (ArduPilot)."""
+    """Whether RC_CHANNELS_OVERRIDE is accepted from the ground station with id MAV_GCS_SYSID (ArduPilot)."""
     drives: bool = False
     """Whether the vehicle is a rover: throttle on the vertical stick, steering on the roll stick."""
     wings: Mapping[Mode, WingSticks] = field(default_factory=dict)

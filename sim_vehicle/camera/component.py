@@ -42,11 +42,11 @@ _Obeyed: TypeAlias = int | list[Message]
 class CameraComponent:
     """A MAVLink camera that takes images on mission commands and sends the readings of the images.
 
-    The position comes from GLOBAL_POSITION_INT of the system's autopilot, best at 10 Hz, at least at 1 Hz.
-    The camera requests the message if it does not arrive, because ArduPilot sends only requested messages.
+    The camera takes its position from the autopilot's GLOBAL_POSITION_INT messages, best at 10 Hz, at least
+    at 1 Hz. It requests them if they do not arrive, because ArduPilot sends only requested messages.
 
     Images are triggered by DO_SET_CAM_TRIGG_DIST, DO_SET_CAM_TRIGG_INTERVAL, IMAGE_START_CAPTURE and the
-    autopilot's CAMERA_TRIGGER. Disarming and a restart of the autopilot stop the camera.
+    autopilot's CAMERA_TRIGGER. The camera stops when the vehicle disarms or the autopilot restarts.
 
     Each image is reported by CAMERA_IMAGE_CAPTURED and DEBUG_FLOAT_ARRAY (`sensors.camera.wire`). Subclasses
     implement `_take`.
@@ -105,7 +105,7 @@ class CameraComponent:
         return -math.inf if self._heartbeat_s is None else self._heartbeat_s
 
     def poll(self, now_s: float) -> list[Message]:
-        """Return the heartbeat if it is due; images are taken in `receive`."""
+        """Return the heartbeat if it is due; `receive`, not `poll`, takes the images."""
         due_s = self._heartbeat_s
         if due_s is not None and now_s < due_s:
             return []
@@ -199,7 +199,7 @@ class CameraComponent:
         self.trigger.at(time_us)
 
     def _take(self, exposures: Sequence[Exposure]) -> list[Message]:
-        """Take images at the exposures and return the messages that are ready."""
+        """Take an image at each exposure and return the messages that are ready."""
         raise NotImplementedError
 
     def _report(self, exposure: Exposure, values: NDArray[np.float32]) -> list[Message]:
@@ -216,7 +216,7 @@ class CameraComponent:
         obeyed = self._obey(message, message.command)
         result, extra = (obeyed, []) if isinstance(obeyed, int) else (_ACCEPTED, obeyed)
         if message.target_component == 0 and result == _UNSUPPORTED:
-            return []  # The command is for another component of the system.
+            return []  # Another component of the system may support the command.
         answer = mavlink.MAVLink_command_ack_message(
             message.command,
             result,
@@ -226,7 +226,7 @@ class CameraComponent:
         return [answer, *extra]
 
     def _obey(self, message: CommandMessage, command: int) -> _Obeyed:
-        """Execute a command; return a MAV_RESULT, or if accepted the messages after the acknowledgement."""
+        """Execute a command; return the messages that follow its acceptance, or else a MAV_RESULT."""
         given = (message.param1, message.param2, message.param3, message.param4)
         if command in _TRIGGERS and math.isnan(given[0]):
             return _DENIED
@@ -265,7 +265,7 @@ class CameraComponent:
         return self._by_interval(p[0] / 1000.0, 0)
 
     def _mine(self, camera_id: float) -> bool:
-        """Return whether a camera id addresses this camera; 1 to 6 are the autopilot's own cameras."""
+        """Return whether this camera obeys a camera id; it also acts as the autopilot's cameras (1 to 6)."""
         return camera_id < 7.0 or camera_id == self.component_id
 
     def _shoot_by_distance(self, message: CommandMessage, p: Parameters) -> _Obeyed:
@@ -284,7 +284,7 @@ class CameraComponent:
         return self._take([here]) if here is not None else []
 
     def _by_interval(self, interval_s: float, count: int) -> _Obeyed:
-        """Start exposures at an interval; 0 stops them, -1 ms is the default of 1 s."""
+        """Start exposures at an interval; 0 s stops the exposures, and -1 ms stands for the default, 1 s."""
         if interval_s == 0.0:
             self.trigger.stop()
             return []
@@ -420,7 +420,7 @@ class LeafCameraComponent(CameraComponent):
         return messages
 
     def _cell_under(self, exposure: Exposure) -> tuple[int, int]:
-        """Return the cell in the camera's line of sight, on flat ground; off the farm if it sees the sky."""
+        """Return the cell that the camera faces on flat ground; off the farm if the camera faces the sky."""
         farm = self._farm
         x_m, y_m = farm.frame.from_wgs84(exposure.latitude_e7 / _E7, exposure.longitude_e7 / _E7)
         if self._position_error is not None:
@@ -437,7 +437,7 @@ class LeafCameraComponent(CameraComponent):
 
 
 def _turned(exposure: Exposure, attitude: tuple[float, float, float] | None) -> Exposure:
-    """Return an exposure with a camera attitude (roll, pitch, heading; rad); None is straight down."""
+    """Return an exposure with a camera attitude (roll, pitch, heading; rad); None for straight down."""
     if attitude is None:
         return exposure
     roll, pitch, heading = (round(100.0 * math.degrees(angle)) for angle in attitude)
@@ -445,12 +445,12 @@ def _turned(exposure: Exposure, attitude: tuple[float, float, float] | None) -> 
 
 
 def _is_repeated(message: CommandMessage) -> bool:
-    """Return whether a command is a repetition after a lost answer, which must not restart the trigger."""
+    """Return whether a command repeats an unanswered command; such a command must not restart the trigger."""
     return getattr(message, "confirmation", 0) > 0
 
 
 def _microseconds(seconds: float) -> int:
-    """Return a time in microseconds; -1, which is no interval, if the time is not finite."""
+    """Return a time in microseconds; if it is not finite, return -1, which no interval has."""
     return round(seconds * 1e6) if math.isfinite(seconds) else -1
 
 
@@ -484,4 +484,4 @@ _OLD_REQUESTS = {
     mavlink.MAV_CMD_REQUEST_STORAGE_INFORMATION: mavlink.MAVLINK_MSG_ID_STORAGE_INFORMATION,
     mavlink.MAV_CMD_REQUEST_CAMERA_CAPTURE_STATUS: mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS,
 }
-"""Commands older than REQUEST_MESSAGE, which MAVSDK and QGroundControl still send."""
+"""Commands from before REQUEST_MESSAGE and the messages they request; MAVSDK and QGroundControl send them."""

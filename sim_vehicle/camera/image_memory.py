@@ -24,7 +24,7 @@ _MIB_PER_IMAGE = 1e-4
 _PADDING = [0.0] * 58
 _SINGLE = Struct("<4f")
 _UNKNOWN = 65535
-_TAKEN = Struct("<9q")  # number and exposure, before the readings as float32
+_TAKEN = Struct("<9q")  # Images are stored as these numbers, then the readings.
 
 
 class Image(NamedTuple):
@@ -36,15 +36,15 @@ class Image(NamedTuple):
 
 
 class ImageMemory:
-    """Numbers, stores and reports images; the last 65,536 images are kept."""
+    """Memory of the last 65,536 images of a camera, which numbers the images and builds their messages."""
 
     def __init__(self, fields: tuple[str, ...], footprint_cells: int) -> None:
-        self.count = 0  # number of images taken, which is also the number of the next image
+        self.count = 0  # Number of images taken; the next image has this number.
         self._footprint_cells = footprint_cells
         self._layout = LeafLayout.of(fields)
         self._layout_name = self._layout.name.encode()
         self._n_fields = len(fields)
-        # Bytes take a sixth of the memory of lists, and the garbage collector does not traverse them.
+        # Bytes take a sixth of the memory that lists take, and the garbage collector does not traverse bytes.
         self._ring: list[bytes] = [b""] * RING_IMAGES
         self._attitude = ((-1, 0, 0), (1.0, 0.0, 0.0, 0.0))
 
@@ -54,14 +54,14 @@ class ImageMemory:
         return min(self.count * _MIB_PER_IMAGE, STORAGE_MIB)
 
     def add(self, exposure: Exposure, values: NDArray[np.float32]) -> Image:
-        """Number and store an image with the readings [cell, field]."""
+        """Store an image with the readings float32[cell, field] under the next number."""
         number = self.count
         self._ring[number % RING_IMAGES] = _TAKEN.pack(number, *exposure) + values.tobytes()
         self.count += 1
         return Image(number, exposure, values.tolist())
 
     def find(self, index: float) -> Image | None:
-        """Return the image with the number `index` (a command's parameter); None if it is not stored."""
+        """Return the image with a number, which comes from a command; None if no such image is stored."""
         if not (0.0 <= index < 2**31 and index % 1.0 == 0.0):
             return None
         kept = self._ring[int(index) % RING_IMAGES]
@@ -110,7 +110,7 @@ class ImageMemory:
         return report
 
     def _announce(self, time_us: int) -> list[Message]:
-        """Return the messages with the names of the fields; none for the fields of the benchmark."""
+        """Return the messages that name the fields; the benchmark's fields need no such messages."""
         return [
             mavlink.MAVLink_debug_float_array_message(
                 time_us, FIELDS_NAME.encode(), number, data + _PADDING[len(data) :]
@@ -119,7 +119,7 @@ class ImageMemory:
         ]
 
     def attitude(self, exposure: Exposure) -> Quaternion:
-        """Return the attitude of the camera as a quaternion, rounded to the single precision of messages."""
+        """Return the camera's attitude as a quaternion, rounded to single precision as in messages."""
         angles = exposure.roll_cdeg, exposure.pitch_cdeg, exposure.heading_cdeg
         if angles != self._attitude[0]:
             roll, pitch, yaw = (math.radians(angle / 100.0) for angle in angles)

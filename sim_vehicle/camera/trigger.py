@@ -1,9 +1,9 @@
 """Times and positions of exposures, computed from position telemetry.
 
-Between two positions at 10 Hz the path is taken as straight. At multirotor accelerations the chord is within
-5 mm of the path, and MAVLink rounds positions to 11 mm. At lower rates (slow radios send positions at 1 to
-4 Hz) the path is the cubic Hermite curve of positions and velocities at both ends, divided into chords of at
-most 0.1 s.
+If positions arrive at 10 Hz, the path between two positions is approximated by a chord. At multirotor
+accelerations the chord is within 5 mm of the path, and MAVLink rounds positions to 11 mm. At lower rates
+(slow radios send positions at 1 to 4 Hz) the path is approximated by the cubic Hermite curve through the
+positions and velocities at both ends, in chords of at most 0.1 s.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ MAX_SPEED_M_S = 150.0
 STILL_M = 0.1
 """Shortest movement that counts towards the trigger distance.
 
-A hovering vehicle sways by less. Rounding to 11 mm lengthens longer chords by less than 0.1 %.
+A hovering vehicle sways by less. The rounding to 11 mm lengthens longer chords by less than 0.1 %.
 """
 _CHORD_MS = 150
 _STEP_MS = 100
@@ -42,7 +42,7 @@ class Fix(NamedTuple):
 
 
 class Exposure(NamedTuple):
-    """An exposure at a position rounded to 1e-7 degree; heading, pitch and roll are those of the camera."""
+    """An exposure at a position rounded to 1e-7 degree, with heading, pitch and roll of the camera."""
 
     time_us: int
     latitude_e7: int
@@ -59,8 +59,8 @@ class CameraTrigger:
 
     A new distance or interval trigger replaces the active one. Distances are horizontal lengths along the
     path. In a gap of the telemetry (more than 1.5 s, or a jump faster than 150 m/s) there are no exposures,
-    because the position is unknown. The distance restarts after the gap. Late or repeated reports are
-    ignored. A clock that jumps back stops the trigger, because the autopilot has rebooted.
+    because the position is unknown. After the gap, the distance is measured from 0. Late or repeated reports
+    are ignored. A clock that jumps back stops the trigger, because the autopilot has rebooted.
     """
 
     __slots__ = (
@@ -101,14 +101,14 @@ class CameraTrigger:
         self.distance_m, self.interval_us, self.remaining = 0.0, 0, 0
 
     def every_distance(self, distance_m: float) -> None:
-        """Start exposures after each `distance_m` of path from the last position."""
+        """Start exposures at every `distance_m` along the path from the last position."""
         self.stop()
         self.distance_m = distance_m
         self._since_m = 0.0
         self._anchor = self._last
 
     def every_interval(self, interval_us: int, count: int, *, start_us: int) -> None:
-        """Start `count` exposures (0: no limit) at intervals from `start_us` (time since boot)."""
+        """Start `count` exposures (0 for no limit) at equal intervals, the first at `start_us` since boot."""
         self.stop()
         self.interval_us, self.remaining = interval_us, count
         self._due_us = start_us
@@ -119,7 +119,7 @@ class CameraTrigger:
         return None if fix is None else _exposure(fix, fix, 1.0, fix.latitude_e7, fix.longitude_e7)
 
     def at(self, time_us: int) -> None:
-        """Add an exposure at a time since boot, made as soon as the position at this time is known."""
+        """Add an exposure at a time since boot; it is made when the position at this time is known."""
         self._external.append(time_us)
         del self._external[:-64]
 
@@ -168,14 +168,14 @@ class CameraTrigger:
         )
 
     def _start_at(self, fix: Fix) -> None:
-        """Continue the interval after a gap at the next multiple of the interval."""
+        """After a gap, move the next timed exposure to the next multiple of the interval."""
         if self.interval_us > 0:
             late = fix.time_ms * 1000 - self._due_us
             if late > 0:
                 self._due_us += math.ceil(late / self.interval_us) * self.interval_us
 
     def _scale(self, latitude_e7: int) -> tuple[int, float, float]:
-        """Return metres per 1e-7 degree to the north and to the east (radii of curvature of WGS84)."""
+        """Return a latitude, and the metres per 1e-7 degree north and east near it (on WGS84's ellipsoid)."""
         if abs(latitude_e7 - self._metres[0]) > _REFRESH_E7 or not self._metres[1]:
             latitude = math.radians(latitude_e7 / _E7)
             w = 1.0 - _WGS84_E2 * math.sin(latitude) ** 2
@@ -193,7 +193,7 @@ class CameraTrigger:
         east = _turn(fix.longitude_e7 - anchor.longitude_e7) * per_east
         length = math.hypot(north, east)
         if length < STILL_M:
-            # Only the time of the anchor advances, so that slow motion adds up and sway does not.
+            # Only the time of the anchor advances, so that slow motion adds up, but sway does not.
             if fix.time_ms - anchor.time_ms > _STEP_MS:
                 self._anchor = fix._replace(latitude_e7=anchor.latitude_e7, longitude_e7=anchor.longitude_e7)
             return
@@ -271,7 +271,7 @@ class CameraTrigger:
 
 
 def _turn(longitude_e7: int) -> int:
-    """Return a difference of longitudes within +-180 degrees."""
+    """Return a difference of longitudes, brought into the range of +-180 degrees."""
     if -180 * _E7 <= longitude_e7 <= 180 * _E7:
         return longitude_e7
     return longitude_e7 - _TURN_E7 if longitude_e7 > 0 else longitude_e7 + _TURN_E7
@@ -294,8 +294,8 @@ def _exposure(a: Fix, b: Fix, part: float, latitude_e7: float, longitude_e7: flo
 def _curve(a: Fix, b: Fix, north: float, east: float, step_s: float) -> list[tuple[float, float]]:
     """Return points (north, east; m from `a`) at equal times on the cubic Hermite curve from `a` to `b`.
 
-    If the velocities do not fit the positions (the curve is longer than twice the chord), points are on the
-    chord.
+    If the velocities do not fit the positions (the curve is longer than twice the chord), the points are on
+    the chord.
     """
     steps = math.ceil(step_s * 1000.0 / _STEP_MS)
     points = []

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 __all__ = ["WH_J", "BatteryMeter", "BatteryState", "remaining_fraction"]
 
 WH_J = 3600.0
-# Discharge curve of a lithium-polymer cell: remaining energy, and open-circuit voltage scaled to 0..1.
+# Discharge curve of a lithium-polymer cell: fraction of energy left, open-circuit voltage scaled to 0..1.
 _FRACTION = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 _HEIGHT = (0.0, 0.301, 0.452, 0.495, 0.538, 0.559, 0.613, 0.645, 0.731, 0.806, 0.903, 1.0)
-# Time constant (s) of the mean power that gives the remaining time.
+# Time constant (s) of the mean power from which the remaining time is computed.
 _AVERAGE_S = 30.0
 
 
@@ -41,7 +41,7 @@ class BatteryState(NamedTuple):
     fraction: float
     """Remaining energy over capacity, 0 to 1."""
     remaining_s: float
-    """Time until empty at the recent mean power; infinite without power."""
+    """Time until the battery is empty at the recent mean power; infinite without power."""
     cells: int
     """Number of cells in series."""
 
@@ -52,7 +52,7 @@ class BatteryState(NamedTuple):
 
 
 def remaining_fraction(battery: BatterySpec, used_j: float) -> float:
-    """Return the remaining fraction of a battery after ``used_j`` joules, 0 to 1.
+    """Return the remaining fraction (0 to 1) of a battery's energy after ``used_j`` joules were drawn.
 
     Examples
     --------
@@ -65,7 +65,7 @@ def remaining_fraction(battery: BatterySpec, used_j: float) -> float:
 
 
 class BatteryMeter:
-    """State of one battery over time; the times of readings must not decrease.
+    """State of one battery over time; it must be read at times that do not decrease.
 
     Examples
     --------
@@ -95,8 +95,8 @@ class BatteryMeter:
     def read(self, time_s: float, used_j: float, power_w: float) -> BatteryState:
         """Advance to `time_s` and return the state of the battery.
 
-        `used_j` is the energy drawn from the cells since they were full, `power_w` the present power from the
-        cells; both include losses in the battery. A repeated reading at the same time gives the same state.
+        `used_j` is the energy drawn from the cells since they were full. `power_w` is the present power from
+        the cells. Both include losses in the battery. A second reading at the same time gives the same state.
         """
         battery = self.battery
         fraction = remaining_fraction(battery, used_j)
@@ -107,7 +107,7 @@ class BatteryMeter:
         left_ah = self._charge_ah[upper - 1] + battery.capacity_wh * _charge(fraction - low, low_v, open_v)
         elapsed = time_s - self._time_s
         if elapsed > 0.0:
-            # The load between two readings is approximated by the mean of both.
+            # The load between two readings is taken as the mean of the loads at both.
             mean_w = 0.5 * (self._power_w + power_w)
             kept = math.exp(-elapsed / battery.relaxation_s)
             target_v = battery.polarization_ohm * mean_w / open_v
@@ -134,7 +134,7 @@ class BatteryMeter:
 
 
 def _charge(share: float, low_v: float, high_v: float) -> float:
-    """Return the charge of a fraction of the energy between two voltages, Ah per Wh of capacity."""
+    """Return the charge over capacity (Ah/Wh) of a fraction of the energy, drawn between two voltages."""
     rise = high_v - low_v
     if rise < 1e-6 * low_v:
         return share / low_v

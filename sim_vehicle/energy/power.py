@@ -1,19 +1,19 @@
 """Electric power of a flight state, and endurance and range in steady motion.
 
-**Rotorcraft** (`multirotor_power`). The formula is from momentum and blade-element theory (Leishman,
+**Rotorcraft** (`multirotor_power`). The formula follows from momentum and blade-element theory (Leishman,
 *Principles of Helicopter Aerodynamics*, 2nd ed., 2006, ch. 2 and 5) for a tilted disc. The thrust T carries
 the weight, overcomes the drag and gives the acceleration::
 
     P = (T (k v + Vn) + P0 (T/W)^1.5 (1 + 3 Vt^2 / Utip^2)) / efficiency + avionics
     P0 = delta/8 rho s A Utip^3          v: T = 2 rho A v sqrt(Vt^2 + (Vn + v)^2)
 
-Vn and Vt are the airspeeds normal to the disc and within it. T Vn is the power of drag, climb and
-acceleration. For level flight with T = W the formula is the closed form of Zeng, Xu and Zhang, "Energy
-minimization for wireless communication with rotary-wing UAV", IEEE Trans. Wireless Commun. 18(4), 2019, eq.
-(12). The exponent 1.5 of the profile power holds for rotors of fixed pitch, which turn faster for more
-thrust. Momentum theory does not hold for a disc that sinks into its own wake (Vn < 0). Descent and
-braking recover the fraction `REGAINED` of this power, the slope near hover of Leishman's measured curve for
-the vortex ring state (eq. 2.96).
+Vn and Vt are the components of the airspeed normal to the disc and in its plane. T Vn is the power of drag,
+climb and acceleration. For level flight with T = W the formula becomes the closed form of Zeng, Xu and Zhang,
+"Energy minimization for wireless communication with rotary-wing UAV", IEEE Trans. Wireless Commun. 18(4),
+2019, eq. (12). The exponent 1.5 of the profile power holds for rotors of fixed pitch, which turn faster for
+more thrust. Momentum theory does not hold for a disc that sinks into its own wake (Vn < 0). A rotorcraft that
+descends or brakes recovers the fraction `REGAINED` of T Vn. This fraction is the slope near hover of
+Leishman's measured curve for the vortex ring state (eq. 2.96).
 
 Other kinds of vehicles have their own formulas (`FurtherPowerSpec`).
 
@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 REGAINED = 0.2
 # Step of the search for the best speeds.
 _STEP_M_S = 0.1
-# Lowest airspeed of a fixed wing as a fraction of its cruise speed, if the autopilot sets no limit.
+# Lowest airspeed of a fixed wing over its cruise speed, if the autopilot sets no lower limit.
 _SLOWEST = 0.8
 
 
@@ -88,7 +88,7 @@ def power_coefficients(power: AnyPowerSpec | None, battery: BatterySpec | None =
 
 
 def profile_power_w(power: PowerSpec) -> float:
-    """Return the profile power in hover: shaft power against blade drag (W)."""
+    """Return the profile power in hover: the shaft power that overcomes the drag of the blades (W)."""
     blades = power.blade_drag / 8.0 * power.solidity * power.disc_area_m2
     return AIR_DENSITY_KG_M3 * blades * power.tip_speed_m_s**3
 
@@ -102,7 +102,7 @@ def multirotor_power(
     acc_y: float,
     acc_z: float,
 ) -> float:
-    """Return the power of a rotorcraft from the cells of its battery (W).
+    """Return the power that a rotorcraft draws from the cells of its battery (W).
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def multirotor_power(
     within2 = max(air2 + climb * climb - normal * normal, 0.0)
     hover2 = thrust * power[INDUCED_FLOW]
     into = max(normal, 0.0)
-    # Newton's method, started above the root, approaches it without overshoot.
+    # Newton's method starts above the root and approaches the root without overshoot.
     induced = sqrt(hover2)
     for _ in range(8):
         through = into + induced
@@ -164,11 +164,11 @@ def flight_power_w(
     climb_m_s : float
         Climb rate, upward; ignored for ground vehicles.
     load_factor : float
-        Lift over weight: of a fixed wing in a turn, or a rotorcraft in vertical acceleration.
+        Lift over weight, for a fixed wing in a turn or a rotorcraft that accelerates vertically.
     acceleration_m_s2 : float
         Acceleration along the direction of motion.
     battery : BatterySpec, optional
-        Battery, for the losses in its resistance.
+        Battery; the losses in its resistance are added.
 
     Examples
     --------
@@ -186,7 +186,7 @@ def flight_power_w(
 
 @dataclass(frozen=True, slots=True)
 class Best:
-    """Endurance and range of a vehicle with a full battery, with their airspeeds."""
+    """Best endurance and best range of a vehicle with a full battery, each with its airspeed."""
 
     endurance_s: float
     endurance_speed_m_s: float
@@ -195,9 +195,9 @@ class Best:
 
 
 def endurance_s(spec: VehicleSpec, airspeed_m_s: float, *, used_fraction: float = 1.0) -> float:
-    """Return the time of steady motion until a fraction of the battery is used (s).
+    """Return the time (s) after which steady motion has used a fraction of the battery.
 
-    An airspeed of 0 is hover. Raises VehicleError if the vehicle has no battery or no power model.
+    An airspeed of 0 means hover. Raises VehicleError if the vehicle has no battery or no power model.
 
     Examples
     --------
@@ -213,10 +213,10 @@ def endurance_s(spec: VehicleSpec, airspeed_m_s: float, *, used_fraction: float 
 
 
 def best_speeds(spec: VehicleSpec, *, least_airspeed_m_s: float | None = None) -> Best:
-    """Return the best endurance and range of a vehicle, with their airspeeds.
+    """Return the best endurance and the best range of a vehicle, each with its airspeed.
 
-    ``least_airspeed_m_s`` is the autopilot's lower airspeed limit of a fixed wing; the default is 0.8 of the
-    cruise speed. Raises VehicleError if the vehicle has no battery or no power model.
+    ``least_airspeed_m_s`` is the autopilot's lower limit of the airspeed of a fixed wing. The default is 0.8
+    of the cruise speed. Raises VehicleError if the vehicle has no battery or no power model.
     """
     slowest, fastest = 0.0, spec.fastest_m_s
     if spec.circles:

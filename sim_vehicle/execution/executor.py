@@ -1,4 +1,4 @@
-"""Executor of one vehicle's orders and mission; pure simulation without MAVLink and without a clock."""
+"""Executor of one vehicle's orders and mission; it simulates without MAVLink and without a clock."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _BRAKING_M = 0.2
 
 
 class MissionExecutor:
-    """Executor of one simulated vehicle: `flight` flies legs, `mission` turns mission items into legs.
+    """Executor of one simulated vehicle; `mission` turns mission items into legs, which `flight` flies.
 
     Call ``mission.load(items)``, ``arm()`` and ``start()``, then ``advance(until_s)`` repeatedly. An order
     takes effect at the time of the last `advance`; an order that the vehicle cannot obey raises VehicleError.
@@ -78,7 +78,7 @@ class MissionExecutor:
 
     @property
     def time_s(self) -> float:
-        """Simulated time, a multiple of the time step (s)."""
+        """Simulated time (s); it is a multiple of the time step."""
         return self.flight.time_s
 
     def update_spec(self, spec: VehicleSpec) -> None:
@@ -100,7 +100,7 @@ class MissionExecutor:
         self.flight.disarm_step = None
 
     def disarm(self, *, force: bool = False) -> None:
-        """Stop the motors; with `force` in the air, the vehicle is on the ground at once."""
+        """Stop the motors. With `force`, a vehicle in the air is put on the ground at once."""
         if self.flight.landed is not LandedState.ON_GROUND:
             require(force, "cannot disarm in flight: land first, or force it")
             self.flight.touch_down()
@@ -112,13 +112,13 @@ class MissionExecutor:
             self.flight.disarm_step = None
 
     def start(self) -> None:
-        """Begin the mission, or resume the mission at the current item."""
+        """Begin the mission at the current item, or resume it there."""
         self.flight.ready("start the mission")
         require(bool(self.mission.items), "cannot start the mission: none is loaded")
         self.mission.begin_at(self.mission.current_seq)
 
     def takeoff(self, altitude_m: float) -> None:
-        """Climb to `altitude_m` above home and hold there; emit TargetReached on arrival."""
+        """Climb to `altitude_m` above the start and hold there; emit TargetReached on arrival."""
         self.flight.ready("take off")
         require(not self.spec.drives, f"cannot take off: a {self.spec.kind} stays on the ground")
         self._check_height(altitude_m)
@@ -138,16 +138,16 @@ class MissionExecutor:
         speed_m_s: float | None = None,
         as_setpoint: bool = False,
     ) -> None:
-        """Fly to a position relative to home and hold there; emit TargetReached on arrival.
+        """Fly to a position relative to the start and hold there; emit TargetReached on arrival.
 
-        With `as_setpoint`, a multirotor in the air follows the position as a setpoint and plans no path.
+        With `as_setpoint`, a multirotor in the air flies to the position without a planned path.
         """
         settings = self.mission.settings
         self.flight.ready("fly to a position")
         self._check_height(altitude_m)
         farthest_m = self.spec.max_distance_m
         near = math.hypot(x_m, y_m) <= farthest_m
-        require(near, f"cannot fly to ({x_m:g}, {y_m:g}): more than {farthest_m:g} m from home")
+        require(near, f"cannot fly to ({x_m:g}, {y_m:g}): more than {farthest_m:g} m from the start")
         if speed_m_s is not None:
             settings.speed_m_s = self._checked_speed(speed_m_s)
         self.flight.disarm_step = None
@@ -165,8 +165,8 @@ class MissionExecutor:
     ) -> None:
         """Keep a velocity (east, north, up) until the next order; a descent ends with touch-down.
 
-        A velocity beyond the vehicle's limits is reduced. A `height_m` that is not NaN replaces the vertical
-        speed by an altitude to hold.
+        The motion reduces a velocity beyond the vehicle's limits. If `height_m` is not NaN, the vehicle holds
+        this altitude and ignores the vertical speed.
         """
         self.flight.ready("fly at a velocity")
         if not math.isnan(height_m):
@@ -188,8 +188,8 @@ class MissionExecutor:
     ) -> None:
         """Fly circles about a position; a positive radius is clockwise.
 
-        PX4 multirotors circle until the next order and point the nose as `heading` says. Other vehicles fly
-        100 circles with the nose ahead, then hold.
+        A PX4 multirotor circles until the next order and points its nose as `heading` says. Any other vehicle
+        flies 100 circles with its nose ahead, then holds.
         """
         self._in_air("orbit")
         self._check_height(altitude_m)
@@ -206,7 +206,7 @@ class MissionExecutor:
     def return_home(self, position_m: Position | None = None) -> None:
         """Climb to the return altitude, fly home or to the nearest rally point, and land.
 
-        With `position_m` (east, north, minimum height), the vehicle brakes, flies there and holds.
+        If `position_m` (east, north, minimum height) is given, the vehicle brakes, flies there and holds.
         """
         self._in_air("return home")
         self.flight.look_at(None)
@@ -228,7 +228,7 @@ class MissionExecutor:
         self.flight.fly(legs, FlightPhase.GOTO)
 
     def _return_circling(self, position_m: Position | None, speed: float) -> None:
-        """Return with a fixed wing: to a circle at `position_m` or over home, or to the mission's landing."""
+        """Fly a fixed wing to a circle at `position_m` or over home, or to the mission's landing."""
         here = self.motion.position_m
         if position_m is not None:
             height = max(position_m[2], self.mission.spec_about_home(self.spec).return_altitude_m, here[2])
@@ -260,20 +260,20 @@ class MissionExecutor:
         self.mission.apply_speed()
 
     def advance(self, until_s: float) -> list[FlightEvent]:
-        """Fly until a time and return the events of the flight in order, each with its own time."""
+        """Fly until a time and return the events of the flight in order."""
         self.mission.run(self._step_at(until_s), stop_each=True)
         return self.flight.take_events()
 
     def fly_through(self, limit_s: float) -> list[FlightEvent]:
         """Fly until the mission is over or the time limit is reached, and return the events in order.
 
-        The flight is the same as with `advance` but is computed faster: the motion does not stop at each leg.
+        The flight is the same as with `advance`, but computed faster, without a stop at each leg.
         """
         self.mission.run(self._step_at(limit_s), stop_each=False)
         return self.flight.take_events()
 
     def course_through(self, limit_s: float) -> Generator[tuple[int, bool], MotionEvent, list[FlightEvent]]:
-        """Fly as in `fly_through` while the caller moves the vehicle; see `MissionSequencer.course`."""
+        """Fly as `fly_through` does, while the caller advances the motion; see `MissionSequencer.course`."""
         yield from self.mission.course(self._step_at(limit_s), stop_each=False)
         return self.flight.take_events()
 

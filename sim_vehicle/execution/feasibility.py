@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Position
 
-# Plain integers in place of enumeration members: every prediction checks thousands of items.
+# Plain integers replace enumeration members, because every prediction checks thousands of items.
 _WAYPOINT = int(Command.NAV_WAYPOINT)
 _FRAMES = frozenset({int(Frame.GLOBAL), int(Frame.GLOBAL_RELATIVE_ALT)})
 _MAX_RADIUS_M = 5000.0
@@ -68,15 +68,15 @@ def check_mission(
     outside: Callable[[Position], str | None] | None = None,
     home_up_m: float = 0.0,
 ) -> list[ItemProblem]:
-    """List the problems that a mission has for a vehicle; an empty list means that the vehicle can fly it.
+    """List the reasons why a vehicle cannot fly a mission; the list is empty if the vehicle can fly it.
 
     The checks cover commands, frames, parameters, altitudes, distances from home, jumps and the take-off.
     Energy is checked by `sim_vehicle.prediction.predict`.
 
-    `items` does not contain home. `needs_takeoff` is set if the vehicle does not take off by itself to reach
-    the first position. `outside` maps a position (east, north, up) to the reason why the fence excludes it,
-    or to None. The fence check covers positions only, not the paths between them, as in real autopilots.
-    `home_up_m` is the height of home above the frame's origin.
+    `items` does not contain home. `needs_takeoff` says that the vehicle cannot start on the ground without a
+    take-off item. `outside` is a function that takes a position (east, north, up) and returns the reason why
+    the fence excludes the position, or None. As in real autopilots, the fence check covers the positions, but
+    not the paths between them. `home_up_m` is the height of home above the frame's origin.
 
     Examples
     --------
@@ -106,7 +106,7 @@ def mission_problems(
     *,
     needs_takeoff: bool = True,
 ) -> list[ItemProblem]:
-    """List the problems of a mission as in `check_mission`, for item positions that are known already."""
+    """List the problems of a mission as `check_mission` does, from known positions of the items."""
     if not items:
         return [ItemProblem(None, 0, "empty", "the mission is empty")]
     problems: list[ItemProblem] = []
@@ -143,7 +143,7 @@ def _name(command: int) -> str:
 def _item_problems(
     item: MissionItem, position: tuple[float, float, float], count: int, spec: VehicleSpec
 ) -> list[tuple[str, str]]:
-    """Return a pair of code and reason for each problem."""
+    """Return a code and a reason for each problem of an item."""
     command = item.command
     if command not in NAV_COMMANDS and command not in DO_COMMANDS:
         return [("unknown-command", "the vehicle does not know this command")]
@@ -157,7 +157,7 @@ def _item_problems(
             reason = f"altitude {z:.1f} m above home is outside 0..{spec.max_altitude_m:g}"
             problems.append(("altitude", reason))
         if x * x + y * y > spec.max_distance_m * spec.max_distance_m:
-            reason = f"{math.hypot(x, y):.0f} m from home, beyond the limit of {spec.max_distance_m:.0f} m"
+            reason = f"{math.hypot(x, y):.0f} m from the start: the limit is {spec.max_distance_m:.0f} m"
             problems.append(("far-from-home", reason))
     first, second = number(item.param1), number(item.param2)
     if command == Command.NAV_DELAY and first < 0.0:
@@ -189,7 +189,7 @@ def _landing_problems(
 ) -> list[ItemProblem]:
     """List the problems of a fixed wing's landings; PX4 rejects an approach that is too steep.
 
-    Only an approach from a waypoint is checked, because a circle is left in the direction of the landing.
+    Only approaches from waypoints are checked, because a vehicle leaves a circle towards the landing anyway.
     """
     bound = fixed_wing_procedures(spec).steepest_approach(spec)
     if bound is None:

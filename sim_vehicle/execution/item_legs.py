@@ -1,4 +1,4 @@
-"""Conversion of mission items into legs up to the next pause or decision, with circles and splines."""
+"""Conversion of mission items, including circles and splines, into legs up to the next pause or decision."""
 
 from __future__ import annotations
 
@@ -35,17 +35,17 @@ _LOITER_RADIUS_M = 10.0
 # Length of the chords of a spline, and the maximum number of chords.
 _CHORD_M = 2.0
 _MAX_CHORDS = 64
-# Limit of a plan's length: jumps can make a mission endless.
+# Limit of a plan's length, needed because jumps can make a mission endless.
 _MAX_LEGS = 4096
 _LOOK_AHEAD = 20
-# Distance of a point that represents a direction.
+# Distance at which a point stands for a direction.
 _FAR_M = 1e6
 _NOWHERE = (0.0, 0.0, 0.0)
-# Plain integers: comparing enumeration members is too slow for plans of thousands of items.
+# These are plain integers, because comparing enumeration members is too slow for thousands of items.
 _WAYPOINT = int(Command.NAV_WAYPOINT)
 _SPLINE = int(Command.NAV_SPLINE_WAYPOINT)
 _JUMP = int(Command.DO_JUMP)
-# Positions that the exit of a circle can point to, and all items that move the vehicle.
+# Items to whose position a vehicle can leave a circle, and all items that move the vehicle.
 _EXIT_TARGETS = POSITION_COMMANDS | {int(Command.NAV_LAND)}
 _MOVES = _EXIT_TARGETS | {int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_TAKEOFF)}
 # Commands that change the plan when they are executed.
@@ -65,7 +65,7 @@ def plan_item_legs(
     """Return the legs from item `seq` up to the next pause or decision; the item must have a position.
 
     `settings` is a copy that planning may change. `here` is the position of the vehicle. `return_point` is
-    the destination of a return (east, north) with the minimum height of the path there.
+    the destination of a return (east, north) and the minimum height on the way to it.
     """
     planner = _Planner(items, positions, settings, spec, here, return_point)
     at: int | None = seq
@@ -77,7 +77,7 @@ def plan_item_legs(
 
 @dataclass(eq=False, slots=True)
 class _Planner:
-    """Plans item by item; `_last` is the end of the planned legs, `_tangent` the arrival direction."""
+    """Planner of legs, item by item; the planned legs end at `_last` in the direction `_tangent`."""
 
     _items: Sequence[MissionItem]
     _positions: Sequence[Position]
@@ -105,7 +105,7 @@ class _Planner:
         self._settings.heading = ALONG
 
     def next_after(self, seq: int) -> int | None:
-        """Return the next item that the plan continues with, or None if the plan ends at `seq`."""
+        """Return the item with which the plan continues after `seq`, or None if the plan ends at `seq`."""
         plan, items = self.plan, self._items
         if plan.after_last is not AfterLastLeg.NEXT:
             return None
@@ -119,7 +119,7 @@ class _Planner:
             if not 0 <= following < len(items) or items[following].command not in CONDITIONS:
                 break
             plan.unsure = True
-            # Conditions are met only in flight; when a condition is met, the legs are planned again.
+            # Conditions can be met only in flight; the legs are then planned again.
             following = condition_items(items, following)[-1] + 1
         passes = 0 <= following < len(items) and items[following].command in PASSED_COMMANDS
         return following if passes else None
@@ -137,7 +137,7 @@ class _Planner:
         self.plan.extend(legs, seq, done=hold <= 0.0, speed=speed)
 
     def _position_after_spline(self, seq: int) -> Position | None:
-        """Return the position after a spline waypoint without a stop, or None if the vehicle stops there."""
+        """Return the position to which the path continues after a spline waypoint, or None if it ends."""
         items, following = self._items, seq + 1
         while following < len(items) and items[following].command in DO_COMMANDS:
             if items[following].command == _JUMP:
@@ -148,7 +148,7 @@ class _Planner:
         return None if math.isnan(self._positions[following][0]) else self._positions[following]
 
     def _add_straight(self, item: MissionItem, seq: int, position: Position) -> Position:
-        """Add the legs of an item that all kinds of vehicle fly alike, and return the end of the legs."""
+        """Add the legs of an item that all kinds of vehicles fly in the same way, and return their end."""
         plan, spec, settings, last = self.plan, self._spec, self._settings, self._last
         command, heading, speed = item.command, settings.heading, settings.speed_m_s
         x, y, _ = position
@@ -195,10 +195,10 @@ class _Planner:
             plan.after_last = AfterLastLeg.FOREVER
         return position
 
-    # Fixed wings, which circle to hold a position.
+    # Fixed wings circle to hold a position.
 
     def _add_circling(self, item: MissionItem, seq: int, position: Position) -> bool:
-        """Add the leg of an item that a fixed wing flies differently; return False for other items."""
+        """Add the leg of an item that fixed wings fly in their own way; return False for other items."""
         command, spec, speed = item.command, self._spec, self._settings.speed_m_s
         first, second, third = (value or 0.0 for value in (item.param1, item.param2, item.param3))
         after, wait_s = AfterLastLeg.NEXT, 0.0
@@ -233,11 +233,11 @@ class _Planner:
     def _exit_targets(
         self, item: MissionItem, seq: int, position: Position
     ) -> tuple[Position | None, Position | None]:
-        """Return the position towards which a circle is left, and a far point in the direction of 0° N 0° E.
+        """Return the position to which the vehicle leaves a circle, and a far point in direction 0° N 0° E.
 
         The position is None if a jump or an item without a position comes first. The far point is None unless
-        the autopilot turns towards the zero coordinates of a return item. The bearing follows ArduPilot's
-        ``Location::get_bearing_to``: a plane with degrees of longitude scaled at the mean latitude.
+        the autopilot turns towards the zero coordinates of a return item. Its bearing is computed on a plane
+        with scaled longitudes, as in ArduPilot's ``Location::get_bearing_to``.
         """
         items = self._items
         for following in range(seq + 1, min(seq + 1 + _LOOK_AHEAD, len(items))):
@@ -278,7 +278,7 @@ def circle_leg(
     turns: float = 0.0,
     leave_to_m: tuple[float, float] | None = None,
 ) -> Leg:
-    """Return the leg of a circle; a positive radius is clockwise, 0 is the autopilot's default radius."""
+    """Return the leg of a circle; positive radii are clockwise, 0 stands for the autopilot's default."""
     return Leg(centre, speed, kind=LegKind.LOITER, circle=Circle(radius_m or None, turns, leave_to_m))
 
 
@@ -312,7 +312,7 @@ def circle_legs(
 def orbit_legs(
     centre: Position, last: Position, radius: float, speed: float, heading: Heading, spec: VehicleSpec
 ) -> list[Leg]:
-    """Return the legs of an orbit order: an endless circle for PX4, otherwise 100 circles of chords.
+    """Return the legs of an orbit order: with PX4 an endless circle, otherwise the chords of 100 circles.
 
     The vehicle flies to the circle at the cruise speed (PX4's ``FlightTaskOrbit``). `heading` applies to the
     endless circle; along chords the nose points ahead.
@@ -333,14 +333,14 @@ def spline_legs(
     heading: Heading,
     spec: VehicleSpec,
 ) -> tuple[list[Leg], Position]:
-    """Return chords of a cubic Hermite spline to a position, and the direction of arrival.
+    """Return the legs along a cubic Hermite spline to a position, and the direction of arrival.
 
     As with ArduCopter's spline waypoints, the curve starts in the previous direction of arrival and ends
     parallel to the line from the previous to the next position. Both tangents have the length of the straight
     path, which prevents loops.
 
-    `path` holds the start, the end, and the position after the end; without the third position the curve ends
-    along the straight line. `tangent` is the direction at the start; zero selects the straight line.
+    `path` holds the start, the end, and the position after the end; without the latter, the curve ends along
+    the straight line. `tangent` is the direction at the start; a zero vector stands for the straight line.
     """
     begin, end, ahead = path
     straight = (end[0] - begin[0], end[1] - begin[1], end[2] - begin[2])
@@ -370,7 +370,7 @@ def spline_legs(
 
 
 def _curve_speed(points: list[Position], spec: VehicleSpec) -> float:
-    """Return the speed on a curve through three positions at half the acceleration limit, as on circles."""
+    """Return the speed on a curve through three positions at half the acceleration limit."""
     (ax, ay, _), (bx, by, _), (cx, cy, _) = points
     before, after = math.hypot(bx - ax, by - ay), math.hypot(cx - bx, cy - by)
     turn = math.remainder(math.atan2(cy - by, cx - bx) - math.atan2(by - ay, bx - ax), 2.0 * math.pi)

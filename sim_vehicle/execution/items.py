@@ -23,19 +23,19 @@ DO_COMMANDS = frozenset(
     | {1000, 1001, 2000, 2001, 2003, 2500, 2501}
 )
 CAMERA_COMMANDS = frozenset({203, 206, 214, 530, 2000, 2001, 2003})
-# Regions of interest: the nose of the vehicle and the gimbal point at them.
+# Regions of interest, at which the nose of the vehicle and the gimbal point.
 ROI_COMMANDS = frozenset({195, 197, 201})
 GIMBAL_COMMANDS = ROI_COMMANDS | {205, 1000, 1001}
 CONDITIONS = frozenset({int(Command.CONDITION_DELAY), int(Command.CONDITION_DISTANCE)})
 POSITION_COMMANDS = frozenset({16, 17, 18, 19, 31, 82})
 # Positions, take-off and landing.
 PLACED_COMMANDS = POSITION_COMMANDS | {21, 22}
-# Positions that the vehicle flies through without a pause.
+# Positions at which the vehicle need not pause.
 PASSED_COMMANDS = frozenset({16, 82})
 NAV_COMMANDS = PLACED_COMMANDS | {20, 93}
 HERE_COMMANDS = frozenset({17, 18, 19, 21, 22, 31})
 MAX_TURNS = 100.0
-# Default height and angle of the climb of a go-around without a take-off item (ArduPlane).
+# Default height and angle of the climb in a go-around, for missions without a take-off item (ArduPlane).
 _CLIMB_M, _CLIMB_DEG = 30.0, 10.0
 
 
@@ -46,16 +46,16 @@ class Settings:
     speed_m_s: float
     """Ground speed."""
     heading: Heading = ALONG
-    """Heading until the next position, unless the item there sets a heading."""
+    """Heading on the way to the next position, unless that item sets a heading."""
     # Vertical speeds; None selects the vehicle's default.
     climb_m_s: float | None = None
     descent_m_s: float | None = None
     jumps: dict[int, int] = field(default_factory=dict)
-    """Number of jumps taken, by the index of the jump item."""
+    """Number of jumps already taken, by index of the jump item."""
     default_m_s: float = 0.0
     """Ground speed that DO_CHANGE_SPEED with -2 restores."""
     yaw_rad: float = field(default=0.0, compare=False)
-    """Present heading, the reference of a relative CONDITION_YAW."""
+    """Present heading, from which a relative CONDITION_YAW turns."""
 
     def copy(self) -> Settings:
         """Return an independent copy."""
@@ -70,7 +70,7 @@ def number(value: float | None, default: float = 0.0) -> float:
 def item_positions(items: Sequence[MissionItem], frame: LocalFrame, home_up_m: float = 0.0) -> list[Position]:
     """Return the position of each item (east, north, up) in the frame; NaN for an item without a position.
 
-    `home_up_m` is the height of home above the frame's origin, for items with an altitude above home.
+    `home_up_m` is the height of home above the frame's origin; items with altitudes above home need it.
     """
     positions = np.full((len(items), 3), np.nan)
     index = [i for i, item in enumerate(items) if item.has_position]
@@ -125,7 +125,7 @@ def do_items(
 
 
 def _change_speed(item: MissionItem, settings: Settings, top_speed_m_s: float) -> None:
-    """Set the ground speed (types 0 and 1), climb (2) or descent speed (3); -2 restores the default."""
+    """Set the ground speed (types 0, 1), climb speed (2) or descent speed (3); -2 restores the default."""
     kind, speed = number(item.param1), number(item.param2, -1.0)
     wanted = speed if speed > 0.0 else None
     if wanted is None and speed != -2.0:
@@ -147,7 +147,7 @@ def _yaw(item: MissionItem, yaw_rad: float) -> float:
 
 
 def time_of_day_wait_s(item: MissionItem, unix_s: float) -> float:
-    """Return the wait until the time of day of a NAV_DELAY item (hour, minute, second UTC; -1 is any).
+    """Return the wait until a NAV_DELAY item's time of day: hour, minute, second (UTC); -1 means any.
 
     Examples
     --------
@@ -169,7 +169,7 @@ def time_of_day_wait_s(item: MissionItem, unix_s: float) -> float:
 
 
 def condition_items(items: Sequence[MissionItem], start: int) -> list[int]:
-    """Return the condition at `start` and the items that wait for the condition, up to a position or jump."""
+    """Return the condition at `start` and the items that wait for it, up to the next position or jump."""
     group = []
     for seq in range(start, len(items)):
         command = items[seq].command
@@ -184,7 +184,7 @@ def climb_leg(
 ) -> Leg:
     """Return the straight climb of a go-around (ArduPlane's ``do_land``).
 
-    The climb ends at `height_m`, else at the landing item's first parameter, else at the take-off height.
+    The climb ends at `height_m`, else at parameter 1 of the landing item, else at the take-off height.
     """
     takeoffs = [item for item in items[:seq] if item.command == Command.NAV_TAKEOFF]
     top = height_m or 0.0
@@ -205,7 +205,7 @@ def climb_leg(
 def landing_start(items: Sequence[MissionItem], positions: Sequence[Position], here: Position) -> int | None:
     """Return the nearest DO_LAND_START item, or None if the mission has none.
 
-    An item without coordinates is located at the next item that has coordinates.
+    A DO_LAND_START item without coordinates has the position of the next item with coordinates.
     """
     starts = [seq for seq, item in enumerate(items) if item.command == Command.DO_LAND_START]
     if len(starts) < 2:
@@ -222,9 +222,9 @@ def landing_start(items: Sequence[MissionItem], positions: Sequence[Position], h
 def landing_restart(
     items: Sequence[MissionItem], positions: Sequence[Position], seq: int, here: Position
 ) -> int | None:
-    """Return the item at which an aborted landing restarts: the landing start, else the previous position.
+    """Return the item at which an aborted landing restarts: DO_LAND_START, else the previous position.
 
-    Follows ArduPilot's ``AP_Landing::restart_landing_sequence``.
+    Source: ArduPilot's ``AP_Landing::restart_landing_sequence``.
     """
     start = landing_start(items, positions, here)
     if start is not None:

@@ -1,4 +1,4 @@
-"""Flight of leg plans and velocities, with descent and touch-down."""
+"""Flight along planned legs or at a commanded velocity, with descent and touch-down."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.model import MotionModel, MotionState
     from sim_vehicle.weather.wind import Wind
 
-# Speed, acceleration and jerk of a fall, as for a tumbling multirotor.
+# Speed, acceleration and jerk of a falling vehicle, like those of a tumbling multirotor.
 _FALL_M_S = 18.0
 _FALL_M_S2 = 9.0
 _FALL_M_S3 = 90.0
@@ -46,7 +46,7 @@ def drag_1_s(spec: VehicleSpec, airspeed_m_s: float) -> float:
 
 
 def require(able: bool, text: str) -> None:
-    """Raise VehicleError with `text` unless `able`."""
+    """Raise VehicleError with `text` unless `able` is true."""
     if not able:
         raise VehicleError(text)
 
@@ -66,18 +66,18 @@ class LegPlan:
 
     legs: list[Leg] = field(default_factory=list)
     seqs: list[int] = field(default_factory=list)
-    """Item index of each leg, -1 outside a mission."""
+    """Item index of each leg; -1 outside a mission."""
     done: list[bool] = field(default_factory=list)
     """Whether the leg completes its item."""
     speeds: list[float | None] = field(default_factory=list)
     """Commanded ground speed of each leg; a curve may be flown more slowly."""
     after_last: AfterLastLeg = AfterLastLeg.NEXT
     wait_s: float = 0.0
-    """Length of the pause of a WAIT; NaN stands for the time of day that the item names."""
+    """Length of the pause if `after_last` is WAIT; NaN for a pause until the item's time of day."""
     open: bool = False
     """Whether the plan was cut short and must be extended before its end."""
     unsure: bool = False
-    """Whether a command between the plan's items may change the plan."""
+    """Whether a command between the items of the plan may change the plan."""
 
     def add(self, leg: Leg, seq: int = -1, *, done: bool = False, speed: float | None = None) -> None:
         """Append a leg."""
@@ -89,12 +89,12 @@ class LegPlan:
     def extend(
         self, legs: Sequence[Leg], seq: int = -1, *, done: bool = False, speed: float | None = None
     ) -> None:
-        """Append legs; with `done`, the last leg completes the item."""
+        """Append legs. With `done`, the item is complete after the last leg."""
         for leg in legs:
             self.add(leg, seq, done=done and leg is legs[-1], speed=speed)
 
     def prepend(self, leg: Leg, seq: int) -> None:
-        """Insert a leg at the front; the leg completes no item."""
+        """Insert a leg at the front; no item is complete after this leg."""
         self.legs.insert(0, leg)
         self.speeds.insert(0, leg.speed_m_s)
         self.seqs.insert(0, seq)
@@ -103,16 +103,16 @@ class LegPlan:
 
 @dataclass(slots=True)
 class Waiting:
-    """Items that wait in flight for a condition; dropping the plan drops them."""
+    """Items that wait in flight for a condition; they are discarded together with the plan."""
 
     seqs: list[int] = field(default_factory=list)
     """Indices of the waiting items, in order."""
     step: int | None = None
-    """Motion step at which the first waiting item is due; None if its condition is not a time."""
+    """Motion step at which the first waiting item is due; None if it does not wait for a time."""
 
 
 class LegFollower:
-    """Flies a plan of legs or a velocity, holds, lands and falls."""
+    """Vehicle in flight: it follows a plan of legs or a velocity, holds, lands and falls."""
 
     def __init__(self, spec: VehicleSpec, *, wind: Wind | None = None, yaw_rad: float = 0.0) -> None:
         self.spec = spec
@@ -133,7 +133,7 @@ class LegFollower:
 
     @property
     def time_s(self) -> float:
-        """Simulated time, a multiple of the time step (s)."""
+        """Simulated time (s); it is a multiple of the time step."""
         return self.motion.time_s
 
     def hold(self) -> None:
@@ -147,7 +147,7 @@ class LegFollower:
         self.fly([Leg((x, y, z), speed, heading=KEEP, kind=LegKind.STAY)], FlightPhase.HOLD)
 
     def look_at(self, position_m: tuple[float, float] | None) -> None:
-        """Point the nose at a position (east, north) on all legs; None ends the pointing."""
+        """Point the nose at a position (east, north) on all legs; None ends this."""
         self.motion.look_at(position_m)
 
     def fall(self) -> None:
@@ -176,20 +176,20 @@ class LegFollower:
         self.landed = LandedState.LANDING
 
     def drain_battery(self, fraction: float) -> None:
-        """Reduce the remaining energy to at most this fraction; no effect without a battery."""
+        """Reduce the remaining energy to at most this fraction; do nothing without a battery."""
         battery = self.spec.battery
         if battery is not None:
             used = (1.0 - min(max(fraction, 0.0), 1.0)) * battery.capacity_wh * WH_J
             self.motion.use_energy(max(0.0, used - self.motion.energy_j))
 
     def change_battery(self) -> None:
-        """Install a full battery; no effect while the motors run."""
+        """Install a full battery; do nothing while the motors run."""
         if self.spec.battery is not None and not self.armed:
             self.motion.use_energy(-self.motion.energy_j)
             self.battery_meter = BatteryMeter(self.spec.battery)
 
     def stop_motors(self) -> None:
-        """Disarm on the ground."""
+        """Disarm the vehicle on the ground."""
         self.armed = False
         self.disarm_step = None
         self.drop_plan(FlightPhase.GROUND)
@@ -203,7 +203,7 @@ class LegFollower:
         self.waiting = Waiting()
 
     def check_power(self, what: str) -> None:
-        """Raise VehicleError if the vehicle is falling or without power."""
+        """Raise VehicleError if the vehicle is falling or has no power."""
         reason = "the battery is empty" if self.phase is FlightPhase.DEPLETED else "the vehicle is falling"
         require(not self.phase.is_lost, f"cannot {what}: {reason}")
 
@@ -232,7 +232,7 @@ class LegFollower:
         height_m: float = math.nan,
         heading: Heading = KEEP,
     ) -> None:
-        """Keep a velocity with a plan of one leg; only touch-down ends that leg."""
+        """Keep a velocity; the plan has a single leg, which only touch-down ends."""
         self.motion.steer(velocity_m_s, height_m=height_m, heading=heading)
         self.plan = LegPlan(after_last=AfterLastLeg.TOUCHDOWN)
         self.plan.add(Leg(self.motion.position_m, 0.0, heading=heading))
@@ -277,7 +277,7 @@ class LegFollower:
         )
 
     def _attitude(self, now: MotionState, air: tuple[float, float], airspeed: float) -> tuple[float, float]:
-        """Return roll and pitch at which the thrust gives the acceleration and balances the drag."""
+        """Return the roll and pitch at which the thrust causes the acceleration and balances the drag."""
         drag = drag_1_s(self.spec, airspeed)
         ax, ay, az = now.acceleration_m_s2
         east, north = ax + drag * air[0], ay + drag * air[1]

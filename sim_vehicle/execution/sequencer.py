@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Position
 
-# A plan that was cut short is extended this many legs before its end, so that the vehicle never brakes there.
+# A plan that was cut short is extended when this many legs are left, so that the vehicle never brakes there.
 _REPLAN_BEFORE = 64
 _CANNOT_FLY = -2
 _LANDING_COMMANDS = frozenset({16, 18, 19, 21, 31})
@@ -66,9 +66,9 @@ class ReturnPoints:
     """Return destinations: home and the rally points."""
 
     home_m: Position = (0.0, 0.0, 0.0)
-    """East and north of the start, and height above the start."""
+    """Position of home relative to the start: east, north, up."""
     rally_m: tuple[Position, ...] = ()
-    """East, north, and the minimum height of the path there."""
+    """Rally points: east, north, and the minimum height of the path to the point."""
 
     def nearest(self, position_m: Position) -> Position:
         """Return the point nearest to a position: east, north, and the minimum height of the path there.
@@ -85,12 +85,12 @@ class ReturnPoints:
 
 
 class MissionSequencer:
-    """Flies the items of a mission in sequence, as legs of a `LegFollower`.
+    """Sequencer that flies the items of a mission in order, as legs of a `LegFollower`.
 
     With `takes_off`, a mission that begins on the ground without a take-off item climbs first, as in PX4. The
-    climb ends at the height of the first position or at the take-off altitude, if that is higher.
-    `epoch_unix_s` is the time of day at simulated time 0. `current_seq` is the present or next item, -1
-    without a mission. `settings` holds the speeds and heading for later legs, as changed by items and orders.
+    climb ends at the height of the first position, or at the take-off altitude if this is higher.
+    `epoch_unix_s` is the Unix time at simulated time 0. `current_seq` is the index of the present or next
+    item, -1 without a mission. `settings` has the speeds and heading of later legs.
     """
 
     def __init__(
@@ -124,8 +124,8 @@ class MissionSequencer:
     ) -> None:
         """Replace the mission, with `current` as its current item; a vehicle that is flying a mission holds.
 
-        `positions` is the result of `sim_vehicle.execution.items.item_positions`, if known.
-        With `keeps_settings`, the present speeds are kept.
+        `positions` is the result of `sim_vehicle.execution.items.item_positions`, if the caller has it. With
+        `keeps_settings`, the vehicle keeps its present speeds.
         """
         if self.flight.phase is FlightPhase.MISSION:
             self.flight.hold()
@@ -138,12 +138,12 @@ class MissionSequencer:
     def change(
         self, items: Sequence[MissionItem], seq: int, *, at_waypoints: bool = False, keeps_jumps: bool = False
     ) -> bool:
-        """Replace the mission in flight, continue at item `seq`, and return whether the turn is immediate.
+        """Replace the mission in flight, go on at item `seq`, and return whether the vehicle turns at once.
 
-        Speeds are kept. A take-off is completed to its height first. A return home is completed and ends the
-        mission. A `seq` beyond the end ends the mission. With `at_waypoints`, the vehicle turns at once only
-        if the old item is a waypoint and `seq` exists; otherwise it completes the old item and continues with
-        the item after that. With `keeps_jumps`, the jump counts are kept.
+        The vehicle keeps its speeds. It completes the climb of a take-off item first. It completes a return
+        item, which ends the mission. The mission also ends if it has no item `seq`. With `at_waypoints`, the
+        vehicle turns at once only if the old item is a waypoint and item `seq` exists; otherwise it completes
+        the old item, then the next item. With `keeps_jumps`, jump counters keep their values.
         """
         self.flight.ready("change the mission")
         flown = self.items[self.current_seq].command if self.current_seq < len(self.items) else _WAYPOINT
@@ -157,7 +157,7 @@ class MissionSequencer:
             elif not completes and self.flight.landed is LandedState.TAKEOFF:
                 self._resume_at = seq
             if completes or self._resume_at is not None:
-                # The plan of the old mission ends with the present item.
+                # The vehicle follows the plan of the old mission only to the end of the present item.
                 self.flight.waiting = Waiting()
                 self._replan = True
                 return False
@@ -174,19 +174,19 @@ class MissionSequencer:
         return item_positions(self.items, self.frame, self.return_points.home_m[2])
 
     def move_home(self, home_m: Position) -> None:
-        """Move home; the positions of items with altitudes above home change from the next leg."""
+        """Move home; items with altitudes above home have other positions from the next leg."""
         moves = home_m[2] != self.return_points.home_m[2]
         self.return_points.home_m = home_m
         if moves:
             self._positions = self._item_positions()
 
     def spec_about_home(self, spec: VehicleSpec) -> VehicleSpec:
-        """Return `spec` with its return altitude relative to the start instead of to home."""
+        """Return `spec` with its return altitude converted from above home to above the start."""
         up_m = self.return_points.home_m[2]
         return spec if up_m == 0.0 else replace(spec, return_altitude_m=spec.return_altitude_m + up_m)
 
     def return_point(self) -> Position:
-        """Return the destination of a return from here, with the minimum height of the path."""
+        """Return the destination of a return from here, and the minimum height of the path to it."""
         return self.return_points.nearest(self._motion.position_m)
 
     def _default_settings(self) -> Settings:
@@ -206,7 +206,7 @@ class MissionSequencer:
         self._continue(seq)
 
     def set_current(self, seq: int) -> None:
-        """Make an item the current item; a vehicle on the mission turns to the item at once."""
+        """Make an item the current item; a vehicle that flies the mission turns to it at once."""
         count = len(self.items)
         require(0 <= seq < count, f"mission item {seq}: the mission has {count} items")
         self.settings.jumps.clear()
@@ -230,7 +230,7 @@ class MissionSequencer:
     def rewind_survey(self) -> None:
         """Step back to the position before an interrupted leg if the leg was triggering the camera.
 
-        Follows ``MissionBase::on_activation`` and ``getPreviousPositionItems`` of PX4 v1.17.
+        Source: ``MissionBase::on_activation`` and ``getPreviousPositionItems`` of PX4 v1.17.
         """
         before = self.items[: max(self.current_seq, 0)]
         triggers = [item for item in before if item.command in _TRIGGERS]
@@ -239,7 +239,7 @@ class MissionSequencer:
             self._set_current(positions[-1])
 
     def apply_speed(self) -> None:
-        """Apply a changed ground speed to the present legs."""
+        """Apply a changed ground speed to the legs that the vehicle now flies."""
         speed_m_s = self.settings.speed_m_s
         plan = self.flight.plan
         if self.flight.phase is FlightPhase.STEERED or plan is None or self.flight.timer is not None:
@@ -259,7 +259,7 @@ class MissionSequencer:
         return on_mission and self.items[self.current_seq].command == Command.NAV_RETURN_TO_LAUNCH
 
     def leave_to_return(self) -> None:
-        """Continue the present return of the mission as a return outside the mission."""
+        """Leave the mission, and go on with its return item as a return outside the mission."""
         self.flight.phase = (
             FlightPhase.LAND if self.flight.landed is LandedState.LANDING else FlightPhase.RETURN
         )
@@ -299,7 +299,7 @@ class MissionSequencer:
         return landing_start(self.items, self._positions, self._motion.position_m)
 
     def landing_legs(self) -> list[Leg]:
-        """Return the legs from here through the mission's landing; empty without a complete landing."""
+        """Return the legs of the mission's landing from here; no legs if the landing is incomplete."""
         seq = self.landing_start()
         if seq is None:
             return []
@@ -331,10 +331,10 @@ class MissionSequencer:
                 steps, closely = course.send(event)
 
     def course(self, target: int, *, stop_each: bool) -> Generator[tuple[int, bool], MotionEvent, None]:
-        """Fly until a motion step, while the caller moves the vehicle.
+        """Fly until a motion step, while the caller advances the motion.
 
-        Coroutine: yields ``(max_steps, stop_each)``. The caller advances the motion by these arguments and
-        sends the MotionEvent back. Without `stop_each` the coroutine ends as soon as the mission is over.
+        This coroutine yields ``(max_steps, stop_each)``. The caller advances the motion with these arguments
+        and sends the MotionEvent back. Without `stop_each`, the coroutine ends when the mission is over.
         """
         motion = self._motion
         while motion.step < target:
@@ -371,7 +371,7 @@ class MissionSequencer:
         return rests and self.flight.phase is not FlightPhase.MISSION and self.flight.disarm_step is None
 
     def _account(self, event: MotionEvent) -> None:
-        """Complete the legs that were flown, and handle the event that ended the motion."""
+        """Complete the legs that the vehicle has flown, and handle the event at which the motion stopped."""
         plan = self.flight.plan
         self._complete_legs()
         if event is MotionEvent.ENERGY:
@@ -435,7 +435,7 @@ class MissionSequencer:
         self._continue(at)
 
     def _next_leg(self, plan: LegPlan, leg: int, time_s: float) -> None:
-        """Continue with the next item of the plan, or plan again if commands in between require it."""
+        """Continue with the next item of the plan, or plan again if commands before it require this."""
         self.flight.emit(ItemReached(time_s, plan.seqs[leg]))
         following = self._between(self._following(plan.seqs[leg]), time_s)
         nearly_out = plan.open and leg >= len(plan.legs) - _REPLAN_BEFORE
@@ -452,7 +452,7 @@ class MissionSequencer:
         self._fly_from(self._between(self._following(seq), self.flight.time_s), self.flight.time_s)
 
     def _following(self, seq: int) -> int:
-        """Return the item that follows `seq`, or the resume item if the mission was changed in flight."""
+        """Return the item after `seq`, or the item at which a mission changed in flight goes on."""
         at, self._resume_at = self._resume_at, None
         if at is None:
             return seq + 1
@@ -464,7 +464,7 @@ class MissionSequencer:
         self._fly_from(self._between(seq, time_s), time_s)
 
     def _between(self, seq: int, time_s: float) -> int:
-        """Execute the items before the next position and return that position's item, or `_CANNOT_FLY`."""
+        """Execute the items up to the next item with a position, and return that item or `_CANNOT_FLY`."""
         self.settings.heading = ALONG
         if self.flight.waiting.seqs:
             self._execute_waiting(time_s)
@@ -512,26 +512,26 @@ class MissionSequencer:
         self.flight.emit(ItemReached(time_s, seq))
 
     def _execute(self, seq: int, time_s: float) -> None:
-        """Execute an item that waited for a condition."""
+        """Execute an item whose condition is met."""
         if self.items[seq].command not in CONDITIONS:
             self.settings.yaw_rad = self._motion.snapshot().heading_rad
             do_items(self.items[: seq + 1], seq, self.settings, self.flight.spec.top_speed_m_s)
         self._announce(seq, time_s)
 
     def _release(self) -> None:
-        """Execute the items whose condition is met, up to the next condition."""
+        """Execute the items whose condition is met, and stop at the next condition."""
         time_s = self.flight.time_s
         before = self.settings.copy()
         self.flight.waiting.step = None
         self._execute(self.flight.waiting.seqs.pop(0), time_s)
-        # During a pause the vehicle is at the position already, so further conditions are met at once.
+        # During a pause the vehicle is already at the position, so it meets further conditions at once.
         while self.flight.waiting.seqs and (self.flight.timer is not None or not self._waits()):
             self._execute(self.flight.waiting.seqs.pop(0), time_s)
         if self.flight.timer is None and (self.flight.waiting.seqs or self.settings != before):
             self._fly_from(self.current_seq, time_s)
 
     def _waits(self, command: int | None = None) -> bool:
-        """Whether the next items wait for a condition, or for the condition `command`."""
+        """Whether the next items wait for any condition, or for the condition `command` if it is given."""
         if not self.flight.waiting.seqs:
             return False
         first = self.items[self.flight.waiting.seqs[0]].command
@@ -575,7 +575,7 @@ class MissionSequencer:
         self.flight.begin(plan)
 
     def _on_ground(self, seq: int) -> None:
-        """Execute an item on the ground that is not a take-off: wait, count a landing as done, or fail."""
+        """On the ground, execute an item other than a take-off: wait, complete a landing, or fail."""
         command = self.items[seq].command
         if command == Command.NAV_DELAY:
             self.flight.plan = None
@@ -624,7 +624,7 @@ class MissionSequencer:
 
 
 def _starts_images(trigger: MissionItem) -> bool:
-    """Whether an item starts a series of images."""
+    """Whether a camera command starts images (and does not stop them)."""
     if trigger.command == Command.IMAGE_START_CAPTURE:
         return True
     return trigger.command != Command.IMAGE_STOP_CAPTURE and number(trigger.param1) > 0.0

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from sim_vehicle.energy.battery import BatteryState
 
 EPOCH_UNIX_S = 1_780_315_200.0
-"""Unix time of simulation time 0, 2026-06-01T12:00:00Z; a constant, so that equal runs give equal logs."""
+"""Unix time at simulated time 0, 2026-06-01T12:00:00Z; it is constant, so that equal runs have equal logs."""
 
 
 class LandedState(IntEnum):
@@ -48,11 +48,11 @@ class VehicleState(NamedTuple):
 
     time_s: float
     """Time since the start of the simulation."""
-    # East, north, up relative to home; the ground at home is at 0.
+    # East, north, up relative to the start; the ground at the start is at 0.
     position_m: tuple[float, float, float]
     velocity_m_s: tuple[float, float, float]
     acceleration_m_s2: tuple[float, float, float]
-    # Attitude at which the thrust gives the acceleration and balances the drag; right and up are positive.
+    # Attitude at which the thrust causes the acceleration and balances the drag; right and up are positive.
     roll_rad: float
     pitch_rad: float
     # Compass heading (clockwise from north, 0 to 2 pi) and the heading rate.
@@ -61,7 +61,7 @@ class VehicleState(NamedTuple):
     airspeed_m_s: float
     """Horizontal speed through the air."""
     wind_m_s: tuple[float, float]
-    """Present wind velocity, east and north (towards, not from)."""
+    """Present velocity of the air to the east and north."""
     power_w: float
     """Present electric power."""
     battery: BatteryState | None
@@ -75,7 +75,7 @@ class VehicleState(NamedTuple):
     phase: FlightPhase
     """Flight phase."""
     current_seq: int
-    """Index of the current mission item, -1 without a mission."""
+    """Index of the current mission item; -1 without a mission."""
     throttle: float = 0.5
     """Throttle from 0 to 1; 0.5 if the motion model has no throttle."""
 
@@ -95,7 +95,7 @@ class ItemEvent(FlightEvent):
 
 
 class ItemReached(ItemEvent):
-    """A mission item is complete; a waypoint is complete when the vehicle reaches it."""
+    """A mission item is complete; for a waypoint, this means that the vehicle has reached it."""
 
 
 class CurrentChanged(ItemEvent):
@@ -108,7 +108,7 @@ class LandingRestarted(ItemEvent):
 
 @dataclass(frozen=True, slots=True)
 class CameraCommand(ItemEvent):
-    """The mission commands the camera or its gimbal (see `sim_vehicle.execution.items`)."""
+    """A mission item commands the camera or its gimbal (see `sim_vehicle.execution.items`)."""
 
     item: MissionItem
 
@@ -137,7 +137,7 @@ class TargetReached(FlightEvent):
 
 
 class BatteryDepleted(FlightEvent):
-    """The battery is empty; the vehicle descends at its position."""
+    """The battery is empty; a vehicle in the air descends at its position."""
 
 
 class Landed(FlightEvent):
@@ -145,4 +145,4 @@ class Landed(FlightEvent):
 
 
 class Disarmed(FlightEvent):
-    """The motors stopped automatically after landing."""
+    """The motors stopped automatically on the ground."""

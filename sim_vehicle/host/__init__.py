@@ -1,1 +1,1 @@
-"""Hosts of MAVLink components: simulation on a virtual clock, server on sockets, routing."""
+"""Hosts of MAVLink components: a simulation on a virtual clock, a server on sockets, and routing."""

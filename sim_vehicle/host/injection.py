@@ -1,6 +1,6 @@
 """Radios of a host's links, and the interface for an add-on that injects faults.
 
-The entry points of the group ``wbf_mission.faults`` name the parts of the add-on (`fault_part`). They are
+The entry points of the group ``wbf_mission.faults`` name the parts of the add-on (`fault_part`). A part is
 loaded only if a run has faults.
 """
 
@@ -24,7 +24,7 @@ Direction = Literal["up", "down"]
 
 
 class AnyFault(Protocol):
-    """A fault of the add-on."""
+    """A fault that the add-on defines."""
 
     @property
     def vehicle(self) -> int | None:
@@ -51,7 +51,7 @@ class Radio:
         channel.send(frame, now_s)
 
     def faults_of(self, direction: Direction, system: int, now_s: float) -> Faults:
-        """Return the disturbances of a frame that is sent now."""
+        """Return the disturbances of a frame that is sent at `now_s`."""
         return self._faults
 
     def receive(self, direction: Direction, now_s: float) -> list[bytes]:
@@ -65,7 +65,7 @@ class Radio:
 
 
 class Injection:
-    """Components and radios of a host without faults; an add-on's subclass injects faults into them."""
+    """Components and radios of a host without faults; a subclass in an add-on injects faults into them."""
 
     def __init__(self, seed: int | SeedSequence) -> None:
         self.faults: tuple[AnyFault, ...] = ()
@@ -75,20 +75,20 @@ class Injection:
         """Raise VehicleError if a fault names a vehicle that is not among these MAVLink systems."""
 
     def wrap(self, components: Sequence[Component]) -> list[Component]:
-        """Return the components, wrapped if a fault affects them; VehicleError as in `require_vehicles`."""
+        """Return the components, wrapped if faults affect them; raises VehicleError for unknown vehicles."""
         return list(components)
 
     def radio(self, name: str, number: int, client: int = 0, always: Faults | None = None) -> Radio | None:
         """Return the radio of a link; None if nothing disturbs the link.
 
-        `number` is the number of the host's link, from 1. `client` is the number of a client of the link.
-        Each client has its own random streams. `always` are disturbances that the link has without faults.
+        `number` counts the links of the host, from 1. `client` counts the clients of the link. Each client
+        has its own random streams. `always` are the disturbances of the link even without faults.
         """
         return None if always is None else Radio(self.seed, f"{number}.{client}", always)
 
 
 def injection(faults: Sequence[AnyFault | str], seed: int | SeedSequence = 0) -> Injection:
-    """Return the injection of faults, given as objects or text; raises VehicleError if a fault is invalid."""
+    """Return an `Injection` of faults (objects or texts); raises VehicleError if a fault is invalid."""
     if not faults:
         return Injection(seed)
     made: Injection = fault_part("session")(faults, seed)
@@ -99,8 +99,7 @@ def fault_part(name: str) -> Any:
     """Return a part of the add-on that injects faults; raises VehicleError if no add-on provides it.
 
     ``session`` makes an `Injection` from faults and a seed. ``Fault`` is the class of a fault. ``tables``
-    reads the ``[[fault]]`` tables of a decoded file, and ``kinds`` prints the kinds of faults into an
-    `Output`.
+    reads the ``[[fault]]`` tables of a decoded file. ``kinds`` prints the kinds of faults to an `Output`.
     """
     return load_named(GROUP, name, "injects faults with", "the injection of faults:", VehicleError)
 
@@ -108,7 +107,7 @@ def fault_part(name: str) -> Any:
 if TYPE_CHECKING:
 
     class Fault:
-        """A fault; the docstring of the add-on's class lists the parameters."""
+        """A fault; the docstring of the class in the add-on lists its parameters."""
 
         vehicle: int | None
 

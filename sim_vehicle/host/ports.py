@@ -1,4 +1,4 @@
-"""Ports of the server, one per URL, and their clients."""
+"""Ports of the server and their clients; the server has one port for each URL."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ _DATAGRAM_BYTES = 1200
 _SILENCE_S = 60.0
 _MOST_PEERS = 64
 _REFRESH_S = 0.5
-# Number of open files besides the sockets of the URLs: TCP peers, logs, libraries.
+# Number of open files besides the sockets of the URLs, for TCP peers, logs and libraries.
 _FILES = 512
-# Number of open files of a port with `at_once`: the socket, two socket pairs, a selector.
+# Number of open files of a port with `at_once`: one socket, two socket pairs and one selector.
 _AT_ONCE_FILES = 6
 
 
 @dataclass(frozen=True, slots=True)
 class ServerUrl:
-    """Address of a server port (`open_port`), with the vehicles and the link name at this address.
+    """Address of a port of the server (`open_port`), with the vehicles and the link name there.
 
     `systems` are the system ids of the vehicles at this address, for example of one autopilot. An empty
     set means all vehicles.
@@ -43,14 +43,14 @@ class ServerUrl:
     url: str
     systems: frozenset[int] = frozenset()
     link: str = ""
-    """Name of the link for vehicles with different telemetry per link (`Streams`)."""
+    """Name of the link, for vehicles that send different telemetry on different links (`Streams`)."""
 
 
 class Client:
     """A peer of a port, with a stream of bytes in each direction.
 
-    Outgoing frames are collected until `flush`, because autopilots, too, send few but large datagrams.
-    `radio` applies faults to the frames. `systems` and `link` are explained at `ServerUrl`.
+    Outgoing frames are collected until `flush`; as with autopilots, datagrams are thus few but large. `radio`
+    applies faults to the frames. See `ServerUrl` for `systems` and `link`.
     """
 
     def __init__(self, name: str, write: Callable[[bytes], None]) -> None:
@@ -75,13 +75,13 @@ class Client:
         return frames
 
     def send(self, frame: bytes) -> None:
-        """Collect a frame for `flush`; a full datagram is sent at once."""
+        """Collect a frame for `flush`; send the frames before it at once if they fill a datagram."""
         if len(self._outgoing) + len(frame) > _DATAGRAM_BYTES:
             self.flush()
         self._outgoing += frame
 
     def flush(self) -> None:
-        """Send the collected frames; `alive` becomes False if the peer is gone."""
+        """Send the collected frames; set `alive` to False if the peer is gone."""
         if not self._outgoing:
             return
         data = bytes(self._outgoing)
@@ -96,13 +96,13 @@ class ReadyCallback(NamedTuple):
     """Callback for a descriptor that is ready."""
 
     owner: object
-    """Owner of the descriptor; the system reuses descriptor numbers."""
+    """Owner of the descriptor, needed because the system reuses descriptor numbers."""
     receive: Callable[[], list[tuple[Client, bytes]]]
     """Returns frames with their senders."""
 
 
 def _received(link: Link, client: Client) -> list[tuple[Client, bytes]]:
-    """Return the frames received over a client's link; a lost link sets `alive` to False."""
+    """Return the frames received over a client's link; if the link is lost, set `alive` to False."""
     try:
         pieces = link.receive()
     except LinkError:
@@ -155,7 +155,7 @@ class _UdpPort:
         for data, peer in arrived:
             client = self._peers.get(peer)
             if client is None:
-                # A peer becomes a client by its first MAVLink frame.
+                # A peer becomes a client when its first MAVLink frame arrives.
                 if len(self._peers) >= _MOST_PEERS or not _speaks_mavlink(data):
                     continue
                 client = self._admit(peer)
@@ -204,7 +204,7 @@ class _TcpPort:
 
 
 class _LinkPort:
-    """A peer behind a serial line or TCP connection that the server opens, and reopens after a loss."""
+    """A peer behind a serial line or a TCP connection, which the server opens, and reopens after a loss."""
 
     def __init__(self, link: Link) -> None:
         self.name = link.name
@@ -213,7 +213,7 @@ class _LinkPort:
         self._socket: tuple[int, object] = (-1, None)
 
     def _owner(self) -> object:
-        """Return a token that changes with each reconnection."""
+        """Return an object that is replaced at each reconnection."""
         made = getattr(self._link, "connections", 1)
         if self._socket[0] != made:
             self._socket = (made, object())
@@ -249,8 +249,8 @@ def open_port(url: str, *, at_once: bool = False) -> ServerPort:
 
     ``udpin:HOST:PORT`` waits for clients. ``udpout:HOST:PORT`` sends to one client and serves all peers that
     answer; a local port may follow, as in ``udpout:127.0.0.1:14550,18570``. ``tcpin:HOST:PORT`` waits for
-    connections. ``tcp:HOST:PORT`` connects, and reconnects after a loss. ``serial:DEVICE:BAUD`` is a serial
-    line, reopened when its device returns. `at_once` is passed to `mission.link.sockets.UdpSocket`.
+    connections. ``tcp:HOST:PORT`` connects, and reconnects after a loss. ``serial:DEVICE:BAUD`` opens a
+    serial line, and reopens it if it was lost. `at_once` is passed to `mission.link.sockets.UdpSocket`.
 
     Raises LinkError if the address is invalid, in use or unreachable, VehicleError for an invalid local port.
     """
@@ -276,7 +276,7 @@ def open_port(url: str, *, at_once: bool = False) -> ServerPort:
 
 
 def _address_of(address: LinkAddress) -> str:
-    """Return the IPv4 address of a host, by which the host's answers are recognised."""
+    """Return the IPv4 address of a host; answers with this address come from the host."""
     try:
         return str(socket.getaddrinfo(address.host, address.port, socket.AF_INET, socket.SOCK_DGRAM)[0][4][0])
     except (OSError, UnicodeError) as error:
@@ -290,8 +290,8 @@ class PortSelector:
     `links` are links that are open already; they are numbered after the URLs. `injection` makes the radios of
     the clients.
 
-    ``clients`` is replaced by a new list at each change of clients. ``urls`` are the addresses with the
-    actual port numbers. Raises LinkError if an address is invalid or in use; all sockets are closed then.
+    ``clients`` is a new list after each change of clients. ``urls`` are the addresses with the actual port
+    numbers. Raises LinkError if an address is invalid or in use; all sockets are closed then.
     """
 
     def __init__(
@@ -325,17 +325,17 @@ class PortSelector:
 
     @property
     def dropped(self) -> Counter[str]:
-        """Number of datagrams per address that were dropped because of a full receive queue."""
+        """Number of datagrams that were dropped because of a full receive queue, by address."""
         ports = (port for port, _ in self._ports if isinstance(port, _UdpPort))
         return sum((Counter(port.dropped) for port in ports), Counter())
 
     def wake(self) -> None:
-        """End `wait`; may be called from another thread."""
+        """End `wait`; this method may be called from another thread."""
         with contextlib.suppress(OSError):
             self._wake.send(b"\0")
 
     def wait(self, seconds: float) -> list[tuple[Client, bytes]]:
-        """Wait for data, at most `seconds`; return frames with their senders."""
+        """Wait for data for at most `seconds`; return the frames with their senders."""
         ready = self._selector.select(max(0.0, seconds))
         found: list[tuple[Client, bytes]] = []
         for key, _ in ready:

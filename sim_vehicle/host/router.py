@@ -41,7 +41,7 @@ def frame_source(frame: bytes) -> Address:
 
 
 def frame_target(frame: bytes) -> Address:
-    """Return the target address of a frame; 0 is a broadcast.
+    """Return the target address of a frame; system 0 means a broadcast.
 
     MAVLink 2 truncates trailing zeros of the payload, so a field beyond the payload is 0.
     """
@@ -71,7 +71,7 @@ def target_offsets(message_id: int) -> tuple[int, int]:
 
 
 class RoutingTable(Generic[Port]):
-    """Table of the addresses behind each port.
+    """Routing table: the addresses behind each port.
 
     Examples
     --------
@@ -98,7 +98,7 @@ class RoutingTable(Generic[Port]):
         return True
 
     def forget(self, port: Port) -> None:
-        """Remove a closed port."""
+        """Remove a port that was closed."""
         self._known.pop(port, None)
 
     def destinations(self, target: Address, source: Port, ports: Iterable[Port]) -> list[Port]:
@@ -128,11 +128,11 @@ class Located(Protocol):
 
     @property
     def true_position_m(self) -> tuple[float, float, float]:
-        """Position east, north and up from home (m)."""
+        """Position relative to home: east, north, up (m)."""
 
 
 class RadioRange:
-    """Spherical range of the ground station's radio; no frame passes beyond it in either direction."""
+    """Spherical range of the ground station's radio; outside it, no frame passes in either direction."""
 
     def __init__(self, range_m: float, station: GeoPoint, vehicles: Sequence[Located]) -> None:
         self._range_m = range_m
@@ -145,7 +145,7 @@ class RadioRange:
             self._vehicles[vehicle.system_id] = vehicle, home_m
 
     def distance_m(self, system_id: int) -> float:
-        """Return the distance from the ground station to a vehicle (m); 0 for other systems."""
+        """Return the distance from the ground station to a vehicle (m); 0 if the system is not a vehicle."""
         if system_id not in self._vehicles:
             return 0.0
         vehicle, home_m = self._vehicles[system_id]

@@ -31,7 +31,7 @@ _MOST_ANSWERS = 100_000
 
 
 class _Local:
-    """A component of the server as a port of the router."""
+    """A component of the server in the role of a port of the router."""
 
     __slots__ = ("component", "log", "streams", "systems", "wanted", "writer", "writers")
 
@@ -44,7 +44,7 @@ class _Local:
         self.systems = frozenset((serves,))
         self.wanted = component.wanted
         self.writer = FrameWriter(component.system_id, component.component_id, signing=signing)
-        # Peers count losses by sequence numbers, so each named link has its own sequence.
+        # Peers count losses by sequence numbers, so the frames on each named link have their own sequence.
         links = {url.link for url in urls if url.link and (not url.systems or serves in url.systems)}
         self.writers = {
             link: FrameWriter(component.system_id, component.component_id, signing=signing) for link in links
@@ -63,15 +63,15 @@ _Route = tuple[tuple[_Local, ...], tuple[Client, ...]]
 class Server(Closing):
     """Host of components on real sockets.
 
-    Frames are routed between clients as by mavlink-router. A client that sends garbage, stops reading or
-    disappears does not affect the other clients.
+    The server routes frames between clients as mavlink-router does. A client that sends garbage, stops
+    reading or disappears does not affect the other clients.
 
     Parameters
     ----------
     components : sequence of Component
         Components with different addresses.
     urls : sequence of str or ServerUrl
-        Addresses, see `sim_vehicle.host.ports.open_port`; a `ServerUrl` can limit the vehicles at an address.
+        Addresses for `sim_vehicle.host.ports.open_port`; a `ServerUrl` can limit the vehicles at an address.
     speed : float
         Simulation time divided by wall-clock time; infinity runs as fast as possible. On a slow machine the
         simulation runs more slowly, but it skips no time.
@@ -145,7 +145,7 @@ class Server(Closing):
         for local, address in zip(self._locals, addresses, strict=True):
             self._table.learn(local, address)
         self._reader = FrameReader()
-        # Frames, their senders, and the link they are for (None: all links; "": links without a name).
+        # Frames, their senders, and the link to send them on (None: all links; "": links without a name).
         self._inbox: deque[tuple[bytes, _Port, str | None]] = deque()
         self._routes: dict[tuple[_Port, int, tuple[int, int], str | None], _Route] = {}
         self._clients: list[Client] = []
@@ -164,11 +164,11 @@ class Server(Closing):
 
     @property
     def dropped(self) -> Counter[str]:
-        """Number of datagrams per address that were dropped because of a full receive queue."""
+        """Number of datagrams that were dropped because of a full receive queue, by address."""
         return self._selector.dropped
 
     def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
-        """Serve until ``until(now_s)`` is true, `limit_s` simulated seconds are over, or `stop` or Ctrl-C."""
+        """Serve until ``until(now_s)`` is true, for `limit_s` simulated seconds, or until `stop`/Ctrl-C."""
         end_s = self.now_s + limit_s
         self._origin_s = self.now_s - self._wall_s()
         try:
@@ -189,7 +189,7 @@ class Server(Closing):
             self._stopping = False
 
     def send(self, component: Component, messages: Iterable[Message]) -> None:
-        """Send messages of a component outside of its `receive` and `poll`.
+        """Send messages that a component did not return from `receive` or `poll`.
 
         Raises VehicleError if the component does not belong to the server.
         """
@@ -203,12 +203,12 @@ class Server(Closing):
         raise VehicleError(f"server: no component has the address {address}")
 
     def stop(self) -> None:
-        """End `run`; may be called from another thread."""
+        """End `run`; this method may be called from another thread."""
         self._stopping = True
         self._selector.wake()
 
     def close(self) -> None:
-        """Send the last messages of the components and close all sockets; may be called twice."""
+        """Send the last messages of the components and close all sockets; a second call does nothing."""
         if self._closed:
             return
         self._closed = True
@@ -230,7 +230,7 @@ class Server(Closing):
         return deadline_s
 
     def _run_due(self, end_s: float) -> None:
-        """Poll the components at each deadline that is due, in order of time."""
+        """Poll the components at all deadlines that are due, in order of time."""
         began_s = time.monotonic()
         while True:
             deadline_s = self._deadline()
@@ -255,8 +255,8 @@ class Server(Closing):
             if self.speed == NEVER:
                 return
             if time.monotonic() - began_s > _BURST_S:
-                # If the simulation is behind the wall clock, it polls the sockets, and time is stretched to
-                # limit the lag.
+                # A simulation behind the wall clock still polls the sockets, and stretches time to limit the
+                # lag.
                 lag_s = clock_s - self.now_s - _LARGEST_LAG_S * self.speed
                 self._origin_s -= max(0.0, lag_s)
                 return
@@ -277,7 +277,7 @@ class Server(Closing):
             clock_s = self._origin_s + self._wall_s()
             self.now_s = max(self.now_s, min(clock_s, self._deadline(), end_s))
         for client, frame in arrived:
-            if self._tap is not None and frame_id(frame) != SETUP_SIGNING:  # Keys are never logged.
+            if self._tap is not None and frame_id(frame) != SETUP_SIGNING:  # The tap never gets signing keys.
                 self._tap(frame, self.now_s)
             if client.radio is not None:
                 client.radio.send("up", frame, frame_target(frame)[0], self.now_s)
@@ -296,7 +296,7 @@ class Server(Closing):
         self._inbox.append((frame, client, None))
 
     def _take_from_radios(self) -> None:
-        """Forward the frames that arrive over faulty radios; damaged frames of clients are dropped."""
+        """Forward the frames that arrive over faulty radios; drop damaged frames of clients."""
         for client in self._radios:
             assert client.radio is not None
             for frame in client.radio.receive("up", self.now_s):
@@ -306,7 +306,7 @@ class Server(Closing):
                 client.send(frame)
 
     def _meet_clients(self) -> None:
-        """Update the routing to the connected clients."""
+        """Route to the clients that are now connected."""
         clients = self._selector.clients
         if clients is self._clients:
             return
@@ -318,7 +318,7 @@ class Server(Closing):
         self._routes.clear()
 
     def _send(self, local: _Local, messages: Iterable[Message], link: str | None = None) -> None:
-        """Send messages and log them; with `link`, send them on this link alone and do not log them."""
+        """Send and log messages. If `link` is given, send them on this link only, without logging."""
         writer = local.writers[link] if link else local.writer
         for message in messages:
             frame = writer.encode(message)
@@ -344,7 +344,7 @@ class Server(Closing):
                     routes.clear()
                 routes[key] = route
             locals_, clients = route
-            numbered: dict[str, bytes] = {}  # renumbered frame of each named link
+            numbered: dict[str, bytes] = {}  # The frame as renumbered for each named link.
             for client in clients:
                 data = frame
                 if client.link and not link and isinstance(source, _Local) and client.link in source.writers:
@@ -366,7 +366,7 @@ class Server(Closing):
         inbox.clear()
 
     def _route(self, source: _Port, message_id: int, target: tuple[int, int], link: str | None) -> _Route:
-        """Return the components and clients that receive a message."""
+        """Return the components and the clients to which a message goes."""
         ports: list[_Port] = [*self._locals, *self._clients]
         if link is not None:
             ports = [port for port in ports if (port.link if isinstance(port, Client) else "") == link]
@@ -388,7 +388,7 @@ class Server(Closing):
 
 
 def _are_connected(source: _Port, port: _Port) -> bool:
-    """Return whether frames pass between two ports; a vehicle's own port serves only this vehicle."""
+    """Return whether frames pass between two ports; a port for one vehicle serves only this vehicle."""
     if isinstance(source, _Local) and isinstance(port, _Local):
         return True
     return not source.systems or not port.systems or not source.systems.isdisjoint(port.systems)

@@ -1,7 +1,7 @@
 """Host of components on a virtual clock, which runs as fast as the machine can.
 
-Each message is encoded once, by its sender, and routed by the rules of mavlink-router. The clock jumps to the
-next deadline, so the same components and seeds give the same bytes at the same times.
+The sender's writer encodes each message once, and the host routes the frame by the rules of mavlink-router.
+The clock jumps to the next deadline, so the same components and seeds give the same bytes at the same times.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ __all__ = ["Impairment", "Simulation", "StopReason", "VirtualLink"]
 
 
 class VirtualLink:
-    """A `mission.link.Link` on the virtual clock; made by `Simulation.open_link`.
+    """A `mission.link.Link` on the virtual clock, as `Simulation.open_link` makes it.
 
-    Programs that take a clock and a wait function, such as `mission.transfer.driver.TransferDriver`, can run
-    on the virtual clock. `wait` advances the clock until data arrive or the time is over.
+    With its `clock` and `wait`, programs such as `mission.transfer.driver.TransferDriver` run on virtual
+    time. `wait` advances the clock until data arrive or the time is over.
 
     Examples
     --------
@@ -66,7 +66,7 @@ class VirtualLink:
         self._open = True
 
     def send(self, data: bytes) -> None:
-        """Send bytes; complete frames are routed, other bytes are dropped."""
+        """Send bytes; the host routes complete frames and drops other bytes."""
         if not self._open:
             raise LinkError(f"{self.name}: the link is closed")
         self._reader.feed(data)
@@ -76,18 +76,18 @@ class VirtualLink:
             self._send_frame(frame)
 
     def receive(self) -> list[bytes]:
-        """Return the frames that have arrived; no time passes."""
+        """Return the frames that have arrived, without advancing the clock."""
         arrived = self._arrived[:]
         self._arrived.clear()
         return arrived
 
     def deliver(self, frame: bytes) -> None:
-        """Add an arriving frame; called by the host."""
+        """Add an arriving frame; the host calls this method."""
         if self._open:
             self._arrived.append(frame)
 
     def wait(self, link: Link, seconds: float) -> None:  # noqa: ARG002
-        """Advance the clock until a frame arrives, at most `seconds`; `link` is for ``TransferDriver``."""
+        """Advance the clock to the next frame, at most by `seconds`; only ``TransferDriver`` needs `link`."""
         if not self._arrived:
             self._pass_time(max(0.0, seconds), lambda: bool(self._arrived))
 
@@ -100,27 +100,27 @@ class VirtualLink:
         self._open = False
 
     def fileno(self) -> int | None:
-        """Return None: the link has no descriptor."""
+        """Return None, because the link has no descriptor."""
         return None
 
 
-# An upload and a download of the longest mission (65535 items) can take place at one instant.
+# One instant may hold an upload and a download of the longest mission (65535 items).
 _STEPS_AT_ONE_INSTANT = 300_000
 
 
 class StopReason(Enum):
-    """Reason for the return of `Simulation.run`."""
+    """Reason why the `run` of a host returned."""
 
-    FINISHED = "finished"  # the condition of the caller is true
-    TIME_LIMIT = "time limit"  # the time is over
-    IDLE = "idle"  # no message is in transit and no component has a deadline
-    STALLED = "stalled"  # messages between components do not end, so time cannot advance
-    STOPPED = "stopped"  # `Server` only: stopped by `stop` or Ctrl-C
+    FINISHED = "finished"  # The caller's condition is true.
+    TIME_LIMIT = "time limit"  # The time limit is reached.
+    IDLE = "idle"  # No message is in transit, and no component has a deadline.
+    STALLED = "stalled"  # Messages between components never end, so time cannot advance.
+    STOPPED = "stopped"  # `stop` or Ctrl-C ended the run of a `Server`.
 
 
 @dataclass(frozen=True, slots=True)
 class Impairment:
-    """A bad radio between the `remote` components and all other components; each frame has its own faults.
+    """A bad radio between the `remote` components and all others; faults strike each frame separately.
 
     Parameters
     ----------
@@ -141,16 +141,16 @@ class Impairment:
     def __post_init__(self) -> None:
         for name in ("loss", "duplication"):
             if not 0.0 <= getattr(self, name) <= 1.0:
-                msg = f"link impairment: {name} {getattr(self, name)} is no probability; give 0 to 1"
+                msg = f"link impairment: {name} {getattr(self, name)} is not a probability; give 0 to 1"
                 raise VehicleError(msg)
         for name in ("delay_s", "jitter_s"):
             if not 0.0 <= getattr(self, name) < NEVER:
-                msg = f"link impairment: {name} {getattr(self, name)} is no delay; give seconds from 0"
+                msg = f"link impairment: {name} {getattr(self, name)} is not a delay; give 0 or more seconds"
                 raise VehicleError(msg)
 
     @property
     def faults(self) -> Faults:
-        """Return the impairment as disturbances of a radio."""
+        """Disturbances of a radio with this impairment."""
         return Faults(self.loss, self.duplication, delay_s=self.delay_s, jitter_s=self.jitter_s)
 
 
@@ -243,7 +243,7 @@ class Simulation:
         self._share_listeners()
 
     def _share_listeners(self) -> None:
-        """Limit `SaysMuch` components to the messages that another component or a link wants."""
+        """Limit `SaysMuch` components to the messages that others want, unless links or logs want all."""
         plain = not self._injection.faults and self._tap is None and self._signing is None
         plain = plain and not self._links and not self._radios
         for port, component in enumerate(self._components):
@@ -254,7 +254,7 @@ class Simulation:
                 component.only_heard(frozenset().union(*heard) if all_known else None)
 
     def open_link(self, name: str = "virtual") -> VirtualLink:
-        """Open a link for ground software; `name` identifies the link in faults and errors."""
+        """Open a link for ground software; faults and errors name the link by `name`."""
         port = len(self._components) + len(self._links)
         link = VirtualLink(
             name, lambda: self.now_s, lambda frame: self._send_frame(port, frame), self._pass_time
@@ -266,7 +266,7 @@ class Simulation:
         return link
 
     def _pass_time(self, seconds: float, until: Callable[[], bool] | None) -> None:
-        """Run for `seconds` or until a condition is true; an idle simulation advances the clock, too."""
+        """Run for `seconds` or until a condition is true; the clock advances even in an idle simulation."""
         end_s = self.now_s + seconds
 
         def is_over(_now_s: float = 0.0) -> bool:
@@ -312,7 +312,7 @@ class Simulation:
             self._step(deadlines)
 
     def send(self, component: Component, messages: Iterable[mavlink.MAVLink_message]) -> None:
-        """Send messages of a component outside of its `receive` and `poll`.
+        """Send messages that a component did not return from `receive` or `poll`.
 
         Raises VehicleError if the component does not belong to the simulation.
         """
@@ -332,7 +332,7 @@ class Simulation:
                     self._send(port, messages)
 
     def _arrive(self, port: int, radio: Radio) -> None:
-        """Forward the frames that arrive over a radio; damaged frames reach only links."""
+        """Forward the frames that arrive over a radio; only links get damaged frames."""
         for frame in radio.receive("up", self.now_s):
             if valid_frame_end(frame) == len(frame):
                 ports = self._ports(port, frame_id(frame), frame_target(frame))
@@ -350,7 +350,7 @@ class Simulation:
         return self._range.reaches(self._components[port].system_id)
 
     def _send(self, source: int, messages: Iterable[mavlink.MAVLink_message]) -> None:
-        """Encode each message once and send the bytes."""
+        """Encode each message once and send the frame."""
         encode, tap, inbox, routes = self._writers[source].encode, self._tap, self._inbox, self._routes
         plain = not self._links and not self._radios
         silent = plain and tap is None and self._signing is None
@@ -389,7 +389,7 @@ class Simulation:
         message_id = frame_id(frame)
         if self._signing is not None and not self._signing.accepts(frame, message_id):
             return
-        if self._tap is not None and message_id != SETUP_SIGNING:  # Keys are never logged.
+        if self._tap is not None and message_id != SETUP_SIGNING:  # The tap never gets signing keys.
             self._tap(frame, self.now_s)
         if self._table.learn(source, frame_source(frame)):
             self._routes.clear()
@@ -407,7 +407,7 @@ class Simulation:
         return ports
 
     def _route(self, source: int, message_id: int, target: int) -> tuple[int, ...]:
-        """Return the ports that receive a message and want it."""
+        """Return the ports to which a message goes and which want the message."""
         everyone = range(len(self._components) + len(self._links))
         found = self._table.destinations((target >> 8, target & 255), source, everyone)
         return tuple(port for port in found if self._wants(port, message_id))
@@ -419,7 +419,7 @@ class Simulation:
         return wanted is None or message_id in wanted
 
     def _forward(self, frame: bytes, ports: tuple[int, ...]) -> None:
-        """Send a frame to ports, some of them links or behind radios."""
+        """Send a frame to ports, which may be links or lie behind radios."""
         near: list[int] = []
         system = frame_source(frame)[0]
         for port in ports:
@@ -434,7 +434,7 @@ class Simulation:
             self._inbox.append((tuple(near), frame))
 
     def _deliver(self) -> bool:
-        """Deliver the pending messages and the answers to them; return False if the answers do not end."""
+        """Deliver the pending messages and all answers to them; return False if the answers never end."""
         inbox, components, now_s = self._inbox, self._components, self.now_s
         for _ in range(_STEPS_AT_ONE_INSTANT):
             if not inbox:

@@ -1,4 +1,4 @@
-"""Simulated vehicle with an autopilot that speaks MAVLink, on top of the mission executor."""
+"""Simulated vehicle whose autopilot speaks MAVLink; it is built on the mission executor."""
 
 from sim_vehicle.mavlink.vehicle import SimVehicle
 

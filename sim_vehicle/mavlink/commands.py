@@ -1,7 +1,7 @@
-"""COMMAND_LONG and COMMAND_INT, with one table from MAV_CMD to handler.
+"""Execution of COMMAND_LONG and COMMAND_INT, with a table of handlers by MAV_CMD.
 
-To add a command, add a row to `HANDLERS`: a function of the vehicle and the command that returns a `Result`
-or raises RefusedError.
+To add a command, add a row to `HANDLERS`. A handler is a function that takes the vehicle and the command, and
+returns a `Result` or raises RefusedError.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = ["HANDLERS", "CommandReceiver", "enter_mode", "set_custom_mode"]
 
-# Most clients whose last command is remembered: a client can change its address at will.
+# Maximum number of clients whose last command is remembered, as clients can change their address at will.
 _MOST_PEERS = 256
 _HEARTBEAT_US = 1e6
 # Threshold of parameter 1 above which DO_FLIGHTTERMINATION terminates (common.xml).
@@ -44,7 +44,7 @@ _UNSUPPORTED = m.MAV_RESULT_UNSUPPORTED
 
 
 class CommandedVehicle(Protocol):
-    """Interface of the vehicle that command handlers use."""
+    """Interface through which command handlers use the vehicle."""
 
     pilot: Pilot
     state: WireState
@@ -54,7 +54,7 @@ class CommandedVehicle(Protocol):
 
     @property
     def schedule(self) -> Schedule:
-        """Message intervals on the link of the command."""
+        """Message intervals on the link over which the command came."""
         ...
 
     def command_camera(self, command: int, params: tuple[float, ...]) -> None:
@@ -64,7 +64,7 @@ class CommandedVehicle(Protocol):
         """Return the message with this id for the present state; empty if the id is unknown."""
 
     def is_ready(self, message_id: int) -> bool:
-        """Return whether the vehicle has a message, even if there is nothing to send now."""
+        """Return whether the vehicle knows a message, even if it has none to send now."""
 
     def metadata(self) -> tuple[Message, ...]:
         """Return COMPONENT_METADATA messages; empty if there are none."""
@@ -80,7 +80,7 @@ Handler: TypeAlias = Callable[[CommandedVehicle, VehicleCommand], Result]
 
 
 class CommandReceiver:
-    """Executes and acknowledges commands; a command that a client retries is executed once."""
+    """Receiver that executes and acknowledges commands; it executes a retried command only once."""
 
     def __init__(self, vehicle: CommandedVehicle) -> None:
         self._vehicle = vehicle
@@ -126,7 +126,7 @@ def _acknowledgement(command: VehicleCommand, result: int) -> Message:
 
 
 def set_custom_mode(vehicle: CommandedVehicle, number: int) -> None:
-    """Enter a mode by its custom mode number; RefusedError if the mode is unknown or not possible now."""
+    """Enter a mode by its custom mode number; raises RefusedError if it is unknown or now impossible."""
     modes = vehicle.state.mavlink.modes
     mode = modes.mode_of(number)
     if mode is Mode.FLIP and vehicle.state.custom_mode not in modes.flips_from:
@@ -146,14 +146,14 @@ def set_custom_mode(vehicle: CommandedVehicle, number: int) -> None:
 
 
 def enter_mode(state: WireState, mode: Mode, number: int) -> None:
-    """Enter a mode, or refuse it as custom mode `number` with the firmware's own text."""
+    """Enter a mode, or refuse it with the firmware's text for the custom mode `number`."""
     with _refused_as(state, number):
         state.pilot.set_mode(mode)
 
 
 @contextmanager
 def _refused_as(state: WireState, number: int | None) -> Iterator[None]:
-    """Refuse a custom mode with the firmware's own text; with None for `number`, keep the refusal."""
+    """Give refusals the firmware's text for the custom mode `number`; None leaves them unchanged."""
     try:
         yield
     except RefusedError as refusal:
@@ -181,7 +181,7 @@ def _set_mode(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
 
 
 def _available_modes(profile: MavlinkProfile, index: int) -> tuple[Message, ...]:
-    """Return AVAILABLE_MODES for one mode (from 1), or for all modes with 0."""
+    """Return AVAILABLE_MODES for the mode with an index from 1, or for all modes if the index is 0."""
     modes = list(profile.modes.numbers.items())
     return tuple(
         m.MAVLink_available_modes_message(len(modes), i, 0, number, 0, mode.value.encode())
@@ -203,7 +203,7 @@ def _arm(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
 
 
 def _run_checks(vehicle: CommandedVehicle, _command: VehicleCommand) -> Result:
-    """Run the pre-arm checks and warn of a failure."""
+    """Run the pre-arm checks, and warn if one fails."""
     if vehicle.pilot.armed:
         return m.MAV_RESULT_TEMPORARILY_REJECTED
     problem = vehicle.pilot.arming.health_problem()
@@ -235,7 +235,7 @@ def _reposition(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
     altitude = vehicle.state.above_start(command.params[6], command.frame)
     if math.isnan(altitude):
         altitude = pilot.state.position_m[2]
-    # DO_REPOSITION has the heading in radians, unlike mission items.
+    # Unlike mission items, DO_REPOSITION gives the heading in radians.
     speed, yaw_rad = command.params[0], command.params[3]
     turns = math.isfinite(yaw_rad) and vehicle.state.mavlink.reposition_turns
     pilot.goto(
@@ -256,7 +256,7 @@ def _change_speed(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
 
 
 def _region(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """DO_SET_ROI_LOCATION and similar: point the nose at a position, or stop without a position."""
+    """Execute DO_SET_ROI_LOCATION etc.: point the nose at a position; without a position, stop this."""
     known = command.id != Command.DO_SET_ROI_NONE and command.frame in (0, *RELATIVE_FRAMES)
     if known and command.position is not None:
         vehicle.pilot.look_at(*command.position)
@@ -272,7 +272,7 @@ def _camera(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
 
 
 def _fence_enable(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """DO_FENCE_ENABLE (ArduPilot): 0 is off, 1 is on, 2 is on without the floor."""
+    """Execute ArduPilot's DO_FENCE_ENABLE: 0 disables the fence, 1 and 2 (without the floor) enable it."""
     kind = command.number(1, -1)
     if kind not in (0, 1, 2):
         raise RefusedError(f"Fence refused: parameter 1 is {command.params[0]:g}", denied=True)
@@ -286,11 +286,11 @@ def _terminate(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
 
 
 def _set_home(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """DO_SET_HOME: here (parameter 1 is 1), or at a position; PX4 reads altitudes as above sea level."""
+    """Execute DO_SET_HOME: here if parameter 1 is 1, else at a position; PX4 takes altitudes as AMSL."""
     pilot, state = vehicle.pilot, vehicle.state
     x, y, up = pilot.state.position_m
     position = pilot.frame.to_wgs84(x, y)
-    # ArduPilot reads a zero position as the present position (``handle_command_do_set_home``).
+    # ArduPilot takes a zero position for the present position (``handle_command_do_set_home``).
     here = command.params[0] == 1.0 or not (state.mavlink.home_above_sea or any(command.params[4:6]))
     if not here:
         if command.position is None or not math.isfinite(command.params[6]):
@@ -315,7 +315,7 @@ def _mission_start(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
 
 
 def _land_start(vehicle: CommandedVehicle, _command: VehicleCommand) -> None:
-    """DO_LAND_START: continue the mission at the start of its landing."""
+    """Execute DO_LAND_START: continue the mission at the start of its landing."""
     seq = vehicle.pilot.executor.mission.landing_start()
     if seq is None:
         text = vehicle.state.mavlink.refusals.landing
@@ -386,7 +386,7 @@ def _request_message(vehicle: CommandedVehicle, command: VehicleCommand) -> Resu
         messages = vehicle.built(message_id)
     if messages or vehicle.is_ready(message_id):
         return messages
-    # As in PX4's MavlinkReceiver::handle_request_message_command, ArduPilot's handle_command_request_message.
+    # PX4's handle_request_message_command and ArduPilot's handle_command_request_message return this result.
     return vehicle.state.mavlink.unknown_message_result
 
 

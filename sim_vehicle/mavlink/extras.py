@@ -1,4 +1,4 @@
-"""Vehicle extras: parts that add-ons add to every simulated vehicle through entry points (`EXTRA_GROUP`)."""
+"""Vehicle extras: parts that add-ons give to every simulated vehicle, by entry points of `EXTRA_GROUP`."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from sim_vehicle.pilot.mode_control import PilotExtra
 __all__ = ["EXTRA_GROUP", "Timed", "VehicleExtra", "extras_of"]
 
 EXTRA_GROUP = "wbf_mission.vehicle_extras"
-"""Entry point group; each entry makes a `VehicleExtra` from a vehicle's state, parameters and plans."""
+"""Entry point group; each entry makes a `VehicleExtra` from a vehicle's `WireState`, parameters and plans."""
 
 
 class Timed(Protocol):
-    """Part of a vehicle that sends messages at its ``due_s``."""
+    """Part of a vehicle that sends messages at the time ``due_s``."""
 
     @property
     def due_s(self) -> float:
-        """Time of the next `poll` that has an effect (s); infinite if there is none."""
+        """Time of the next `poll` that has an effect (s); infinite if no `poll` will have an effect."""
 
     def poll(self, now_s: float) -> Iterable[Message]:
         """Return the messages that are due."""
 
 
 class VehicleExtra(PilotExtra):
-    """Part of a vehicle that an add-on provides; a subclass overrides what it needs.
+    """Part of a vehicle that an add-on provides; a subclass overrides the methods that it needs.
 
     Parameters
     ----------
@@ -52,9 +52,9 @@ class VehicleExtra(PilotExtra):
         self.state = state
         self.parameters = parameters
         self.plans = plans
-        # Handlers by message id, called with the message and the time, after the vehicle's own handler.
+        # Handlers by message id; they get the message and the time, after the vehicle's handler has run.
         self.handlers: Mapping[int, Callable[[Any, float], Iterable[Message] | None]] = {}
-        # Handlers by MAV_CMD; if the vehicle has a handler, too, the vehicle's result is returned.
+        # Handlers by MAV_CMD; if the vehicle also has a handler, the command has the vehicle's result.
         self.commands: Mapping[int, Callable[[VehicleCommand], Result]] = {}
         # Telemetry builders by message id; a builder returns None if there is nothing to send.
         self.builders: Mapping[int, Callable[[WireState], Message | None]] = {}
@@ -67,16 +67,16 @@ class VehicleExtra(PilotExtra):
         """React to a change of mode, before the vehicle reports the mode."""
 
     def reboot(self) -> None:
-        """Reboot with the vehicle."""
+        """Reboot the extra together with the vehicle."""
 
     def execute(self, command: VehicleCommand) -> None:
-        """Execute an item of the mission for the camera or its gimbal."""
+        """Execute a mission item for the camera or its gimbal."""
 
     def requested(self, message_id: int) -> None:
-        """Prepare for a client's request of a message or its interval."""
+        """Prepare for a message that a client has requested, once or at an interval."""
 
     def is_ready(self, message_id: int) -> bool:
-        """Whether the extra can send a message; until it can, the interval set by a data stream waits."""
+        """Whether the extra can send a message; until then, an interval that a data stream sets waits."""
         return True
 
     def camera_attitude(self, boot_us: float) -> tuple[float, float, float] | None:

@@ -22,12 +22,12 @@ from sim_vehicle.weather.wind import Wind
 __all__ = ["MOST_VEHICLES", "SPACING_M", "Fleet", "fleet_urls", "start_positions"]
 
 MOST_VEHICLES = 250
-"""System ids end at 255, and ground stations need a few of them."""
+"""Maximum number of vehicles; system ids end at 255, and ground stations need a few."""
 SPACING_M = 4.0
 
 
 def start_positions(home: GeoPoint, count: int, spacing_m: float = SPACING_M) -> list[GeoPoint]:
-    """Return start positions: the first at home, the others on a square spiral around home.
+    """Return start positions: home for the first vehicle, and a square spiral around home for the others.
 
     Raises VehicleError unless the spacing is 0.1 m to 1 km.
 
@@ -46,7 +46,7 @@ def start_positions(home: GeoPoint, count: int, spacing_m: float = SPACING_M) ->
         column, row = column + dx, row + dy
         latitude, longitude = frame.to_wgs84(spacing_m * column, spacing_m * row)
         positions.append(GeoPoint(latitude, longitude, home.altitude_m))
-        # Corner of a square spiral that turns left.
+        # The square spiral turns left at each of its corners.
         if column == row or (column < 0 and column == -row) or (column > 0 and column == 1 - row):
             dx, dy = -dy, dx
     return positions[:count]
@@ -55,9 +55,9 @@ def start_positions(home: GeoPoint, count: int, spacing_m: float = SPACING_M) ->
 def fleet_urls(
     autopilot: Autopilot, systems: range, named: Collection[str] = frozenset()
 ) -> tuple[ServerUrl, ...]:
-    """Return the URL of each vehicle's own simulator; each URL carries only that vehicle.
+    """Return the URLs of the simulator of each vehicle; each URL serves only this vehicle.
 
-    `named` has the names of the links that have their own message rates.
+    `named` contains the names of the links that have their own message rates.
 
     Examples
     --------
@@ -160,14 +160,14 @@ class Fleet:
 
     @property
     def urls(self) -> tuple[ServerUrl, ...]:
-        """URLs of the autopilot's own simulators."""
+        """URLs that the autopilot's own simulators would have."""
         first = self.vehicles[0]
         systems = range(first.system_id, first.system_id + len(self.vehicles))
         return fleet_urls(self.autopilot, systems, first.link_names)
 
 
 def _wind_of(wind: Wind | None, system: int) -> Wind | None:
-    """Return the wind of a vehicle; the first vehicle has the gusts of the given seed."""
+    """Return the wind of a vehicle; vehicle 1 keeps the seed of the gusts, the others get their own seeds."""
     if wind is None or system == 1 or not wind.is_gusty:
         return wind
     return replace(wind, seed=child_seed(wind.seed, f"vehicle-{system}"))

@@ -27,7 +27,7 @@ ParameterMessage: TypeAlias = (
 HASH = "_HASH_CHECK"
 """Pseudo-parameter with the checksum of all parameters; PX4 clients compare it with their cached values."""
 _NO_INDEX = 65535
-# A list is sent in batches over about a second: all at once would overflow a socket's buffer.
+# A list is sent in batches over about a second, because the whole list would overflow a socket's buffer.
 _BATCH = 25
 _BATCH_S = 0.02
 
@@ -35,7 +35,7 @@ __all__ = ["ParameterSet"]
 
 
 class ParameterSet:
-    """Vehicle side of the parameter protocol; ``live`` parameters are read-only and computed on each read."""
+    """Vehicle side of the parameter protocol; ``live`` parameters are read-only, computed at each read."""
 
     def __init__(
         self, pilot: Pilot, table: tuple[MavParameter, ...], live: Mapping[str, Callable[[], float]]
@@ -53,7 +53,7 @@ class ParameterSet:
 
     @property
     def table(self) -> tuple[MavParameter, ...]:
-        """All parameters, in index order."""
+        """All parameters, in the order of their indices."""
         return self._table
 
     def default(self, name: str) -> float:
@@ -61,7 +61,7 @@ class ParameterSet:
         return self._defaults.get(name, self._table[self._index[name]].value)
 
     def poll(self, now_s: float) -> list[Message]:
-        """Return the next batch of a requested list, if due."""
+        """Return the next batch of a requested list, if it is due."""
         if now_s < self.due_s:
             return []
         end = min(self._next + _BATCH, len(self._table))
@@ -83,13 +83,13 @@ class ParameterSet:
         return float(round(value)) if parameter.integer else value
 
     def _held(self, parameter: MavParameter) -> float:
-        """Return the value in force: in SI units if the parameter is a field of `RuntimeParameters`."""
+        """Return the value in force, in SI units if the parameter is a field of `RuntimeParameters`."""
         if parameter.field is not None:
             return float(getattr(self._values, parameter.field))
         return self._values.kept(parameter.name, parameter.value)
 
     def handle(self, message: ParameterMessage, now_s: float) -> list[Message]:
-        """Answer PARAM_REQUEST_READ, PARAM_SET, and PARAM_REQUEST_LIST, which `poll` continues."""
+        """Answer PARAM_REQUEST_READ, PARAM_SET and PARAM_REQUEST_LIST; `poll` sends the rest of the list."""
         if is_a(message, m.MAVLink_param_request_list_message):
             self._next, self.due_s = 0, now_s
             return self.poll(now_s)
@@ -106,7 +106,7 @@ class ParameterSet:
         return [self._message(index)]
 
     def _hash(self) -> Message:
-        """Return PX4's checksum of all names and values; an attempt to set it gets the same answer."""
+        """Return PX4's checksum of all names and values, also in answer to an attempt to set it."""
         checksum = 0
         for parameter in self._table:
             value = self.value(parameter.name)
@@ -118,7 +118,7 @@ class ParameterSet:
         )
 
     def change(self, name: str, value: float) -> None:
-        """Set a parameter as PARAM_SET does; an unknown name has no effect."""
+        """Set a parameter as PARAM_SET does; ignore an unknown name."""
         index = self._index.get(name)
         if index is not None:
             self._set(self._table[index], value)
@@ -137,7 +137,7 @@ class ParameterSet:
             self._take(parameter, value)
 
     def _is_choice(self, parameter: MavParameter) -> bool:
-        """Whether the values are separate choices, so that clipping to the range makes no sense."""
+        """Whether the values are distinct choices, which must not be clipped to the range."""
         if parameter.field is None:
             return parameter.integer
         return isinstance(getattr(self._values, parameter.field), int)
@@ -152,7 +152,7 @@ class ParameterSet:
         self._values.stored[parameter.name] = value
 
     def _take(self, parameter: MavParameter, value: float) -> None:
-        """Apply a value; a value out of range is stored as given, and the nearest valid value is used."""
+        """Apply a value. If it is out of range, store it as given, but use the nearest valid value."""
         holds = min(max(value, parameter.low), parameter.high)
         if parameter.field is None:
             self._values.settings[parameter.name] = holds

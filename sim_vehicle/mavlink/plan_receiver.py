@@ -1,4 +1,4 @@
-"""Vehicle side of the mission protocol: receives plans and passes them to the pilot."""
+"""Vehicle side of the mission protocol, which passes received plans to the pilot."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _KNOWN_ITEMS = (
 
 
 class PlanReceiver:
-    """Receives missions, fences and rally points for the pilot; ``server`` implements the protocol."""
+    """Receiver of missions, fences and rally points for the pilot; ``server`` implements the protocol."""
 
     def __init__(self, state: WireState, component_id: int, texts: StatusTexts, reports: ItemReports) -> None:
         self._state = state
@@ -67,7 +67,7 @@ class PlanReceiver:
 
     @property
     def mission(self) -> tuple[MissionItem, ...]:
-        """Mission items as uploaded."""
+        """Items of the mission as they were uploaded."""
         return tuple(self.server.plan(MissionType.MISSION).items)
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
@@ -80,7 +80,7 @@ class PlanReceiver:
     ) -> bool:
         """Load a plan from a file by the rules of the mission protocol; return whether it was accepted.
 
-        The items are numbered from 0, or from `start`, the first item that they replace.
+        The items are numbered from 0. If `start` is given, they replace the items from `start` on.
         """
         now_s = self._state.now_us / 1e6
         if self.server.busy:
@@ -104,7 +104,7 @@ class PlanReceiver:
         return accepted
 
     def fly_to(self, message: wire.ItemMessage) -> Message:
-        """Fly to a waypoint outside the mission (DroneKit's `simple_goto`) and return the answer."""
+        """Fly to a waypoint that is not in the mission (DroneKit's `simple_goto`), and return the answer."""
         result, pilot = wire.ERROR, self._pilot
         with suppress(RefusedError, MissionError):
             item = wire.item_from_message(message)
@@ -124,7 +124,7 @@ class PlanReceiver:
         self._take(self.server.restart(now_s), now_s)
 
     def reboot(self, now_s: float) -> None:
-        """Abort the running transfer and read the plan storage sizes again, as at boot."""
+        """Abort the running transfer, and read the sizes of the plan storage again, as at boot."""
         self.restart(now_s)
         self._attach_cards()
 
@@ -134,7 +134,7 @@ class PlanReceiver:
 
     @property
     def due_s(self) -> float:
-        """Time of the next timeout or retry (s); infinite if none."""
+        """Time of the next timeout or retry (s); infinite if there is none."""
         deadline_s = self.server.next_deadline()
         return NEVER if deadline_s is None else deadline_s
 
@@ -147,7 +147,7 @@ class PlanReceiver:
         }
 
     def _load_part(self, now_s: float) -> None:
-        """Load the received items of a mission that takes effect item by item; one change per time step."""
+        """Load the items received so far if a mission takes effect item by item, once per time step."""
         if now_s <= self._part_received_s or not self._flies:
             return
         self._part_received_s = NEVER
@@ -212,7 +212,7 @@ class PlanReceiver:
                 pilot.set_current(marked)
             return
         if not event.complete and flies and tuple(event.items) == tuple(pilot.mission.items):
-            return  # the items were flown as they arrived
+            return  # The vehicle took over these items as they arrived.
         bad = next((i for i, item in enumerate(event.items) if isinstance(item, UncheckedItem)), None)
         if bad is not None:
             pilot.load(())

@@ -1,4 +1,4 @@
-"""Unrequested messages: scheduled telemetry, status texts, reached items."""
+"""Messages without a request: scheduled telemetry, status texts, reports of reached items."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["STREAMS", "ItemReports", "Schedule", "StatusTexts", "group_number"]
 
 SHORTEST_US = 5_000
-"""Shortest interval: 200 messages per second."""
+"""Shortest interval, for 200 messages per second (microseconds)."""
 LONGEST_US = 2**31 - 1
 """Longest interval that MESSAGE_INTERVAL can hold (microseconds)."""
 # Length of the text field of STATUSTEXT.
@@ -29,10 +29,10 @@ _REPEAT_S = 1.0
 
 
 class Schedule:
-    """Message intervals and due times, initially from default rates by message id in sending order.
+    """Intervals and due times of messages; `rates_hz` has the initial rates, in the order of sending.
 
-    Times are whole microseconds, and every interval has its phase at zero. Messages of different rates
-    therefore coincide, and one motion step serves all of them.
+    Times are whole microseconds, and messages are due at multiples of their intervals. Messages of different
+    rates therefore fall due together, and one motion step serves all of them.
 
     Examples
     --------
@@ -56,7 +56,7 @@ class Schedule:
         return self._interval_us.get(message_id, -1)
 
     def set_interval(self, message_id: int, interval_us: int, now_us: int) -> int:
-        """Set an interval (0 restores the default, negative is off) and return the interval in force."""
+        """Set an interval (0: the default, negative: message off) and return the interval in force."""
         if interval_us == 0:
             interval_us = self._default_us.get(message_id, -1)
         if interval_us < 0:
@@ -67,7 +67,7 @@ class Schedule:
         return self.interval_us(message_id)
 
     def due(self, now_us: int) -> list[int]:
-        """Return the ids of the messages that are due, each once, and schedule their next times."""
+        """Return the ids of the messages that are due, and schedule when each is due next."""
         if now_us < self.next_us:
             return []
         found: list[int] = []
@@ -110,7 +110,7 @@ class StatusTexts:
         if len(data) <= _TEXT_BYTES:
             return [m.MAVLink_statustext_message(int(severity), data)]
         self._number = self._number % 65535 + 1
-        # A last chunk that is not full, perhaps empty, ends the text.
+        # The text ends with a chunk that is not full, and may be empty.
         return [
             m.MAVLink_statustext_message(
                 int(severity), data[k * _TEXT_BYTES : (k + 1) * _TEXT_BYTES], self._number, k
@@ -120,7 +120,7 @@ class StatusTexts:
 
 
 class ItemReports:
-    """Reports of reached items, as often as the autopilot sends them, and the delayed MISSION_CURRENT."""
+    """Reports of reached items, with the autopilot's repetitions, and the delayed MISSION_CURRENT."""
 
     def __init__(self, state: WireState) -> None:
         self._state = state
@@ -135,9 +135,9 @@ class ItemReports:
         self._returning = -1
 
     def merged(self, events: list[FlightEvent], items: Sequence[MissionItem]) -> list[FlightEvent]:
-        """If the autopilot merges reports, keep only the last of the items that end at the same time.
+        """If the autopilot merges reports, keep only the last report of items that end at the same time.
 
-        A return to launch that follows a reached item counts as reached, too.
+        If a return to launch follows a reached item, it counts as reached, too.
         """
         if not self._merges:
             return events
@@ -168,7 +168,7 @@ class ItemReports:
         self._current_due_s = due_s
 
     def poll(self, now_s: float) -> list[Message]:
-        """Return due repeats of the latest report, and MISSION_CURRENT if it is due."""
+        """Return the next repeat of the latest report, and MISSION_CURRENT, if they are due."""
         messages: list[Message] = []
         if self._latest is not None and self._latest[2] <= now_s:
             seq, left, due_s = self._latest
@@ -181,11 +181,11 @@ class ItemReports:
 
     @property
     def due_s(self) -> float:
-        """Time of the next report (s); infinite if none."""
+        """Time of the next report (s); infinite if there is none."""
         return self._current_due_s if self._latest is None else min(self._latest[2], self._current_due_s)
 
 
-# Data streams of ArduPilot, ``GCS_MAVLink_Copter.cpp``.
+# ArduPilot has these data streams (``GCS_MAVLink_Copter.cpp``).
 _GROUPS = {
     "RAW_SENSORS": "RAW_IMU SCALED_IMU2 SCALED_PRESSURE",
     "EXTENDED_STATUS": "SYS_STATUS POWER_STATUS MEMINFO MISSION_CURRENT GPS_RAW_INT NAV_CONTROLLER_OUTPUT "
@@ -212,4 +212,4 @@ STREAMS: dict[int, tuple[int, ...]] = {
     m.MAV_DATA_STREAM_ALL: _ids(" ".join(_GROUPS.values())),
     **{group_number(name): _ids(names) for name, names in _GROUPS.items()},
 }
-"""Messages of each REQUEST_DATA_STREAM stream on ArduPilot."""
+"""Messages of each data stream of ArduPilot, by the stream number in REQUEST_DATA_STREAM."""

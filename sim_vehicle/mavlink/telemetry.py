@@ -1,6 +1,6 @@
-"""Telemetry of the vehicle, with one table from message id to builder.
+"""Telemetry of the vehicle, with a table of message builders by message id.
 
-To add a message, add a row to `BUILDERS`. Further builders are in vehicle extras.
+To add a message, add a row to `BUILDERS`. Vehicle extras have further builders.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ _GPS = 32
 _FENCE = 1 << 20
 _PREARM = 1 << 28
 # Gyroscope, accelerometer, magnetometer, barometer, GPS, motors, RC, geofence, AHRS, battery, pre-arm check.
-# Without the geofence bit MAVProxy reports a breach; without the pre-arm bit MAVSDK reports "not armable".
+# Without the geofence bit, MAVProxy reports a breach; without the pre-arm bit, MAVSDK reports "not armable".
 _SENSORS = 1 | 2 | 4 | 8 | _GPS | 1 << 15 | 1 << 16 | 1 << 20 | 1 << 21 | 1 << 25 | _PREARM
-# Indexed by battery level: normal, low, critical, almost empty.
+# The index is the battery level: normal, low, critical, almost empty.
 _CHARGE_STATES = (
     m.MAV_BATTERY_CHARGE_STATE_OK,
     m.MAV_BATTERY_CHARGE_STATE_LOW,
@@ -38,7 +38,7 @@ _CHARGE_STATES = (
 )
 _NO_BATTERY = (0, 1, 1, 32767, [UNUSED] * 10, -1, -1, -1, -1, 0, 0)
 _HOME_Q = [1.0, 0.0, 0.0, 0.0]
-# Flags of all estimates, and of the estimates without a position (attitude and vertical motion).
+# Flags of all estimates, and of the estimates that need no position (attitude and vertical motion).
 ESTIMATES_OK = 1 | 2 | 4 | 8 | 16 | 32 | 256 | 512
 ESTIMATES_BLIND = 1 | 4 | 32
 _FIX_3D = 3
@@ -46,7 +46,7 @@ _FIX_3D = 3
 
 def _heartbeat(source: WireState) -> Message:
     pilot, profile = source.pilot, source.mavlink
-    # Without this flag clients ignore the custom mode.
+    # Clients ignore the custom mode without this flag.
     base_mode = m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | profile.modes.base.of(pilot.mode)
     if pilot.armed:
         base_mode |= m.MAV_MODE_FLAG_SAFETY_ARMED
@@ -156,7 +156,7 @@ def _battery_status(source: WireState) -> Message:
 
 
 def _remaining_s(source: WireState) -> int:
-    """Return the remaining flight time of the battery; 0 (unknown) on the ground and for ArduPilot."""
+    """Return the remaining flight time (s); 0, for unknown, on the ground and with ArduPilot."""
     battery = source.pilot.state.battery
     known = source.mavlink.tells_remaining_time and source.pilot.landed is not LandedState.ON_GROUND
     if battery is None or not known or not math.isfinite(battery.remaining_s):
@@ -216,13 +216,13 @@ def _ekf_status_report(source: WireState) -> Message:
 
 
 def _true_velocity(source: WireState) -> Vector:
-    """Return the true velocity: north, east, down."""
+    """Return the true velocity: to the north, east and down."""
     (east, north, up), drift = source.pilot.state.velocity_m_s, source.sensed.drift_m_s
     return north + drift[1], east + drift[0], -(up + drift[2])
 
 
 def _hil_state_quaternion(source: WireState) -> Message:
-    """HIL_STATE_QUATERNION, the true state, which PX4's simulators send beside the estimate."""
+    """Build HIL_STATE_QUATERNION with the true state, which PX4's simulators send beside the estimate."""
     airspeed = min(65535, round(100.0 * source.pilot.state.airspeed_m_s))
     return m.MAVLink_hil_state_quaternion_message(
         source.unix_us,
@@ -237,7 +237,7 @@ def _hil_state_quaternion(source: WireState) -> Message:
 
 
 def _sim_state(source: WireState) -> Message:
-    """SIM_STATE, the true state from ArduPilot's simulator, with the accuracy of the sensors."""
+    """Build SIM_STATE, by which ArduPilot's simulator sends true state and accuracy of the sensors."""
     latitude, longitude, _ = source.e7_of(source.sensed.true_m)
     noise = source.errors.noise if source.errors is not None else SensorNoise()
     return m.MAVLink_sim_state_message(
@@ -297,7 +297,7 @@ BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
 
 
 def built(message_id: int, source: WireState) -> tuple[Message, ...]:
-    """Return the message with this id for the present state; empty if unknown or not to be sent now."""
+    """Return the message with this id for the present state; empty if unknown, or if there is none now."""
     builder = BUILDERS.get(message_id)
     message = None if builder is None else builder(source)
     return () if message is None else (message,)

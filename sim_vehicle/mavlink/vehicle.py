@@ -50,7 +50,7 @@ _PLANNER = int(m.MAV_COMP_ID_MISSIONPLANNER)
 # Longest interval between two updates of an armed vehicle.
 _TICK_S = 0.1
 _ITEM_AFTER_MODE_S = 0.03
-# ``current`` of a MISSION_ITEM that the vehicle flies to at once, in GUIDED.
+# Value of ``current`` in a MISSION_ITEM to which the vehicle flies at once in GUIDED.
 _GUIDED_ITEM = 2
 _TRUTH_HZ = 10.0
 _MISSION_IDS = frozenset(wire.SERVER_MESSAGES)
@@ -59,7 +59,7 @@ _Handler: TypeAlias = Callable[[Any], Iterable[Message] | None]
 
 
 def _each(kinds: Any, handle: _Handler) -> dict[int, _Handler]:
-    """Return handler table entries for all message types of a union."""
+    """Return table entries with a handler for each message type of a union."""
     return {kind.id: handle for kind in get_args(kinds)}
 
 
@@ -164,7 +164,7 @@ class SimVehicle:
         self._heard_ids: frozenset[int] | None = None
         self.has_camera = False
         self._contacted = False
-        # Intervals (us) of a data stream by message id, for messages of extras that are not ready.
+        # Intervals (us) set by a data stream, by message id, for messages that extras cannot yet send.
         self._later_us: dict[int, int] = {}
         self._signing = signing
         self._tick_s = 0.0
@@ -187,7 +187,7 @@ class SimVehicle:
         for extra in self.extras:
             state.capabilities |= extra.capabilities
             self.builders |= extra.builders
-        # Parts that send messages at their `due_s`, in the order of sending.
+        # Parts that send messages at the time `due_s`, in the order in which they send.
         self._timed: tuple[Timed, ...] = (
             self._camera,
             self._reports,
@@ -198,11 +198,11 @@ class SimVehicle:
         self._handlers = self._message_handlers()
         self.wanted: frozenset[int] | None = frozenset(self._handlers)
         for name in _SETPOINTS:
-            if getattr(m, f"MAVLINK_MSG_ID_{name}") not in self._handlers:  # no extra flies these setpoints
+            if getattr(m, f"MAVLINK_MSG_ID_{name}") not in self._handlers:  # No extra flies these setpoints.
                 state.capabilities &= ~getattr(m, f"MAV_PROTOCOL_CAPABILITY_{name}")
 
     def _message_handlers(self) -> dict[int, _Handler]:
-        """Return message handlers by message id; a handler's own messages are sent before its answers."""
+        """Return handlers by message id; messages that a handler puts in the outbox precede its answers."""
         handlers: dict[int, _Handler] = {
             **_each(CommandMessage, self._commands.receive),
             **_each(ParameterMessage, self._on_parameter),
@@ -214,7 +214,7 @@ class SimVehicle:
             handler(m.MAVLink_mission_set_current_message, self._on_set_current),
             handler(m.MAVLink_ping_message, self._on_ping),
             handler(m.MAVLink_request_data_stream_message, self._on_data_stream),
-            # A vehicle with a position keeps its origin.
+            # A vehicle that has a position keeps its origin.
             handler(
                 m.MAVLink_set_gps_global_origin_message,
                 lambda _: self.built(m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN),
@@ -242,7 +242,7 @@ class SimVehicle:
 
     @property
     def true_position_m(self) -> tuple[float, float, float]:
-        """True position: east and north of the start, height above the start (m)."""
+        """True position relative to the start: east, north, up (m)."""
         return self.state.sensed.true_m
 
     def position_error(self, boot_us: float) -> tuple[float, float]:
@@ -250,13 +250,13 @@ class SimVehicle:
         return self.state.position_error(boot_us)
 
     def camera_attitude(self, boot_us: float) -> tuple[float, float, float] | None:
-        """Return the camera's roll, pitch and heading (rad) at a time since boot; None if straight down."""
+        """Return roll, pitch and heading (rad) of the camera at a time since boot; None if straight down."""
         attitudes = (extra.camera_attitude(boot_us) for extra in self.extras)
         return next((attitude for attitude in attitudes if attitude is not None), None)
 
     @property
     def plans(self) -> tuple[tuple[MissionItem, ...], ...]:
-        """Items of mission, fence and rally points as uploaded, in the order of `MissionType`."""
+        """Uploaded items of the mission, the fence and the rally points, in the order of `MissionType`."""
         return tuple(tuple(self._plans.server.plan(kind).items) for kind in MissionType)
 
     @property
@@ -318,11 +318,11 @@ class SimVehicle:
 
     @property
     def schedule(self) -> Schedule:
-        """Message intervals on the link of the message that is being answered."""
+        """Message intervals on the link over which the present message came."""
         return self._schedules.get(self.link, self._schedules[""])
 
     def open_links(self, names: frozenset[str]) -> None:
-        """Stream on further links, each with its own message rates."""
+        """Send telemetry on further links, with message rates for each link."""
         for name in sorted(names - self._schedules.keys()):
             self._schedules[name] = self._default_schedule(name)
 
@@ -334,11 +334,11 @@ class SimVehicle:
         return [(link, messages) for link, messages in due if messages]
 
     def only_heard(self, message_ids: frozenset[int] | None) -> None:
-        """Restrict scheduled messages to these ids; None lifts the restriction."""
+        """Build only scheduled messages with these ids; None stands for all ids."""
         self._heard_ids = message_ids
 
     def next_deadline(self) -> float:
-        """Time at which the next telemetry message, retry or motion step is due (s)."""
+        """Return the time at which the next telemetry message, retry or motion step is due (s)."""
         next_us = min([schedule.next_us for schedule in self._schedules.values()])
         deadline_s = min(next_us / 1e6, *[part.due_s for part in self._timed])
         return min(deadline_s, self._tick_s + _TICK_S) if self.pilot.armed else deadline_s
@@ -373,7 +373,7 @@ class SimVehicle:
             self._on_event(event, now_s)
 
     def _boot(self, boots: ColdBoot) -> None:
-        """Advance the boot, and announce a new boot stage."""
+        """Advance the boot, and announce each new boot stage."""
         before = self.state.boot
         stage = self.state.boot = boots.at(self.state.boot_ms / 1e3 if self._contacted else 0.0)
         self.pilot.arming.block = boots.problem(stage, self.pilot.mode)
@@ -398,7 +398,7 @@ class SimVehicle:
                 extra.execute(command)
 
     def _show_changes(self) -> None:
-        """Send notices and changes of mode, arming, landing and progress without delay."""
+        """Send notices, and at once report changes of mode, arming, landing and progress."""
         pilot = self.pilot
         self._outbox += self._camera.watch(self._now_s)
         for extra in self.extras:
@@ -423,7 +423,7 @@ class SimVehicle:
         self._progress = shown[2]
         lag_s = self.state.mavlink.current_lag_s
         if pilot.mission.returns and pilot.mode is Mode.MISSION:
-            # The autopilot sends the mode of the return before the item that leads to the return.
+            # The autopilot reports the return mode before it reports the item that leads to the return.
             steps_on, lag_s = True, (pilot.behaviour.return_lag_s or 0.0) + _ITEM_AFTER_MODE_S
         changed = [old != new for old, new in zip(before, shown, strict=True)]
         if changed[0]:
@@ -476,10 +476,10 @@ class SimVehicle:
             extra.reboot()
 
     def reboot(self) -> None:
-        """Reboot: reset the time since boot, plan ids, message rates and transfers; the plans are kept.
+        """Reboot: reset the time since boot, plan ids, message rates and transfers, but keep the plans.
 
-        On the ground the vehicle comes up in its boot mode. In flight the vehicle keeps its mode: a
-        simplified watchdog reboot, sufficient for tests of ground stations.
+        On the ground, the vehicle comes up in its boot mode. In flight, it keeps its mode; this simplified
+        watchdog reboot suffices for tests of ground stations.
         """
         self._restart()
         self._plans.reboot(self._now_s)
@@ -489,7 +489,7 @@ class SimVehicle:
 
     @property
     def link_names(self) -> frozenset[str]:
-        """Names of the links with their own message rates."""
+        """Names of the links that have their own message rates."""
         return frozenset(self._link_rates_hz) - {""}
 
     @property
@@ -500,7 +500,7 @@ class SimVehicle:
     def _default_schedule(self, link: str) -> Schedule:
         """Return the firmware's rates on a link, limited to one message per motion step (two at SITL rates).
 
-        The true state is added if the vehicle has sensor errors.
+        A vehicle with sensor errors also sends its true state.
         """
         mavlink = self.state.mavlink
         rates_hz = dict(self._link_rates_hz.get(link) or self._link_rates_hz.get("", mavlink.rates_hz))
@@ -510,12 +510,12 @@ class SimVehicle:
                 rates_hz |= dict.fromkeys(STREAMS[group_number(group)], rate) if rate > 0.0 else {}
         if self.errors is not None and not link:
             rates_hz[mavlink.truth_message] = _TRUTH_HZ
-        # Between two motion steps a message would repeat the state of the last step.
+        # A second message between two motion steps would repeat the same state.
         most_hz = (2.0 if self._sitl_rates else 1.0) / self.pilot.spec.step_s
         return Schedule({kind: min(rate, most_hz) for kind, rate in rates_hz.items()})
 
     def command_camera(self, command: int, params: tuple[float, ...]) -> None:
-        """Send a command to the camera; repeat it until it is acknowledged or was sent three times."""
+        """Send a command to the camera, at most three times until the camera acknowledges it."""
         self._outbox.append(self._camera.command(command, params, self._now_s))
 
     def _is_own_camera(self, message: Message) -> bool:
@@ -529,7 +529,7 @@ class SimVehicle:
         self.has_camera |= self._is_own_camera(message)
 
     def _on_image(self, message: m.MAVLink_camera_image_captured_message) -> list[Message]:
-        """Report an image that this vehicle has commanded, as an autopilot's own camera driver does."""
+        """Report an image that this vehicle has commanded, like the camera driver of an autopilot."""
         own = self._is_own_camera(message) and self._camera.shooting and message.capture_result == 1
         return [camera_feedback(message, self.pilot.state)] if own else []
 
@@ -570,7 +570,7 @@ class SimVehicle:
         return [m.MAVLink_timesync_message(self.state.unix_us * 1000, message.ts1)] if answers else []
 
     def _on_setup_signing(self, message: m.MAVLink_setup_signing_message) -> None:
-        if message.target_system != self.system_id:  # a broadcast must not change keys
+        if message.target_system != self.system_id:  # A broadcast must not change keys.
             return
         if self.pilot.armed or self._signing is None:
             why = "armed" if self.pilot.armed else "not over this link"
@@ -593,5 +593,5 @@ class SimVehicle:
                 self._later_us[message_id] = interval_us
 
     def is_ready(self, message_id: int) -> bool:
-        """Return whether the vehicle has a message, even if there is nothing to send now."""
+        """Return whether the vehicle knows a message, even if it has none to send now."""
         return message_id in self.builders and all(extra.is_ready(message_id) for extra in self.extras)

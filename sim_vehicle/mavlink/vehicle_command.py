@@ -1,4 +1,4 @@
-"""Commands received (COMMAND_LONG and COMMAND_INT), and commands sent to the vehicle's camera."""
+"""Received commands (COMMAND_LONG and COMMAND_INT), and commands to the vehicle's camera."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = [
 ]
 
 CAMERA = int(m.MAV_COMP_ID_CAMERA)
-# Number of attempts, RETRY_S apart, before the operator is warned.
+# Number of attempts, RETRY_S apart, after which the operator is warned.
 TRIES = 3
 RETRY_S = 0.5
 _STOPPED_BY = {
@@ -39,7 +39,7 @@ _STOPPED_BY = {
 _INT_FRAMES = {5: 0, 6: 3, 11: 10}
 
 Result: TypeAlias = "int | tuple[Message, ...] | None"
-"""Result of a command: a MAV_RESULT, or the messages that follow its acceptance; None accepts it, too."""
+"""Result of a command: a MAV_RESULT, or the messages that follow if it is accepted; None also accepts it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +51,12 @@ class VehicleCommand:
     params: tuple[float, ...]
     """Parameters 1 to 7; latitude and longitude of a position are in degrees."""
     frame: int
-    """MAV_FRAME without INT variants; GLOBAL for COMMAND_LONG."""
+    """MAV_FRAME, with INT variants replaced; GLOBAL for COMMAND_LONG."""
     source: tuple[int, int]
     again: bool = False
-    """Whether this is a retry of a command that had no answer."""
+    """Whether this command repeats a command that got no answer."""
     long: bool = False
-    """Whether the message was a COMMAND_LONG, with positions in 32-bit floats."""
+    """Whether the message was a COMMAND_LONG, which has positions in 32-bit floats."""
 
     def number(self, index: int, default: int = 0) -> int:
         """Return parameter `index` (from 1) as an integer, or `default` if the parameter is not finite."""
@@ -90,7 +90,7 @@ def read_command(message: CommandMessage) -> VehicleCommand:
 
 
 def command_of(item: MissionItem, source: tuple[int, int]) -> VehicleCommand:
-    """Convert a mission item to a VehicleCommand in a standard frame; a missing parameter is NaN."""
+    """Convert a mission item to a VehicleCommand in a standard frame, with NaN for missing parameters."""
     item = item.in_standard_frame()
     first = (item.param1, item.param2, item.param3, item.param4)
     params = (*(math.nan if value is None else value for value in first), item.x, item.y, item.z)
@@ -105,7 +105,7 @@ class _Pending:
 
 
 class CameraCommands:
-    """Commands to the camera of the vehicle's own system, with retries and a warning if they fail."""
+    """Commands to the camera in the vehicle's system; they are retried, and a failure gives a warning."""
 
     def __init__(self, state: WireState) -> None:
         self._state = state
@@ -121,7 +121,7 @@ class CameraCommands:
         return self._stop is not None
 
     def command(self, command: int, params: tuple[float, ...], now_s: float) -> Message:
-        """Return the message of a command with its 7 parameters; `poll` retries it until acknowledged."""
+        """Return the message of a command with 7 parameters; `poll` repeats it until it is acknowledged."""
         if command == Command.IMAGE_STOP_CAPTURE:
             self._stop = None
         elif command in _STOPPED_BY:
@@ -140,7 +140,7 @@ class CameraCommands:
         return [] if self._stop is None else [self.command(self._stop, (0.0,) * 7, now_s)]
 
     def watch(self, now_s: float) -> list[Message]:
-        """Stop a series of images when the autopilot does: on disarming or on leaving the mission mode."""
+        """Stop a series of images if the autopilot would: when it disarms or leaves the mission mode."""
         pilot = self._state.pilot
         left = self._was_in_mission and pilot.mode is not Mode.MISSION
         self._was_in_mission = pilot.mode is Mode.MISSION
@@ -157,7 +157,7 @@ class CameraCommands:
         return sent
 
     def resume(self, now_s: float) -> list[Message]:
-        """Resume the paused series of images, unless the camera received another command since."""
+        """Resume the paused series of images, unless another command has since started or stopped one."""
         return [] if self._paused is None else [self.command(*self._paused, now_s)]
 
     def acknowledged(self, command: int, result: int) -> None:
@@ -169,7 +169,7 @@ class CameraCommands:
             self._state.pilot.warn(f"Camera refused command {command} (result {result})")
 
     def poll(self, now_s: float) -> list[Message]:
-        """Return the commands to retry; after three attempts, warn the operator and drop the command."""
+        """Return the commands to retry; drop a command after three attempts and warn the operator."""
         again: list[Message] = []
         for pending in [p for p in self._pending if p.due_s <= now_s]:
             if pending.tries == TRIES:
@@ -189,7 +189,7 @@ class CameraCommands:
 
 
 def camera_feedback(image: m.MAVLink_camera_image_captured_message, state: VehicleState) -> Message:
-    """Return CAMERA_FEEDBACK for an image that the autopilot commanded, with the present attitude."""
+    """Return CAMERA_FEEDBACK with the present attitude for an image that the autopilot commanded."""
     return m.MAVLink_camera_feedback_message(
         image.time_utc or image.time_boot_ms * 1000,
         *(0, 0, image.image_index & 0xFFFF),

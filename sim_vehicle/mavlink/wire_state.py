@@ -1,4 +1,4 @@
-"""Telemetry state of a vehicle beside the pilot's state: clocks, estimated position, plan ids."""
+"""Telemetry state of a vehicle that the pilot does not have: clocks, estimated position, plan ids."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Vector: TypeAlias = tuple[float, float, float]
 
 UNUSED = 65535
 """Value of a 16-bit field for "unknown"."""
-# Modes without a target.
+# Modes in which the vehicle has no target.
 _MANUAL_MODES = frozenset({Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION, Mode.HOLD})
 
 
@@ -47,7 +47,7 @@ def _e7(latitude_deg: float, longitude_deg: float, altitude_m: float) -> tuple[i
 
 
 class WireState:
-    """Telemetry source of a vehicle, in addition to the state of its pilot."""
+    """Telemetry source of a vehicle, besides the state of its pilot."""
 
     def __init__(
         self,
@@ -65,9 +65,9 @@ class WireState:
         self.system_id = system_id
         self.capabilities = self.mavlink.identity.capabilities
         self.errors = NavigationErrors(noise) if noise is not None and not noise.is_off else None
-        # True position and position according to the sensors.
+        # True position, and position as the sensors measure it.
         self.sensed = Sensed.exact((0.0, 0.0, 0.0))
-        # Home and estimated position: 1e-7 degree, 1e-7 degree, millimetres above sea level.
+        # Home, and estimated position: latitude and longitude (1e-7 degree), altitude above sea level (mm).
         self.home_e7 = _e7(home.latitude_deg, home.longitude_deg, home.altitude_m)
         self.position_e7 = self.home_e7
         # Estimated velocity: east, north, up.
@@ -76,7 +76,7 @@ class WireState:
         self.plan_ids = (0, 0, 0)
         # Boot stage; None once the vehicle is up.
         self.boot: BootStage | None = None
-        # Host time, time since boot, and Unix time.
+        # Clocks: host time, time since boot, and Unix time.
         self.now_us = 0
         self.boot_ms = 0
         self.epoch_unix_s = epoch_unix_s
@@ -88,7 +88,7 @@ class WireState:
         pilot.arming.custom_mode = lambda: self.custom_mode
 
     def name_mode(self, number: int) -> None:
-        """Record the requested mode number: several numbers share a flight mode, such as BRAKE and LOITER."""
+        """Record the requested mode number, because numbers such as BRAKE and LOITER share a flight mode."""
         self._requested_mode = (self.pilot.mode, number)
 
     @property
@@ -103,7 +103,7 @@ class WireState:
         return modes[mode] if self._requested_mode is None else self._requested_mode[1]
 
     def forget_item(self, until_s: float) -> None:
-        """Report no current item in MISSION_CURRENT until `until_s`."""
+        """Report no current item in MISSION_CURRENT before the time `until_s`."""
         self._no_item_until_us = round(until_s * 1e6)
 
     @property
@@ -113,13 +113,13 @@ class WireState:
 
     @property
     def ned_m(self) -> Vector:
-        """Estimated position relative to home: north, east, down."""
+        """Estimated position relative to the start: north, east, down."""
         east, north, up = self.sensed.believed_m
         return north, east, -up
 
     @property
     def ned_m_s(self) -> Vector:
-        """Estimated velocity: north, east, down."""
+        """Estimated velocity to the north, east and down."""
         east, north, up = self.velocity_m_s
         return north, east, -up
 
@@ -130,7 +130,7 @@ class WireState:
 
     @property
     def angles_rad(self) -> Vector:
-        """Roll, pitch, and yaw from -pi to pi."""
+        """Roll, pitch and yaw; the yaw is from -pi to pi."""
         state = self.pilot.state
         return state.roll_rad, state.pitch_rad, math.remainder(state.yaw_rad, 2.0 * math.pi)
 
@@ -142,7 +142,7 @@ class WireState:
 
     @property
     def turning_rad_s(self) -> Vector:
-        """Roll, pitch and yaw rate; only the yaw rate is simulated, the others are 0."""
+        """Roll, pitch and yaw rates; the roll and pitch rates are not simulated, but 0."""
         return 0.0, 0.0, self.pilot.state.yaw_rate_rad_s
 
     @property
@@ -152,7 +152,7 @@ class WireState:
         return self.to_body(north, east, -(up + GRAVITY_M_S2))
 
     def to_body(self, north: float, east: float, down: float) -> Vector:
-        """Rotate a vector from north, east, down to forward, right, down: by yaw, pitch, then roll."""
+        """Rotate a vector from (north, east, down) to (forward, right, down): by yaw, pitch, then roll."""
         state = self.pilot.state
         cy, sy = math.cos(state.yaw_rad), math.sin(state.yaw_rad)
         cp, sp = math.cos(state.pitch_rad), math.sin(state.pitch_rad)
@@ -179,7 +179,7 @@ class WireState:
         self.unix_us = self._epoch_us + now_us
 
     def sense(self, now_s: float) -> None:
-        """Update the position of the vehicle according to the sensors."""
+        """Update the positions and the velocity that the sensors give."""
         position = self.pilot.state.position_m
         self.sensed = Sensed.exact(position) if self.errors is None else self.errors.sense(position, now_s)
         self.velocity_m_s = self.pilot.state.velocity_m_s
@@ -203,7 +203,7 @@ class WireState:
         return _e7(*self.pilot.frame.to_wgs84(east, north), up + self.home.altitude_m)
 
     def move_home(self) -> GeoPoint:
-        """Update home from the pilot's home, and return the new position."""
+        """Take over the pilot's home, and return the new position of home."""
         east, north, up = self.pilot.home_m
         latitude, longitude = self.pilot.frame.to_wgs84(east, north)
         self.home_e7 = _e7(latitude, longitude, self.home.altitude_m + up)
@@ -216,11 +216,11 @@ class WireState:
         self.plan_ids = (0, 0, 0)
 
     def wire_seq(self, seq: int) -> int:
-        """Return the wire number of a mission item (ArduPilot counts home as item 0)."""
+        """Return the number of a mission item in MAVLink messages, where ArduPilot counts home as item 0."""
         return seq + self.firmware.profile.home_at_zero
 
     def own_seq(self, seq: int) -> int:
-        """Return the mission item of a wire number; home counts as the first item."""
+        """Return the mission item with a number in MAVLink messages; home stands for the first item."""
         return max(0, seq - 1) if self.firmware.profile.home_at_zero else seq
 
     def position_error(self, boot_us: float) -> tuple[float, float]:

@@ -1,7 +1,7 @@
-"""Batches of vehicles, advanced in one compiled call along their own routes, each as if alone.
+"""Batches of vehicles: one compiled call advances each vehicle along its route as if it were alone.
 
-The numbers of the vehicles are rows of arrays, ``[vehicle, number]``. Each vehicle keeps views of its rows,
-so routes, parameters and positions are used as without a batch. The loops call single vehicles' kernels.
+Arrays ``[vehicle, number]`` hold one row of numbers for each vehicle. Each vehicle keeps views of its rows,
+so its routes, parameters and positions are used as without a batch. Loops call single vehicles' kernels.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Tables = tuple[Record, ...]
 
-# Arguments of a vehicle's kernel: steps, whether to stop at each leg, steps between track points, number of
-# wind rows and index of the first; then the returned event.
+# Columns of a call of a vehicle's kernel. The arguments are steps, whether to stop at each leg, steps between
+# track points, number of wind rows, and index of the first. The last column is the returned event.
 STEPS, STOPS, EVERY, WIND_ROWS, FIRST, EVENT = range(6)
 CALL = 6
 
 
 @compiled
 def _row(table: Record, k: int) -> Record:
-    """Return a vehicle's row; a kernel receives a record as an array of length 1."""
+    """Return a vehicle's row; if the row is a record, return it as an array of length 1 for the kernel."""
     if table.ndim == 1:
         return table[k : k + 1]
     return table[k]
 
 
-# Rows of one vehicle in its kernel's own tables. Compiled code cannot loop over tables of different
-# dimensions, hence one function for each number of tables.
+# These functions return the rows of a vehicle in the tables that only its kernel has. There is one function
+# for each number of tables, because compiled code cannot loop over tables of different dimensions.
 @compiled
 def _none(own: Tables, k: int) -> Tables:
     return ()
@@ -69,7 +69,7 @@ def loop_of(dynamics: Dynamics) -> Callable[..., None]:
     """Return the compiled loop that calls the kernel for each of ``members``, the indices of vehicles.
 
     The arguments are call int64[B, CALL], routes and arrivals concatenated at ``offsets``, wind[B, n, 9], the
-    rows of the vehicles, and the kernel's own tables. The loop is compiled on the first call.
+    rows of the vehicles, and the tables that only this kernel has. The first call compiles the loop.
     """
     advance, rows = dynamics.kernel, _ROWS[len(dynamics.own)]
 
@@ -113,7 +113,7 @@ _SHARES = 16
 
 
 class VehicleBatch:
-    """Vehicles that are advanced together.
+    """Batch of vehicles that are advanced together.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ class VehicleBatch:
             raise VehicleError(msg)
         self.vehicles = tuple(vehicles)
         self._pool = pool
-        # Estimate errors are drawn during the flight, for each vehicle separately.
+        # Vehicles with estimate errors are advanced alone, because each draws its errors during the flight.
         together = all(
             isinstance(vehicle, CompiledMotion) and not vehicle.draws_errors for vehicle in vehicles
         )
@@ -172,7 +172,7 @@ class VehicleBatch:
 
     @property
     def state(self) -> NDArray[np.float64]:
-        """States of the vehicles, float64[B, STATE]; see the kernel of their class."""
+        """States of the vehicles, float64[B, STATE]; the kernel of their class defines STATE."""
         return self._tables["state"]
 
     @property
@@ -183,7 +183,7 @@ class VehicleBatch:
     def advance(
         self, max_steps: int | NDArray[np.int64], *, stop_each: bool | NDArray[np.bool_] = True
     ) -> NDArray[np.int64]:
-        """Advance every vehicle as its own `advance` would.
+        """Advance every vehicle as the vehicle's `advance` would.
 
         Parameters
         ----------
@@ -235,7 +235,7 @@ class VehicleBatch:
         if self._pool is None or len(members) == 1:
             loop(members, *rest)
             return
-        # More parts than threads, because some parts take longer than others.
+        # There are more shares than threads, because some shares take longer than others.
         shares = np.array_split(members, min(len(members), _SHARES))
         for future in [self._pool.submit(loop, share, *rest) for share in shares]:
             future.result()
@@ -277,7 +277,7 @@ class VehicleBatch:
         table = np.empty((len(own), *own[0].shape), dtype=own[0].dtype)
         views = []
         for k, array in enumerate(own):
-            # An empty track need not be copied.
+            # Only a track that has points must be copied.
             if name != "track" or self._vehicle(k).track_points:
                 table[k] = array
             view = table[k]
@@ -303,7 +303,7 @@ class VehicleBatch:
         routes = [getattr(self._vehicle(k), self._dynamics.route) for k in range(len(self.vehicles))]
         lengths = [0 if route is None else len(route) for route in routes]
         np.cumsum(lengths, out=self._offsets[1:])
-        # Routes of other dynamics have other columns and are not flown here.
+        # Routes of other dynamics have other columns; the loop does not fly them.
         flown = [k for k in range(len(routes)) if self._vehicle(k).is_flown_by_its_autopilot()]
         if flown:
             columns = routes[flown[0]].shape[1:]

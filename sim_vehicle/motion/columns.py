@@ -1,8 +1,8 @@
 """Rows of numbers with named columns, for compiled code and its callers.
 
 The columns of a row are an `IntEnum`. Code for whole arrays uses the members as indices. A kernel receives
-the row as a record with one attribute per column, such as ``state.position_x``: a record is passed as one
-pointer, an array as seven numbers, and a named column compiles twice as fast as an index.
+the row as a record with one attribute per column, such as ``state.position_x``, because a record is passed as
+one pointer but an array as seven numbers, and because a named column compiles twice as fast as an index.
 
 The module defines the columns that all compiled vehicles share, the events, and the grid of wind and track.
 """
@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 Record = Any
-"""Row of a kernel, with the columns in lower case as attributes."""
+"""Row of numbers for a kernel; its attributes are the columns in lower case."""
 
 
 def record_type(*columns: type[IntEnum] | list[str]) -> np.dtype[Any]:
-    """Return the record type of a row with these columns, in order.
+    """Return the record type of a row with these columns in this order.
 
     Examples
     --------
@@ -33,7 +33,7 @@ def record_type(*columns: type[IntEnum] | list[str]) -> np.dtype[Any]:
 
 
 def row_of(kind: np.dtype[Any], values: Mapping[str, float]) -> NDArray[np.float64]:
-    """Return a row of this record type with the given values by column, and 0 in the other columns.
+    """Return a row of this record type with values by column, and 0 in the other columns.
 
     Examples
     --------
@@ -47,16 +47,16 @@ def row_of(kind: np.dtype[Any], values: Mapping[str, float]) -> NDArray[np.float
 
 
 def record_of(row: NDArray[np.float64], kind: np.dtype[Any]) -> Record:
-    """Return a row, float64[n], as a record that shares its memory."""
+    """Return a record that shares the memory of a row, float64[n]."""
     return row.view(kind)[0]
 
 
 def records_of(rows: NDArray[np.float64], kind: np.dtype[Any]) -> NDArray[Any]:
-    """Return rows, float64[..., n], as an array of records that shares their memory."""
+    """Return an array of records that shares the memory of rows, float64[..., n]."""
     return rows.view(kind)[..., 0]
 
 
-# State, float64; vectors are east, north, up.
+# The state is float64; its vectors are east, north, up.
 State = IntEnum(
     "State",
     "POSITION_X POSITION_Y POSITION_Z VELOCITY_X VELOCITY_Y VELOCITY_Z ACCELERATION_X ACCELERATION_Y "
@@ -65,9 +65,9 @@ State = IntEnum(
     "ENERGY_USED "  # J.
     "PATH_LENGTH "
     "POWER "  # W.
-    "GIVE_UP_STEP "  # Step at which the leg counts as stalled; infinity: a new leg.
+    "GIVE_UP_STEP "  # Step at which the leg counts as stalled; infinity for a new leg.
     "WIND_EAST WIND_NORTH "
-    "LOOK_EAST LOOK_NORTH",  # Region of interest; NaN: none.
+    "LOOK_EAST LOOK_NORTH",  # Region of interest; NaN without one.
     start=0,
 )
 STATE = record_type(State)
@@ -75,17 +75,17 @@ STATE = record_type(State)
 POSITION, VELOCITY, ACCELERATION = slice(0, 3), slice(3, 6), slice(6, 9)
 LEVEL_WIND = slice(State.WIND_EAST, State.WIND_NORTH + 1)
 LOOK = slice(State.LOOK_EAST, State.LOOK_NORTH + 1)
-# Counters, int64.
+# The counters are int64.
 (
     STEP,  # Steps flown.
     LEG_INDEX,
     MOVED_STEP,  # Step of the last motion.
     ARRIVED,  # Whether the end was reached.
     NEAR_SENT,  # Whether NEAR was returned.
-    TRACK_POINTS,  # Points of the track.
+    TRACK_POINTS,  # Number of points in the track.
 ) = range(6)
 COUNTERS = 6
-# Reasons why a kernel returns; WIND: end of the wind block.
+# Reasons why a kernel returns; WIND means that the wind block ends.
 RAN, REACHED, WIND, STALLED, ENERGY, NEAR = range(6)
-# Steps between two grid points; wind values and track points are on the grid.
+# Number of steps between two points of the grid on which wind values and track points lie.
 GRID = 5

@@ -1,4 +1,4 @@
-"""Base class of compiled motion models: state, route, wind and energy around a kernel."""
+"""Base class of compiled motion models: it holds a kernel's state, route, wind and energy."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Dynamics:
     state, limits : dtype
         Record types of the arrays that all kernels have.
     own : tuple of (str, dtype or None)
-        Names and record types of the arrays that only this kernel has, in argument order, records first.
+        Names and record types of the arrays that only this kernel has, in argument order, with records first.
     route : str
         Name of the route array.
     """
@@ -53,7 +53,7 @@ class Dynamics:
 
     @property
     def rows(self) -> dict[str, np.dtype[Any] | None]:
-        """Names and record types of the arrays that have the same shape in all vehicles."""
+        """Names and record types of the arrays that have the same shape in all vehicles of a batch."""
         return {
             "state": self.state,
             "counters": None,
@@ -65,7 +65,7 @@ class Dynamics:
 
 
 class CompiledMotion(MotionModel):
-    """Vehicle that starts on the ground at home and is moved by a compiled kernel.
+    """Vehicle that starts on the ground at home and that a compiled kernel moves.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class CompiledMotion(MotionModel):
     """
 
     dynamics: ClassVar[Dynamics]
-    """Dynamics under the vehicle's autopilot."""
+    """Dynamics of the vehicle under its autopilot."""
 
     def __init__(self, spec: VehicleSpec, wind: Wind | None = None, yaw_rad: float = 0.0) -> None:
         self.spec = spec
@@ -97,7 +97,7 @@ class CompiledMotion(MotionModel):
 
     @abstractmethod
     def _numbers(self, spec: VehicleSpec) -> Mapping[str, float]:
-        """Return the kernel's limits by name, except for time step and energy."""
+        """Return the kernel's limits by name, except the time step and the energy."""
 
     def _take_limits(self, spec: VehicleSpec) -> None:
         capacity_j = math.inf if spec.battery is None else spec.battery.capacity_wh * WH_J
@@ -127,7 +127,7 @@ class CompiledMotion(MotionModel):
 
     @property
     def position_m(self) -> Position:
-        """East, north, up relative to home."""
+        """East, north, up relative to the start."""
         x, y, z = self.state[col.POSITION].tolist()
         return x, y, z
 
@@ -149,7 +149,7 @@ class CompiledMotion(MotionModel):
         return False
 
     def snapshot(self) -> MotionState:
-        """Return the present motion state."""
+        """Return the present state of the motion."""
         x, y, z, vx, vy, vz, ax, ay, az, heading, rate, energy, length, power, _, east, north = self.state[
             : State.WIND_NORTH + 1
         ].tolist()
@@ -158,7 +158,7 @@ class CompiledMotion(MotionModel):
         )
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
-        """Start in steady flight at time 0, with no energy used and no path flown."""
+        """Place the vehicle in steady flight at time 0, with no energy used and no path flown."""
         self.counters[:] = 0
         self.state[State.POSITION_X : State.ACCELERATION_X] = (*position_m, *velocity_m_s)
         self.state[State.ACCELERATION_X : State.GIVE_UP_STEP] = 0.0
@@ -167,7 +167,7 @@ class CompiledMotion(MotionModel):
         self._route = None
 
     def _begin(self, route: Record) -> None:
-        """Start a route of the kernel's legs."""
+        """Begin a route, whose legs are rows for the kernel."""
         self._route = route
         self.arrivals = np.full(len(route), -1, dtype=np.int64)
         self.state[State.GIVE_UP_STEP] = math.inf
@@ -176,7 +176,7 @@ class CompiledMotion(MotionModel):
         self.counters[col.ARRIVED] = self.counters[col.NEAR_SENT] = 0
 
     def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
-        """Fly up to ``max_steps`` steps, fewer if an event occurs (see `MotionEvent`)."""
+        """Fly for ``max_steps`` steps, or until an event occurs (see `MotionEvent`)."""
         return self._run(self._dynamics_now, max_steps, stop_each)
 
     @property
@@ -191,7 +191,7 @@ class CompiledMotion(MotionModel):
     def _records(self, name: str, kind: np.dtype[Any] | None) -> Record:
         """Return an array of the model as records that share its memory, or unchanged if `kind` is None.
 
-        The records are cached until the array is replaced, because making them takes longer than a step.
+        The records are cached until the array is replaced, because it takes longer to make them than to step.
         """
         array = getattr(self, name)
         if kind is None:
@@ -202,7 +202,7 @@ class CompiledMotion(MotionModel):
         return known[1]
 
     def _run(self, dynamics: Dynamics, max_steps: int, stop_each: bool) -> MotionEvent:
-        """Call the kernel until an event other than the end of the wind block."""
+        """Call the kernel for `max_steps` steps, or until an event other than a new wind block occurs."""
         end = self.step + max_steps
         route = getattr(self, dynamics.route)
         if route is None:
@@ -230,7 +230,7 @@ class CompiledMotion(MotionModel):
             self._wind.forward()
 
     def rest(self, steps: int, *, armed: bool) -> None:
-        """Stand on the ground for a number of steps at idle power."""
+        """Stand on the ground for a number of steps, with idle power if armed."""
         power = float(self._power[CONSTANT_POWER]) + (self._idle_w if armed else 0.0)
         self.state[State.POWER] = power
         self.state[State.ENERGY_USED] += power * steps * self.step_s
@@ -238,11 +238,11 @@ class CompiledMotion(MotionModel):
         self.state[col.LEVEL_WIND] = self._wind.at(self.step // col.GRID, 0.0)[:2]
 
     def ignore_energy(self) -> None:
-        """Keep flying with an empty battery."""
+        """Let the vehicle fly on with an empty battery."""
         self._limit.energy_limit = math.inf
 
     def update_spec(self, spec: VehicleSpec) -> None:
-        """Replace defaults and limits; the new values apply from the next route."""
+        """Replace the vehicle's defaults and limits; the new values apply from the next route."""
         energy_j = self._limit.energy_limit
         self.spec = spec
         self._take_limits(spec)

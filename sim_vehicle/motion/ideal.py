@@ -1,8 +1,8 @@
-"""The paper's ideal robot: one cell per time step, no dynamics, no battery, instant take-off and landing.
+"""The paper's ideal robot: it moves one cell per time step and climbs at once; it has no battery.
 
-Motion rule (see docs/vehicle-model.md): a robot at most one step away from its waypoint jumps exactly to the
-waypoint, and the shortened step still takes a whole time step. Otherwise the robot moves one step along the
-straight line. A waypoint at the robot's present position takes a time step, too.
+A robot that is at most one cell away from its waypoint moves exactly to the waypoint; this shorter move still
+takes a whole time step (see docs/vehicle-model.md). Otherwise the robot moves one cell along the straight
+line. A waypoint at the robot's present position takes a time step, too.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position, Route
 
-# Tolerance for waypoints that a link rounded to 1e-7 degree (1.1 cm): rounding must not cost a time step.
+# Tolerance, so that no step is lost if a link has rounded a waypoint to 1e-7 degree (1.1 cm).
 _SLACK = 0.04
 
 
 class IdealRobot(MotionModel):
-    """The paper's robot as a motion model, in metres relative to home.
+    """The paper's robot as a motion model, in metres relative to the start.
 
     Height changes instantly at the start of a leg, and a purely vertical leg takes no step.
 
@@ -57,11 +57,11 @@ class IdealRobot(MotionModel):
 
     @property
     def position_m(self) -> Position:
-        """East, north, up relative to home."""
+        """East, north, up relative to the start."""
         return self._place
 
     def snapshot(self) -> MotionState:
-        """Return the present motion state."""
+        """Return the present state of the motion."""
         return MotionState(
             position_m=self._place,
             velocity_m_s=(*self._velocity, 0.0),
@@ -75,7 +75,7 @@ class IdealRobot(MotionModel):
         )
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
-        """Start at a position at time 0, with no path flown."""
+        """Place the robot at a position at time 0, with no path flown."""
         self.step = self.leg = self.track_points = 0
         self._place = position_m
         self._velocity = velocity_m_s[:2]
@@ -101,7 +101,7 @@ class IdealRobot(MotionModel):
             self._yaw = math.atan2(tx - x, ty - y) % (2.0 * math.pi)
 
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
-        """Raise VehicleError: the ideal robot has no velocity control."""
+        """Raise VehicleError, because the ideal robot has no velocity control."""
         msg = f"vehicle {self.spec.name}: the ideal robot has no velocity control, give it positions"
         raise VehicleError(msg)
 
@@ -110,7 +110,7 @@ class IdealRobot(MotionModel):
         return self._place
 
     def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
-        """Move up to ``max_steps`` steps, or to a waypoint (without ``stop_each``, the last waypoint)."""
+        """Move for ``max_steps`` steps, or to a waypoint (without ``stop_each``, to the last waypoint)."""
         end = self.step + max_steps
         while self.leg < len(self._legs):
             tx, ty, tz, _ = self._legs[self.leg]
@@ -174,7 +174,7 @@ class IdealRobot(MotionModel):
         self.step += steps
 
     def update_spec(self, spec: VehicleSpec) -> None:
-        """Replace defaults."""
+        """Replace the vehicle's defaults."""
         self.spec = spec
 
     def touch_down(self) -> None:

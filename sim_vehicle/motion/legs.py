@@ -1,4 +1,4 @@
-"""Legs, their headings, and routes for the compiled motion."""
+"""Legs with their headings and circles, and routes for the compiled motion."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Position = tuple[float, float, float]
-"""East, north, up relative to home (m)."""
+"""East, north, up relative to the start (m)."""
 
 
 class LegKind(IntEnum):
     """Purpose of a leg; autopilots fly some kinds differently.
 
     SETPOINT is a position that a companion computer or ground station sends repeatedly; a multirotor's
-    position controller flies to it without a planned path. LOITER_TO_HEIGHT is a circle that ends at its
-    height. ORBIT is an endless circle about the leg's end.
+    position controller flies there without a planned path. LOITER_TO_HEIGHT is a circle on which the vehicle
+    changes its height until it reaches the leg's height. ORBIT is an endless circle about the leg's end.
     """
 
     WAYPOINT = 0
@@ -65,12 +65,12 @@ class Heading:
 
     @classmethod
     def turning(cls, rate_rad_s: float) -> Heading:
-        """Return a heading that turns at a rate, clockwise."""
+        """Return a heading that turns clockwise at a rate."""
         return cls(rate_rad_s=rate_rad_s)
 
     @property
     def numbers(self) -> tuple[float, float]:
-        """Compass heading and heading rate for a route, with NaN for None."""
+        """Compass heading and heading rate as numbers of a route; NaN stands for None."""
         return (
             math.nan if self.angle_rad is None else self.angle_rad,
             math.nan if self.rate_rad_s is None else self.rate_rad_s,
@@ -82,12 +82,12 @@ KEEP, ALONG, INWARD = Heading(math.inf), Heading(), Heading(-math.inf)
 
 @dataclass(frozen=True, slots=True)
 class Circle:
-    """Circle of a leg: of an orbit, or of a fixed wing that holds."""
+    """Circle on a leg, for an orbit or for a fixed wing that holds its position."""
 
     radius_m: float | None = None
     """Radius, positive for clockwise; None selects the autopilot's default."""
     turns: float = 0.0
-    """Number of turns that complete the leg."""
+    """Number of turns after which the leg is complete."""
     leave_to_m: tuple[float, float] | None = None
     """Position (east, north) towards which the vehicle leaves the circle; None for any direction."""
 
@@ -98,19 +98,19 @@ class Leg:
 
     end_m: Position
     speed_m_s: float | None = None
-    """Horizontal ground speed (airspeed of a fixed wing); None selects the vehicle's default."""
+    """Horizontal ground speed (of a fixed wing: airspeed); None selects the vehicle's default."""
     radius_m: float = 0.0
-    """Acceptance radius; 0 is a stop."""
+    """Acceptance radius; 0 means that the vehicle stops at the end."""
     heading: Heading = ALONG
     kind: LegKind = LegKind.WAYPOINT
     vertical_speed_m_s: float | None = None
     """Speed of a vertical leg, up or down; None selects the vehicle's default."""
     near_m: float = 0.0
-    """Distance to the end at which the motion reports NEAR; 0 disables the report."""
+    """Distance from the end at which the motion returns NEAR; 0 for never."""
     pause_s: float = 0.0
     """Pause at the end of the leg; a leg with a pause ends with a stop."""
     circle: Circle | None = None
-    """Circle of the leg; a fixed wing that lands without a circle approaches straight."""
+    """Circle on the leg; without it, a fixed wing that lands approaches in a straight line."""
     pitch_rad: float = 0.0
     """Minimum pitch of a fixed wing on a take-off leg; 0 selects the autopilot's default."""
 
@@ -120,23 +120,23 @@ class Leg:
         return self.kind is LegKind.LAND or self.vertical_speed_m_s is not None
 
 
-# Columns of the legs of a route, as in `Leg`; NaN selects the vehicle's default.
+# Columns of a route's legs, which hold the fields of `Leg`; NaN selects the vehicle's default.
 ROUTE = record_type(
     ["x", "y", "z", "radius", "speed", "vertical"],
-    ["heading", "turn"],  # As `Heading.numbers`.
+    ["heading", "turn"],  # The numbers are those of `Heading.numbers`.
     ["near", "kind", "pause"],
-    ["circle", "turns"],  # Radius: NaN for no circle, 0 for the autopilot's default.
-    ["exit_x", "exit_y"],  # Position towards which the circle is left; NaN for any direction.
+    ["circle", "turns"],  # The radius is NaN without a circle, 0 for the autopilot's default.
+    ["exit_x", "exit_y"],  # Position towards which the vehicle leaves the circle; NaN for any direction.
     ["pitch"],
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """Legs flown without a pause between them; the last leg always ends with a stop."""
+    """Legs that a vehicle flies without a pause; the last leg always ends with a stop."""
 
     legs: Record
-    """Legs, ROUTE[n]."""
+    """Legs of the route, ROUTE[n]."""
 
     @classmethod
     def through(cls, legs: Sequence[Leg]) -> Route:
@@ -151,7 +151,7 @@ class Route:
 
     @classmethod
     def over(cls, points_m: NDArray[np.float64], leg: Leg) -> Route:
-        """Return the route through positions, float64[n, 3], with `leg` as the pattern of each leg."""
+        """Return the route through positions, float64[n, 3]; the legs are otherwise copies of `leg`."""
         table = np.tile(_numbers(leg), (len(points_m), 1))
         table[:, :3] = points_m
         return cls(records_of(table, ROUTE))

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class MotionEvent(IntEnum):
-    """Reason why a motion model returned; the values are those of the kernel."""
+    """Reason why a motion model returned; kernels return the same values."""
 
     RAN = 0
     REACHED = 1
@@ -31,7 +31,7 @@ class MotionEvent(IntEnum):
 class MotionState(NamedTuple):
     """Motion of a vehicle at one time."""
 
-    # East, north, up relative to home.
+    # East, north, up relative to the start.
     position_m: Position
     velocity_m_s: tuple[float, float, float]
     acceleration_m_s2: tuple[float, float, float]
@@ -44,11 +44,11 @@ class MotionState(NamedTuple):
     power_w: float
     """Present electric power."""
     wind_m_s: tuple[float, float]
-    """Wind velocity, east and north (towards, not from)."""
+    """Velocity of the air to the east and north."""
 
 
 def attitude_of(east: float, north: float, up: float, heading_rad: float) -> tuple[float, float]:
-    """Return roll and pitch of a vehicle with its thrust in the given direction."""
+    """Return the roll and pitch of a vehicle whose thrust points in the given direction."""
     sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
     pitch = -math.atan2(east * sine + north * cosine, up)
     return math.atan2((east * cosine - north * sine) * math.cos(pitch), up), pitch
@@ -57,7 +57,7 @@ def attitude_of(east: float, north: float, up: float, heading_rad: float) -> tup
 class MotionModel(ABC):
     """Motion of one vehicle, such as `Multirotor` or `IdealRobot`.
 
-    Methods without effect in most models have an empty default body.
+    By default, methods that only some models need do nothing.
     """
 
     spec: VehicleSpec
@@ -89,7 +89,7 @@ class MotionModel(ABC):
     @property
     @abstractmethod
     def position_m(self) -> Position:
-        """East, north, up relative to home."""
+        """East, north, up relative to the start."""
 
     @property
     @abstractmethod
@@ -98,19 +98,19 @@ class MotionModel(ABC):
 
     @property
     def estimate_error(self) -> tuple[float, float, float, float]:
-        """Errors of the autopilot's estimate (estimate minus truth), all 0 without `EstimateErrors`.
+        """Errors of the autopilot's estimate (estimate minus truth); all are 0 without `EstimateErrors`.
 
-        The errors are those of height (m) and of velocity east, north, up (m/s).
+        The numbers are the errors of the height (m) and of the velocity to the east, north and up (m/s).
         """
         return 0.0, 0.0, 0.0, 0.0
 
     def estimate_with(self, errors: EstimateErrors) -> None:
-        """Add errors to the autopilot's estimate, if this model has such errors."""
+        """Add errors to the autopilot's estimate, if this model supports them."""
         return
 
     @abstractmethod
     def snapshot(self) -> MotionState:
-        """Return the present motion state."""
+        """Return the present state of the motion."""
 
     def attitude(self) -> tuple[float, float, float, float] | None:
         """Return roll, pitch, airspeed and throttle, or None if the acceleration determines them."""
@@ -118,22 +118,22 @@ class MotionModel(ABC):
 
     @abstractmethod
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
-        """Start in steady flight at time 0, with no energy used and no path flown."""
+        """Place the vehicle in steady flight at time 0, with no energy used and no path flown."""
 
     @abstractmethod
     def fly(self, route: Route) -> None:
         """Begin a route."""
 
     def interrupt(self) -> None:
-        """Abort the present leg if the autopilot does so; the next route then starts anew."""
+        """Abort the present leg as the autopilot would; the next route does not continue this leg."""
         return
 
     @abstractmethod
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
         """Keep a velocity (east, north, up), or its horizontal part at an altitude.
 
-        A descent slows to the landing speed near the ground, and touch-down is REACHED. With the heading
-        `ALONG`, the nose points in the direction of flight.
+        A descent slows to the landing speed near the ground, and ends with REACHED at touch-down. With the
+        heading `ALONG`, the nose points in the direction of flight.
 
         Raises
         ------
@@ -142,7 +142,7 @@ class MotionModel(ABC):
         """
 
     def look_at(self, position_m: tuple[float, float] | None) -> None:
-        """Point the nose at a position (east, north) on all legs, if possible; None ends the pointing."""
+        """Point the nose at a position (east, north) on all legs, if the vehicle can; None ends this."""
         return
 
     def point(self, heading_rad: float) -> None:
@@ -155,7 +155,7 @@ class MotionModel(ABC):
 
     @abstractmethod
     def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
-        """Fly up to `max_steps` steps, fewer if an event occurs."""
+        """Fly for `max_steps` steps, or until an event occurs."""
 
     @abstractmethod
     def rest(self, steps: int, *, armed: bool) -> None:
@@ -163,10 +163,10 @@ class MotionModel(ABC):
 
     @abstractmethod
     def update_spec(self, spec: VehicleSpec) -> None:
-        """Replace defaults and limits."""
+        """Replace the vehicle's defaults and limits."""
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
-        """Limit climb and descent speed from the next route; None selects the vehicle's limit."""
+        """Limit the climb and descent speeds from the next route on; None selects the vehicle's limit."""
         return
 
     def use_energy(self, joules: float) -> None:
@@ -182,5 +182,5 @@ class MotionModel(ABC):
         """Stand still on the ground."""
 
     def ignore_energy(self) -> None:
-        """Keep flying with an empty battery."""
+        """Let the vehicle fly on with an empty battery."""
         return

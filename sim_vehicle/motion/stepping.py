@@ -1,4 +1,4 @@
-"""Time stepping shared by all compiled vehicles: wind, track, legs, events."""
+"""Loop over time steps that all compiled vehicles share: wind, track, legs, events."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ multirotor_power = compiled(allocates=False)(power.multirotor_power)
 
 @compiled(allocates=False)
 def _wind_row(step: int, first: int, rows: int) -> int:
-    """Return the row of the wind block for a step; -1 if the block ends before that step."""
+    """Return the row of the wind block for a step; -1 if the block ends before the step."""
     if rows == 1:
-        # A steady wind.
+        # The wind is steady.
         return 0
     index = step // col.GRID - first
     return index if index < rows else -1
@@ -36,7 +36,7 @@ def _wind_row(step: int, first: int, rows: int) -> int:
 def _mark_track(
     counters: Integers, step: int, track: Floats, every: int, x: float, y: float, z: float
 ) -> None:
-    """Append the position to the track at every `every`-th grid point (0: never) until the track is full."""
+    """Append the position to the track at each `every`-th grid point (0: never) until the track is full."""
     point = counters[col.TRACK_POINTS]
     if every > 0 and (step // col.GRID) % every == 0 and point < track.shape[0]:
         track[point, 0], track[point, 1], track[point, 2] = x, y, z
@@ -45,7 +45,7 @@ def _mark_track(
 
 @compiled(allocates=False)
 def _complete_leg(counters: Integers, arrivals: Integers, step: int, stop_each: bool) -> int:
-    """Record the arrival at the end of the present leg, move to the next leg, and return the event."""
+    """Record the arrival at the end of the present leg, go on to the next leg, and return the event."""
     leg = counters[col.LEG_INDEX]
     arrivals[leg] = step
     counters[col.NEAR_SENT] = 0
@@ -58,14 +58,14 @@ def _complete_leg(counters: Integers, arrivals: Integers, step: int, stop_each: 
 
 @compiled(inline="always")
 def distance2(state: Record, x: float, y: float, z: float) -> float:
-    """Return the squared distance to a position."""
+    """Return the squared distance from the vehicle to a position."""
     dx, dy, dz = x - state.position_x, y - state.position_y, z - state.position_z
     return float(dx**2 + dy**2 + dz**2)
 
 
 @compiled(allocates=False)
 def stop(state: Record) -> None:
-    """Set velocity and acceleration to zero."""
+    """Set the vehicle's velocity and acceleration to zero."""
     state.velocity_x = state.velocity_y = state.velocity_z = 0.0
     state.acceleration_x = state.acceleration_y = state.acceleration_z = 0.0
 
@@ -88,8 +88,8 @@ def kernel_of(
 ) -> Callable[..., int]:
     """Return a vehicle's kernel: the compiled loop over time steps.
 
-    The arguments are compiled functions of the state STATE, the limits LIMITS and ``own``, a tuple of the
-    arrays that only this kind of vehicle has.
+    The arguments are compiled functions. They get the state STATE, the limits LIMITS and ``own``, a tuple of
+    the arrays that only this kind of vehicle has.
 
     Parameters
     ----------
@@ -123,9 +123,9 @@ def kernel_of(
         track_every: int,
         *own: Any,
     ) -> int:
-        """Advance up to ``max_steps`` steps along the route, fewer if an event occurs; return the event.
+        """Advance for ``max_steps`` steps along the route, or until an event occurs, and return the event.
 
-        If a step completes a leg and empties the battery, the event is ENERGY, and ``arrivals`` records the
+        If a step both completes a leg and empties the battery, the event is ENERGY, and ``arrivals`` has the
         leg.
 
         Parameters
@@ -151,7 +151,7 @@ def kernel_of(
             RAN, REACHED, WIND (end of the wind block), STALLED (no progress), ENERGY or NEAR.
         """
         state, limits = states[0], limits_of[0]
-        # Kept in locals: reading the limits in every step costs a tenth of the speed.
+        # Local variables hold the limits, because reading these in every step costs a tenth of the speed.
         dt, capacity = limits.step_s, limits.energy_limit
         for _ in range(max_steps):
             enter(state, counters, route, limits, own)

@@ -38,7 +38,7 @@ class MissionState(IntEnum):
 
 
 class RefusedError(VehicleError):
-    """An order that the vehicle refuses.
+    """Refusal of an order by the vehicle.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class RefusedError(VehicleError):
     denied : bool
         Whether the order is invalid; False if the vehicle may obey the order later.
     text : str
-        The autopilot's status text beside its answer; empty if it sends none, as with most refusals.
+        Status text that the autopilot also sends; empty if it sends none, as with most refusals.
     """
 
     def __init__(self, reason: str, *, denied: bool = False, text: str = "") -> None:
@@ -57,7 +57,7 @@ class RefusedError(VehicleError):
 
 
 class Controls:
-    """One vehicle under a pilot: executor, firmware rules, parameters, mode, and notices."""
+    """One vehicle under a pilot, with its executor, firmware rules, parameters, mode and notices."""
 
     def __init__(self, executor: MissionExecutor, firmware: Firmware) -> None:
         self.executor = executor
@@ -67,14 +67,14 @@ class Controls:
         self.parameters = RuntimeParameters.of(executor.spec, firmware.rules.defaults)
         self.mode = firmware.mavlink.modes.boot
         self._notices: list[tuple[Severity, str]] = []
-        # State after the last order or `advance`, and the time of that state.
+        # State of the vehicle after the last order or `advance`, and the time of the last `advance`.
         self.state: VehicleState = executor.state()
         self.now_s = 0.0
         # Roll and pitch of a commanded attitude; None if the motion determines them.
         self.flown_attitude: tuple[float, float] | None = None
         # Whether a position (GPS) is available, and whether all motors work.
         self.position_ok = self.motor_ok = True
-        # Latest complaint; empty after an order that was obeyed.
+        # Text of the latest complaint; empty after an order that was obeyed.
         self.complaint = ""
 
     @property
@@ -94,11 +94,11 @@ class Controls:
 
     @property
     def home_m(self) -> tuple[float, float, float]:
-        """Home: east and north of the start, height above the start."""
+        """Position of home relative to the start: east, north, up."""
         return self.executor.mission.return_points.home_m
 
     def order(self, order: Callable[[], None]) -> None:
-        """Give an order to the executor; raises RefusedError if the vehicle cannot obey it."""
+        """Give an order to the executor; raises RefusedError if the vehicle cannot obey the order."""
         try:
             order()
         except RefusedError:
@@ -117,13 +117,13 @@ class Controls:
         self.note(Severity.WARNING, text)
 
     def complain(self, text: str) -> None:
-        """Warn why an order is refused; the same text is not repeated."""
+        """Warn the operator why an order is refused, unless the last complaint had the same text."""
         if text != self.complaint:
             self.complaint = text
             self.warn(text)
 
     def notices(self) -> list[tuple[Severity, str]]:
-        """Return and clear the notices since the last call."""
+        """Return the notices since the last call, and clear them."""
         taken, self._notices = self._notices, []
         return taken
 

@@ -30,10 +30,10 @@ _ALMOST_EMPTY = 3
 
 
 class BatteryWatch:
-    """Battery level: 0 normal, 1 low, 2 critical, 3 almost empty.
+    """Watch over the battery level: 0 normal, 1 low, 2 critical, 3 almost empty.
 
-    With `by_voltage`, a voltage below its threshold for some time counts as a low battery, too. Such a level
-    stays even if the voltage recovers (ArduPilot). `reported` is the highest level since arming.
+    With `by_voltage`, a voltage that is too low for some time also makes the level low or critical; the level
+    then stays even if the voltage recovers (ArduPilot). `reported` is the highest level since arming.
     """
 
     def __init__(self, controls: Controls, *, by_voltage: bool) -> None:
@@ -44,7 +44,7 @@ class BatteryWatch:
         self._sagging_since_s = [math.inf, math.inf]
 
     def reset(self) -> None:
-        """Reset the reported level on arming."""
+        """Reset the reported level when the vehicle arms."""
         self.reported = 0
         self._sagging_since_s = [math.inf, math.inf]
 
@@ -53,7 +53,7 @@ class BatteryWatch:
         self.reported = _ALMOST_EMPTY
 
     def check(self) -> int:
-        """Return the battery level if it is a new maximum since arming, else 0."""
+        """Return the battery level if it has not been as high since arming, else 0."""
         battery = self._controls.state.battery
         if battery is None:
             return 0
@@ -78,7 +78,7 @@ class BatteryWatch:
         return max(level, self._voltage_level(), self.reported if self._by_voltage else 0)
 
     def describe(self, level: int) -> str:
-        """Return the name of a level with the charge or voltage that caused it."""
+        """Return the name of a level, and the charge or voltage that caused it."""
         battery, parameters = self._controls.state.battery, self._parameters
         assert battery is not None
         limit = parameters.low_fraction if level == 1 else parameters.critical_fraction
@@ -88,7 +88,7 @@ class BatteryWatch:
         return f"{_LEVEL_NAMES[level]} ({amount})"
 
     def _voltage_level(self) -> int:
-        """Return the level (0 to 2) of a voltage below its threshold for longer than the parameter's time."""
+        """Return the level (0 to 2) from how long the voltage has been below its thresholds."""
         now_s, patience_s = self._controls.now_s, self._parameters.low_voltage_timer_s
         if patience_s <= 0.0:
             return 0
@@ -96,7 +96,7 @@ class BatteryWatch:
         return 2 if critical else int(low)
 
     def _time_low_voltages(self, battery: BatteryState) -> None:
-        """Record since when the voltage, under load or sag-compensated, is below each threshold."""
+        """Record since when the voltage (under load, or corrected for the load) is below each threshold."""
         parameters, now_s = self._parameters, self._controls.now_s
         voltage = battery.rest_voltage_v if parameters.low_voltage_source == 1 else battery.voltage_v
         for i, limit in enumerate((parameters.low_voltage_v, parameters.critical_voltage_v)):
@@ -105,9 +105,9 @@ class BatteryWatch:
 
 
 _HOMING = (FlightPhase.RETURN, FlightPhase.LAND)
-# Flight phases in which an action changes nothing, because the vehicle already does as much or more.
+# Flight phases in which the vehicle already does as much as an action or more, by action.
 _DONE_IN = {Action.HOLD: _HOMING, Action.RETURN: _HOMING, Action.LAND: (FlightPhase.LAND,)}
-# Bits of ArduPilot's FENCE_TYPE.
+# Bits of ArduPilot's parameter FENCE_TYPE.
 _CEILING, _RADIUS, _AREAS = 1, 2, 4
 
 
@@ -117,10 +117,10 @@ class Reaction:
 
     action: Action
     outcome: Outcome
-    """Outcome of the run after the action."""
+    """Outcome of the run if the pilot takes the action."""
     reason: str
     return_point_m: Position | None = None
-    """Destination of a return in place of home (east, north, minimum height), where the vehicle holds."""
+    """Place to which the vehicle returns instead of home, and holds: east, north, minimum height."""
 
 
 def is_done(action: Action, phase: FlightPhase) -> bool:
@@ -131,7 +131,7 @@ def is_done(action: Action, phase: FlightPhase) -> bool:
 class Failsafe:
     """Failsafes of one vehicle; the pilot carries out their reactions.
 
-    `active` is set if a failsafe has triggered since arming, `link_lost` if the ground station is silent.
+    `active` is true after a failsafe has triggered. `link_lost` is true while the ground station is silent.
     """
 
     def __init__(self, controls: Controls) -> None:
@@ -148,7 +148,7 @@ class Failsafe:
 
     @property
     def fence_enabled(self) -> bool:
-        """Whether the fence is enabled and its action is not NONE."""
+        """Whether the fence is enabled, with an action other than NONE."""
         parameters = self._parameters
         return bool(parameters.fence_enable) and self._rules.fence_action(parameters) is not Action.NONE
 
@@ -182,7 +182,7 @@ class Failsafe:
         return acts or self._rules.tells_link_loss
 
     def on_armed(self) -> None:
-        """Reset the failsafes on arming."""
+        """Reset the failsafes when the vehicle arms."""
         self.active = self._position_lost = False
         self.battery.reset()
 
@@ -192,7 +192,7 @@ class Failsafe:
         self.battery.give_up()
 
     def outside(self, position_m: Position) -> str | None:
-        """Return the reason why the fence excludes a position, or None for an allowed position."""
+        """Return the reason why the fence excludes a position, or None if the fence allows it."""
         if not self.fence_enabled:
             return None
         breach, reason, _ = self.fence.evaluate(position_m, self._controls.home_m)
@@ -211,7 +211,7 @@ class Failsafe:
     def check(self) -> Iterator[Reaction]:
         """Check all failsafes of an armed vehicle, and yield the reactions.
 
-        The caller must carry out each reaction before taking the next: later checks read the new state.
+        The caller must carry out each reaction before it takes the next: later checks read the new state.
         """
         controls, parameters = self._controls, self._parameters
         if controls.state.phase.is_lost:
@@ -279,7 +279,7 @@ class Failsafe:
             if point_m is None:
                 yield from self._react(reaction)
             else:
-                # As in ArduPlane, a return to the fence's return point interrupts any flight.
+                # As in ArduPlane, the return to the return point of the fence interrupts any flight.
                 self.active = True
                 yield reaction
         elif before is not Breach.NONE and watch.breach is Breach.NONE:
@@ -299,7 +299,7 @@ class Failsafe:
 class ArmingChecks:
     """Pre-arm checks.
 
-    The owner may assign two attributes: `block`, one more reason against arming, and `custom_mode`, a
+    The owner may assign two attributes: `block` is a further reason against arming, and `custom_mode` is a
     function that returns the custom mode number.
     """
 
@@ -310,7 +310,7 @@ class ArmingChecks:
         self._failsafe = failsafe
 
     def health_problem(self) -> str | None:
-        """Return the reason against flying in any mode, or None."""
+        """Return the reason why the vehicle must not arm in any mode, or None."""
         controls = self._controls
         if not controls.position_ok:
             return "no position"
@@ -322,7 +322,7 @@ class ArmingChecks:
         )
 
     def why_not(self, mode: Mode, mission_problem: str | None) -> str | None:
-        """Return the reason against arming in a mode, or None.
+        """Return the reason why the vehicle must not arm in a mode, or None.
 
         `mission_problem` is the reason why the mission cannot be flown, or None.
         """
@@ -353,9 +353,9 @@ class ArmingChecks:
 
 
 class IdleWatch:
-    """Timer of a vehicle on the ground with running motors; the vehicle is disarmed when the time is over.
+    """Timer of a vehicle that idles on the ground; when the time is over, the vehicle must be disarmed.
 
-    `throttle_down` returns whether no stick demands thrust.
+    `throttle_down` is a function that returns True if no stick demands thrust.
     """
 
     def __init__(self, controls: Controls, rule: IdleDisarm, throttle_down: Callable[[], bool]) -> None:
@@ -367,7 +367,7 @@ class IdleWatch:
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """Notices when the time is over."""
+        """Notices to send when the time is over."""
         return self._rule.texts
 
     def on_armed(self) -> None:

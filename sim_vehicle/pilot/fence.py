@@ -1,7 +1,7 @@
 """Geofence: zones, distance of a position to the edge, and breaches.
 
-Repeated checks are cheap: a vehicle 100 m from the edge cannot cross the edge within 100 m of path, so the
-next 100 m need no computation.
+Repeated checks are cheap: a vehicle that is 100 m from the edge cannot cross it within the next 100 m of its
+path, so the watch computes nothing for this distance.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _CIRCLES = frozenset({int(Command.NAV_FENCE_CIRCLE_INCLUSION), int(Command.NAV_F
 
 
 class Breach(IntEnum):
-    """Breached limit, with the values of FENCE_BREACH."""
+    """Limit that a vehicle has breached, with the values of FENCE_BREACH."""
 
     NONE = 0
     MAX_ALTITUDE = 2
@@ -42,14 +42,14 @@ class Breach(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Zone:
-    """Circle if it has a radius, else polygon; with ``inclusion``, the vehicle must stay inside."""
+    """Zone of a fence: a circle if it has a radius, else a polygon; vehicles stay inside an ``inclusion``."""
 
     points_m: NDArray[np.float64]
     radius_m: float
     inclusion: bool
 
     def depth_m(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the distance of each position to the zone's edge, negative outside the zone."""
+        """Return the distance of each position from the edge of the zone; it is negative outside the zone."""
         if self.radius_m > 0.0:
             away: NDArray[np.float64] = np.hypot(x - self.points_m[0, 0], y - self.points_m[0, 1])
             return self.radius_m - away
@@ -76,11 +76,11 @@ class Fence:
     return_point_m: tuple[float, float, float] | None = None
     """Return point: east, north, height."""
     any_inclusion: bool = True
-    """Whether it is enough to be inside one inclusion zone (PX4), not inside all of them (ArduPilot)."""
+    """Whether a position in one inclusion zone is inside (PX4); otherwise it must be in all (ArduPilot)."""
 
     @classmethod
     def of(cls, items: Sequence[MissionItem], frame: LocalFrame, *, any_inclusion: bool = True) -> Fence:
-        """Make a fence from the plan items 5000 to 5004; incomplete zones are ignored.
+        """Return a fence from plan items with the commands 5000 to 5004; incomplete zones are ignored.
 
         Examples
         --------
@@ -111,7 +111,7 @@ class Fence:
         return cls(tuple(zones), point, any_inclusion)
 
     def margins_m(self, x_m: ArrayLike, y_m: ArrayLike) -> NDArray[np.float64]:
-        """Return the distance of each position to the nearest edge, negative outside the fence."""
+        """Return the distance of each position from the nearest edge; it is negative outside the fence."""
         x, y = np.atleast_1d(np.asarray(x_m, float)), np.atleast_1d(np.asarray(y_m, float))
         margin = np.full(len(x), np.inf)
         inside = [zone.depth_m(x, y) for zone in self.zones if zone.inclusion]
@@ -123,13 +123,13 @@ class Fence:
         return np.asarray(margin)
 
     def margin_m(self, x_m: float, y_m: float) -> float:
-        """Return the distance of one position to the nearest edge, negative outside the fence."""
+        """Return the distance of a position from the nearest edge; it is negative outside the fence."""
         return float(self.margins_m(x_m, y_m)[0])
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Limits that need no fence plan; infinity disables a limit."""
+    """Limits of a fence besides its plan; infinity disables a limit."""
 
     ceiling_m: float = math.inf
     """Height above home."""
@@ -141,11 +141,11 @@ class Bounds:
 
 @dataclass(slots=True)
 class FenceWatch:
-    """Fence with the breaches of one vehicle."""
+    """Watch over a fence, with the breaches of one vehicle."""
 
     fence: Fence = field(default_factory=Fence)
     bounds: Bounds = field(default_factory=Bounds)
-    # Present breach and its description.
+    # Present breach, and its description.
     breach: Breach = Breach.NONE
     reason: str = ""
     # Number of breaches, and time of the last breach.
@@ -162,7 +162,7 @@ class FenceWatch:
     def evaluate(
         self, place_m: tuple[float, float, float], home_m: tuple[float, float, float]
     ) -> tuple[Breach, str, float]:
-        """Return the breach at a position, its description, and the distance to the nearest limit."""
+        """Return the breach at a position, a description of it, and the distance from the nearest limit."""
         x, y, z = place_m[0], place_m[1], place_m[2] - home_m[2]
         bounds = self.bounds
         away = math.hypot(x - home_m[0], y - home_m[1])

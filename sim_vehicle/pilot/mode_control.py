@@ -1,4 +1,4 @@
-"""Mode and mission of a pilot: orders of a mode, problems, progress, hooks of add-ons."""
+"""Mode and mission of a pilot: orders of a mode, problems and progress of the mission, hooks for add-ons."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["MissionChange", "MissionStatus", "ModeControl", "PilotExtra"]
 
-# Modes that are not restored, after PX4's ``mode_requirements.cpp`` and ``UserModeIntention.cpp``.
+# Modes that PX4 does not restore (``mode_requirements.cpp``, ``UserModeIntention.cpp``).
 _NOT_RESTORED = frozenset({Mode.RTL, Mode.LAND, Mode.TAKEOFF, Mode.FOLLOW})
 _WITHOUT_POSITION = (Mode.MANUAL, Mode.ATTITUDE, Mode.FLIP)
 
@@ -36,13 +36,13 @@ class MissionChange(Enum):
 
 
 class MissionStatus:
-    """Status of the loaded mission."""
+    """Status of the mission that is loaded."""
 
     def __init__(self, controls: Controls, failsafe: Failsafe) -> None:
         # Reasons why the mission cannot be flown.
         self.problems: tuple[ItemProblem, ...] = ()
-        # Whether the mission was begun since arming, whether it was completed, and whether only the return
-        # remains, which PX4 does not count as part of the mission.
+        # Whether the mission was begun since arming, whether it is complete, and whether only the return
+        # remains; PX4 does not count a final return as a part of the mission.
         self.started = self.complete = self.returns = False
         self._chosen = False
         self._in_air = False
@@ -51,16 +51,16 @@ class MissionStatus:
 
     @property
     def waits(self) -> bool:
-        """Whether the mission is over, even if an item was chosen for a restart."""
+        """Whether the mission is complete, even if an item has been chosen at which it may restart."""
         return self.complete or self._chosen
 
     def choose(self) -> None:
-        """Record that the current item was chosen, from which a completed mission may restart."""
+        """Record that the current item was chosen; a complete mission may restart at this item."""
         self._chosen = self.waits or self.returns
         self.complete = self.returns = False
 
     def begin(self) -> None:
-        """Record that the mission was begun or resumed."""
+        """Record that the vehicle begins or resumes the mission."""
         self.complete = self.returns = self._chosen = False
         self.started = True
 
@@ -87,7 +87,7 @@ class MissionStatus:
         return str(self.problems[0]) if self.problems else None
 
     def check(self, items: Sequence[MissionItem], *, in_air: bool = False) -> None:
-        """Update the problems of a mission; with `in_air`, the mission needs no take-off."""
+        """Update the problems of a mission; with `in_air`, it needs no take-off."""
         self.problems = ()
         self._in_air = in_air
         if items:
@@ -107,7 +107,7 @@ class MissionStatus:
                 self.problems += (ItemProblem(None, 0, "firmware", refusal),)
 
     def why_not_begin(self) -> str | None:
-        """Return why the mission cannot begin now, or None; in the air the mission needs no take-off."""
+        """Return the reason why the mission cannot begin now, or None; in the air it needs no take-off."""
         controls = self._controls
         in_air = controls.landed is not LandedState.ON_GROUND
         if self.problems and in_air and not self._in_air:
@@ -123,7 +123,7 @@ class MissionStatus:
             self.check(self.items)
 
     def check_again(self) -> ItemProblem | None:
-        """Check the mission after a change of fence or parameters; return a new problem, or None."""
+        """Check the mission after fence or parameters have changed; return a new problem, or None."""
         if not self.items:
             return None
         before = self.problems
@@ -146,11 +146,11 @@ class MissionStatus:
 
 
 class PilotExtra:
-    """Part of a pilot that an add-on provides; a subclass overrides what it needs."""
+    """Part of a pilot that an add-on provides; a subclass overrides the methods that it needs."""
 
     @property
     def sticks(self) -> Sticks | None:
-        """Positions of the sticks, or None while there are none."""
+        """Positions of the sticks, or None while no sticks are received."""
         return None
 
     @property
@@ -163,14 +163,14 @@ class PilotExtra:
         return None
 
     def why_not_arm(self, mode: Mode) -> str | None:
-        """Return the reason against arming in a mode, or None."""
+        """Return the reason why the vehicle must not arm in a mode, or None."""
         return None
 
     def on_armed(self) -> None:
-        """Reset on arming."""
+        """Reset the extra when the vehicle arms."""
 
     def check(self) -> Iterable[Reaction]:
-        """Check the failsafes of an armed vehicle; each reaction is carried out before the next is taken."""
+        """Yield the reactions of failsafes in flight; each is carried out before the next one is taken."""
         return ()
 
     def start(self, mode: Mode) -> None:
@@ -183,17 +183,17 @@ class PilotExtra:
         """Continue the flight of an armed vehicle in its mode."""
 
     def stop(self) -> None:
-        """Stop the extra's orders, because another order flies the vehicle."""
+        """Stop the orders of this extra, because another order now flies the vehicle."""
 
     def forget(self) -> None:
         """Forget the order that the vehicle carries out, because the mode may change."""
 
     def free_heading(self) -> None:
-        """Stop turning the nose, because another order decides the heading."""
+        """Stop turning the nose, because another order now decides the heading."""
 
 
 class ModeControl:
-    """Changes the mode and gives the vehicle the orders of the new mode."""
+    """Control of the mode: it changes the mode, and gives the vehicle the orders of the new mode."""
 
     def __init__(
         self,
@@ -201,7 +201,7 @@ class ModeControl:
         mission: MissionStatus,
         extras: Sequence[PilotExtra],
     ) -> None:
-        # Last mode that was ordered or followed from an order; the vehicle arms in this mode.
+        # Last mode that was ordered, or that followed from an order; the vehicle arms in this mode.
         self.intended = controls.mode
         # Whether the vehicle chose its mode itself, for example by a failsafe.
         self.by_itself = False
@@ -213,7 +213,7 @@ class ModeControl:
         self._left_mission: tuple[tuple[MissionItem, ...], int] | None = None
 
     def check(self, mode: Mode) -> None:
-        """Raise RefusedError if the mode is not possible now."""
+        """Raise RefusedError if the vehicle cannot enter the mode now."""
         controls = self._controls
         if controls.state.phase.is_lost:
             why = "battery empty" if controls.state.phase is FlightPhase.DEPLETED else "falling"
@@ -236,8 +236,8 @@ class ModeControl:
     def change(self, mode: Mode) -> bool:
         """Change the mode and, if armed, begin the mode's flight; a refusal restores the old mode.
 
-        Returns whether the vehicle must be disarmed, which is the effect of an order to land or return that
-        is given on the ground.
+        Return whether the vehicle must be disarmed; this is the effect of an order to land or return on the
+        ground.
         """
         before, intended = self._controls.mode, self.intended
         for extra in self._extras:
@@ -255,7 +255,7 @@ class ModeControl:
         return is_down
 
     def override(self, mode: Mode) -> None:
-        """Change the mode without the orders of that mode."""
+        """Change the mode without giving the orders of the new mode."""
         for extra in self._extras:
             extra.forget()
         self.by_itself = False
@@ -275,7 +275,7 @@ class ModeControl:
 
     @property
     def _present_item(self) -> tuple[tuple[MissionItem, ...], int]:
-        """Mission and current item, to recognise a mission that is resumed."""
+        """Mission and current item, by which a mission that is resumed is recognised."""
         return self._mission.items, self._controls.executor.mission.current_seq
 
     def on_target_reached(self) -> None:
@@ -295,7 +295,7 @@ class ModeControl:
             controls.order(lambda: executor.takeoff(altitude_m))
         elif mode in (Mode.RTL, Mode.LAND):
             if on_ground:
-                # A rover stays in place and armed.
+                # A rover stays where it is, and stays armed.
                 return not controls.spec.drives
             controls.order(executor.return_home if mode is Mode.RTL else executor.land)
         elif not on_ground or controls.state.phase is not FlightPhase.GROUND:

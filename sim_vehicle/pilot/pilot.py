@@ -43,13 +43,13 @@ if TYPE_CHECKING:
 
 __all__ = ["Pilot"]
 
-# Modes that end on the ground, where the autopilot disarms without delay.
+# Modes that end on the ground; the autopilot then disarms without delay.
 _LANDS = (Mode.MISSION, Mode.RTL, Mode.LAND)
 _MODES = {Action.HOLD: Mode.HOLD, Action.RETURN: Mode.RTL, Action.LAND: Mode.LAND}
 
 
 class Pilot(Controls):
-    """One vehicle under orders, flown by a firmware.
+    """One vehicle that a firmware flies and that obeys orders.
 
     An order that the vehicle cannot obey raises RefusedError.
 
@@ -100,7 +100,7 @@ class Pilot(Controls):
         self.arming = ArmingChecks(self, self.failsafe)
         self._return_mode_s = math.inf
         self._rally: list[MissionItem] = []
-        # Parts that add-ons provide; the owner of the pilot appends them.
+        # Parts of the pilot that add-ons provide; the owner of the pilot appends them.
         self.extras: list[PilotExtra] = []
         self.modes = ModeControl(self, self.mission, self.extras)
         self._idle = None
@@ -124,11 +124,11 @@ class Pilot(Controls):
     ) -> MissionChange:
         """Replace the mission; a mission that cannot be flown is stored, but not flown.
 
-        `marked` is the item to continue at; the default in flight is the item of the same number. `whole` is
-        False for part of an upload that overwrites the mission in place; a part is not checked.
+        `marked` is the item at which to continue, by default (in flight) the item with the present number.
+        `whole` is False for a part of an upload that overwrites the mission in place; a part is not checked.
         """
         mission, behaviour = self.mission, self.behaviour
-        # A falling vehicle stores the mission without flying it, like an autopilot that notices no fall.
+        # A falling vehicle only stores the mission, because a falling autopilot does not notice the fall.
         flying = self.mode is Mode.MISSION and self.armed and not self.state.phase.is_lost
         airborne = self.armed and self.landed is not LandedState.ON_GROUND
         seq = marked or 0
@@ -158,7 +158,7 @@ class Pilot(Controls):
         return change
 
     def _change(self, items: Sequence[MissionItem], seq: int) -> MissionChange:
-        """Continue with another mission in flight."""
+        """Continue the flight with another mission."""
         behaviour, executor = self.behaviour, self.executor
         is_beyond = seq >= len(items)
         turned = executor.mission.change(
@@ -182,7 +182,7 @@ class Pilot(Controls):
             self._end(Outcome.RUNNING, "")
 
     def reject_mission(self, reason: str) -> None:
-        """Record that an upload was refused; the old mission stays in force."""
+        """Record that the upload of a mission was refused; the old mission stays in force."""
         if not self.armed:
             self._end(Outcome.MISSION_REJECTED, reason)
 
@@ -192,7 +192,7 @@ class Pilot(Controls):
         self._check_mission_again()
 
     def set_rally(self, items: Sequence[MissionItem]) -> None:
-        """Replace the rally points; a return leads to home or to a nearer rally point."""
+        """Replace the rally points; a return leads to home or to a rally point that is nearer."""
         self._rally = [item for item in items if item.command == Command.NAV_RALLY_POINT]
         self._place_rally()
 
@@ -238,10 +238,10 @@ class Pilot(Controls):
     # Orders
 
     def arm(self, *, force: bool = False, text: str = "") -> None:
-        """Start the motors; in mission or take-off mode the flight begins.
+        """Start the motors; in the mission and take-off modes, the flight begins.
 
-        `force` skips the pre-arm checks. `text` is the notice to the operator, by default the notice of an
-        arm command. A refusal also becomes the outcome of a vehicle that has not flown.
+        `force` skips the pre-arm checks. `text` is the notice to the operator; by default, this is the notice
+        of an arm command. If the vehicle has not begun a mission, a refusal also becomes its outcome.
         """
         if self.armed:
             return
@@ -274,7 +274,7 @@ class Pilot(Controls):
             self.turn_to(self.mode)
 
     def disarm(self, *, force: bool = False) -> None:
-        """Stop the motors; in the air only with `force`."""
+        """Stop the motors; in the air, this needs `force`."""
         if not self.armed:
             return
         try:
@@ -285,7 +285,7 @@ class Pilot(Controls):
         self._on_disarmed((self.rules.disarmed,))
 
     def set_mode(self, mode: Mode) -> None:
-        """Change the mode; an armed vehicle flies in it at once."""
+        """Change the mode; an armed vehicle flies in the new mode at once."""
         text = self.behaviour.empty_mission_text
         if text and mode is Mode.MISSION and not self.armed:
             if not self.mission.items:
@@ -297,7 +297,7 @@ class Pilot(Controls):
         self._change_mode(mode)
 
     def takeoff(self, altitude_m: float) -> None:
-        """Climb to an altitude above home; a disarmed vehicle climbs after arming."""
+        """Climb to an altitude above the start; a disarmed vehicle climbs when it arms."""
         if self.spec.drives:
             raise RefusedError("Takeoff refused: a rover stays on the ground", denied=True)
         if not 0.0 < altitude_m <= self.spec.max_altitude_m:
@@ -315,13 +315,13 @@ class Pilot(Controls):
         heading: Heading = ALONG,
         speed_m_s: float | None = None,
     ) -> None:
-        """Fly to a position at an altitude above home and hold there."""
+        """Fly to a position at an altitude above the start and hold there."""
         self._check_flying()
         x_m, y_m = self.frame.from_wgs84(latitude_deg, longitude_deg)
         distance_m = math.hypot(x_m, y_m)
         if not (distance_m <= self.spec.max_distance_m and self.spec.reaches(altitude_m)):
             raise RefusedError(
-                f"Reposition refused: {distance_m:.0f} m from home, {altitude_m:.0f} m high", denied=True
+                f"Reposition refused: {distance_m:.0f} m from the start, {altitude_m:.0f} m high", denied=True
             )
         outside = self.failsafe.outside((x_m, y_m, altitude_m))
         if outside is not None:
@@ -338,7 +338,7 @@ class Pilot(Controls):
         else:
             self.hold_in(mode)
         if speed_m_s is None and self.behaviour.replays_speed:
-            # The speed of the mission is restored together with the mission.
+            # The mission gets its speed back when it resumes.
             speed_m_s = self.spec.cruise_speed_m_s
         self.order(
             lambda: self.executor.goto(
@@ -347,7 +347,7 @@ class Pilot(Controls):
         )
 
     def look_at(self, latitude_deg: float | None, longitude_deg: float = 0.0) -> None:
-        """Point the nose at a position in any flight; None ends the pointing."""
+        """Point the nose at a position, however the vehicle flies; None ends this."""
         position = None if latitude_deg is None else self.frame.from_wgs84(latitude_deg, longitude_deg)
         for extra in self.extras:
             extra.free_heading()
@@ -366,7 +366,7 @@ class Pilot(Controls):
         self.order(self.executor.flight.hold)
 
     def resume(self) -> None:
-        """Resume the mission after a pause; in ArduPilot's guided mode the next setpoint ends the pause."""
+        """Resume the mission after a pause; in ArduPilot's guided mode, setpoints end the pause instead."""
         if self.rules.pauses_in_mode and self.mode is Mode.GUIDED:
             return
         if self.rules.pauses_in_mode and self.mode is not Mode.MISSION:
@@ -376,7 +376,7 @@ class Pilot(Controls):
     def start_mission(self, first: int | None = None) -> None:
         """Begin or resume the mission at an item; a completed mission restarts.
 
-        With PX4's rules, a disarmed vehicle arms, too.
+        By PX4's rules, this also arms a disarmed vehicle.
         """
         self.modes.check(Mode.MISSION)
         if first is not None:
@@ -403,7 +403,7 @@ class Pilot(Controls):
         self.order(climb)
 
     def set_speed(self, speed_m_s: float) -> None:
-        """Change the ground speed; RefusedError above the vehicle's limit."""
+        """Change the ground speed; raises RefusedError above the vehicle's limit."""
         if not 0.0 < speed_m_s <= self.spec.top_speed_m_s:
             raise RefusedError(
                 f"Speed refused: {speed_m_s:g} m/s is outside 0..{self.spec.top_speed_m_s:g}", denied=True
@@ -424,7 +424,7 @@ class Pilot(Controls):
         self.refresh()
 
     def change_battery(self) -> None:
-        """Install a full battery; no effect while the motors run."""
+        """Install a full battery; do nothing while the motors run."""
         self.executor.flight.change_battery()
         self.refresh()
 
@@ -467,7 +467,7 @@ class Pilot(Controls):
         return events
 
     def _end_in_return(self, lag_s: float) -> None:
-        """Enter the return mode if the mission ends with a return; the path does not change."""
+        """Enter the return mode if the vehicle flies a final return item; its path does not change."""
         executor, mission, now_s = self.executor, self.mission, self.executor.time_s
         if not (self.armed and self.mode is Mode.MISSION and self.landed is not LandedState.ON_GROUND):
             self._return_mode_s = math.inf
@@ -491,7 +491,7 @@ class Pilot(Controls):
         elif isinstance(event, LandingRestarted):
             starts = self.mission.items[event.seq].command == Command.DO_LAND_START
             how = "via DO_LAND_START:" if starts else "sequence at waypoint"
-            # ArduPilot counts home as item 0, hence `+ 1`.
+            # ArduPilot counts home as item 0, so the notice adds 1.
             self.note(Severity.NOTICE, f"Restarted landing {how} {event.seq + 1}")
         elif isinstance(event, MissionComplete):
             self.mission.complete = True
@@ -515,7 +515,7 @@ class Pilot(Controls):
             self._on_disarmed(self.rules.landed)
 
     def _abort_mission(self, event: CannotFly) -> None:
-        """Return home after an item that cannot be flown; land if the vehicle is already returning."""
+        """Return home because an item cannot be flown; land if the vehicle is already returning."""
         where = f"Item {event.seq + 1}: " if event.seq >= 0 else ""
         self.note(Severity.CRITICAL, f"{where}{event.reason}")
         if not self.outcome.is_over:
@@ -539,7 +539,7 @@ class Pilot(Controls):
             self.modes.override(self.modes.intended)
 
     def _carry_out(self, reaction: Reaction) -> None:
-        """Carry out the reaction of a failsafe."""
+        """Carry out the reaction that a failsafe demands."""
         self._end(reaction.outcome, reaction.reason)
         point_m = reaction.return_point_m
         if point_m is not None:
@@ -559,13 +559,13 @@ class Pilot(Controls):
             raise RefusedError("Reposition refused: not flying")
 
     def hold_in(self, mode: Mode) -> None:
-        """Hold in `mode`, which is the autopilot's mode for single orders."""
+        """Hold the position in `mode`, which is the autopilot's mode for single orders."""
         self._check_flying()
         self.set_mode(Mode.HOLD)
         self.modes.override(mode)
 
     def turn_to(self, mode: Mode) -> None:
-        """Change the mode by the vehicle's own decision; a refusal becomes a warning."""
+        """Change the mode by a decision of the vehicle itself; a refusal becomes a warning."""
         intended = self.modes.intended
         try:
             self._change_mode(mode)

@@ -33,7 +33,7 @@ __all__ = ["BatteryChange", "Transit", "TrialFlight", "TrialFlights", "batteries
 
 _SAMPLE_S = 1.0
 _LONGEST_S = 86_400.0
-# Number of attempts to locate a battery change; each flies a return and corrects the position.
+# Number of attempts to find the place of a battery change; each flies a return and corrects the place.
 _MAX_TRIALS = 6
 # Fraction of the battery that may remain unused.
 _UNUSED_SHARE = 0.003
@@ -45,13 +45,13 @@ class BatteryChange:
     """Interruption of a mission for a battery change."""
 
     time_s: float
-    """Time in the uninterrupted mission."""
+    """Time of the change in the mission without interruptions."""
     place_m: tuple[float, float, float]
     """East, north, up relative to home; the next battery continues here."""
     seq: int
     """Index of the item in flight."""
     energy_wh: float
-    """Energy that the old battery has given when the vehicle is home."""
+    """Energy that the old battery has given by the time the vehicle is home."""
 
 
 def batteries_needed(
@@ -62,11 +62,11 @@ def batteries_needed(
     wind: Wind | None = None,
     frame: LocalFrame | None = None,
 ) -> int | None:
-    """Return the number of full batteries, each used down to its reserve, that complete a mission.
+    """Return the number of full batteries, used down to their reserves, that a mission needs.
 
-    With more than one battery, the vehicle interrupts the mission when the remaining charge just suffices for
-    the return. The mission continues there with the next battery (see `battery_changes`). The result is 0 for
-    a vehicle without a battery. None means that no number suffices: the mission cannot be flown, or one
+    If one battery is too little, the vehicle interrupts the mission when the remaining charge just suffices
+    for the return; the next battery continues there (see `battery_changes`). The result is 0 for a vehicle
+    without a battery. It is None if no number suffices, because the mission cannot be flown, or because one
     battery cannot reach a position and return.
 
     Examples
@@ -94,9 +94,9 @@ def battery_changes(
 ) -> tuple[BatteryChange, ...] | None:
     """Return the battery changes of a mission, or None if no number of changes suffices.
 
-    The mission is flown once with an unlimited battery. Trial flights to a place and home find the place of a
-    change, with the mission's take-off, return and wind. Flight out, part of the mission and return together
-    use the battery's capacity minus its reserve. In a gusty wind one sample of the gusts is flown.
+    The mission is flown once with an unlimited battery. Trial flights to a place and home, with the mission's
+    take-off, return and wind, find the place of each change. The flight out, a part of the mission and the
+    return use the battery's capacity minus its reserve. A gusty wind is flown with one sample of gusts.
     """
     battery = spec.battery
     if battery is None:
@@ -111,7 +111,7 @@ def battery_changes(
         return None
     usable = battery.capacity_wh * (1.0 - battery.reserve_fraction)
     used, track = whole.energy_wh, whole.place_m
-    # First estimate of the return energy; a flight of the return corrects it.
+    # This is a first estimate of the return energy; flights of the return correct it.
     mean_w = used[-1] / max(whole.time_s[-1], 1.0)
     rough = mean_w * time_home_s(track, spec)
     changes: list[BatteryChange] = []
@@ -133,7 +133,7 @@ def battery_changes(
             if usable - _UNUSED_SHARE * battery.capacity_wh <= spent[at] + back <= usable:
                 break
         while last > begin and spent[last] + back > usable:
-            # The last correction increased the return energy: turn back earlier by the excess.
+            # If the last correction increased the return energy, turn back earlier by the excess.
             last -= max(1, math.ceil((spent[last] + back - usable) * WH_J / mean_w / _SAMPLE_S))
             transits = ground.there_and_back(track[max(last, begin)], int(whole.seq[max(last, begin)]))
             if transits is None:
@@ -149,7 +149,7 @@ def battery_changes(
 
 
 def time_home_s(positions_m: NDArray[np.float64], spec: VehicleSpec) -> NDArray[np.float64]:
-    """Estimate the return time from positions, float64[n, 3]: cruise speed, then descent."""
+    """Estimate the time of a return at cruise speed and a descent, from positions, float64[n, 3]."""
     time_s: NDArray[np.float64] = np.hypot(positions_m[:, 0], positions_m[:, 1]) / spec.cruise_speed_m_s
     if not spec.drives:
         time_s += positions_m[:, 2] / spec.descent_speed_m_s
@@ -158,7 +158,7 @@ def time_home_s(positions_m: NDArray[np.float64], spec: VehicleSpec) -> NDArray[
 
 @dataclass(frozen=True, slots=True)
 class TrialFlight:
-    """Samples of a flight at short intervals, n in all."""
+    """A flight, sampled n times at short intervals."""
 
     time_s: NDArray[np.float64]
     """float64[n]."""
@@ -183,9 +183,9 @@ class Transit:
 
 
 class TrialFlights:
-    """Flies a mission, and transits to and from its positions, with an unlimited battery.
+    """Trial flights of a mission, and of transits to and from its positions, with an unlimited battery.
 
-    In a gusty wind one sample of the gusts is flown.
+    A gusty wind is flown with one sample of its gusts.
     """
 
     def __init__(self, mission: Mission, spec: VehicleSpec, home: LocalFrame, wind: Wind | None) -> None:
@@ -201,7 +201,7 @@ class TrialFlights:
         self._end = mission.items[landing[0] :] if landing else (MissionItem(20, 2),)
 
     def there_and_back(self, place_m: NDArray[np.float64], seq: int) -> Transit | None:
-        """Return time and energy of the transits to a position of an item; None if they cannot be flown.
+        """Return time and energy of transits to and from a position on an item; None if impossible.
 
         `place_m` is east, north, up relative to home.
         """
@@ -218,7 +218,7 @@ class TrialFlights:
         return Transit(arrived_s, out, back_s, float(record.energy_wh[-1]) - out)
 
     def fly(self, items: tuple[MissionItem, ...]) -> TrialFlight | None:
-        """Fly items to their end and return the samples; None if they never end or cannot be flown."""
+        """Fly items to their end and return the flight; None if they never end or cannot be flown."""
         executor = self._new()
         motion = executor.motion
         executor.mission.load(items)

@@ -1,4 +1,4 @@
-"""Predicted flights of missions, alone or in batches, by the executor and motion of the simulator."""
+"""Predicted flights of missions, alone or in batches, with the executor and motion of the simulator."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ if TYPE_CHECKING:
 __all__ = ["PredictedFlight", "Prediction", "climbs_by_itself", "fly_all", "home_frame", "without_end"]
 
 _LONGEST_S = 86_400.0
-# Time limit for the ideal vehicle: a time step of any length is equally cheap to compute.
+# Time limit for the ideal vehicle, whose time steps are equally cheap to compute at any length.
 _LONGEST_IDEAL_S = 3e8
 _TRACK_POINTS = 20_000
-# Grid on which the kernels of all vehicles except the ideal one record their tracks.
+# Grid on which kernels record tracks; the ideal vehicle has no kernel.
 _GRID_STEPS = 5
 _ENDLESS_WH = 1e6
 Air: TypeAlias = "tuple[Wind | None, EstimateErrors | None]"
@@ -52,7 +52,7 @@ Air: TypeAlias = "tuple[Wind | None, EstimateErrors | None]"
 class Prediction:
     """Predicted time, energy and path of a mission, from take-off to the end of its last item.
 
-    The intervals and the bound are None in a prediction from a single flight.
+    The intervals and the bound are None if the prediction is from a single flight.
     """
 
     duration_s: float
@@ -71,21 +71,21 @@ class Prediction:
     reason: str
     """Reason why the mission is infeasible; empty if feasible."""
     duration_interval_s: tuple[float, float] | None = None
-    """90 % interval of one flight's duration, if its disturbances are known only statistically."""
+    """Interval with 90 % of all flights' durations, if disturbances are known only statistically."""
     energy_interval_wh: tuple[float, float] | None = None
     energy_bound_wh: float | None = None
-    """Energy that one flight does not exceed, with `sim_vehicle.prediction.predict.BOUND_PROBABILITY`."""
+    """Energy that suffices for one flight with `sim_vehicle.prediction.predict.BOUND_PROBABILITY`."""
     items: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     """int64[n]: index of the item in flight at each track position; empty if unknown."""
     camera_orders: tuple[tuple[float, int], ...] = ()
-    """Times of camera commands, each with the index of its item."""
+    """Time and item index of each camera command."""
 
     @property
     def ground_length_m(self) -> float:
-        """Length over ground from take-off to landing, which is the length of a plan.
+        """Length over ground from take-off to landing, as plans state their length.
 
-        This is the flown length times the ratio of the track's lengths over ground and in space. The length
-        of the track alone would not do, because the track cuts corners and may be truncated.
+        It is the flown length times the ratio of the track's length over ground to its length in space. The
+        track's length alone would be wrong, because the track cuts corners and may be truncated.
         """
         steps = np.diff(self.track_m, axis=0, prepend=np.zeros((1, 3)))
         flown_m = float(np.sqrt((steps**2).sum(axis=1)).sum())
@@ -94,12 +94,12 @@ class Prediction:
 
     @property
     def most_wh(self) -> float:
-        """Energy bound of one flight; the expected energy if there is no bound."""
+        """Energy bound of one flight; without a bound, the expected energy."""
         return self.energy_wh if self.energy_bound_wh is None else self.energy_bound_wh
 
 
 class PredictedFlight:
-    """One flight of a mission from home, to be predicted.
+    """One flight of a mission from home that is to be predicted.
 
     The track has at most `track_points` positions; the track of a longer flight is truncated.
     """
@@ -146,7 +146,7 @@ class PredictedFlight:
         executor.start()
 
     def prediction(self) -> Prediction:
-        """Return the result of the flight, after flying it if necessary."""
+        """Return the result of the flight; fly the mission first if this has not been done."""
         executor, spec = self.executor, self.spec
         if executor is None:
             assert self._problem is not None
@@ -158,7 +158,7 @@ class PredictedFlight:
             self.events = executor.fly_through(self.longest_s)
         motion, state = executor.motion, executor.state()
         end_s, reason = self._end(executor, self.events)
-        # Energy of the idling motors between touch-down and disarming does not count.
+        # The energy of the idling motors between touch-down and disarming does not count.
         energy_j = motion.energy_j
         if executor.time_s > end_s and spec.power is not None and not reason:
             idle_w = spec.power.avionics_w + spec.power.camera_w + spec.power.idle_w
@@ -182,7 +182,7 @@ class PredictedFlight:
         )
 
     def _items(self, points: int) -> NDArray[np.int64]:
-        """Return the item in flight at each of the track's positions and at the end."""
+        """Return the item in flight at each position of the track and at the end."""
         changes = [event for event in self.events or () if isinstance(event, CurrentChanged)]
         times_s = self._track_step_s * np.arange(1, points + 2)
         since_s = np.array([event.time_s for event in changes])
@@ -190,7 +190,7 @@ class PredictedFlight:
         return numbers[np.searchsorted(since_s, times_s, side="left")]
 
     def left(self, energy_wh: float) -> tuple[float, str]:
-        """Return the battery fraction left after using this energy, and the reason if it is too low."""
+        """Return the fraction of the battery left after using this energy, and a reason if it is too low."""
         battery = self.spec.battery
         if battery is None:
             return 1.0, ""
@@ -203,7 +203,7 @@ class PredictedFlight:
 
     @staticmethod
     def _end(executor: MissionExecutor, events: list[FlightEvent]) -> tuple[float, str]:
-        """Return the end time of the flight, and the reason if the flight failed."""
+        """Return the end time of the flight, and a reason if the flight failed."""
         for event in events:
             if isinstance(event, CannotFly):
                 return event.time_s, f"item {event.seq + 1}: {event.reason}"
@@ -228,9 +228,9 @@ def fly_all(
     threads: int = 1,
     track_points: int = _TRACK_POINTS,
 ) -> list[list[PredictedFlight]]:
-    """Fly each mission in each of `airs` in one batch, on `threads` threads.
+    """Fly each mission in each of `airs`, all in one batch on `threads` threads.
 
-    Missions that cannot be flown are included, with their reason.
+    The result includes missions that cannot be flown, with the reason.
     """
     flights = [
         [
@@ -249,7 +249,7 @@ def fly_all(
         for mission in missions
     ]
     flown = [flight for of_mission in flights for flight in of_mission if flight.executor is not None]
-    # A single flight is flown on demand, by `prediction`.
+    # If there is only one flight, `prediction` flies it on demand.
     if len(flown) > 1 and not spec.is_ideal:
         if threads > 1:
             with ThreadPoolExecutor(threads) as pool:
@@ -260,7 +260,7 @@ def fly_all(
 
 
 def _fly_together(flights: list[PredictedFlight], pool: ThreadPoolExecutor | None) -> None:
-    # Imported here: the ideal vehicle needs no compiler.
+    # The import is here because the ideal vehicle needs no compiler.
     from sim_vehicle.motion.batch import VehicleBatch
 
     executors = [flight.executor for flight in flights if flight.executor is not None]
@@ -287,7 +287,7 @@ def _fly_together(flights: list[PredictedFlight], pool: ThreadPoolExecutor | Non
 
 
 def climbs_by_itself(spec: VehicleSpec) -> bool:
-    """Whether the vehicle takes off by itself for a mission without a take-off item, as PX4 does."""
+    """Whether the vehicle, as with PX4, takes off by itself if a mission has no take-off item."""
     firmware = firmware_of(spec)
     return spec.hovers and firmware is not None and firmware.takes_off
 
@@ -300,7 +300,7 @@ def without_end(spec: VehicleSpec) -> VehicleSpec:
 
 
 def home_frame(mission: Mission) -> LocalFrame:
-    """Return the local frame at a mission's home, or at its first position.
+    """Return the local frame with its origin at a mission's home, or else at its first position.
 
     Raises
     ------

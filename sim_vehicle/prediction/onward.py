@@ -1,4 +1,4 @@
-"""Time and energy of the remaining mission of a vehicle in flight, for many paths in one batch."""
+"""Time and energy that remaining missions of a vehicle in flight take, for many paths in one batch."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ __all__ = ["InFlight", "OnwardPredictor"]
 RETURN_HOME = (MissionItem(Command.NAV_RETURN_TO_LAUNCH),)
 _LONGEST_S = 86_400.0
 _AXIS_M = 100.0
-# Time steps of multirotors, as multiples of `step_s`: on the legs of a path, and on the return.
+# Time steps of multirotors on the legs of a path, and on the return, as multiples of `step_s`.
 _PATH_STEPS, _HOME_STEPS = 2, 3
 _MAX_RETURNS = 100_000
 
 
 @dataclass(frozen=True, slots=True)
 class InFlight:
-    """State of a vehicle in flight, from telemetry."""
+    """State of a vehicle in flight, as known from telemetry."""
 
     position_m: tuple[float, float]
     """Position in the farm frame."""
@@ -59,10 +59,10 @@ class InFlight:
 
 
 class OnwardPredictor:
-    """Predicts the cost of one vehicle's remaining missions: through waypoints, then the autopilot's return.
+    """Predictor of the cost of a vehicle's remaining mission: a flight through waypoints, then a return.
 
-    The vehicle's motion model flies the paths, many in a compiled call, in a wind without gusts. Multirotors
-    are flown with longer time steps than in a real flight, which changes the result by about 1 %.
+    The vehicle's motion model flies many paths in one compiled call, in a wind without gusts. For
+    multirotors, the time steps are longer than in a simulated flight, which changes the result by about 1 %.
 
     Parameters
     ----------
@@ -73,8 +73,8 @@ class OnwardPredictor:
     altitude_m, speed_m_s : float
         Altitude of the waypoints above home, and speed of the mission; by default the cruise speed.
     waypoints : callable, optional
-        Maps a path, float64[n, 2], and the vehicle's position to the waypoints sent to the vehicle; by
-        default the points of the path.
+        Function that takes a path, float64[n, 2], and the vehicle's position, and returns the waypoints that
+        the vehicle gets; by default these are the points of the path.
     ending : tuple of MissionItem
         Items after the last waypoint: a return to launch, or the landing of a fixed wing. Without items the
         mission ends at the last waypoint.
@@ -121,7 +121,7 @@ class OnwardPredictor:
         calm = None if wind is None else replace(wind, gust_m_s=0.0, turbulence=None)
         self._on_path = _Squadron(_stepping(spec, _PATH_STEPS if spec.hovers else 1), calm)
         self._on_return = _Squadron(_stepping(spec, _HOME_STEPS), calm) if spec.hovers else self._on_path
-        # Time and energy of a return by its initial position and velocity, rounded to about 1 m and 1 m/s.
+        # Time and energy of a return, by position and velocity at its start, rounded to about 1 m and 1 m/s.
         self._returns: dict[tuple[float, ...], tuple[float, float]] = {}
 
     def rest(
@@ -131,15 +131,15 @@ class OnwardPredictor:
         *,
         anew: Sequence[bool] | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return time and energy from here to the end of each of several paths.
+        """Return the time and the energy from here to the end of the mission, for each of several paths.
 
         Parameters
         ----------
         paths : sequence of float64[n, 2]
             Waypoints in the farm frame; an empty path is an immediate return.
         anew : sequence of bool, optional
-            Whether each path differs from the path in flight, by default False. ArduPilot begins the leg of a
-            changed mission at the stopping point.
+            Whether each path differs from the path in flight; by default False. ArduPilot begins the first
+            leg of a changed mission at the stopping point.
 
         Returns
         -------
@@ -165,7 +165,7 @@ class OnwardPredictor:
         )
 
     def _start(self, state: InFlight) -> tuple[Position, Position, float]:
-        """Return position, velocity and compass heading relative to home."""
+        """Return position and velocity relative to home (east, north, up), and the compass heading."""
         numbers = (*state.position_m, state.height_m, *state.velocity_m_s, state.climb_m_s)
         if not all(map(math.isfinite, numbers)):
             msg = f"vehicle {self.spec.name}: its position and velocity must be finite, not {numbers}"
@@ -202,7 +202,7 @@ class OnwardPredictor:
         return Route.over(places, Leg(here, self._speed_m_s, radius_m))
 
     def _fly_home(self, flights: list[_Flight]) -> None:
-        """Add the flights home; multirotors with about the same position and velocity share one flight."""
+        """Add flights home; multirotors at about the same position and velocity share one flight home."""
         if self._on_return is self._on_path:
             self._end(flights)
             return
@@ -225,7 +225,7 @@ class OnwardPredictor:
             flight.joules += joules
 
     def _end(self, flights: list[_Flight]) -> None:
-        """Fly the ending, one leg plan after another."""
+        """Fly the items after the last waypoint, one leg plan after another."""
         items = self._ending
         settings = Settings(self._speed_m_s, default_m_s=self._speed_m_s)
         seq = 0
@@ -246,19 +246,19 @@ class OnwardPredictor:
 
 
 def _outward(value_m: float) -> float:
-    """Round away from home to half metres: a vehicle farther away may have to climb higher for its return."""
+    """Round away from home to half metres, because vehicles farther away may climb higher to return."""
     return math.copysign(math.ceil(2.0 * abs(value_m)) / 2.0, value_m)
 
 
 class _Flight:
-    """Flight of one path."""
+    """Flight along one path."""
 
     __slots__ = ("joules", "motion", "route", "seconds", "slot", "wait_s")
 
     motion: MotionModel
 
     def __init__(self, route: Route | None) -> None:
-        # Next route, pause at its end, and index in the squadron.
+        # Next route, pause at the end of it, and index of the flight in the squadron.
         self.route = route
         self.wait_s = 0.0
         self.slot = 0
@@ -266,12 +266,12 @@ class _Flight:
         self.seconds = self.joules = 0.0
 
     def mark_impossible(self) -> None:
-        """Mark the path as impossible to fly."""
+        """Record that the vehicle cannot fly the path."""
         self.seconds = self.joules = math.inf
 
 
 class _Squadron:
-    """Reusable motion models of one vehicle, advanced in one batch."""
+    """Motion models of one vehicle for repeated use, which are advanced in one batch."""
 
     def __init__(self, spec: VehicleSpec, wind: Wind | None) -> None:
         self._new: Callable[[], MotionModel] = lambda: flight_procedures(spec).motion(spec, wind, 0.0)
@@ -280,8 +280,8 @@ class _Squadron:
         self._batch: VehicleBatch | None = None
 
     def place(self, flights: list[_Flight], states: Sequence[tuple[Position, Position, float]]) -> None:
-        """Place a motion model in flight for each flight."""
-        # Imported here, because programs without predictions need no compiler.
+        """Give each flight a motion model, placed in flight."""
+        # The import is here because programs without predictions need no compiler.
         from sim_vehicle.motion.batch import VehicleBatch
 
         if len(flights) > len(self._motions):
@@ -296,7 +296,7 @@ class _Squadron:
             flight.motion, flight.slot = motion, slot
 
     def fly(self, flights: list[_Flight]) -> None:
-        """Fly the routes to their ends."""
+        """Fly each route to its end, and pause there."""
         if self._batch is None:
             return
         steps = np.zeros(len(self._motions), dtype=np.int64)
@@ -323,12 +323,12 @@ class _Squadron:
 
 
 def _stepping(spec: VehicleSpec, steps: int) -> VehicleSpec:
-    """Return the vehicle with its time step multiplied by `steps`; the ideal robot keeps its step."""
+    """Return the vehicle with `steps` times its time step; the ideal robot keeps its time step."""
     return spec if spec.is_ideal or steps == 1 else replace(spec, step_s=steps * spec.step_s)
 
 
 def _axes(farm: LocalFrame, home: LocalFrame, home_m: tuple[float, float]) -> NDArray[np.float64]:
-    """Return the matrix that rotates farm-frame directions to east and north at home."""
+    """Return the matrix that rotates directions in the farm frame to east and north at home."""
     x, y = home_m
     latitude, longitude = farm.to_wgs84(np.array([x + _AXIS_M, x]), np.array([y, y + _AXIS_M]))
     east, north = home.from_wgs84(latitude, longitude)

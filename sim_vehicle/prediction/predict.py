@@ -1,4 +1,4 @@
-"""Prediction of missions' time, energy and path by the executor and motion of a real flight."""
+"""Prediction of the time, energy and path of missions, with the executor and motion of the simulator."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ __all__ = [
 ]
 
 _TRACK_STEP_S = 1.0
-_TRACK_POINTS = 600  # minimum for the track of a plan, so that the corners of a short plan are resolved
+_TRACK_POINTS = 600  # Minimum number of steps in a plan's track; it resolves the corners of short plans.
 _FINEST_STEP_S = 0.1
 _REHEARSAL_SEED = 0x1D8F
 _ERROR_SEED = 0x4A7C
 ERROR_REHEARSALS = 8
 """Number of samples of the estimate errors in `expected_flights`."""
 REHEARSAL_PAIRS = 2
-"""Number of pairs of opposite gusts for comparing candidate flights."""
+"""Number of pairs of opposite gusts with which candidate flights are compared."""
 PREDICTION_PAIRS = 8
-"""Number of pairs for the chosen flight: the gusts' effect on power does not cancel within a pair."""
+"""Number of pairs for the chosen flight; the gusts' effect on power does not cancel in a pair."""
 BOUND_PROBABILITY = 0.995
 """Probability that one flight needs at most `Prediction.energy_bound_wh`."""
 
@@ -60,19 +60,19 @@ def predict_flight(
 ) -> Prediction:
     """Predict a flight of the mission from home.
 
-    Prediction and simulation share the vehicle, so duration, energy and length are those of an undisturbed
-    flight in the same wind. Failsafes that end a flight early are not predicted.
+    The prediction uses the simulated vehicle, so it has the duration, energy and length of an undisturbed
+    flight in the same wind. It does not include failsafes that end a flight early.
 
     Parameters
     ----------
     frame : LocalFrame, optional
-        Frame with its origin at home; by default at the mission's home, else at its first position.
+        Frame with its origin at home; by default, home is the mission's home, or else its first position.
     track_step_s : float
         Time step of the track, rounded to tenths of a second (for the ideal vehicle, to its time step).
     epoch_unix_s : float
         Unix time at the start, for items that wait for a time of day.
     endless : bool
-        Whether to continue with an empty battery, to predict the whole mission.
+        Whether the vehicle flies on with an empty battery, so that the whole mission is predicted.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def predict_flights(
 ) -> list[Prediction]:
     """Predict the flights of several missions together, on `threads` threads.
 
-    Each result equals that of `predict_flight` to the last bit.
+    Each prediction equals the result of `predict_flight` to the last bit.
     """
     flown = fly_all(missions, spec, [(wind, None)], None, _TRACK_STEP_S, threads=threads)
     return [flight.prediction() for (flight,) in flown]
@@ -120,14 +120,14 @@ def expected_flights(
 ) -> list[Prediction]:
     """Predict flights in a wind with gusts that are known only statistically.
 
-    In a wind without gusts the result equals that of `predict_flights`. Otherwise each mission is flown in
-    `pairs` pairs of the winds from `rehearsals`. Duration, energy and length are means over these flights,
-    and thus include the cost of gusts in power and time. The track is from the flight whose energy is
+    In a wind without gusts, the predictions equal the result of `predict_flights`. Otherwise each mission is
+    flown in `pairs` pairs of winds from `rehearsals`. Duration, energy and length are means over these
+    flights, and so include what gusts cost in time and power. The track is from the flight whose energy is
     nearest to the mean. A mission is infeasible if at most half of its flights complete it.
 
-    With `estimate_errors`, the means also extend over the errors of PX4's estimate
-    (`sim_vehicle.airframe.estimate_errors`), in `ERROR_REHEARSALS` flights or one per wind, whichever is
-    more. Each flight has its own errors, the same in every call. The estimates of other autopilots are exact.
+    With `estimate_errors`, the means are also over the errors of PX4's estimate
+    (`sim_vehicle.airframe.estimate_errors`); there are then at least `ERROR_REHEARSALS` flights. Each flight
+    has its own errors, which are the same in every call. The estimates of other autopilots are exact.
     """
     airs = _rehearsed_airs(spec, wind, pairs, estimate_errors=estimate_errors)
     flown = fly_all(missions, spec, airs, frame, track_step_s, endless=endless, threads=threads)
@@ -142,14 +142,14 @@ def rehearsed_tracks(
     track_step_s: float = _TRACK_STEP_S,
     estimate_errors: bool = False,
 ) -> list[NDArray[np.float64]]:
-    """Return the track of each flight that `expected_flights` averages for a mission, float64[n, 3]."""
+    """Return the tracks, float64[n, 3], of the flights that `expected_flights` averages for a mission."""
     airs = _rehearsed_airs(spec, wind, REHEARSAL_PAIRS, estimate_errors=estimate_errors)
     (flights,) = fly_all([mission], spec, airs, None, track_step_s, endless=True)
     return [flight.prediction().track_m for flight in flights]
 
 
 def _rehearsed_airs(spec: VehicleSpec, wind: Wind | None, pairs: int, *, estimate_errors: bool) -> list[Air]:
-    """Return the winds of the flights, each with errors of the position estimate, or None for no errors."""
+    """Return the winds of the flights, each with errors of the estimate, or with None for no errors."""
     winds = rehearsals(wind, pairs)
     if not (estimate_errors and estimate_errs(spec)):
         return [(air, None) for air in winds]
@@ -169,12 +169,12 @@ def plan_prediction(
     threads: int = 1,
     estimate_errors: bool = False,
 ) -> Prediction:
-    """Predict the flight of a plan, as shown by planning, the preflight check, a flight and its result.
+    """Predict the flight of a plan for the reports of planning, preflight check and flight.
 
     The prediction is from `expected_flights` with `PREDICTION_PAIRS` pairs. The track has steps of 0.1 to
     1 s, and at least 600 steps for flights longer than a minute, because the coverage is computed from the
-    track. If the battery does not last, duration, energy, length and track are those of the whole mission
-    with an unlimited battery. The reason then says when the reserve is reached and when the battery is empty.
+    track. If the battery does not last, duration, energy, length and track are for the whole mission with an
+    unlimited battery. The reason then says when the battery reaches its reserve and when it is empty.
     """
 
     def flown(*, endless: bool, track_step_s: float) -> Prediction:
@@ -200,7 +200,7 @@ def plan_prediction(
         return limited
     one_wind = rehearsals(wind)[0]
     if not predict_flight(mission, spec, wind=one_wind, frame=frame, endless=True).feasible:
-        return limited  # the mission fails even with an unlimited battery
+        return limited  # The mission fails even with an unlimited battery.
     whole = limited if limited.battery_fraction > 0.0 else expected(endless=True)
 
     def lasts(watt_hours: float) -> str:
@@ -230,7 +230,7 @@ def _clock(seconds: float) -> str:
 
 
 def _mean_prediction(flights: Sequence[PredictedFlight]) -> Prediction:
-    """Return the expected result of a mission that was flown in several winds."""
+    """Return the expected result of a mission from its flights in several winds."""
     predictions = [flight.prediction() for flight in flights]
     done = [prediction for prediction, flight in zip(predictions, flights, strict=True) if flight.completed]
     if len(done) == 1 == len(flights):
@@ -262,7 +262,7 @@ def _mean_prediction(flights: Sequence[PredictedFlight]) -> Prediction:
 
 
 def _interval(mean: float, values: Sequence[float], side: float = 0.95) -> tuple[float, float] | None:
-    """Return bounds of a further value, each violated with probability ``1 - side`` (Student's t)."""
+    """Return bounds that a further value exceeds with probability ``1 - side`` each (Student's t)."""
     from scipy.special import stdtrit
 
     count = len(values)
@@ -274,12 +274,12 @@ def _interval(mean: float, values: Sequence[float], side: float = 0.95) -> tuple
 
 
 def rehearsals(wind: Wind | None, pairs: int = REHEARSAL_PAIRS) -> list[Wind | None]:
-    """Return winds to fly in when only the statistics of the wind are known.
+    """Return winds for predicted flights if only the statistics of the wind are known.
 
     The winds have the mean, shear and gust statistics of `wind`, but their own gusts, which do not depend on
-    the seed of `wind`. Winds come in pairs with opposite gusts, so that effects linear in the gust cancel in
-    the mean and few flights suffice (antithetic variates; Hammersley and Morton 1956). A steady wind is
-    returned alone.
+    the seed of `wind`. Two winds of a pair have opposite gusts. Effects that are linear in the gust therefore
+    cancel in the mean, and few flights suffice (antithetic variates; Hammersley and Morton 1956). If the wind
+    is steady, it is returned alone.
     """
     if wind is None or not wind.is_gusty:
         return [wind]

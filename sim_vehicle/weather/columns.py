@@ -1,12 +1,12 @@
-"""Columns of wind blocks and gust filters, constants of wind laws; importable without a compiler."""
+"""Columns of wind blocks and gust filters, and numbers of wind laws; the module needs no compiler."""
 
 from __future__ import annotations
 
 from geo.texts import FOOT_M
 
-# Laws of the mean wind over height, values of SHEAR_LAW.
+# Laws of the mean wind over height; these are the values of SHEAR_LAW.
 CONSTANT, LOGARITHMIC, POWER, SQUARE_ROOT = 0.0, 1.0, 2.0, 3.0
-# Columns of a wind block: wind and mean wind at the reference height (m/s), and the dependence on height.
+# Columns of a wind block: wind and mean wind at the reference height (m/s), and how they vary with height.
 (
     AIR_EAST,
     AIR_NORTH,
@@ -20,11 +20,11 @@ CONSTANT, LOGARITHMIC, POWER, SQUARE_ROOT = 0.0, 1.0, 2.0, 3.0
 ) = range(9)
 WIND_ROW = 9
 SITL_FULL_M = 60.0
-"""Height above which ArduPilot's simulator has its full wind."""
+"""Height above which the wind in ArduPilot's simulator has its full speed."""
 LOWEST_M, HIGHEST_M = 3.0 * FOOT_M, 1000.0 * FOOT_M
-"""Heights of the mean wind profile in MIL-F-8785C; beyond them, the wind at the nearer height is used."""
-# Columns of a forming filter: decay per step, contribution of the first state to the second state.
-# NOISE_* are the lower triangle of the Cholesky factor of the noise covariance.
+"""Range of heights of MIL-F-8785C's mean wind profile; outside it, the wind at the nearer end is used."""
+# Columns of a forming filter: DECAY is the decay per step, and LEAK is the contribution of the first state to
+# the second state. The NOISE columns are the lower triangle of the Cholesky factor of the noise covariance.
 (
     DECAY,
     LEAK,

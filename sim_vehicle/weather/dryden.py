@@ -1,12 +1,12 @@
 """Dryden's turbulence near the ground: the low-altitude disturbance model of MIL-F-8785C (3.7.3).
 
-MIL-HDBK-1797 has the same spectra, written with other length scales. Below 1000 ft the intensities and the
-length scales depend on the height h (ft) and on the wind at 20 ft, W20::
+MIL-HDBK-1797 writes the same spectra with other length scales. Below 1000 ft the intensities and the length
+scales depend on the height h (ft) and on the wind at 20 ft, W20::
 
     sigma_w = 0.1 W20       sigma_u = sigma_v = sigma_w / (0.177 + 0.000823 h)^0.4
     L_w = h                 L_u = L_v = h / (0.177 + 0.000823 h)^1.2
 
-u is the gust along the mean wind, v the gust across the mean wind, w the upward gust. The one-sided spectra
+The gust components are u along the mean wind, v across the mean wind, and w upward. The one-sided spectra
 over the wave number W (rad/m) are ::
 
     Phi_u = sigma^2 2L/pi 1 / (1 + (LW)^2)      Phi_v, Phi_w = sigma^2 L/pi (1 + 3(LW)^2) / (1 + (LW)^2)^2
@@ -14,9 +14,9 @@ over the wave number W (rad/m) are ::
 A vehicle that flies through a frozen field at the airspeed V meets the wave number W at the frequency
 W V / 2 pi. With T = L/V the forming filters are sqrt(2T) / (1 + Ts) for u and
 sqrt(T) (1 + sqrt(3) Ts) / (1 + Ts)^2 for v and w. The filters are discretised exactly. The filter for v and w
-is a Gauss-Markov process x1 and its first-order lag x2, combined as
-``(sqrt(3) x1 + (1 - sqrt(3)) x2) / sqrt(2)``. Each time step applies the transition matrix and the Cholesky
-factor of the noise covariance. The initial state is stationary.
+combines a Gauss-Markov process x1 and its first-order lag x2 as ``(sqrt(3) x1 + (1 - sqrt(3)) x2) /
+sqrt(2)``. Each time step applies the transition matrix and the Cholesky factor of the noise covariance. The
+initial state is stationary.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _LOWEST_FT, _HIGHEST_FT = 10.0, 1000.0
 REFERENCE_M = 20.0 * FOOT_M
 """Height at which W20 is measured."""
 LEVELS_W20_M_S = {"light": 15.0 * _KNOT_M_S, "moderate": 30.0 * _KNOT_M_S, "severe": 45.0 * _KNOT_M_S}
-"""W20 of the three levels of MIL-F-8785C: 15, 30 and 45 knots."""
+"""Wind W20 at the three levels of MIL-F-8785C: 15, 30 and 45 knots."""
 
 
 def _term(height_m: float) -> tuple[float, float]:
@@ -50,7 +50,7 @@ def _term(height_m: float) -> tuple[float, float]:
 
 
 def length_scales_m(height_m: float) -> tuple[float, float, float]:
-    """Return the length scales along, across and up (m); heights are limited to 10 to 1000 ft.
+    """Return the length scales along, across and up (m); heights are clipped to 10 to 1000 ft.
 
     Examples
     --------
@@ -84,7 +84,7 @@ def spectrum(
     length_m: float,
     airspeed_m_s: float,
 ) -> NDArray[np.float64]:
-    """Return the one-sided spectral density of a gust over the frequency of encounter, (m/s)^2/Hz.
+    """Return the one-sided spectral density of a gust at frequencies of encounter, in (m/s)^2/Hz.
 
     `component` is "u", "v" or "w". The integral of the density is the square of `intensity_m_s`.
     """
@@ -106,9 +106,9 @@ class Turbulence:
     """
 
     w20_m_s: float
-    """Wind at 6.1 m (20 ft), which decides the intensities."""
+    """Wind at 6.1 m (20 ft), from which the intensities follow."""
     height_m: float = 10.0
-    """Height of the flight, for the length scales; the intensities depend on the present height."""
+    """Height of the flight, which sets the length scales; the intensities vary with the present height."""
     airspeed_m_s: float = 8.0
     """Airspeed of the flight through the gust field."""
 
@@ -133,7 +133,7 @@ class Turbulence:
 
     @staticmethod
     def beginning(noise: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return a stationary state of the filters from standard normal numbers, float64[5]."""
+        """Return an initial state of the filters, float64[5], drawn with standard normal numbers."""
         state = noise.copy()
         for at in (1, 3):
             state[at + 1] = 0.5 * (noise[at] + noise[at + 1])

@@ -39,7 +39,7 @@ from sim_vehicle.weather.columns import (
 Floats = NDArray[np.float64]
 
 LOWEST_GUST_M = 10.0 * FOOT_M
-"""Lowest height with turbulence in MIL-F-8785C; below it the vertical gust decreases to 0 at the ground."""
+"""Lowest height of MIL-F-8785C's turbulence; below it the vertical gust decreases to 0 at the ground."""
 
 
 @compiled(allocates=False)
@@ -54,8 +54,8 @@ def wind_at(row: Floats, height_m: float) -> tuple[float, float, float]:
     Notes
     -----
     The mean wind follows its law between 3 and 1000 ft; ArduPilot's law already holds from the ground up.
-    Horizontal gusts of Dryden have the intensity of MIL-F-8785C at the height. Vertical gusts of Dryden do
-    not depend on the height above 10 ft.
+    Dryden's horizontal gusts have the intensity of MIL-F-8785C at `height_m`. Above 10 ft, Dryden's vertical
+    gusts do not depend on the height.
     """
     law = row[SHEAR_LAW]
     if law == CONSTANT and row[HAS_DRYDEN] == 0.0:
@@ -84,13 +84,13 @@ def wind_at(row: Floats, height_m: float) -> tuple[float, float, float]:
 
 @compiled(inline="always", allocates=False)
 def reference_term(height_m: float) -> float:
-    """Return the height term of MIL-F-8785C in the length scales and intensities near the ground."""
+    """Return the term of MIL-F-8785C's length scales and intensities that contains the height."""
     return 0.177 + 0.000823 * height_m / FOOT_M
 
 
 @compiled
 def gauss_markov(noise: Floats, decay: float, last: Floats) -> Floats:
-    """Return the first-order recursion ``g[i] = decay g[i-1] + noise[i]``, float64[n, 2]."""
+    """Return the values of the first-order recursion ``g[i] = decay g[i-1] + noise[i]``, float64[n, 2]."""
     series = np.empty_like(noise)
     for k in range(2):
         value = last[k]
@@ -111,7 +111,7 @@ def forming_filters(noise: Floats, filters: Floats, state: Floats) -> Floats:
     filters : float64[3, 5]
         Filters along, across and up, with the columns of `sim_vehicle.weather.columns`.
     state : float64[5]
-        State of the filters, changed in place: one number along, two each across and up.
+        State of the filters, changed in place: 1 number along, 2 across and 2 up.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 """Wind over the farm: mean wind, shear, and gusts of a Gauss-Markov process or of Dryden's spectra.
 
-Gusts are drawn in blocks on a fixed time grid of `GRID_S`. The wind at a time and height depends on the seed
-and not on the time step of the simulation. See docs/wind-and-noise.md.
+Gusts are drawn in blocks on a fixed time grid of `GRID_S`. The wind at a time and height depends on the seed,
+but not on the time step of the simulation. See docs/wind-and-noise.md.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _LAWS = {"log": LOGARITHMIC, "power": POWER, "sitl": SQUARE_ROOT}
 
 @dataclass(frozen=True, slots=True)
 class WindShear:
-    """Profile of the mean wind over height; VehicleError if the law is unknown or a number is out of range.
+    """Profile of the mean wind over height; raises VehicleError for an unknown law or a number out of range.
 
     Examples
     --------
@@ -56,7 +56,7 @@ class WindShear:
     law: str = "log"
     """Law of the profile. "log" is ``ln(h / roughness)`` and "power" is ``h ** exponent``, each relative to
     the value at the reference height of the wind. "sitl" is the profile of ArduPilot's simulator
-    (SIM_WIND_T 0): the given wind from `SITL_FULL_M` up, and ``sqrt(h / SITL_FULL_M)`` times it below."""
+    (SIM_WIND_T 0): the given wind from `SITL_FULL_M` up, and ``sqrt(h / SITL_FULL_M)`` of it below."""
     roughness_m: float = 0.1
     """Roughness length of the ground: 0.03 m for grass, 0.1 m for low crops, 0.25 m for high crops (Wieringa
     1992). MIL-F-8785C uses 0.15 ft near airfields and 2 ft elsewhere."""
@@ -65,7 +65,7 @@ class WindShear:
 
     def __post_init__(self) -> None:
         if self.law not in _LAWS:
-            msg = f"wind shear {self.law!r} is no law: give {' or '.join(_LAWS)}"
+            msg = f"wind shear {self.law!r} is not a law: give {' or '.join(_LAWS)}"
             raise VehicleError(msg)
         if not 1e-5 <= self.roughness_m <= 0.7:
             msg = f"wind shear: roughness length {self.roughness_m} m is outside 0.00001..0.7"
@@ -89,7 +89,7 @@ class WindShear:
 
 @dataclass(frozen=True, slots=True)
 class Wind:
-    """Wind for a flight; raises VehicleError if a number is out of range, or both kinds of gusts are given.
+    """Wind for a flight; raises VehicleError for a number out of range, and for two kinds of gusts at once.
 
     Examples
     --------
@@ -114,16 +114,14 @@ class Wind:
     turbulence: Turbulence | None = None
     """Dryden's gusts, in place of ``gust_m_s``."""
     mirrored: bool = False
-    """Whether all gusts are reversed. A reversed gust is equally likely, and the mean over a pair of opposite
-    winds has a small variance (antithetic variates)."""
+    """Whether all gusts are reversed. A reversed gust is as likely as the gust, and the mean over two flights
+    with opposite gusts varies little (antithetic variates)."""
 
     def __post_init__(self) -> None:
         names = ("east_m_s", "north_m_s", "gust_m_s", "correlation_s")
         within("wind", self, *((name, -200.0, 200.0) for name in names))
         if self.gust_m_s < 0.0 or self.correlation_s <= 0.0:
-            msg = (
-                f"wind: gust_m_s {self.gust_m_s} and correlation_s {self.correlation_s} must not be negative"
-            )
+            msg = f"wind: gust_m_s {self.gust_m_s} is negative or correlation_s {self.correlation_s} is <= 0"
             raise VehicleError(msg)
         if not 1.0 <= self.height_m <= HIGHEST_M:
             msg = f"wind: the height {self.height_m} m of the mean wind is outside 1..304"
@@ -145,7 +143,7 @@ class Wind:
         shear: WindShear | None = None,
         turbulence: Turbulence | None = None,
     ) -> Wind:
-        """Return a wind from a weather report: speed, and the compass direction from which the wind blows."""
+        """Return the wind of a weather report: its speed, and the compass direction from which it blows."""
         angle = math.radians(from_deg)
         east, north = -speed_m_s * math.sin(angle), -speed_m_s * math.cos(angle)
         return cls(east, north, gust_m_s, correlation_s, seed, height_m, shear, turbulence)
@@ -169,8 +167,9 @@ class Wind:
     def share_above(self, speed_m_s: float, height_m: float) -> float:
         """Return the fraction of time in which the horizontal wind at a height exceeds a speed.
 
-        The components are normally distributed about the mean with equal variances. Hence the squared wind
-        speed, divided by the variance, has a noncentral chi-squared distribution with two degrees of freedom.
+        Both components are normally distributed about their means, with equal variances. Hence the squared
+        wind speed, divided by the variance, has a noncentral chi-squared distribution with two degrees of
+        freedom.
 
         Examples
         --------
@@ -184,14 +183,14 @@ class Wind:
             deviation_m_s = intensities_m_s(height_m, self.turbulence.w20_m_s)[0]
         if deviation_m_s == 0.0:
             return float(mean_m_s > speed_m_s)
-        # Imported here, because only forecasts of gusts need scipy.
+        # The import is here because only forecasts of gusts need scipy.
         from scipy.special import chndtr
 
         below = chndtr((speed_m_s / deviation_m_s) ** 2, 2.0, (mean_m_s / deviation_m_s) ** 2)
         return 1.0 - float(below)
 
     def series(self) -> WindSeries:
-        """Return the wind over time, from the start."""
+        """Return the wind over time, from time 0."""
         return WindSeries(self)
 
 
@@ -199,8 +198,8 @@ class WindSeries:
     """Wind on a time grid, in blocks.
 
     ``block`` is float64[BLOCK, 9] with the columns of `sim_vehicle.weather.columns`. The first row belongs to
-    the grid index ``first``. `sim_vehicle.weather.gust_kernel.wind_at` evaluates a row. The block of a wind
-    without gusts has a single row, valid at all times.
+    the grid index ``first``. `sim_vehicle.weather.gust_kernel.wind_at` evaluates a row. Without gusts, the
+    block has a single row, which is valid at all times.
     """
 
     __slots__ = ("_gusts", "_rows", "_sign", "block", "first")
@@ -208,7 +207,7 @@ class WindSeries:
     def __init__(self, wind: Wind) -> None:
         seed = wind.seed
         if isinstance(seed, np.random.SeedSequence):
-            # Spawning changes a SeedSequence. A copy makes all series of a wind equal.
+            # A SeedSequence changes when it spawns. The copy of it makes all series of one wind equal.
             seed = np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key, pool_size=seed.pool_size)
         self._gusts: _GaussMarkov | _Dryden | None = None
         if wind.is_gusty:
@@ -235,8 +234,8 @@ class WindSeries:
             self.block = self._draw()
 
     def at(self, index: int, height_m: float) -> tuple[float, float, float]:
-        """Return the wind (east, north, up; m/s) at a grid index from ``first`` on, and a height."""
-        # Imported here, because blocks of a steady wind need no compiler.
+        """Return the wind (east, north, up; m/s) at a grid index of at least ``first`` and at a height."""
+        # The import is here because blocks of a steady wind need no compiler.
         from sim_vehicle.weather.gust_kernel import wind_at
 
         if self._gusts is None:
@@ -255,7 +254,7 @@ class WindSeries:
 
 
 class _GaussMarkov:
-    """Gusts east and north, each a first-order Gauss-Markov process."""
+    """Gusts to the east and north; both components are first-order Gauss-Markov processes."""
 
     def __init__(self, wind: Wind, random: np.random.Generator) -> None:
         self._random = random
@@ -265,7 +264,7 @@ class _GaussMarkov:
 
     def draw(self) -> NDArray[np.float64]:
         """Return the next block."""
-        # Imported here, because a steady wind needs no compiler.
+        # The import is here because a steady wind needs no compiler.
         from sim_vehicle.weather.gust_kernel import gauss_markov
 
         noise = self._noise * self._random.standard_normal((BLOCK, 2))
@@ -275,7 +274,7 @@ class _GaussMarkov:
 
 
 class _Dryden:
-    """Dryden's gusts east, north and up, with the intensities of the reference height."""
+    """Dryden's gusts to the east, north and up, with the intensities at the reference height."""
 
     def __init__(self, wind: Wind, random: np.random.Generator) -> None:
         turbulence = wind.turbulence

@@ -193,7 +193,7 @@ def test_a_page_holds_a_simulated_flight_and_lets_it_go_on(tmp_path):
     [
         (
             ("monitor", "tcp:127.0.0.1:1", "--farm", "miniberry-10"),
-            "a farm is for the page: give --live PORT",
+            "a farm is shown on the live page only: add --live PORT",
         ),
         (
             ("monitor", "tcp:127.0.0.1:1", "--crop", "peas", "--live", "0"),

@@ -105,7 +105,7 @@ def test_the_help_of_all_options_is_no_run(capsys: pytest.CaptureFixture[str]) -
 def test_help_names_no_types_of_python(capsys: pytest.CaptureFixture[str], command: str) -> None:
     text = helped(capsys, command)
     assert ("--fault TEXT" in text) == (command != "plan")
-    assert ("[default: camera; with ArduPilot no-camera" in text) == (command == "sim")
+    assert ("[default: camera; with ArduPilot, no-camera" in text) == (command == "sim")
     assert "True" not in text.replace("True development", "") and "list[" not in text
 
 

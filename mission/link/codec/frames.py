@@ -1,11 +1,11 @@
 """Encoding and decoding of MAVLink frames.
 
-Messages and field tables are those of pymavlink's generated codec. For unsigned messages without single-char
+Messages and field tables come from pymavlink's generated codec. For unsigned messages without single-char
 fields, this module compiles the tables into pack and unpack functions. Compared with pymavlink 2.4.50,
 creating and packing a message is 3.7 times as fast, and unpacking 3.5 times (CPU time of six telemetry and
-camera messages). These functions use private attributes of the generated messages, so pyproject.toml pins
-pymavlink, and a test compares both codecs. All other frames use the generated ``pack`` and ``decode``, and so
-do all frames if a version of pymavlink has other attributes.
+camera messages). The compiled functions use private attributes of the generated messages, so pyproject.toml
+pins pymavlink, and a test compares both codecs. The generated ``pack`` and ``decode`` serve all other frames,
+and all frames if a version of pymavlink has other attributes.
 
 Frame layout: https://mavlink.io/en/guide/serialization.html.
 """
@@ -111,7 +111,7 @@ _CODEC: Any = mavlink.MAVLink(None)
 
 
 class FrameWriter:
-    """Encoder of the messages of one sender, with sequence numbers.
+    """Encodes the messages of one sender as frames with sequence numbers.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ class FrameWriter:
 
 @dataclass(slots=True)
 class SourceStatistics:
-    """Frame counts of one sender: received, lost by sequence number, and late (repeated or out of order)."""
+    """Frame counts of one sender: received, lost (gaps in the sequence), late (repeated or reordered)."""
 
     received: int = 0
     lost: int = 0
@@ -186,7 +186,7 @@ class SourceStatistics:
             gap = (sequence - expected) & 0xFF
             if gap < 128:
                 self.lost += gap
-            elif sequence == self._after_late:  # two consecutive late frames: the sender has restarted
+            elif sequence == self._after_late:  # after two successive late frames, the sender has restarted
                 self._after_late = -1
             else:
                 self.late += 1
@@ -198,8 +198,8 @@ class SourceStatistics:
 class FrameReader:
     """Decoder that finds the frames in a byte stream or in datagrams.
 
-    Bytes that are no valid frame are skipped. Whatever the input, the reader never raises and buffers less
-    than one frame.
+    Bytes outside valid frames are skipped. Whatever the input, the reader never raises and buffers less than
+    one frame.
 
     Parameters
     ----------
@@ -246,7 +246,7 @@ class FrameReader:
         pending = self._pending
         if not pending and len(data) >= _V2_OVERHEAD and data[0] == _V2 and not data[2]:
             after = _V2_OVERHEAD + data[1]
-            if after == len(data):  # the usual datagram: one frame
+            if after == len(data):  # most datagrams are one frame
                 if not self._take(data, 0, after, messages):
                     self.bad_bytes += 1
                     self._scan(data[1:], messages, final=False)
@@ -288,7 +288,7 @@ class FrameReader:
         number = data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16 if newer else data[at + 5]
         kind = _KINDS[number]
         if kind is None:
-            # Without CRC_EXTRA the checksum cannot be verified: another frame or the end must follow.
+            # Without CRC_EXTRA the checksum cannot be verified, so any further data must begin with a frame.
             if after < len(data) and data[after] not in (_V1, _V2):
                 return False
             self.unknown += 1
@@ -329,8 +329,8 @@ class FrameReader:
 def decode_frame(frame: bytes) -> Message | None:
     """Return the message of a complete frame without checking the checksum.
 
-    The frame comes from a `FrameWriter` or the tap of a `FrameReader`, or was checked by `valid_frame_end`.
-    The result is None if the dialect lacks the message or the codec refuses the payload.
+    The frame must come from a `FrameWriter` or the tap of a `FrameReader`, or be checked by
+    `valid_frame_end`. The result is None if the dialect lacks the message or the codec refuses the payload.
 
     >>> frame = FrameWriter(1, 1).encode(mavlink.MAVLink_mission_ack_message(255, 190, 0))
     >>> decode_frame(frame).get_type()
@@ -341,7 +341,7 @@ def decode_frame(frame: bytes) -> Message | None:
 
 
 def _decode(frame: bytes, kind: _Kind, codec: Any) -> Message | None:
-    """Return the message of a frame whose checksum holds, None if the codec refuses the payload."""
+    """Return the message of a frame with a correct checksum, or None if the codec refuses the payload."""
     make = kind.make
     if make is None or frame[0] != _V2 or frame[2]:
         try:
@@ -359,7 +359,7 @@ def _decode(frame: bytes, kind: _Kind, codec: Any) -> Message | None:
 
 
 def _frame_end(data: bytes, at: int) -> int:
-    """Return the end index of the frame at ``at``: 0 if not a frame, beyond the data if incomplete."""
+    """Return the end index of the frame at ``at``: 0 if it is no frame, past the data if incomplete."""
     end = len(data)
     if data[at] == _V1:
         return at + _V1_OVERHEAD + data[at + 1] if at + 1 < end else end + 1
@@ -372,7 +372,7 @@ def _frame_end(data: bytes, at: int) -> int:
 
 
 def valid_frame_end(data: bytes, at: int = 0) -> int:
-    """Return the end index of the frame at ``at``; 0 if incomplete, unknown, or with a wrong checksum."""
+    """Return the end index of the frame at ``at``; 0 if it is incomplete, unknown, or damaged."""
     if at >= len(data) or data[at] not in (_V1, _V2):
         return 0
     after = _frame_end(data, at)

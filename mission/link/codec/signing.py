@@ -3,8 +3,8 @@
 Frame and rules: https://mavlink.io/en/guide/message_signing.html. The 13 signature bytes after the checksum
 are the link id, a time stamp of 48 bits (units of 10 microseconds since 2015-01-01 UTC), and the first 48
 bits of the SHA-256 of the key and all preceding bytes of the frame. A frame is a replay if its time stamp is
-not newer than the last from the same sender and link id. From a new sender, a time stamp older than one
-minute is a replay.
+not newer than the last time stamp from the same sender and link id. The first frame of a sender is a replay
+if its time stamp is older than one minute.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ class Signing:
         return self._key is not None
 
     def setup(self, key: bytes, initial_timestamp: int = 0) -> None:
-        """Set a new key (all zeros: no key) and raise the time stamp to at least ``initial_timestamp``.
+        """Set a new key (all zeros: no key), and set the time stamp to at least ``initial_timestamp``.
 
         Raises LinkError if the key may not be changed or is not 32 bytes long.
         """
@@ -162,7 +162,7 @@ class Signing:
         return body + self._tag(body)
 
     def accepts(self, frame: bytes, message_id: int) -> bool:
-        """Whether to accept a frame whose checksum holds; update the statistics."""
+        """Return whether to accept a frame with a correct checksum; update the statistics."""
         if self._key is None or message_id in UNSIGNED:
             return True
         if frame[0] != _V2 or not frame[2] & SIGNED:

@@ -22,7 +22,7 @@ R = TypeVar("R")
 
 
 def is_a(message: Message, kind: type[M]) -> TypeIs[M]:
-    """Whether the id of a message is that of message class ``kind``.
+    """Whether a message has the id of the message class ``kind``.
 
     >>> ack = mavlink.MAVLink_mission_ack_message(255, 190, 0)
     >>> is_a(ack, mavlink.MAVLink_mission_ack_message), is_a(ack, mavlink.MAVLink_heartbeat_message)

@@ -1,4 +1,4 @@
-"""ArduPilot 4.7 with ArduCopter; ArduPlane and Rover are add-ons."""
+"""ArduPilot 4.7 for multirotors (ArduCopter); add-ons provide ArduPlane and Rover."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ __all__ = ["ARDUPILOT", "ROOMY_PROFILE"]
 
 
 def _simulator_urls(index: int) -> tuple[str, ...]:
-    """Return the address of instance `index` of SITL, which listens on TCP 5760 + 10 `index`."""
+    """Return the address of instance `index` of SITL, which listens on TCP port 5760 + 10 `index`."""
     return (f"tcpin:127.0.0.1:{5760 + 10 * index}",)
 
 
-# Copters have 690 bytes of storage for rally points of 15 bytes (StorageManager.cpp). Other vehicles have
-# 9842 bytes for missions (655 items with home), 672 for the fence and 750 for rally points.
+# Copters have 690 bytes of storage for rally points of 15 bytes each (StorageManager.cpp). Other vehicles
+# have 9842 bytes for missions (655 items with home), 672 for the fence and 750 for rally points.
 _COPTER_PROFILE = replace(PROFILE, capacity=(649, 70, 46))
 ROOMY_PROFILE = replace(PROFILE, capacity=(654, 84, 50))
 ARDUPILOT = Autopilot(

@@ -33,7 +33,7 @@ _LAND_DETECTOR_S = 2.0
 # Airframe of ArduPilot's simulator (`SIM_Frame.h`, default model): 3 kg, 0.18 m2 of rotor discs.
 # The drag of this airframe balances a tilt of 45 degrees at 15.08 m/s.
 # The linear momentum drag of the rotors is a part of the drag.
-# Its coefficient is fitted to recorded flights at 5 to 10 m/s; the simulator's own value is 0.2.
+# Its coefficient 0.34 is fitted to recorded flights at 5 to 10 m/s; the simulator uses 0.2.
 _MASS_KG, _DISC_M2, _MOMENTUM = 3.0, 0.18, 0.34
 _REFERENCE_M_S, _REFERENCE_RAD = 15.08, math.radians(45.0)
 _AIR_KG_M3, _REFERENCE_AIR_KG_M3 = 1.225, 1.157
@@ -168,7 +168,7 @@ def _lean_rad(value: Mapping[str, float]) -> float:
 
 
 def drag_of(spec: VehicleSpec) -> tuple[float, float]:
-    """Return the drag over mass: the coefficients of airspeed (1/s) and of its square (1/m)."""
+    """Return two coefficients of the drag over mass: of the airspeed (1/s) and of its square (1/m)."""
     if spec.linear_drag_1_s is not None:
         return spec.linear_drag_1_s, 0.0
     weight = _MASS_KG * GRAVITY_M_S2

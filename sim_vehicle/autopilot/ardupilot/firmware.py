@@ -2,7 +2,7 @@
 
 Sources: ``mode.h`` of ArduCopter, ArduPlane and Rover (custom modes), ``GCS_MAVLink_Copter.cpp`` (base
 modes), ``AP_Mission.cpp``, ArduCopter's ``mode_auto.cpp`` and ``mode_guided.cpp``, the parameter references
-4.6, and observations of ArduCopter 4.7 (SITL).
+of version 4.6, and observations of ArduCopter 4.7 (SITL).
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ if TYPE_CHECKING:
 
     from sim_vehicle.airframe.spec import VehicleSpec
 
-# ArduCopter 4.7 reports 64495, with terrain and compass calibration, which are not simulated.
+# ArduCopter 4.7 reports 64495, which includes terrain and compass calibration; these are not simulated.
 # ArduCopter sets no capability bit for the encoding of parameters (cast).
 _CAPABILITIES = COMMON_CAPABILITIES | int(
     m.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
     | m.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
     | m.MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION
 )
-# Git hash of the release 4.7.0 of all vehicles; ArduPilot sends it as text.
+# Git hash of release 4.7.0, the same for all vehicles; ArduPilot sends the hash as text.
 _GIT_HASH = b"1511f271"
 _BY_STICKS = int(m.MAV_MODE_FLAG_STABILIZE_ENABLED | m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED)
 _GUIDED = _BY_STICKS | int(m.MAV_MODE_FLAG_GUIDED_ENABLED)
@@ -108,7 +108,7 @@ COPTER_MAVLINK = MavlinkProfile(
         # STABILIZE, ACRO, ALT_HOLD.
         flips_from=frozenset({0, 1, 2}),
         unready={15: ("AUTOTUNE", ""), 22: ("FLOWHOLD", ""), 23: ("FOLLOW", "Set FOLL_ENABLE = 1")},
-        # AUTO, RTL, CIRCLE, LAND, BRAKE, SMART_RTL, AUTO RTL do not arm (``Mode::allows_arming``, SITL).
+        # AUTO, RTL, CIRCLE, LAND, BRAKE, SMART_RTL, AUTO RTL forbid arming (``Mode::allows_arming``, SITL).
         not_armable=frozenset({3, 6, 7, 9, 17, 21, 27}),
         arms_in_mission=Setting("AUTO_OPTIONS", 0.0),
         armed_texts={18: "waiting for throw"},
@@ -125,7 +125,7 @@ COPTER_MAVLINK = MavlinkProfile(
     truth_message=int(m.MAVLINK_MSG_ID_SIM_STATE),
     stream_parameters=_STREAM_PARAMETERS,
     motor_us=_motor_us,
-    # MOT_THST_HOVER of ArduPilot's simulator.
+    # This is MOT_THST_HOVER of ArduPilot's simulator.
     hover_share=0.39,
     gps_fix=6,
     refused_result=int(m.MAV_RESULT_FAILED),
@@ -190,7 +190,7 @@ _SAFETY = (
     MavParameter("GUID_TIMEOUT", "setpoint_timeout_s", low=0.1, high=5.0),
 )
 
-# Gimbal (`wbf_mission.addons.gimbal`), by default straight down for a mapping camera.
+# Parameters of the gimbal (`wbf_mission.addons.gimbal`); by default it points down, for a mapping camera.
 _MOUNT = tuple(
     MavParameter(f"MNT1_{name}", integer=integer, bits=8, value=value, stored=True, low=low, high=high)
     for name, integer, value, low, high in (
@@ -272,7 +272,7 @@ def _battery_parameters(spec: VehicleSpec) -> list[MavParameter]:
 _HOME = frozenset({int(m.MAVLINK_MSG_ID_HOME_POSITION)})
 _PLACE = _HOME | {int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT), int(m.MAVLINK_MSG_ID_GPS_RAW_INT)}
 _ACCELS, _GYROS = "Accels inconsistent", "Gyros inconsistent"
-# Times of ArduCopter 4.7 (SITL), in simulated seconds.
+# The times are from ArduCopter 4.7 (SITL), in simulated seconds.
 COLD_BOOT = ColdBoot(
     stages=(
         BootStage(0.0, _ACCELS, untold=_PLACE),
@@ -307,7 +307,7 @@ MISSION = MissionBehaviour(
 
 
 def battery_actions(**actions: str) -> tuple[Mapping[int, Action], ...]:
-    """Return the actions at the low and critical levels; the emergency level only warns."""
+    """Return the actions at the low, critical and emergency battery levels; the last level only warns."""
     by_value = actions_by_value(**actions)
     return by_value, by_value, actions_by_value(WARN="0 1 2 3 4 5 6 7")
 
@@ -331,7 +331,7 @@ COPTER_RULES = FailsafeRules(
     link_lost="GCS Failsafe",
     link_regained="GCS Failsafe Cleared",
     stream_lost="Guided timeout: {}",
-    # ArduCopter's default actions are warnings; the simulated vehicle returns (low) and lands (critical).
+    # ArduCopter only warns by default; the simulated vehicle returns (low level) or lands (critical).
     defaults=FailsafeDefaults(
         fence_enable=0,
         fence_action=1,
@@ -372,7 +372,7 @@ RELEASE = Setting("RC_OVERRIDE_TIME", 3.0)
 # RCn_DZ of ArduPlane and Rover: 30 us out of 400 us on each side.
 DEADZONE = Axis(0.075)
 COPTER_STICKS = StickRules(
-    # In modes other than LOITER sticks set the lean angle, so the speed is limited by the vehicle only.
+    # In modes other than LOITER sticks set the lean angle, so only the vehicle limits the speed.
     speeds={
         Mode.HOLD: Setting("LOIT_SPEED", 1250.0, 0.01),
         Mode.POSITION: None,

@@ -1,4 +1,4 @@
-"""PX4 1.17 with multirotors; add-ons derive fixed wings and rovers from this firmware."""
+"""PX4 1.17 for multirotors; add-ons derive the firmwares of fixed wings and rovers from it."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ PX4 = Autopilot(
 
 
 def no_multirotor(mav_type: int) -> Firmware:
-    """Return the base of a firmware for another kind of vehicle: all that is not only for multirotors."""
+    """Return the part of the firmware that other kinds of vehicles share with multirotors."""
     return replace(
         PX4.firmwares["multirotor"],
         mavlink=mavlink_profile(mav_type),

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.weather.wind import Wind
 
-# Reference airframe SIH quadrotor 10040: SIH_KDV over SIH_MASS, MPC_THR_MIN, MC_ROLL_P and MC_PITCH_P.
+# These are SIH_KDV / SIH_MASS, MPC_THR_MIN and 1 / MC_ROLL_P of the reference airframe (SIH 10040).
 _SIH_DRAG_1_S = 1.0
 _LOWEST_THRUST = 0.12
 _SIH_ATTITUDE_S = 1.0 / 6.5
-# Longer than any flight.
+# This pause is longer than any flight.
 _FOREVER_S = 1e6
 _NEVER_DISARM_S = 3599.0
 
@@ -105,7 +105,7 @@ class Px4MultirotorProcedures(FlightProcedures):
         return legs
 
     def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
-        """Return the legs to a position (none within the acceptance radius) and straight down."""
+        """Return the leg to a position (none within the acceptance radius), and the leg straight down."""
         return over_and_down(spec, above, last, speed, spec.acceptance_radius_m)
 
     def return_legs(
@@ -132,7 +132,7 @@ class Px4MultirotorProcedures(FlightProcedures):
 
 
 def drag_of(spec: VehicleSpec) -> float:
-    """Return the drag over mass and airspeed (1/s), by default the drag of the reference airframe."""
+    """Return the drag divided by mass and airspeed (1/s); the default is for the reference airframe."""
     return _SIH_DRAG_1_S if spec.linear_drag_1_s is None else spec.linear_drag_1_s
 
 
@@ -165,7 +165,7 @@ def return_height_m(spec: VehicleSpec, distance_m: float, height_m: float, least
 
 
 def strays_m(spec: VehicleSpec) -> float:
-    """Return the lateral drift of a vehicle by estimate errors: standard deviation per axis (m)."""
+    """Return the lateral drift due to estimate errors, as the standard deviation per axis (m)."""
     return carried_aside_m(PX4_MULTIROTOR.value(spec, "MPC_XY_P"))
 
 

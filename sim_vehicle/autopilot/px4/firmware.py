@@ -47,7 +47,7 @@ _LAST_API_INSTANCE = 9
 _PAYLOAD_BYTES_S = 4000.0
 _LEAST_SHARE = 0.05
 _OVERHEAD = 12
-# Rates (Hz) on the ground link (mode normal, raised by the start script), in mode onboard and in mode gimbal.
+# Message rates (Hz) of three link modes: normal (ground link, raised by the start script), onboard, gimbal.
 _STREAMS = """
     ALTITUDE                             1   10   0
     ATTITUDE                            50  100   0
@@ -91,7 +91,7 @@ def _rates_hz(column: int) -> Mapping[int, float]:
 
 
 def _within(bytes_s: float, rates_hz: Mapping[int, float]) -> Mapping[int, float]:
-    """Return message rates scaled to the data rate of a link, see ``update_rate_mult`` in PX4."""
+    """Return message rates scaled down to the data rate of a link, as in PX4's ``update_rate_mult``."""
 
     def load(message_id: int) -> float:
         size: int = m.mavlink_map[message_id].unpacker.size
@@ -113,7 +113,7 @@ SITL_LINKS: Mapping[str, Mapping[int, float]] = {
 }
 """Message rates of PX4's simulator by link; "" is the API link and every other link."""
 LIGHT_LINKS: Mapping[str, Mapping[int, float]] = {"payload": _ALIVE, "gimbal": _ALIVE}
-"""Message rates by link, for links with rates of their own."""
+"""Message rates by link, for links that do not have the rates `_RATES_HZ`."""
 
 
 def simulator_urls(index: int) -> tuple[str, ...]:
@@ -294,8 +294,8 @@ _BOTH_OR_NEITHER = (4, 5)
 def px4_takeoff_and_landing(items: Sequence[MissionItem], parameters: RuntimeParameters) -> str | None:
     """Return the reason why MIS_TKO_LAND_REQ refuses a mission, or None.
 
-    Values: 1 needs a take-off, 2 a landing, 3 both, 4 and 5 both or neither. A return item does not count as
-    a landing.
+    The value 1 requires a take-off item, 2 a landing item, 3 both, 4 and 5 both or neither. A return item
+    does not count as a landing item.
     """
     rule = parameters.mission_requirement
     commands = {int(item.command) for item in items}
@@ -325,7 +325,7 @@ MISSION = MissionBehaviour(
 RULES = FailsafeRules(
     fence_actions=actions_by_value(NONE="0", WARN="1", HOLD="2", RETURN="3", TERMINATE="4", LAND="5"),
     link_actions=actions_by_value(NONE="0", HOLD="1", RETURN="2", LAND="3", TERMINATE="5 6"),
-    # PX4 no longer uses value 1; the simulated vehicle then returns at the low level.
+    # PX4 no longer uses the value 1; with this value, the simulated vehicle returns at the low level.
     battery_actions=(
         actions_by_value(WARN="0 2 3", RETURN="1"),
         actions_by_value(WARN="0", LAND="1 2", RETURN="3"),

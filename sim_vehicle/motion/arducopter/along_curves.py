@@ -1,4 +1,4 @@
-"""S-curve motion under ArduPilot: the transition from the present leg to a new route."""
+"""Motion along S-curves under ArduPilot, with the transition from the present leg to a new route."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ if TYPE_CHECKING:
 
 __all__ = ["AlongCurves"]
 
-# A vehicle placed in flight continues along its first leg if at least this fraction of its speed points along
-# the leg. The leg began at most `_FAR_M` behind, and the profile's speed may differ by `_SAME_M_S`.
+# A vehicle placed in flight joins its first leg if at least this fraction of its speed points along the leg.
+# The leg began at most `_FAR_M` behind it, and the profile's speed may differ by `_SAME_M_S`.
 _STEADY = 0.2
 _FAR_M = 200.0
 _SAME_M_S = 0.3
-# Number of bisections to find a time: 24 resolve 6 us in a leg of 100 s.
+# Number of bisections that find a time; 24 bisections find it to 6 us on a leg of 100 s.
 _HALVINGS = 24
 # Indices into the result of `scurve.state_at`.
 _POSITION, _SPEED = 0, 1
 
 
 class AlongCurves(CompiledMotion):
-    """Vehicle that ArduPilot guides along S-curves; the generic dynamics fly ordered velocities."""
+    """Vehicle that ArduPilot guides along S-curves; generic dynamics fly commanded velocities."""
 
     generic: ClassVar[Dynamics]
     """Dynamics of the same vehicle without an autopilot."""
     begins_anew: ClassVar[LegKind]
-    """Kind of leg that does not continue the previous leg."""
+    """Kind of leg that never continues the previous leg."""
 
     def _remember(self, columns: int) -> None:
-        """Set up an empty guidance memory with `columns` numbers."""
+        """Make an empty guidance memory of `columns` numbers."""
         self.guide: NDArray[np.float64] = np.zeros(columns)
         self.heads: NDArray[np.float64] = np.zeros((3, scurve.HEAD))
         self.curves: NDArray[np.float64] = np.zeros((3, scurve.SEGMENTS, scurve.COLUMNS))
@@ -56,18 +56,18 @@ class AlongCurves(CompiledMotion):
         return self.generic if self._rows is None else self.dynamics
 
     def interrupt(self) -> None:
-        """Abort the present leg; the next leg starts at the stopping point, as in AC_WPNav."""
+        """Abort the present leg; as in AC_WPNav, the next leg starts at the stopping point."""
         self._interrupted = True
 
     @property
     def _continues_leg(self) -> bool:
-        """Whether the vehicle was placed in flight and continues along its first leg."""
+        """Whether the vehicle was placed in flight, and its first leg began behind it."""
         return self._under_way and not self._interrupted
 
     def _set_out(
         self, route: Route, law: Floats, points_m: Floats, kind: NDArray[Any], fastest: float
     ) -> None:
-        """Begin a route with the vehicle's own leg ends, kinds and top speed.
+        """Begin a route with leg ends, kinds and a top speed that the vehicle's class chooses.
 
         Parameters
         ----------
@@ -83,7 +83,7 @@ class AlongCurves(CompiledMotion):
         self._begin(self._rows)
 
     def _join(self, row: Floats, law: Floats) -> int:
-        """Place the vehicle on a leg that began behind it, and return the transition to that leg."""
+        """Place the vehicle on a leg that began behind it, and return the transition to this leg."""
         guide, head, curve = self.guide, self.heads[1], self.curves[1]
         here, velocity = self.state[col.POSITION], self.state[col.VELOCITY]
         end = row[: Leg.Z + 1]
@@ -99,7 +99,7 @@ class AlongCurves(CompiledMotion):
         at_s = _time_of(head, curve, _POSITION, _FAR_M, scurve.end_time(head, curve))
         behind = _FAR_M
         if scurve.state_at(head, curve, at_s)[1] > along + _SAME_M_S:
-            # The vehicle is still accelerating: the leg began behind it, by its distance of acceleration.
+            # The vehicle is still accelerating, so the leg began behind it by the distance flown since.
             at_s = _time_of(head, curve, _SPEED, along, 0.5 * scurve.end_time(head, curve))
             behind = scurve.state_at(head, curve, at_s)[0]
             _make_leg(guide, law, head, curve, ahead * (behind + left))

@@ -1,4 +1,4 @@
-"""ArduCopter's legs, guidance memory, control law and position controller, with the airframe dynamics.
+"""ArduCopter's legs, guidance memory, control law and position controller, and the airframe's dynamics.
 
 The formulas are from ArduPilot 4.7: `AC_PosControl.cpp`, `AC_PID_2D.cpp`, `AP_Math/control.cpp`, and the
 simulator's airframe, `SIM_Frame.cpp`. See docs/vehicle-model.md, section ArduCopter.
@@ -29,31 +29,31 @@ Leg = IntEnum(
     "TURNING",  # Heading rate.
     start=0,
 )
-# Leg kinds that are flown differently (`sim_vehicle.motion.legs.LegKind`).
+# Leg kinds that ArduCopter flies in special ways (`sim_vehicle.motion.legs.LegKind`).
 TAKEOFF, HOME, LAND, STAY, ARC, SETPOINT = 1, 3, 5, 6, 8, 9
 
 # Memory of the autopilot.
 Guide = IntEnum(
     "Guide",
-    "PX PY PZ VX VY VZ AX AY AZ "  # Desired position, velocity and acceleration.
+    "PX PY PZ VX VY VZ AX AY AZ "  # Position, velocity and acceleration of the target.
     "BEGIN_X BEGIN_Y BEGIN_Z END_X END_Y END_Z "  # Start and end of the leg.
-    "PACE "  # Time scale of the target.
+    "PACE "  # Speed of the target's time, relative to real time.
     "LAG "  # Error along the track.
     "ALONG "  # Speed along the track.
-    # Velocity loop: integrator, filtered error and its filtered rate.
+    # The velocity loop has an integrator, a filtered error, and a filtered rate of this error.
     "INTEGRAL_X INTEGRAL_Y ERROR_X ERROR_Y RATE_X RATE_Y "
     "ERROR_Z "  # Filtered error of the vertical speed.
     "THRUST_I "  # Integrator of the thrust.
     "THRUST "  # Thrust acceleration in excess of gravity.
     "RESET "  # Whether the filters must be reset.
-    # Horizontal acceleration: commanded, of the attitude target, of the attitude.
+    # Horizontal accelerations: as commanded, of the attitude target, and of the attitude.
     "ASKED_X ASKED_Y TARGET_X TARGET_Y LEAN_X LEAN_Y "
     "MODE "
     "FAST "  # Whether the next leg is known.
     "LEVEL UP DOWN "  # Speed limits: horizontal, climb, descent.
     "BEGINS "  # Transition to the leg that is about to begin.
-    "UNTIL "  # Step at which a wait ends; infinity: no wait.
-    "DONE "  # 1: the path is complete; 2: the pause is running.
+    "UNTIL "  # Step at which a wait ends; infinity without a wait.
+    "DONE "  # 1 if the path is complete, 2 during the pause.
     "PACE_ARC "  # Speed along chords.
     "RISING "  # Vertical wind.
     "LIFT "  # Vertical acceleration caused by drag.
@@ -63,7 +63,7 @@ Guide = IntEnum(
 NO_MODE, HOLDING, LEGS, CLIMBING, LANDING, LANDED, CHORDS, GUIDED = range(8)
 NOTHING, CHAINED, SAME, ANEW = range(4)
 
-# Control and airframe constants, from parameters and the airframe.
+# Constants of the control law and the airframe, from parameters and the airframe.
 Law = IntEnum(
     "Law",
     "DT DRAG DRAG_2 ERROR_FILTER RATE_FILTER POS_P VEL_P VEL_I VEL_D VEL_IMAX POS_Z_P VEL_Z_P "
@@ -79,17 +79,17 @@ HOVER_THROTTLE = 0.39
 LEAST_SPEED = 0.2
 """Minimum horizontal speed; lower speeds are ignored (WPNAV_WP_SPEED_MIN)."""
 LEAST_WAY = 0.01
-"""Minimum length of a leg from a standstill: an estimated position never equals the exact position."""
+"""Minimum length of a leg from rest, because an estimated position never equals the exact position."""
 SHAKE = 0.04
-"""Noise of the estimated speed (m/s), which decides how the target waits for a vehicle at rest."""
+"""Noise of the estimated speed (m/s); it affects how the target waits for a vehicle at rest."""
 SIDE = 0.7071067811865476
-"""Guided position control: fraction of the acceleration limit that is used across the path if the part along
-the path needs more."""
+"""Largest fraction of the acceleration limit for motion across the path in guided position control, if the
+part along the path needs more."""
 
 
 @compiled(inline="always")
 def rooted(error: float, gain: float, limit: float) -> float:
-    """Return the rate that closes an error: linear for small errors, else as fast as `limit` can stop it."""
+    """Return the rate at which to reduce an error: linear near 0, else the most that `limit` can stop."""
     straight = limit / (gain * gain)
     if error > straight:
         return sqrt(2.0 * limit * (error - 0.5 * straight))
@@ -100,7 +100,7 @@ def rooted(error: float, gain: float, limit: float) -> float:
 
 @compiled(inline="always")
 def stopping_distance(speed: float, gain: float, limit: float) -> float:
-    """Return the error for which `rooted` gives a speed: the controller's stopping distance."""
+    """Return the controller's stopping distance: the error for which `rooted` returns this speed."""
     if speed < limit / gain:
         return speed / gain
     return 0.5 * limit / (gain * gain) + 0.5 * speed * speed / limit
@@ -108,7 +108,7 @@ def stopping_distance(speed: float, gain: float, limit: float) -> float:
 
 @compiled(inline="late", allocates=False)
 def command(state: Record, guide: Record, law: Record) -> None:
-    """Run position and velocity control, and store the commanded acceleration and thrust."""
+    """Run the position and velocity controllers; store the commanded acceleration and thrust."""
     dt = law.dt
     ex, ey = guide.px - state.position_x, guide.py - state.position_y
     size = sqrt(ex * ex + ey * ey)
@@ -160,7 +160,7 @@ def command(state: Record, guide: Record, law: Record) -> None:
     ax = law.vel_p * fx + sx + law.vel_d * guide.rate_x + guide.ax
     ay = law.vel_p * fy + sy + law.vel_d * guide.rate_y + guide.ay
     guide.asked_x, guide.asked_y = _across_first(ax, ay, wx, wy, law.most_lean)
-    # The thrust follows the vertical acceleration with a proportional and an integral part.
+    # A proportional and an integral part make the thrust follow the vertical acceleration.
     az = law.vel_z_p * fz + guide.az
     gain, lift = law.acc_z_p, guide.lift
     thrust = (gain * (az - lift) + guide.thrust_i) / (1.0 + gain)
@@ -172,7 +172,7 @@ def command(state: Record, guide: Record, law: Record) -> None:
 
 @compiled(inline="always")
 def _across_first(ax: float, ay: float, vx: float, vy: float, most: float) -> tuple[float, float]:
-    """Return an acceleration within a limit, with the part along the wanted velocity reduced first."""
+    """Return an acceleration cut to a limit; the part along the wanted velocity is cut first."""
     if ax * ax + ay * ay <= most * most:
         return ax, ay
     speed = sqrt(vx * vx + vy * vy)
@@ -189,14 +189,14 @@ def _across_first(ax: float, ay: float, vx: float, vy: float, most: float) -> tu
 
 @compiled(inline="late", allocates=False)
 def move(state: Record, guide: Record, law: Record, rising: float) -> float:
-    """Move the airframe by one step under thrust and drag, and return the length of the path."""
+    """Move the airframe by one step under thrust and drag, and return the length of the step."""
     dt = law.dt
     guide.target_x += law.target_filter * (guide.asked_x - guide.target_x)
     guide.lean_x += law.lean_filter * (guide.target_x - guide.lean_x)
     guide.target_y += law.target_filter * (guide.asked_y - guide.target_y)
     guide.lean_y += law.lean_filter * (guide.target_y - guide.lean_y)
     share = 1.0 + guide.thrust / GRAVITY_M_S2
-    # Drag acts in the rotor plane and, without the momentum drag of the rotors, normal to that plane.
+    # The drag acts in the rotor plane, and normal to it, where it has no part from the rotors' momentum.
     lx, ly = guide.lean_x, guide.lean_y
     stretch = sqrt(lx * lx + ly * ly + GRAVITY_M_S2 * GRAVITY_M_S2)
     nx, ny, nz = lx / stretch, ly / stretch, GRAVITY_M_S2 / stretch
@@ -233,7 +233,7 @@ def move(state: Record, guide: Record, law: Record, rising: float) -> float:
 
 @compiled(inline="late", allocates=False)
 def turn(state: Record, guide: Record, law: Record, heading: float, turning: float) -> None:
-    """Turn the nose to the region of interest, at a rate, to a heading, or in the target's direction."""
+    """Turn the nose to the region of interest, at a rate, to a heading, or as the target moves."""
     yaw, rate, change = state.heading, state.heading_rate, law.yaw_accel * law.dt
     wanted = np.nan
     if not isnan(state.look_east):
@@ -265,7 +265,7 @@ def halt(guide: Record) -> None:
 
 @compiled(allocates=False)
 def stand(state: Record, guide: Record) -> None:
-    """Stand on the ground with the motors running."""
+    """Let the vehicle stand on the ground with its motors running."""
     state.position_z = 0.0
     stop(state)
     guide.px, guide.py, guide.pz = state.position_x, state.position_y, state.position_z

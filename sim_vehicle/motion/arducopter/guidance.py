@@ -36,7 +36,7 @@ Position = tuple[float, float, float]
 
 @compiled(allocates=False)
 def _shape(change: float, acceleration: float, limit: float, jerk: float, dt: float) -> float:
-    """Return the next acceleration of a speed change, within the acceleration and jerk limits."""
+    """Return the acceleration after the next step of a speed change, within acceleration and jerk limits."""
     wanted = rooted(change, jerk / limit, jerk)
     most = abs(change) / dt
     wanted = min(max(wanted, -most, -limit), most, limit)
@@ -45,7 +45,7 @@ def _shape(change: float, acceleration: float, limit: float, jerk: float, dt: fl
 
 @compiled(allocates=False)
 def _stop_here(state: Record, guide: Record, law: Record) -> None:
-    """Set the target to the position at which the vehicle stops if it brakes now."""
+    """Put the target at the position where the vehicle stops if it brakes now."""
     vx, vy, vz = state.velocity_x, state.velocity_y, state.velocity_z
     speed = sqrt(vx * vx + vy * vy)
     guide.px, guide.py = state.position_x, state.position_y
@@ -68,7 +68,7 @@ def _stop_here(state: Record, guide: Record, law: Record) -> None:
 
 @compiled(allocates=False)
 def _take_velocity(state: Record, guide: Record) -> None:
-    """Set the target to the present position and velocity."""
+    """Give the target the position and velocity of the vehicle."""
     guide.px, guide.py, guide.pz = state.position_x, state.position_y, state.position_z
     guide.vx, guide.vy, guide.vz = state.velocity_x, state.velocity_y, state.velocity_z
     guide.ax = guide.ay = guide.az = 0.0
@@ -92,7 +92,7 @@ def end_of(guide: Record) -> Position:
 
 @compiled(allocates=False)
 def make(i: int, a: Position, b: Position, guide: Record, law: Record, heads: Floats, curves: Floats) -> None:
-    """Make profile `i` of the three legs, from `a` to `b`, at the present speed limits."""
+    """Make the profile of leg `i` of the three legs, from `a` to `b`, at the present speed limits."""
     make_leg(
         heads[i],
         curves[i],
@@ -110,7 +110,7 @@ def take_next(
 ) -> None:
     """Continue with the next leg, from the end of the present leg or from the target at rest.
 
-    From rest, the leg is lengthened to at least `least`, as an estimated position is never exact.
+    A leg from rest is made at least `least` long, because an estimated position is never exact.
     """
     if before == at.LEGS:
         copy_leg(heads, curves, 0, 1)
@@ -145,7 +145,7 @@ def begin(
     leg: int,
     step: int,
 ) -> None:
-    """Begin a leg by the transition in ``guide.begins``."""
+    """Begin a leg with the transition that ``guide.begins`` names."""
     how = guide.begins
     guide.begins = at.NOTHING
     guide.until, guide.done = inf, 0.0
@@ -154,7 +154,7 @@ def begin(
     before = guide.mode
     speed = row.speed
     if kind == at.ARC:
-        # The bends of a curve may be slower than the mission's speed.
+        # The speed of a chord may be below the mission's speed.
         speed = max(speed, guide.level)
     elif speed < at.LEAST_SPEED:
         speed = guide.level
@@ -199,7 +199,7 @@ def begin(
     if how != at.SAME:
         take_next(guide, law, heads, curves, row, before, at.LEAST_WAY)
     elif guide.fast != 0.0 and heads[2, TIME] > 0.0:
-        # The corner is being flown already.
+        # The vehicle is already flying the corner.
         return
     guide.fast = 0.0
     if leg + 1 < len(route) and row.radius > 0.0 and row.pause <= 0.0:
@@ -211,7 +211,7 @@ def begin(
 
 @compiled(inline="always")
 def _blurred_share(share: float, blur: float) -> float:
-    """Return the mean of `share` clipped to 0..1, over a uniform variation by `blur` to both sides."""
+    """Return the mean of `share` clipped to 0..1 if `share` varies uniformly by up to +-`blur`."""
     high, low = share + blur, share - blur
     if low >= 1.0 or high <= 0.0 or (low >= 0.0 and high <= 1.0):
         return min(max(share, 0.0), 1.0)
@@ -224,8 +224,8 @@ def _blurred_share(share: float, blur: float) -> float:
 def lead_legs(guide: Record, law: Record, heads: Floats, curves: Floats) -> bool:
     """Move the target along the present leg, and return whether the leg is complete.
 
-    The end of the previous leg and the start of the next leg overlap with the present leg. The target slows
-    down for a vehicle that falls behind, with the time constant of the acceleration.
+    The end of the previous leg and the start of the next leg overlap with the present leg. If the vehicle
+    falls behind, the target slows down with the time constant of the acceleration.
     """
     wanted = sqrt(guide.vx**2 + guide.vy**2 + guide.vz**2)
     pace = 1.0
@@ -268,11 +268,11 @@ def lead_legs(guide: Record, law: Record, heads: Floats, curves: Floats) -> bool
 
 @compiled(allocates=False)
 def _lead_chord(guide: Record, law: Record, route: Record, leg: int) -> bool:
-    """Move the target along chords at half the acceleration limit; return whether the leg ends."""
+    """Move the target along chords at half the acceleration limit; return whether the leg is over."""
     dt = law.dt
     gx, gy, gz = guide.end_x - guide.px, guide.end_y - guide.py, guide.end_z - guide.pz
     left = sqrt(gx**2 + gy**2 + gz**2)
-    # Chords ahead within the braking distance.
+    # The chords ahead within the braking distance limit the speed.
     accel = 0.5 * law.accel
     speed = guide.pace_arc
     top = route[leg].speed
@@ -331,7 +331,7 @@ def _accelerate(guide: Record, ax: float, ay: float, most: float) -> None:
 
 @compiled(allocates=False)
 def _lead_up(guide: Record, law: Record) -> bool:
-    """Climb to the take-off height; return whether the height is reached at a low climb speed."""
+    """Move the target up to the take-off height; return whether it is there and climbs slowly."""
     dt, limit, jerk = law.dt, law.accel_z, law.shape_jerk_z
     _move_up(guide, dt)
     gain = jerk / limit
@@ -351,10 +351,10 @@ def _lead_up(guide: Record, law: Record) -> bool:
 def _lead_to(guide: Record, law: Record) -> bool:
     """Move the target to a guided setpoint's position; return whether the target has arrived.
 
-    Follows `AC_PosControl::input_pos_NEU_m`. The target is never too fast to stop at the position with half
-    of the acceleration and jerk limits. The velocity correction is split into a part along the wanted
-    velocity and a part across it. A turn of less than 45 or more than 135 degrees leaves most of the
-    acceleration to the part along; other turns brake and turn at the same time.
+    Source: `AC_PosControl::input_pos_NEU_m`. The target can always stop at the position with half of the
+    acceleration and jerk limits. The velocity correction has a part along the wanted velocity and a part
+    across it. If the correction is within 45 degrees of the wanted direction or of its opposite, the
+    first part gets most of the acceleration; otherwise the target brakes and turns at the same time.
     """
     dt, limit, jerk = law.dt, law.accel, law.shape_jerk
     _move_level(guide, dt)
@@ -394,7 +394,7 @@ def _lead_to(guide: Record, law: Record) -> bool:
 
 @compiled(allocates=False)
 def _lead_down(guide: Record, law: Record, height: float) -> None:
-    """Descend, more slowly near the ground."""
+    """Move the target down, more slowly near the ground."""
     dt = law.dt
     _move_up(guide, dt)
     rate = rooted(law.land_low - height, law.pos_z_p, law.accel_z)
@@ -405,7 +405,7 @@ def _lead_down(guide: Record, law: Record, height: float) -> None:
 
 @compiled(allocates=False)
 def _lead_level(guide: Record, law: Record) -> None:
-    """Bring the horizontal velocity to zero during a climb or descent."""
+    """Reduce the target's horizontal velocity to zero during a climb or descent."""
     if guide.vx == 0.0 and guide.vy == 0.0 and guide.ax == 0.0 and guide.ay == 0.0:
         return
     dt, limit, jerk = law.dt, law.accel, law.shape_jerk

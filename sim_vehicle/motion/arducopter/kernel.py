@@ -1,9 +1,9 @@
-"""Compiled kernel of a multirotor under ArduCopter, in SI units, east-north-up relative to home.
+"""Compiled kernel of a multirotor under ArduCopter; SI units, east-north-up relative to the start.
 
-A step has these arguments in addition to the common ones: guides GUIDE[1], laws LAW[1], heads float64[3,
-HEAD] and curves float64[3, SEGMENTS, COLUMNS] (previous, present and next leg, see
-`sim_vehicle.motion.arducopter.scurve`). Of the multirotor's limits, only the time step and the energy limit
-are used. The route is LEG[n]; a speed of 0 keeps the previous speed.
+Besides the common arguments, a step has guides GUIDE[1], laws LAW[1], heads float64[3, HEAD] and curves
+float64[3, SEGMENTS, COLUMNS] of the previous, present and next leg (see
+`sim_vehicle.motion.arducopter.scurve`). The kernel uses only the time step and the energy limit of the
+multirotor's limits. The route is LEG[n]; a speed of 0 keeps the previous speed.
 """
 
 from __future__ import annotations

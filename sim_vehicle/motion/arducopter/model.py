@@ -1,4 +1,4 @@
-"""Motion model of a multirotor under ArduCopter: the compiled kernel with its state and control law."""
+"""Motion model of a multirotor under ArduCopter: the compiled kernel, its state and its control law."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ _ARMING_DELAY_S = 2.0
 
 
 class ArduCopter(AlongCurves, Multirotor):
-    """Multirotor under ArduCopter; velocity setpoints are flown by the generic dynamics of `Multirotor`.
+    """Multirotor under ArduCopter; the generic dynamics of `Multirotor` fly commanded velocities.
 
     Parameters
     ----------
     law_of : callable
-        Maps a vehicle to the constants of the control law, float64[LAW], from its parameters.
+        Function that returns the constants of the control law, float64[LAW], for a vehicle's parameters.
     yaw_rad : float
         Heading at the start.
 
@@ -82,16 +82,16 @@ class ArduCopter(AlongCurves, Multirotor):
         self._armed_steps = 0
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
-        """Start in steady flight at time 0, with no energy used and no path flown.
+        """Place the vehicle in steady flight at time 0, with no energy used and no path flown.
 
-        If the first leg lies ahead, it starts at the point of its profile that has the present speed.
+        If the first leg lies ahead, the vehicle joins it where the leg's profile has the present speed.
         """
         super().place_in_flight(position_m, velocity_m_s, heading_rad)
         guide, law = self.guide, self.law
         guide[:] = 0.0
         guide[Guide.LEVEL] = self.spec.cruise_speed_m_s
         self.heads[:] = 0.0
-        # Attitude and integrators that balance the drag.
+        # These values of attitude and integrators balance the drag.
         air = self.state[col.VELOCITY][:2] - self.state[col.LEVEL_WIND]
         lean = (law[Law.DRAG] + law[Law.DRAG_2] * float(np.hypot(*air))) * air
         for first in (Guide.INTEGRAL_X, Guide.ASKED_X, Guide.TARGET_X, Guide.LEAN_X):
@@ -106,7 +106,7 @@ class ArduCopter(AlongCurves, Multirotor):
         self._set_out(route, self.law, route.points_m, route.legs["kind"], fastest)
 
     def rest(self, steps: int, *, armed: bool) -> None:
-        """Stand on the ground for a number of steps; armed steps count towards the motors' spool-up delay."""
+        """Stand on the ground for a number of steps; armed steps count towards the delay before spool-up."""
         super().rest(steps, armed=armed)
         self._armed_steps = self._armed_steps + steps if armed else 0
 
@@ -147,7 +147,7 @@ class ArduCopter(AlongCurves, Multirotor):
         return roll, pitch, self._airspeed, min(max(at.HOVER_THROTTLE * thrust, 0.0), 1.0)
 
     def update_spec(self, spec: VehicleSpec) -> None:
-        """Replace defaults, limits and parameters; the new values apply from the next leg."""
+        """Replace the vehicle's defaults, limits and parameters; the new values apply from the next leg."""
         super().update_spec(spec)
         self._take_law()
 
@@ -156,7 +156,7 @@ class ArduCopter(AlongCurves, Multirotor):
         self.law[Law.STAND_BY] = self._idle_w + float(self._power[CONSTANT_POWER])
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
-        """Set climb and descent speed from the next route; None selects the vehicle's default."""
+        """Set the climb and descent speeds from the next route on; None selects the vehicle's default."""
         super().set_climb(climb_m_s, descent_m_s)
         self.law[Law.SPEED_UP] = climb_m_s or self.spec.climb_speed_m_s
         self.law[Law.SPEED_DOWN] = descent_m_s or self.spec.descent_speed_m_s
@@ -164,7 +164,7 @@ class ArduCopter(AlongCurves, Multirotor):
     def touch_down(self) -> None:
         """Stand still on the ground."""
         super().touch_down()
-        # After a landing the arming delay counts as over, until the vehicle is disarmed.
+        # After a landing, the arming delay counts as over until the vehicle disarms.
         self._armed_steps = round(_ARMING_DELAY_S / self.step_s)
         self._rows = None
         self.guide[:] = 0.0

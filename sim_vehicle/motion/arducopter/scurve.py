@@ -2,10 +2,10 @@
 
 A profile has 23 segments: a start, seven for the acceleration, seven for a speed change in flight, one at
 constant speed, and seven for braking to a stop. The jerk rises and falls along raised cosines, so the snap is
-limited, too. The formulas are from ArduPilot, `libraries/AP_Math/SCurve.cpp` (4.7). ArduPilot's rules also
-decide when the next leg begins while the present leg still brakes, which rounds the corners.
+limited, too. The formulas are from ArduPilot, `libraries/AP_Math/SCurve.cpp` (4.7). As in ArduPilot, the next
+leg may begin while the present leg still brakes, so that the path rounds the corner.
 
-A leg is a row of `HEAD` numbers and a table of `SEGMENTS` x `COLUMNS` numbers, in SI units.
+A leg consists of a row of `HEAD` numbers and a table of `SEGMENTS` x `COLUMNS` numbers, in SI units.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ HEAD = 13
 TIME, MADE, LENGTH, UX, UY, UZ, FLAT, RISE, SNAP, JERK, SPEED, ACCEL, ACCEL_Z = range(HEAD)
 SEGMENTS, COLUMNS = 23, 6
 (
-    SEGMENT_TIME,  # Value at the end of the segment, like acceleration, speed and position.
+    SEGMENT_TIME,  # Like acceleration, speed and position, this is the value at the end of the segment.
     SEGMENT_SHAPE,  # Shape of the jerk: 0 constant, 1 rising, -1 falling.
     SEGMENT_JERK,
     SEGMENT_ACCELERATION,
@@ -33,11 +33,11 @@ SEGMENTS, COLUMNS = 23, 6
     SEGMENT_POSITION,
 ) = range(COLUMNS)
 _START, _ACCEL_TOP, _ACCEL_END, _CHANGE_END, _CRUISE, _END = 0, 4, 7, 14, 15, 22
-# Smallest number that counts as positive: single precision, as in the autopilot.
+# Smallest number that counts as positive, as in the autopilot's single precision.
 _TINY = 1.1920929e-7
 
 
-# Loops in place of slices: numba compiles each assignment to a slice slowly.
+# Loops replace slices here, because numba compiles each assignment to a slice slowly.
 @compiled(inline="always")
 def _copy(to: Floats, first: int, source: Floats, begin: int, count: int) -> None:
     """Copy `count` numbers from index `begin` of a row to index `first` of another row."""
@@ -54,7 +54,7 @@ def _clear(row: Floats, begin: int, end: int) -> None:
 
 @compiled(allocates=False)
 def kinematic_limit(flat: float, rise: float, level: float, up: float, down: float) -> float:
-    """Return the limit along a direction from the horizontal, upward and downward limits."""
+    """Return the limit along a direction, from the horizontal, upward and downward limits."""
     size = sqrt(flat * flat + rise * rise)
     limit = inf
     if flat > _TINY * size:
@@ -68,11 +68,11 @@ def kinematic_limit(flat: float, rise: float, level: float, up: float, down: flo
 def _speed_change(
     snap: float, jerk: float, v0: float, accel: float, v1: float, length: float
 ) -> tuple[float, float, float, float]:
-    """Return the jerk, the ramp duration, and the times at full jerk and at full acceleration.
+    """Return jerk, ramp duration, time at full jerk and time at full acceleration of a speed change.
 
-    The speed changes from `v0` to `v1`, or as far as `length` allows. The change is symmetric. With peak
-    acceleration A, ramp r and jerk J, each half lasts ``t = A / J + r``. If A is held for m, the change takes
-    the length ``(2 t + m) (v0 + A (t + m) / 2)``.
+    The speed changes from `v0` to `v1`, or as far as `length` allows. The change is symmetric. With the peak
+    acceleration A, ramp duration r and jerk J, each half lasts ``t = A / J + r``. If A lasts for the time m,
+    the change needs the length ``(2 t + m) (v0 + A (t + m) / 2)``.
     """
     if v0 >= v1 or min(snap, jerk, accel, length) < _TINY:
         return 0.0, 0.0, 0.0, 0.0
@@ -153,7 +153,7 @@ def _put(curve: Floats, i: int, shape: float, lasts: float, jerk: float) -> None
 
 @compiled(allocates=False)
 def _put_change(curve: Floats, i: int, jerk: float, ramp: float, full: float, middle: float) -> None:
-    """Write the seven segments of a speed change, from segment `i`."""
+    """Write the seven segments of a speed change, the first of which is segment `i`."""
     _put(curve, i, 1.0, ramp, jerk)
     _put(curve, i + 1, 0.0, full, jerk)
     _put(curve, i + 2, -1.0, ramp, jerk)
@@ -167,7 +167,7 @@ def _put_change(curve: Floats, i: int, jerk: float, ramp: float, full: float, mi
 
 @compiled(allocates=False)
 def _put_nothing(curve: Floats, first: int, last: int, source: int) -> None:
-    """Make segments `first` to `last` empty, continuing from segment `source`."""
+    """Make segments `first` to `last` empty; they have the values at the end of segment `source`."""
     before = curve[source]
     for i in range(first, last + 1):
         row = curve[i]
@@ -178,7 +178,7 @@ def _put_nothing(curve: Floats, first: int, last: int, source: int) -> None:
 
 @compiled(allocates=False)
 def _put_end(head: Floats, curve: Floats, length: float) -> None:
-    """Brake from cruise within a length, and cruise until the profile ends at the end of the leg."""
+    """Write the braking within a length, and lengthen the cruise so that the profile ends with the leg."""
     speed = curve[_CRUISE, SEGMENT_SPEED]
     jerk, ramp, full, middle = _speed_change(head[SNAP], head[JERK], 0.0, head[ACCEL], speed, length)
     _put_change(curve, _CRUISE + 1, -jerk, ramp, full, middle)
@@ -191,7 +191,7 @@ def _put_end(head: Floats, curve: Floats, length: float) -> None:
 
 @compiled(allocates=False)
 def clear_leg(head: Floats) -> None:
-    """Make the leg empty, so that it is complete before it begins."""
+    """Make a leg empty, so that it is complete before it begins."""
     head[TIME], head[MADE], head[LENGTH] = 0.0, 0.0, 0.0
 
 
@@ -244,7 +244,7 @@ def _make_profile(head: Floats, curve: Floats) -> None:
 
 @compiled(allocates=False)
 def change_speed(head: Floats, curve: Floats, level: float, up: float, down: float) -> None:
-    """Continue along a leg with other speed limits, as far as the rest of the leg allows."""
+    """Continue along a leg with new speed limits, as far as the rest of the leg allows."""
     if head[MADE] == 0.0:
         return
     speed = kinematic_limit(head[FLAT], head[RISE], level, up, down)
@@ -258,7 +258,7 @@ def change_speed(head: Floats, curve: Floats, level: float, up: float, down: flo
         _make_profile(head, curve)
         return
     if curve[_ACCEL_END, SEGMENT_TIME] <= time <= curve[_CHANGE_END, SEGMENT_TIME]:
-        # During an earlier speed change: that change replaces the initial acceleration.
+        # An earlier speed change still lasts, and takes the place of the initial acceleration.
         _put_nothing(curve, _START, _START, _ACCEL_END)
         for i in range(_START + 1, _ACCEL_END + 1):
             _copy(curve[i], 0, curve[i + 7], 0, COLUMNS)
@@ -272,7 +272,7 @@ def change_speed(head: Floats, curve: Floats, level: float, up: float, down: flo
         curve[_START + 1, SEGMENT_TIME], curve[_START + 1, SEGMENT_POSITION] = time, here
         _put_nothing(curve, _START + 2, _ACCEL_END, _START + 1)
     if curve[_CHANGE_END, SEGMENT_SPEED] < curve[_ACCEL_END, SEGMENT_SPEED]:
-        # Slowing has not begun and is given up: the higher speed needs more room to brake.
+        # A planned reduction of speed is given up before it begins; braking then needs more room.
         _put_nothing(curve, _ACCEL_END + 1, _CRUISE, _ACCEL_END)
         _put_end(head, curve, head[LENGTH] - curve[_CRUISE, SEGMENT_POSITION])
     brakes = curve[_CRUISE, SEGMENT_POSITION]
@@ -280,7 +280,7 @@ def change_speed(head: Floats, curve: Floats, level: float, up: float, down: flo
     accel = curve[_ACCEL_TOP, SEGMENT_ACCELERATION]
     half = 0.5 * head[LENGTH]
     if time <= top and top - before >= _TINY and speed < curve[_ACCEL_END, SEGMENT_SPEED] and accel >= _TINY:
-        # Still at full acceleration: shorten that segment.
+        # The leg is still at full acceleration, so this segment is shortened.
         least = curve[_ACCEL_END, SEGMENT_SPEED] - accel * (top - max(time, before))
         jerk, ramp, full, middle = _speed_change(
             head[SNAP], head[JERK], curve[_START, SEGMENT_SPEED], head[ACCEL], max(least, speed), half
@@ -297,7 +297,7 @@ def change_speed(head: Floats, curve: Floats, level: float, up: float, down: flo
 
 @compiled(allocates=False)
 def _change_under_way(head: Floats, curve: Floats, speed: float, room: float) -> None:
-    """Change the speed after the initial acceleration, if the distance before braking suffices."""
+    """Change the speed after the initial acceleration, if there is room before the braking."""
     now = curve[_ACCEL_END, SEGMENT_SPEED]
     snap, limit, accel = head[SNAP], head[JERK], head[ACCEL]
     if abs(speed - now) < _TINY or room <= 0.0 or now < _TINY:
@@ -316,7 +316,7 @@ def _change_under_way(head: Floats, curve: Floats, speed: float, room: float) ->
 
 @compiled(inline="late", allocates=False)
 def state_at(head: Floats, curve: Floats, time: float) -> tuple[float, float, float]:
-    """Return position along the leg, speed and acceleration at a time."""
+    """Return the position along the leg, the speed and the acceleration at a time."""
     if head[MADE] == 0.0:
         return 0.0, 0.0, 0.0
     if time >= curve[_END, SEGMENT_TIME]:
@@ -342,8 +342,8 @@ def end_time(head: Floats, curve: Floats) -> float:
 def may_turn(heads: Floats, curves: Floats, radius: float, corner: float) -> bool:
     """Return whether the next leg may begin while the present leg still brakes.
 
-    The middle of the turn must be within `radius` of the corner, be slower than both legs, and have an
-    acceleration below `corner`.
+    In the middle of the turn, the vehicle must be within `radius` of the corner, slower than on both legs,
+    and accelerate by less than `corner`.
     """
     this, after = heads[1], heads[2]
     here, ahead = curves[1], curves[2]

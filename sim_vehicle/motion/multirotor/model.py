@@ -1,4 +1,4 @@
-"""Motion model of a generic multirotor: the compiled kernel with state, legs, wind and energy."""
+"""Motion model of a generic multirotor, around the compiled kernel."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.legs import Heading, Position, Route
 
 GENERIC = Dynamics(kernel.advance, col.STATE, kernel.LIMITS)
-"""Dynamics of a multirotor without an autopilot, or while its autopilot is not in control."""
+"""Dynamics of a multirotor that has no autopilot, or whose autopilot is not in control."""
 
 
 class Multirotor(CompiledMotion):
@@ -77,12 +77,12 @@ class Multirotor(CompiledMotion):
         return route
 
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
-        """Keep a velocity, or its horizontal part at an altitude; a descent ends on the ground."""
+        """Keep a velocity, or its horizontal part at a fixed altitude; a descent ends on the ground."""
         position = self.position_m
         self._begin(prepare_velocity(position, velocity_m_s, height_m, *heading.numbers, self._limit))
 
     def look_at(self, position_m: tuple[float, float] | None) -> None:
-        """Point the nose at a position (east, north) on all legs; None ends the pointing."""
+        """Point the nose at a position (east, north) on all legs; None ends this."""
         self.state[col.LOOK] = math.nan if position_m is None else position_m
 
     def point(self, heading_rad: float) -> None:
@@ -107,13 +107,13 @@ class Multirotor(CompiledMotion):
         return x + ux * distance, y + uy * distance, max(z + uz * distance, 0.0)
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
-        """Limit climb and descent speed from the next route; None selects the vehicle's limit."""
+        """Limit the climb and descent speeds from the next route on; None selects the vehicle's limit."""
         spec = self.spec
         self._limit.climb_max = min(climb_m_s or math.inf, spec.climb_speed_m_s)
         self._limit.descent_max = min(descent_m_s or math.inf, spec.descent_speed_m_s)
 
 
-# Fractions of the horizontal limits: along the leg, across the leg (0.8^2 + 0.6^2 = 1), and normal to both.
+# Fractions of the horizontal limits along the leg, across it (0.8^2 + 0.6^2 = 1), and normal to both.
 _ALONG = 0.8
 _ACROSS = 0.6
 _NORMAL = 0.25
@@ -121,7 +121,7 @@ _NORMAL = 0.25
 
 @compiled(allocates=False)
 def _speed_within(distance: float, limit: float, jerk: float) -> float:
-    """Return the speed from which an axis without acceleration stops within a distance."""
+    """Return the speed at which motion on an axis can still stop within a distance."""
     v = (distance * sqrt(jerk)) ** (2.0 / 3.0)
     if v <= limit * limit / jerk:
         return float(v)
@@ -131,7 +131,7 @@ def _speed_within(distance: float, limit: float, jerk: float) -> float:
 
 @compiled(allocates=False)
 def _shared(level: float, vertical: float, flat: float, rise: float) -> tuple[float, float, float]:
-    """Return the limits along a leg with parts `flat` and `rise`, across the leg, and normal to both."""
+    """Return the limits along, across and normal to a leg, whose direction has parts `flat` and `rise`."""
     normal = _NORMAL * min(
         _ALONG * level / rise if rise > 0.0 else inf, vertical / flat if flat > 0.0 else inf
     )
@@ -144,7 +144,7 @@ def _shared(level: float, vertical: float, flat: float, rise: float) -> tuple[fl
 
 @compiled
 def prepare_route(route: Record, states: Record, legs: Record, limits_of: Record) -> None:
-    """Fill in the legs of a route: directions, limits in the leg's frame, and speeds at the corners.
+    """Fill in the kernel's legs: directions, limits in the frame of each leg, and speeds at the corners.
 
     Parameters
     ----------
@@ -218,8 +218,8 @@ def prepare_route(route: Record, states: Record, legs: Record, limits_of: Record
             row.heading = leg.heading % (2.0 * pi)
         row.near, row.turn_rate = leg.near, leg.turn
         bx, by, bz = row.x, row.y, row.z
-    # Backward pass: the speed at each corner, and the next position to brake for. If a corner must be slower
-    # than the braking for that position, the corner is the next position to brake for.
+    # A backward pass finds the speed at each corner, and the next position for which the vehicle must brake.
+    # A corner that requires a lower speed than this braking becomes the next such position.
     slow, way = 0.0, 0.0
     for i in range(n - 1, -1, -1):
         row = route[i]
@@ -281,8 +281,8 @@ def prepare_velocity(
     """Return the single leg of a flight at a velocity, LEG[1].
 
     The axes of the leg are the horizontal direction of flight, the horizontal direction across, and the
-    vertical. The velocity is therefore reached within the same limits as on other legs: 80 % of the
-    horizontal limits along, 60 % across.
+    vertical. The vehicle therefore reaches the velocity within the same limits as on other legs: 80 % of the
+    horizontal limits along the leg, 60 % across it.
 
     Parameters
     ----------
@@ -298,7 +298,7 @@ def prepare_velocity(
     ux, uy = (east / speed, north / speed) if speed > 0.0 else (1.0, 0.0)
     route = np.zeros(1, kernel.LEG)
     row = route[0]
-    # The end of the leg is out of reach, because the wind limit depends on the distance to the end.
+    # The end of the leg is put out of reach, because the wind limit depends on the distance to the end.
     row.x, row.y = position[0] + 1e6 * ux, position[1] + 1e6 * uy
     row.z = position[2] if np.isnan(height_m) else height_m
     row.along_x, row.along_y = ux, uy

@@ -2,15 +2,15 @@
 
 Mechanisms and constants are from PX4 v1.17: ``FlightTaskAuto`` and ``PositionSmoothing`` (trajectory),
 ``FlightTaskOrbit``, ``mc_pos_control`` (``PositionControl``, ``Takeoff``), ``navigator/mission_block``
-(acceptance of waypoints), ``land_detector``, ``simulator_sih`` (airframe). docs/vehicle-model.md lists gaps.
+(acceptance), ``land_detector``, ``simulator_sih`` (airframe). For gaps see docs/vehicle-model.md.
 
 State and counters are as in `sim_vehicle.motion.multirotor.kernel`; the record `GUIDE` holds the memory of
-the autopilot. Positions are east-north-up relative to home.
+the autopilot. Positions are east-north-up relative to the start.
 
-A step has these arguments in addition to the common ones: guides GUIDE[1], laws LAW[1] and errors float64[n,
-COLUMNS]. The first row of the errors has the grid index of the first take-off; the further rows are the
-estimate errors (`sim_vehicle.airframe.estimate_errors`) on the grid from there. A single row stands for an
-exact estimate. Of the multirotor's limits, only the time step and the energy limit are used.
+Besides the common arguments, a step has guides GUIDE[1], laws LAW[1] and errors float64[n, COLUMNS]. The
+first row of the errors has the grid index of the first take-off. The further rows are the estimate errors
+(`sim_vehicle.airframe.estimate_errors`) on the grid from this index on. A single row means that the estimate
+is exact. The kernel uses only the time step and the energy limit of the multirotor's limits.
 """
 
 from __future__ import annotations
@@ -36,17 +36,17 @@ from sim_vehicle.motion.px4.smoothing import (
 )
 from sim_vehicle.motion.stepping import kernel_of, multirotor_power, stop
 
-# One leg: its target, the previous and the next waypoint, and its settings.
+# A leg has its target, the previous and the next waypoint, and settings.
 Leg = IntEnum(
     "Leg",
     "X Y Z BEFORE_X BEFORE_Y BEFORE_Z AFTER_X AFTER_Y AFTER_Z "
     "RADIUS "  # Acceptance radius.
     "SPEED "
-    "HEADING "  # NaN: towards the target; infinity: keep; minus infinity: towards the centre of an orbit.
+    "HEADING "  # NaN: to the target; infinity: no turn; minus infinity: to the centre of the orbit.
     "NEAR "  # Distance at which NEAR is reported.
     "KIND "  # `LegKind`.
     "PAUSE "
-    "TURN_RATE "  # Heading rate; NaN: the heading decides.
+    "TURN_RATE "  # Heading rate; NaN if HEADING applies.
     "CIRCLE",  # Radius of an orbit, positive for clockwise.
     start=0,
 )
@@ -63,19 +63,19 @@ Guide = IntEnum(
     "CLIMB "  # Commanded vertical speed.
     # Waypoints of the trajectory.
     "TARGET_X TARGET_Y TARGET_Z BEFORE_X BEFORE_Y BEFORE_Z AFTER_X AFTER_Y AFTER_Z "
-    "STATE "  # Position relative to the track: 0 on it, 1 past its end, 2 before it, 3 beside it.
+    "STATE "  # Position relative to the leg: 0 on it, 1 past its end, 2 before its start, 3 beside it.
     "FRESH "  # Whether the leg is new.
-    "CLOCK "  # Time since the motors started; negative: off, infinity: in flight.
+    "CLOCK "  # Time since the motors started; negative if they are off, infinity in flight.
     "HEADING "  # Commanded heading.
     "BEST "  # Shortest distance to the leg's end since the leg began.
-    "INSIDE "  # Step at which the acceptance radius was entered; negative: not entered.
+    "INSIDE "  # Step at which the vehicle came within the acceptance radius; negative if it has not.
     "GROUND "  # Time on the ground.
     "LAUNCH "  # Whether the vehicle takes off from the ground.
-    "ERROR ERROR_VX ERROR_VY ERROR_VZ "  # Errors of the estimate: height, m; velocities, m/s.
-    "PUSH_X PUSH_Y",  # Acceleration unknown to the estimate, m/s^2.
+    "ERROR ERROR_VX ERROR_VY ERROR_VZ "  # Errors of the estimated height (m) and velocity (m/s).
+    "PUSH_X PUSH_Y",  # Acceleration that the estimate misses, m/s^2.
     start=0,
 )
-# Constants from parameters and the vehicle, SI units.
+# Constants of the control law, from parameters and the vehicle, in SI units.
 Law = IntEnum(
     "Law",
     "DT XY_VEL_MAX ACC_HOR JERK TRAJ_P ERR_MAX XY_P Z_P XY_VEL_P XY_VEL_I XY_VEL_D Z_VEL_P Z_VEL_I "
@@ -86,39 +86,39 @@ Law = IntEnum(
 )
 LEG, GUIDE, LAW = record_type(Leg), record_type(Guide), record_type(Law)
 Own = tuple[Record, Record, Floats]
-# Factor on the land detector's vertical speed threshold in the state "maybe landed".
+# Factor on the vertical speed threshold of the land detector in its state "maybe landed".
 MAYBE_LANDED = 2.5
 
-# Reference airframe, SIH quadrotor 10040: four times SIH_T_MAX divided by SIH_MASS.
+# This is 4 SIH_T_MAX / SIH_MASS of the reference airframe (SIH quadrotor 10040).
 SIH_THRUST_M_S2 = 20.0
 # Time constant of the motors in SIH; the body rates respond about as fast.
 MOTOR_S = 0.05
-# Cut-off of the derivative filter in the velocity controller, MPC_VELD_LP.
+# Time constant of the velocity controller's derivative filter, from MPC_VELD_LP.
 DERIVATIVE_S = 1.0 / (2.0 * pi * 5.0)
 LOOKAHEAD_M = 5.0
 LEAST_TRACK_M = 1.0
-# With estimate errors, a vehicle that passed its target on the wrong side follows the line until its estimate
-# brings it back. Recordings show 15 s, simulated errors up to a minute.
+# With estimate errors, a vehicle that has missed its target follows the line on until its estimate brings it
+# back. This takes 15 s in recordings, and up to a minute with simulated errors.
 LONG_STALL_S = 120.0
-# Jump of the estimate that is not drift: PX4 switched to the other estimator.
+# Smallest change of the estimate that is a jump, after PX4 switched estimators, and not drift.
 RESET_M = 0.5
-# Fraction of the thrust that a climb leaves for horizontal control, MPC_THR_XY_MARG.
+# Fraction of the thrust that vertical control leaves for horizontal control, MPC_THR_XY_MARG.
 MARGIN = 0.3
 BRISK = 0.2
-# Mean size of the errors of estimated vertical speed and horizontal position.
+# Mean size of the errors of the estimated vertical speed and of the estimated horizontal position.
 NOISE_M_S = 0.15
 NOISE_M = 0.12
 PROGRESS = 0.98
-# FlightTaskOrbit: maximum centripetal acceleration, and speed back to the circle per metre of distance.
+# Maximum centripetal acceleration in FlightTaskOrbit, and speed back to the circle per metre of distance.
 ORBIT_M_S2 = 2.0
 ORBIT_1_S = 1.0
-# Distance of a point that represents the direction ahead.
+# Distance of the point ahead at which the nose of an orbiting vehicle aims.
 _AHEAD_M = 1e3
 
 
 @compiled(allocates=False)
 def _choose_waypoints(g: Record, row: Record, px: float, py: float, pz: float, radius: float) -> None:
-    """Choose waypoints on the leg, or waypoints that lead a vehicle off the leg back to the leg."""
+    """Choose waypoints of the leg, or waypoints that bring a stray vehicle back to the leg."""
     dx, dy, dz = row.x - row.before_x, row.y - row.before_y, row.z - row.before_z
     size = sqrt(dx * dx + dy * dy + dz * dz)
     state = 0.0
@@ -158,8 +158,8 @@ def _choose_waypoints(g: Record, row: Record, px: float, py: float, pz: float, r
 def _orbit(g: Record, row: Record, law: Record, px: float, py: float) -> None:
     """Move the trajectory along a circle about the leg's target (``FlightTaskOrbit``).
 
-    The horizontal trajectory has no position: only a speed along the circle, a speed back to the circle, and
-    the centripetal acceleration. The vertical trajectory is as for a waypoint.
+    The horizontal trajectory has no position, only a speed along the circle, a speed back to the circle, and
+    the centripetal acceleration. The vertical trajectory is the same as for a waypoint.
     """
     dt, jerk = law.dt, law.jerk
     east, north = px - row.x, py - row.y
@@ -191,7 +191,7 @@ def _orbit(g: Record, row: Record, law: Record, px: float, py: float) -> None:
 
 @compiled(allocates=False)
 def _guide(g: Record, row: Record, law: Record, px: float, py: float, pz: float, least_track: float) -> None:
-    """Move the trajectory by one step; a setpoint goes to the controller without a trajectory."""
+    """Move the trajectory by one step; the controller gets a setpoint without a trajectory."""
     if row.kind == _SETPOINT:
         g.x, g.y, g.z = row.x, row.y, row.z
         g.target_x, g.target_y, g.target_z = row.x, row.y, row.z
@@ -230,7 +230,7 @@ def _guide(g: Record, row: Record, law: Record, px: float, py: float, pz: float,
         size = sqrt(tx * tx + ty * ty)
         scale = level / size if size > 1e-9 else 0.0
         wx, wy = tx * scale, ty * scale
-        # A distance sensor measures the height above ground, independent of the estimate's error.
+        # A distance sensor measures the height above ground without the estimate's error.
         above = pz - g.error
         share = (above - law.land_alt2) / max(law.land_alt1 - law.land_alt2, 1e-6)
         share = min(max(share, 0.0), 1.0)
@@ -256,8 +256,8 @@ def _guide(g: Record, row: Record, law: Record, px: float, py: float, pz: float,
     fastest = law.xy_vel_max
     wx, wy = min(max(wx, -fastest), fastest), min(max(wy, -fastest), fastest)
     wz = min(max(wz, -top), top)
-    # The trajectory waits for a vehicle behind it. With an exact estimate, the trajectory waits half as much
-    # for a vehicle beside it, which is the average over a noisy estimate.
+    # The trajectory waits for a vehicle that is behind it. With an exact estimate, it waits half as much for
+    # a vehicle beside it; this is the average with a noisy estimate.
     ex, ey = g.x - px, g.y - py
     speed2 = g.vx * g.vx + g.vy * g.vy
     lead = (ex * g.vx + ey * g.vy) / sqrt(speed2) if speed2 > 0.0 else 0.0
@@ -317,8 +317,8 @@ def _control(
     room = sqrt(max(most * most - tz * tz, 0.0))
     if level > room:
         tx, ty = tx * room / level, ty * room / level
-    # Tracking anti-windup: the integrators give back the acceleration that the vehicle does not deliver. PX4
-    # does so below hover thrust, hence also on the average of a noisy vertical speed.
+    # By tracking anti-windup, the integrators give back the acceleration that the vehicle does not deliver.
+    # PX4 does this below hover thrust, and so, on average, also if the vertical speed is noisy.
     noise = NOISE_M_S * law.z_vel_p
     missing = 0.5 * (sqrt(az * az + noise * noise) - az) / GRAVITY_M_S2
     lostx, losty = missing * ax, missing * ay
@@ -334,7 +334,7 @@ def _control(
 
 @compiled(allocates=False)
 def _turn(g: Record, row: Record, law: Record, state: Record) -> None:
-    """Turn the nose to the target, by the leg's heading or rate, or to the region of interest."""
+    """Turn the nose to the region of interest, at the leg's rate, to its heading, or to the target."""
     yaw, rate, dt = state.heading, state.heading_rate, law.dt
     if not isnan(row.turn_rate) and isnan(state.look_east):
         yaw, rate = turn_at(yaw, rate, row.turn_rate, law.yaw_rate, law.yaw_acc * dt, dt)
@@ -363,9 +363,9 @@ def _turn(g: Record, row: Record, law: Record, state: Record) -> None:
 def _fly(g: Record, law: Record, state: Record, wanted: Vector, flying: bool, turning: float) -> float:
     """Move the airframe by one step and return the path length of the step.
 
-    The thrust direction follows the attitude (angle controller over a lagging rate), the thrust follows the
-    motors, and the drag is linear. `turning` is the yaw rate (rad/s, clockwise) that ``AttitudeControl``
-    feeds forward about the vertical, which rotates the tilt.
+    The thrust direction follows the attitude (an angle controller with a lagging rate), the thrust follows
+    the motors, and the drag is linear. `turning` is the yaw rate (rad/s, clockwise) that ``AttitudeControl``
+    feeds forward; this rotates the tilt about the vertical.
     """
     dt, lag = law.dt, 1.0 - exp(-law.dt / MOTOR_S)
     size = sqrt(wanted[0] ** 2 + wanted[1] ** 2 + wanted[2] ** 2)
@@ -389,7 +389,7 @@ def _fly(g: Record, law: Record, state: Record, wanted: Vector, flying: bool, tu
             g.thrust_x = g.thrust_y = g.thrust_rate_x = g.thrust_rate_y = 0.0
             stop(state)
             return 0.0
-        # A waypoint so low that the vehicle touches the ground: the vehicle slides.
+        # The vehicle slides if a waypoint is so low that the vehicle touches the ground.
         az, state.velocity_z = max(az, 0.0), max(state.velocity_z, 0.0)
     mx = dt * (state.velocity_x + 0.5 * ax * dt)
     my = dt * (state.velocity_y + 0.5 * ay * dt)
@@ -410,7 +410,7 @@ def _fly(g: Record, law: Record, state: Record, wanted: Vector, flying: bool, tu
 
 @compiled(allocates=False)
 def _inside(row: Record, law: Record, state: Record, error: float) -> bool:
-    """Return whether the navigator accepts the waypoint's position, regardless of heading and pause."""
+    """Return whether the navigator accepts the vehicle's position at the waypoint (not its heading)."""
     kind, rise = row.kind, row.z - (state.position_z + error)
     if kind == _ORBIT:
         return False
@@ -424,7 +424,7 @@ def _inside(row: Record, law: Record, state: Record, error: float) -> bool:
 
 @compiled(allocates=False)
 def _left(row: Record, state: Record) -> float:
-    """Return the remaining distance of a leg; vertical if only the height ends the leg."""
+    """Return the remaining distance on a leg, or the remaining height if only the height ends the leg."""
     rise, kind = row.z - state.position_z, row.kind
     if kind in (_TAKEOFF, _CLIMB, _DESCEND, _LAND):
         return float(abs(rise))
@@ -433,7 +433,7 @@ def _left(row: Record, state: Record) -> float:
 
 @compiled(allocates=False)
 def begin_leg(g: Record, row: Record, state: Record) -> None:
-    """Begin the leg `row`; a leg of a return or landing starts at the vehicle's position."""
+    """Begin the leg `row`; legs of a return or a landing start at the vehicle's position."""
     if row.kind >= _CLIMB:
         row.before_x, row.before_y = state.position_x, state.position_y
         row.before_z = state.position_z + g.error
@@ -448,7 +448,7 @@ def begin_leg(g: Record, row: Record, state: Record) -> None:
 
 @compiled(inline="always")
 def _enter(state: Record, counters: Integers, route: Record, limits: Record, own: Own) -> None:
-    """Do nothing: a leg begins when the previous leg ends."""
+    """Do nothing, because a leg begins when the previous leg ends."""
 
 
 @compiled(inline="always")
@@ -467,7 +467,7 @@ def _feel(
         stall_s = LONG_STALL_S
         wrong = errors[min(max(step // col.GRID - int(errors[0, 0]), 0) + 1, len(errors) - 1)]
         if abs(wrong[0] - g.error) > RESET_M:
-            # FlightTaskAuto continues from the new estimate.
+            # FlightTaskAuto continues its trajectory from the new estimate.
             g.z = state.position_z + wrong[0]
         g.error, g.error_vx, g.error_vy, g.error_vz = wrong[0], wrong[1], wrong[2], wrong[3]
         g.push_x, g.push_y = wrong[4], wrong[5]
@@ -483,7 +483,7 @@ def _feel(
 
 @compiled(allocates=False)
 def _wait_on_ground(g: Record, state: Record) -> None:
-    """Wait for the motors; the trajectory stays on the ground with 0.7 m/s downwards, as in PX4."""
+    """Wait for the motors; as in PX4, the trajectory stays on the ground with 0.7 m/s downwards."""
     g.x, g.y, g.z = state.position_x, state.position_y, state.position_z + g.error
     g.vx = g.vy = g.ax = g.ay = g.az = 0.0
     g.integral_x = g.integral_y = g.integral_z = 0.0
@@ -494,13 +494,13 @@ def _wait_on_ground(g: Record, state: Record) -> None:
 
 @compiled(allocates=False)
 def _stand_landed(g: Record, law: Record, state: Record) -> None:
-    """Stand on the ground until the land detector reports landed."""
+    """Stand on the ground until the land detector reports that the vehicle has landed."""
     stop(state)
     state.heading_rate = 0.0
     # An error of the estimated vertical speed counts as movement and restarts the detection.
     maybe = g.ground >= law.land_time * (2.0 / 3.0)
     still = abs(g.error_vz) <= law.land_climb * (MAYBE_LANDED if maybe else 1.0)
-    # Once landed, later estimates do not delay disarming.
+    # Once the vehicle has landed, later estimates do not delay disarming.
     g.ground = g.ground + law.dt if still or g.inside >= 0.0 else law.dt
 
 
@@ -522,8 +522,8 @@ def _move(state: Record, counters: Integers, route: Record, limits: Record, own:
                 low = -GRAVITY_M_S2 / law.z_vel_p
                 climb_limit = low + (g.clock - law.spoolup) / ramp * (climb_limit - low)
             believed = state.position_z + g.error
-            # Without this minimum a vehicle with an exact estimate could alternate between track states in
-            # wind. PX4 has no minimum, so a vehicle with estimate errors has none.
+            # Without this minimum radius, a vehicle with an exact estimate could alternate between states of
+            # the track in wind. PX4 has no minimum, so a vehicle with estimate errors has none.
             least_track = 0.0 if errs else LEAST_TRACK_M
             _guide(g, row, law, state.position_x, state.position_y, believed, least_track)
             wanted = _control(g, law, state, climb_limit, flying)

@@ -1,4 +1,4 @@
-"""Motion model of a multirotor under PX4: the compiled autopilot with its parameters and memory."""
+"""Motion model of a multirotor under PX4: the compiled autopilot, its parameters and its memory."""
 
 from __future__ import annotations
 
@@ -31,22 +31,22 @@ if TYPE_CHECKING:
 
 # Delay between the navigator's order to return and the mode change.
 MODE_SWITCH_S = 0.2
-# Allowance for the limited jerk in the braking time that PX4 uses at the start of a hold.
+# Allowance for the limited jerk, in the braking time with which PX4 starts a hold.
 BRAKE_DELAY_S = 0.6
 _SAME_M = 1e-3
-# Number of estimate errors drawn at a time.
+# Number of estimate errors that are drawn at a time.
 _ERRORS = 1000
 
 
 class Px4Multirotor(Multirotor):
     """Multirotor under PX4 that flies routes.
 
-    The generic dynamics of `Multirotor` fly velocities (`steer`) and falls.
+    The generic dynamics of `Multirotor` fly commanded velocities (`steer`) and falls.
 
     Parameters
     ----------
     law_of : callable
-        Maps a vehicle to the constants of the control law, float64[LAW], from its parameters.
+        Function that returns the constants of the control law, float64[LAW], for a vehicle's parameters.
     yaw_rad : float
         Heading at the start and after a return.
 
@@ -92,12 +92,12 @@ class Px4Multirotor(Multirotor):
         return self.dynamics if self._guided else GENERIC
 
     def estimate_with(self, errors: EstimateErrors) -> None:
-        """Add errors to the autopilot's estimate, from the first take-off."""
+        """Add errors to the autopilot's estimate, from the first take-off on."""
         self._estimate_errors = errors
 
     @property
     def estimate_error(self) -> tuple[float, float, float, float]:
-        """Present errors of the estimate: height (m), velocity east, north, up (m/s)."""
+        """Present errors of the estimated height (m) and velocity to the east, north and up (m/s)."""
         if len(self._errors) == 1:
             return 0.0, 0.0, 0.0, 0.0
         since = self.step // col.GRID - int(self._errors.item(0, 0))
@@ -111,14 +111,14 @@ class Px4Multirotor(Multirotor):
         return self._estimate_errors is not None
 
     def _draw_errors(self, count: int) -> None:
-        """Draw estimate errors until at least `count` are available, counted from the first take-off."""
+        """Draw estimate errors until the first `count` from the first take-off on are available."""
         assert self._estimate_errors is not None
         if len(self._errors) <= count:
             drawn = self._estimate_errors.first(2 * count + _ERRORS)
             self._errors = np.concatenate((self._errors[:1], drawn))
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
-        """Start in steady flight at time 0, with no energy used and no path flown."""
+        """Place the vehicle in steady flight at time 0, with no energy used and no path flown."""
         super().place_in_flight(position_m, velocity_m_s, heading_rad)
         self.guide[:] = 0.0
         self._guided = False
@@ -127,7 +127,7 @@ class Px4Multirotor(Multirotor):
         """Begin a route from the present position and motion."""
         legs, points = route.legs, route.points_m
         table = np.zeros((len(legs), len(Leg)))
-        # PX4 has no curves; their chords are flown as ordinary legs.
+        # PX4 has no curves, so the vehicle flies their chords as ordinary legs.
         kind = np.where(legs["kind"] == LegKind.ARC, int(LegKind.WAYPOINT), legs["kind"])
         table[:, Leg.X : Leg.BEFORE_X] = points
         table[1:, Leg.BEFORE_X : Leg.AFTER_X] = points[:-1]
@@ -158,7 +158,7 @@ class Px4Multirotor(Multirotor):
         self._guided = True
 
     def _prepare_first_leg(self, table: NDArray[np.float64]) -> None:
-        """Hand over to the autopilot from the ground or the generic dynamics, and prepare the first leg."""
+        """Give the autopilot control, on the ground or from the generic dynamics; prepare the first leg."""
         g, state = self.guide, self.state
         kinds = table[:, Leg.KIND]
         if g[Guide.CLOCK] < 0.0 and state[State.POSITION_Z] <= 0.0:
@@ -178,7 +178,7 @@ class Px4Multirotor(Multirotor):
             self._adopt()
         first = 0
         if len(table) > 1 and kinds[0] == LegKind.STAY:
-            # PX4 does not brake before turning home.
+            # PX4 does not brake before it turns home.
             table[0, Leg.X : Leg.BEFORE_X] = state[col.POSITION]
             table[0, Leg.RADIUS] = math.inf
             first = 1
@@ -190,12 +190,12 @@ class Px4Multirotor(Multirotor):
             table[-1, Leg.HEADING] = self._home_yaw_rad % (2.0 * math.pi)
 
     def _leaves_setpoint(self, kind: float) -> bool:
-        """Whether the trajectory must restart because a setpoint was flown without a trajectory."""
+        """Whether the trajectory must restart because the last leg, a setpoint, had no trajectory."""
         old = self._route
         return old is not None and kind != LegKind.SETPOINT and old["kind"][self.leg] == LegKind.SETPOINT
 
     def _adopt(self) -> None:
-        """Initialise trajectory and controllers from the motion of a vehicle in flight."""
+        """Initialise the trajectory and the controllers from the motion of a vehicle in flight."""
         g, state = self.guide, self.state
         g[Guide.X : Guide.INTEGRAL_X] = state[State.POSITION_X : State.HEADING]
         g[Guide.ERROR : Guide.PUSH_X] = self.estimate_error
@@ -218,7 +218,7 @@ class Px4Multirotor(Multirotor):
         g[Guide.HEADING] = state[State.HEADING]
 
     def _place_before(self, target: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the start of a new route's first leg: the previous waypoint, or the present position."""
+        """Return the start of the first leg of a new route: the previous waypoint or the present position."""
         leg = self.leg
         if self._route is not None and self._guided:
             old: NDArray[np.float64] = self._route.view(np.float64).reshape(-1, len(Leg))
@@ -233,12 +233,12 @@ class Px4Multirotor(Multirotor):
         return here
 
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
-        """Keep a velocity, or its horizontal part at an altitude; a descent ends on the ground."""
+        """Keep a velocity, or its horizontal part at a fixed altitude; a descent ends on the ground."""
         self._leave()
         super().steer(velocity_m_s, height_m=height_m, heading=heading)
 
     def _leave(self) -> None:
-        """Hand over to the generic dynamics, with the acceleration clipped to their limits."""
+        """Give control to the generic dynamics, and clip the acceleration to their limits."""
         if self._guided:
             size = math.hypot(self.state[State.ACCELERATION_X], self.state[State.ACCELERATION_Y])
             if size > self.spec.acceleration_m_s2:
@@ -248,7 +248,7 @@ class Px4Multirotor(Multirotor):
         self._guided = False
 
     def stopping_point(self) -> Position:
-        """Return the position that PX4 would hold after a hold order now."""
+        """Return the position that PX4 would hold if it were ordered to hold now."""
         x, y, z, vx, vy = self.state[State.POSITION_X : State.VELOCITY_Z].tolist()
         z += float(self.guide[Guide.ERROR])
         speed = math.hypot(vx, vy)
@@ -261,14 +261,14 @@ class Px4Multirotor(Multirotor):
         """Return roll, pitch, airspeed and throttle, or None if the acceleration determines them."""
         if not self._guided or self.state[State.POSITION_Z] <= 0.0:
             return None
-        # Python floats: arithmetic with array elements takes three times as long.
+        # These become Python floats, because arithmetic with array elements takes three times as long.
         east, north, _, _, thrust = self.guide[Guide.THRUST_X : Guide.THRUST + 1].tolist()
         up = math.sqrt(1.0 - east * east - north * north)
         roll, pitch = attitude_of(east, north, up, self.state.item(State.HEADING))
         return roll, pitch, self._airspeed, min(thrust / kernel.SIH_THRUST_M_S2, 1.0)
 
     def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
-        """Fly up to ``max_steps`` steps, fewer if an event occurs (see `MotionEvent`)."""
+        """Fly for ``max_steps`` steps, or until an event occurs (see `MotionEvent`)."""
         if not self._guided or len(self._errors) == 1:
             return super().advance(max_steps, stop_each=stop_each)
         # Estimate errors must be drawn before the kernel uses them.
@@ -283,13 +283,13 @@ class Px4Multirotor(Multirotor):
         return event
 
     def update_spec(self, spec: VehicleSpec) -> None:
-        """Replace defaults and limits."""
+        """Replace the vehicle's defaults and limits."""
         super().update_spec(spec)
         self._law = self._law_of(spec)
         self._radius_m = spec.acceptance_radius_m
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
-        """Limit climb and descent speed; None selects the vehicle's limit."""
+        """Limit the climb and descent speeds; None selects the vehicle's limit."""
         super().set_climb(climb_m_s, descent_m_s)
         law = self._law_of(self.spec)
         for index, speed in ((Law.AUTO_UP, climb_m_s), (Law.AUTO_DOWN, descent_m_s)):

@@ -1,8 +1,8 @@
-"""PX4's trajectory shaping: speed limits with room to brake, and jerk-limited velocity profiles.
+"""PX4's trajectory shaping: speeds from which the vehicle can brake, and jerk-limited profiles of speed.
 
 The formulas are from PX4 v1.17: ``src/lib/mathlib/math/TrajMath.hpp`` (speeds), ``src/lib/motion_planning``:
 ``VelocitySmoothing`` (profiles), ``TrajectoryConstraints`` and ``PositionSmoothing`` (waypoints). Lengths are
-in metres, positions east-north-up relative to home.
+in metres, positions are east-north-up relative to the start.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from math import sqrt
 
 from geo.compiled import compiled
 
-# Sign of the speed change, and durations of the three phases: jerk, no jerk, opposite jerk.
+# Sign of the speed change, and durations of its phases: with jerk, without, with opposite jerk.
 Profile = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
 
@@ -22,7 +22,7 @@ _TINY = 1e-7
 def brakeable_speed(jerk: float, accel: float, distance: float, final: float) -> float:
     """Return the highest speed that can be reduced to `final` within a distance.
 
-    PX4's formula allows ``2 accel / jerk`` at full speed for the deceleration to build up: more than needed.
+    PX4's formula assumes full speed for ``2 accel / jerk`` before the deceleration, longer than needed.
     """
     b = 4.0 * accel * accel / jerk
     v = 0.5 * (sqrt(b * b + 8.0 * accel * distance + 4.0 * final * final) - b)
@@ -31,9 +31,9 @@ def brakeable_speed(jerk: float, accel: float, distance: float, final: float) ->
 
 @compiled(allocates=False)
 def turn_speed(cosine: float, accel: float, radius: float) -> float:
-    """Return the speed in a corner on the circle that touches both legs at `radius` from the corner.
+    """Return the speed on a circle that touches both legs of a corner at `radius` from the corner.
 
-    `cosine` is the cosine of the angle between the paths back and ahead; -1 is straight ahead.
+    `cosine` is the cosine of the angle between the paths back and ahead; -1 means straight ahead.
     """
     c = min(max(cosine, -1.0 + 1e-12), 1.0)
     return sqrt(accel * radius * sqrt((1.0 - c) / (1.0 + c)))
@@ -71,7 +71,7 @@ def _plateau(t1: float, t3: float, a: float, change: float, jerk: float) -> floa
 def stretched(
     p: Profile, v: float, a: float, wanted: float, limit: float, jerk: float, total: float
 ) -> Profile:
-    """Return the profile stretched to a total time, so that all axes end together."""
+    """Return the profile, stretched to a total time so that the profiles of all axes end together."""
     sign, t1, t2, t3 = p
     if sign == 0.0 or t1 + t2 + t3 >= total:
         return p
@@ -134,7 +134,7 @@ def level_speed(
     jerk: float,
     gain: float,
 ) -> float:
-    """Return the horizontal speed that allows for the next corner, and for a stop at the waypoint after that.
+    """Return the horizontal speed that still allows the corner ahead, and a stop at the waypoint after it.
 
     `gain` is the fraction of the acceleration that is used in corners.
     """
@@ -153,7 +153,7 @@ def level_speed(
 def climb_speed(
     place: Vector, target: Vector, after: Vector, radius: float, top: float, accel: float, jerk: float
 ) -> float:
-    """Return the vertical speed that allows for the heights of the target and of the next waypoint.
+    """Return the vertical speed that still allows the heights of the target and the next waypoint.
 
     As in PX4, the angle between both legs is measured in the plane of height and distance from the origin.
     """
@@ -170,7 +170,7 @@ def climb_speed(
 def clamped(v: Vector, level: float, climb: float) -> Vector:
     """Return a velocity scaled down to a horizontal and then to a vertical speed limit.
 
-    Below 0.5 m/s only the component that is too fast is scaled.
+    If a component and its limit are below 0.5 m/s, only this component is scaled.
     """
     x, y, z = v
     size = sqrt(x * x + y * y)
@@ -190,9 +190,9 @@ def clamped(v: Vector, level: float, climb: float) -> Vector:
 
 @compiled(allocates=False)
 def lookahead(place: Vector, begin: Vector, target: Vector, reach: float, endless: bool) -> Vector:
-    """Return the point at distance `reach` ahead on the line from `begin` to `target`.
+    """Return the point on the line from `begin` to `target` that is ahead at distance `reach`.
 
-    This is PX4's L1 guidance in three dimensions. PX4's line does not end at the target (`endless`). A
+    This is PX4's L1 guidance in three dimensions. In PX4, the line goes on beyond the target (`endless`). A
     vehicle with an exact estimate would follow such a line forever, so its line ends at the target.
     """
     dx, dy, dz = target[0] - begin[0], target[1] - begin[1], target[2] - begin[2]

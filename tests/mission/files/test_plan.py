@@ -233,7 +233,7 @@ def vertex(command=5001, count=3.0):
         ([vertex(count=1e30)] * 3, "but 3 of them"),
         ([vertex(5003, 0.0)], "radius 0.0"),
         ([vertex(5003, None)], "radius None"),
-        ([vertex(16)], "command 16 is no fence command"),
+        ([vertex(16)], "command 16 is not a fence command"),
     ],
 )
 def test_bad_fence_is_not_written(fence, part):

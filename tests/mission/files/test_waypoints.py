@@ -184,7 +184,7 @@ def test_bad_home():
 
 
 def test_no_utf_8():
-    with pytest.raises(MissionFileError, match="line 2: this is no UTF-8"):
+    with pytest.raises(MissionFileError, match="line 2: this is not UTF-8"):
         waypoints.loads(HEADER.encode() + b"# caf\xe9\n")
 
 

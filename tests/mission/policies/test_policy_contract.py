@@ -54,7 +54,7 @@ def test_paths_of_a_decision_are_checked_copied_and_read_only():
     with pytest.raises(ValueError, match="read-only"):
         decision.paths[7][0] = 5.0
     for bad in ([[0.0, np.nan]], [1.0, 2.0], [[1.0, 2.0, 3.0]]):
-        with pytest.raises(PlanningError, match="vehicle 3: a path is finite"):
+        with pytest.raises(PlanningError, match="vehicle 3: a path must be finite"):
             Decision({3: bad})
 
 

@@ -146,8 +146,8 @@ def test_without_its_package_it_is_unknown(site):
     [
         ("skiff:NOTHING", "cannot be loaded"),
         ("nowhere_at_all:X", "cannot be loaded"),
-        ("skiff:Hull", "is no sim_vehicle.airframe.kind.VehicleKind of this name"),
-        ("skiff:BOAT", "is no sim_vehicle.airframe.kind.VehicleKind of this name"),
+        ("skiff:Hull", "is not a sim_vehicle.airframe.kind.VehicleKind of this name"),
+        ("skiff:BOAT", "is not a sim_vehicle.airframe.kind.VehicleKind of this name"),
     ],
 )
 def test_a_broken_package_is_told_in_one_line(boat, tmp_path, monkeypatch, value, text):

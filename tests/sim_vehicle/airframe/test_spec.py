@@ -42,7 +42,7 @@ def test_limits_must_be_positive_numbers(value):
 def test_impossible_batteries_are_refused():
     with pytest.raises(VehicleError, match="capacity_wh"):
         BatterySpec(capacity_wh=0.0, cells=4)
-    with pytest.raises(VehicleError, match="ordered"):
+    with pytest.raises(VehicleError, match="ascending order"):
         BatterySpec(capacity_wh=10.0, cells=4, reserve_fraction=0.1, critical_fraction=0.2)
     with pytest.raises(VehicleError, match="resistance"):
         BatterySpec(capacity_wh=10.0, cells=4, resistance_ohm=-1.0)
@@ -126,10 +126,10 @@ def test_a_vehicle_file(tmp_path):
         ("[published]\nused_fraction = 2\nendurance_min = 9", "used_fraction"),
         ("[published]\nendurance_min = 9\nsource = 5", "wrong type"),
         ("px4 = 5", "px4 must be a table"),
-        ("[px4]\nmpc_acc = 1", "no parameter's name"),
+        ("[px4]\nmpc_acc = 1", "is not a parameter name"),
         ("[px4]\nMPC_ACC_HOR = '3'", "not a number"),
         ("[ardupilot]\nWPNAV_SPEED = nan", "not a number"),
-        ("[ardupilot]\nA_VERY_LONG_PARAMETER = 1", "no parameter's name"),
+        ("[ardupilot]\nA_VERY_LONG_PARAMETER = 1", "is not a parameter name"),
     ],
 )
 def test_bad_vehicle_files_say_what_is_wrong(tmp_path, text, reason):

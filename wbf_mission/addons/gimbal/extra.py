@@ -1,8 +1,8 @@
 """Gimbal as an extra of the simulated vehicle: commands and telemetry over MAVLink.
 
-Implements gimbal protocol v2 with the autopilot as gimbal manager of gimbal device 1, which is not a MAVLink
-component itself, and the older mount messages. Sources: ArduPilot's ``AP_Mount.cpp`` and
-``AP_Mount_Backend.cpp``; the answers are those of ArduCopter 4.7 in SITL with ``MNT1_TYPE`` 1.
+The autopilot is the gimbal manager (gimbal protocol v2) of gimbal device 1; the device itself is not a
+MAVLink component. The older mount messages are also supported. Sources: ArduPilot's ``AP_Mount.cpp`` and
+``AP_Mount_Backend.cpp``; answers recorded from ArduCopter 4.7 in SITL with ``MNT1_TYPE`` 1.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ __all__ = ["GimbalExtra"]
 _DEVICE = 1
 _FAILED = m.MAV_RESULT_FAILED
 _LOCKS = m.GIMBAL_DEVICE_FLAGS_ROLL_LOCK | m.GIMBAL_DEVICE_FLAGS_PITCH_LOCK
-_AXES = 0b111_111_111 << 2  # flags of the axis, follow and lock, for each of roll, pitch and yaw
+_AXES = 0b111_111_111 << 2  # has-axis, follow and lock flags of roll, pitch and yaw
 _CAPABILITIES = (
     m.GIMBAL_MANAGER_CAP_FLAGS_HAS_RETRACT
     | m.GIMBAL_MANAGER_CAP_FLAGS_HAS_NEUTRAL
@@ -53,8 +53,8 @@ _MOST_DEG = (90.0, 180.0, 360.0)
 
 
 def _turn(gimbal: Gimbal, flags: int, angles_deg: tuple[float, ...], rates_deg: tuple[float, ...]) -> Result:
-    """Turn the gimbal to angles, else at rates (roll, pitch, yaw), else set only the yaw lock."""
-    for mode, flag in _RESTING.items():  # manager flags equal device flags
+    """Turn to finite angles (roll, pitch, yaw) or at finite rates; if all are NaN, set only the yaw lock."""
+    for mode, flag in _RESTING.items():  # manager and device flags have the same bits
         if flags & flag:
             gimbal.set_mode(mode)
             return None
@@ -80,7 +80,7 @@ GimbalMessage = (
 
 
 class GimbalExtra(VehicleExtra):
-    """Gimbal of the camera; a vehicle has a gimbal if its firmware's parameter was above 0 at boot."""
+    """Gimbal of the camera; it is fitted if the firmware's gimbal parameter was above 0 at boot."""
 
     def __init__(self, state: WireState, parameters: ParameterSet, plans: PlanReceiver) -> None:
         super().__init__(state, parameters, plans)
@@ -110,7 +110,7 @@ class GimbalExtra(VehicleExtra):
         return lambda _: build() if self.gimbal.fitted else None
 
     def advance(self) -> None:
-        """Turn the gimbal until the vehicle's time."""
+        """Move the gimbal on to the vehicle's present time."""
         pilot = self.state.pilot
         self.gimbal.advance(pilot.state, 1e3 * self.state.boot_ms, pilot.home_m)
 
@@ -126,7 +126,7 @@ class GimbalExtra(VehicleExtra):
         self.gimbal.boot()
 
     def execute(self, command: VehicleCommand) -> None:
-        """Execute a mission item; DO_MOUNT_CONTROL of a mission always holds angles."""
+        """Execute a mission item; a mission's DO_MOUNT_CONTROL always sets angles."""
         if command.id == m.MAV_CMD_DO_MOUNT_CONTROL:
             params = (*command.params[:6], float(m.MAV_MOUNT_MODE_MAVLINK_TARGETING))
             command = replace(command, params=params)
@@ -139,11 +139,11 @@ class GimbalExtra(VehicleExtra):
             self.gimbal.wake()
 
     def is_ready(self, message_id: int) -> bool:
-        """Return whether a message can be sent: messages of the gimbal only once it is awake."""
+        """Return whether a message can be sent; the gimbal's messages cannot before the gimbal is awake."""
         return message_id not in self.builders or self.gimbal.awake
 
     def camera_attitude(self, boot_us: float) -> Attitude | None:
-        """Return the attitude of the gimbal at a time since boot; None before the first order."""
+        """Return the camera attitude at a time since boot; None if the gimbal was not yet awake."""
         return self.gimbal.attitude_at(boot_us)
 
     def _on_parameter(self, message: m.MAVLink_param_set_message, _now_s: float) -> None:
@@ -151,18 +151,18 @@ class GimbalExtra(VehicleExtra):
             self.gimbal.wake()
 
     def _pitch_yaw(self, command: VehicleCommand) -> Result:
-        """DO_GIMBAL_MANAGER_PITCHYAW: angles (degrees), rates (degrees per second), flags, -, device."""
+        """Handle DO_GIMBAL_MANAGER_PITCHYAW: angles (degrees), rates (degrees/s), flags, unused, device."""
         if command.number(7, -1) not in (0, _DEVICE):
             return _FAILED
         pitch, yaw, pitch_rate, yaw_rate, flags = command.params[:5]
         if not command.long and command.frame in (0, 3, 10):
-            flags *= 1e7  # undo the scaling that fits latitudes: this field holds flags
+            flags *= 1e7  # the field was scaled like a latitude, but it holds flags
         if not 0.0 <= flags < 2**32:
             return _FAILED
         return _turn(self.gimbal, round(flags), (0.0, pitch, yaw), (0.0, pitch_rate, yaw_rate))
 
     def _configure(self, command: VehicleCommand) -> Result:
-        """DO_GIMBAL_MANAGER_CONFIGURE: set the controller; -1 keeps, -2 takes and -3 releases control."""
+        """Handle DO_GIMBAL_MANAGER_CONFIGURE: set the controller; -1 keeps, -2 takes, -3 releases control."""
         system, component = command.params[:2]
         known = all(-3.0 <= number <= 255.0 for number in (system, component))
         if not known or command.number(7, -1) not in (0, _DEVICE):
@@ -177,11 +177,11 @@ class GimbalExtra(VehicleExtra):
         return () if gimbal.controller == before else (self._status(),)
 
     def _mount_configure(self, command: VehicleCommand) -> None:
-        """DO_MOUNT_CONFIGURE: set the mode; other settings have no effect."""
+        """Handle DO_MOUNT_CONFIGURE: set the mode; its other settings have no effect."""
         self.gimbal.set_mode(command.number(1, -1))
 
     def _mount_control(self, command: VehicleCommand) -> Result:
-        """DO_MOUNT_CONTROL: pitch, roll, yaw relative to the vehicle, height above home, position, mode."""
+        """Handle DO_MOUNT_CONTROL: turn to pitch, roll and yaw, point at a position, or set the mode."""
         gimbal, mode = self.gimbal, command.number(7, -1)
         if mode == GimbalMode.TARGET:
             angles = command.params[:3]
@@ -199,7 +199,7 @@ class GimbalExtra(VehicleExtra):
         return None
 
     def _region(self, command: VehicleCommand) -> None:
-        """Region of interest: point at a position, or stop without a position."""
+        """Point at a region of interest; a command without a position ends the pointing."""
         position = None if command.id == Command.DO_SET_ROI_NONE else command.position
         if position is None:
             self.gimbal.point_at(None)
@@ -213,7 +213,7 @@ class GimbalExtra(VehicleExtra):
         self.gimbal.point_at((*self.state.pilot.frame.from_wgs84(*position), height_m))
 
     def _obey(self, command: VehicleCommand) -> Result:
-        """Execute a command or mission item; FAILED if the vehicle has no gimbal."""
+        """Execute a command or mission item; the result is FAILED if no gimbal is fitted."""
         if self.state.mavlink.gimbal is None:
             return m.MAV_RESULT_UNSUPPORTED
         if not self.gimbal.fitted:

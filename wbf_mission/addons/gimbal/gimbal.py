@@ -36,7 +36,7 @@ _HIGH = _settings(ROLL_MAX=30.0, PITCH_MAX=20.0, YAW_MAX=180.0)
 _NEUTRAL = _settings(NEUTRAL_X=0.0, NEUTRAL_Y=-90.0, NEUTRAL_Z=0.0)
 _RETRACTED = _settings(RETRACT_X=0.0, RETRACT_Y=0.0, RETRACT_Z=0.0)
 _DEFAULT_MODE = Setting("MNT1_DEFLT_MODE", 1.0)
-# Attitudes kept for late images: 10 s of a vehicle that is advanced 50 times per second.
+# Number of attitudes that are kept to look up an image's attitude later: 10 s at 50 steps per second.
 _REMEMBERED = 512
 _TURN = 2.0 * math.pi
 
@@ -51,7 +51,7 @@ class GimbalMode(IntEnum):
     TARGET = 2
     """Angles or rates from a client."""
     STICKS = 3
-    """Control by sticks; without sticks the angles are the middle of the range."""
+    """Control by sticks; without sticks, each angle is in the middle of its range."""
     POINT = 4
     HOME = 6
 
@@ -70,8 +70,8 @@ class Attitude(NamedTuple):
 class Gimbal:
     """Three-axis gimbal.
 
-    The vehicle has a gimbal if the parameter `fitting` is above 0 at boot. If `fitting` is None, it has no
-    gimbal.
+    The gimbal is fitted if the vehicle's parameter `fitting` is above 0 at boot. If `fitting` is None, it is
+    never fitted.
 
     Examples
     --------
@@ -93,7 +93,7 @@ class Gimbal:
         self.boot()
 
     def boot(self) -> None:
-        """Reset to rest in the default mode."""
+        """Reset the gimbal: it rests in the default mode."""
         self.fitted = self._fitting is not None and self._fitting.of(self._parameters) > 0.0
         # Whether sticks control the yaw relative to north instead of relative to the vehicle.
         self.yaw_lock = False
@@ -142,7 +142,7 @@ class Gimbal:
         self.mode = GimbalMode(int(number)) if number in _MODES else GimbalMode.NEUTRAL
 
     def turn_to(self, angles_rad: Sequence[float], *, earth: bool) -> None:
-        """Turn to finite roll, pitch and yaw; `earth`: yaw is relative to north, else to the nose."""
+        """Turn to finite roll, pitch and yaw; yaw is relative to north if `earth`, else to the nose."""
         roll, pitch, yaw = angles_rad
         if not earth and yaw > math.pi:
             yaw -= _TURN
@@ -181,7 +181,7 @@ class Gimbal:
         self._track.append((boot_us, self._attitude(state.yaw_rad)))
 
     def attitude_at(self, boot_us: float) -> Attitude | None:
-        """Return the camera attitude at a time since boot; None before the first order."""
+        """Return the camera attitude at a time since boot; None if the gimbal was not yet awake."""
         after = None
         for time_us, attitude in reversed(self._track):
             if time_us > boot_us:
@@ -194,7 +194,7 @@ class Gimbal:
                 a + part * math.remainder(b - a, _TURN) for a, b in zip(attitude, after[1], strict=True)
             )
             return Attitude(roll, pitch, heading % _TURN)
-        # The gimbal is at rest before its first order.
+        # Before it is awake, the gimbal is at rest.
         return None
 
     def _attitude(self, heading_rad: float) -> Attitude:
@@ -219,7 +219,7 @@ class Gimbal:
             aim = (roll, pitch, self._to_body(0.0, state.yaw_rad) if self.yaw_lock else yaw)
         else:
             aim = self._resting()
-        # Later rates start from this target.
+        # If rates are commanded later, they start from this target.
         self._target, self._earth = aim, False
         return aim
 
@@ -242,7 +242,7 @@ class Gimbal:
         return roll, pitch, yaw
 
     def _limited(self, angles: Angles, *, earth: bool = False) -> Angles:
-        """Return the angles within the limits; a yaw relative to north is only wrapped."""
+        """Return the angles clipped to the limits; a yaw relative to north is wrapped, but not clipped."""
         roll, pitch, yaw = (
             max(low, min(angle, high)) for angle, (low, high) in zip(angles, self.limits_rad, strict=True)
         )

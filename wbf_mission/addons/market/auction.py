@@ -20,7 +20,7 @@ _AT_ONCE = 16
 
 @dataclass(frozen=True, slots=True)
 class Bid:
-    """A vehicle's price for a segment: the cost of all its work if it gets the segment."""
+    """A vehicle's price for a segment: the total cost of the vehicle's work if it gets the segment."""
 
     cost: float  # In the unit of the vehicle's budget
     # Place of the segment in the vehicle's route, and the corner from which it would be flown.
@@ -46,7 +46,7 @@ class Bidder:
     ) -> None:
         self.system_id = system_id
         nodes = np.vstack((free_m, home_m, corners_of(segments).reshape(-1, 2)))
-        # float64[n, n]: costs between the nodes: where the vehicle becomes free, home, and all corners.
+        # float64[n, n]: travel costs between nodes (place where the vehicle becomes free, home, all corners).
         self.legs = travel_cost.legs(nodes, nodes)
         # Cost of each segment's rows; infinite if the vehicle cannot fly the segment.
         self.own = [
@@ -57,8 +57,8 @@ class Bidder:
         ]
         self.until_free = until_free  # Cost of the work that the vehicle keeps
         self.limit = limit  # Maximum total cost
-        self.returns = returns  # Whether the return home counts
-        # Awarded segments in order of flight: index in the list of segments, and variant.
+        self.returns = returns  # Whether the costs include the return home
+        # Awarded segments in order of flight, each as index in the list of segments, and variant.
         self.route: list[tuple[int, int]] = []
 
     @property
@@ -71,7 +71,7 @@ class Bidder:
         return cost + self._home(at)
 
     def bid(self, segment: int) -> Bid | None:
-        """Return the bid for a segment, by the cheapest insertion into the route; None if unaffordable."""
+        """Return the bid for the segment's cheapest place in the route; None if unaffordable."""
         if not math.isfinite(self.own[segment]):
             return None
         before, best = self.cost, Bid(math.inf, 0, 0)
@@ -97,7 +97,7 @@ class Bidder:
 
 
 def hold_auction(bidders: Sequence[Bidder], offered: Iterable[int]) -> list[int]:
-    """Award one segment at a time to the lowest bid for any segment; return the unsold segments.
+    """Award segments one at a time, always by the lowest of all bids; return the unsold segments.
 
     A bid is the vehicle's total cost, so that all vehicles end with similar costs (rule MiniMax of sequential
     single-item auctions; Lagoudakis et al. 2005, Koenig et al. 2006). Equal bids go to the first bidder.
@@ -130,7 +130,7 @@ def path_cost(travel_cost: TravelCost, points_m: Points) -> float:
 
 def leg_costs(travel_cost: TravelCost, points_m: Points) -> NDArray[np.float64]:
     """Return the approximate cost of each leg between consecutive points, float64[n - 1], n > 1."""
-    # `legs` computes all pairs; blocks avoid quadratic cost for long paths.
+    # `legs` computes the costs of all pairs of points; blocks keep the number of pairs small.
     begins, ends = points_m[:-1], points_m[1:]
     parts = [
         np.diagonal(travel_cost.legs(begins[k : k + _AT_ONCE], ends[k : k + _AT_ONCE]))

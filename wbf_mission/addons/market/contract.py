@@ -20,7 +20,7 @@ class Stretch:
 
     segment: Segment | None  # None for a leg to a random place
     row: int  # Index of the row in the segment
-    # float64[n, 2]: the row's two ends come last, or only the far end if the vehicle is at the near end.
+    # float64[n, 2]: the way, then the row's two ends (only the far end if the vehicle is at the near end).
     points_m: Points
 
 
@@ -37,7 +37,7 @@ class Contract:
         self._left = len(self.points_m)
 
     def follow(self, rest_m: Points) -> bool:
-        """Update the progress from the remaining path; False if the vehicle flies another path."""
+        """Update the progress by the vehicle's remaining path; return False if it flies another path."""
         count = min(len(rest_m), len(self.points_m))
         mine, flown = self.points_m[len(self.points_m) - count :], rest_m[len(rest_m) - count :]
         if not np.allclose(mine, flown, rtol=0.0, atol=_SAME_M):
@@ -47,7 +47,7 @@ class Contract:
 
     @property
     def ahead(self) -> list[tuple[Stretch, int]]:
-        """Stretches not yet flown, and the number of remaining points of each."""
+        """Stretches not fully flown, each with its number of remaining points."""
         found = []
         end = len(self.points_m)
         passed = end - self._left
@@ -77,7 +77,7 @@ class Contract:
         return np.concatenate(parts) if parts else NO_POINTS
 
     def unflown(self, here_m: tuple[float, float] | None = None) -> list[Segment]:
-        """Return the segments with their remaining rows; a row under way starts at `here_m`."""
+        """Return the segments with their remaining rows; a row that is partly flown starts at `here_m`."""
         rows: dict[int, dict[int, Row]] = {}
         segments: dict[int, Segment] = {}
         for stretch, left in self.ahead:

@@ -35,10 +35,10 @@ _KEEP = (Status.READY, Status.CLIMBING, Status.CHANGING, Status.SILENT)
 class Market:
     """Award survey segments to the vehicles that can finish them first.
 
-    At the start, the farm is divided into blocks with wide row spacing, which are auctioned. After a run of
-    detections of sick plants, a segment with narrow row spacing is made around them. Then all segments not
-    yet begun are auctioned again, fine segments first, and so are the unflown rows of coarse segments. The
-    loss of a vehicle also starts a new auction. A vehicle without work flies to random places.
+    At the start, the farm is divided into blocks with wide row spacing, which are auctioned. When a group of
+    detections of sick plants is complete, a segment with narrow row spacing is made around them. Then all
+    segments not yet begun and the unflown rows of coarse segments are auctioned again, fine segments first.
+    The loss of a vehicle also starts a new auction. A vehicle without work flies to random places.
 
     Parameters
     ----------
@@ -47,11 +47,11 @@ class Market:
     step : float
         Row spacing of a fine segment, cells.
     pioneers : int
-        Number of vehicles, from the first, that take no fine segments if there are others.
+        Number of vehicles (those with the lowest ids) that get no fine segments if there are other vehicles.
     field : str
         Disease of the detections; ``all``: every scored disease.
     below : float
-        Upper limit of a detection's value; the default includes lost plants (0) but not infected ones (0.5).
+        Upper limit of a detection's value; the default includes lost plants (0), not infected plants (0.5).
     explore : float
         Fraction of the fleet's budget for the coarse segments, between 0 and 1.
     blocks : int
@@ -99,7 +99,7 @@ class Market:
         self._streams: dict[int, np.random.Generator] = {}
 
     def decide(self, observation: PolicyObservation) -> Decision:
-        """Hold an auction if segments are new or returned, a vehicle has no work, or a path ends."""
+        """Hold an auction if a segment is new or was returned, a vehicle has no work, or a path ends."""
         spacing: dict[int, float] = {}
         if observation.event is Event.START:
             self._begin_flight(observation.day)
@@ -117,7 +117,7 @@ class Market:
         paths = self._trade(observation)
         if not paths:
             return NO_CHANGE
-        reason = "first look" if spacing else "packages about finds" if found else "packages sold anew"
+        reason = "coarse survey" if spacing else "segments around detections" if found else "new auction"
         return Decision(paths, reason=reason, spacing_m=spacing)
 
     def _begin_flight(self, day: int) -> None:
@@ -133,7 +133,7 @@ class Market:
         self._day = day
 
     def _divide(self, observation: PolicyObservation) -> dict[int, float]:
-        """Put the coarse segments of every area on the market; return the row spacing of each vehicle."""
+        """Offer the coarse segments of every area; return each vehicle's row spacing."""
         spacings: dict[int, float] = {}
         vehicles = list(observation.steerable)
         while vehicles:
@@ -151,7 +151,7 @@ class Market:
         return spacings
 
     def _settle(self, observation: PolicyObservation) -> bool:
-        """Update the progress of all contracts; return whether segments came back on the market."""
+        """Update the progress of all contracts; return whether segments were returned to the market."""
         returned: list[Segment] = []
         for vehicle in observation.vehicles:
             contract = self._contracts.get(vehicle.system_id)
@@ -181,7 +181,7 @@ class Market:
             if contract is None:
                 continue
             unflown, begun = contract.unflown(vehicle.position_m), contract.begun
-            if begun is not None and begun.fine:  # The vehicle finishes this segment.
+            if begun is not None and begun.fine:  # The vehicle keeps and finishes this segment.
                 unflown = [segment for segment in unflown if segment.number != begun.number]
                 kept[vehicle.system_id] = [
                     Stretch(begun, stretch.row, stretch.points_m[-left:])
@@ -265,7 +265,7 @@ class Market:
             return []
         here = kept[-1].points_m[-1] if kept else np.asarray(vehicle.position_m)
         legs = self._terrain(vehicle).legs([ends for _, _, ends in flown], here)
-        # A waypoint at the vehicle's position would only make it stop.
+        # A waypoint at the vehicle's position would only stop the vehicle.
         near = np.hypot(*(legs[0] - here).T) < _AT_CELLS * observation.farm.cell_size_m
         passed = int(np.argmin(near)) if not near.all() else len(near) - 1
         legs[0] = legs[0][passed:]
@@ -304,7 +304,7 @@ def _same(before: Points, after: Points) -> bool:
 
 
 def _beyond(stretches: list[Stretch], flown: Points) -> list[Segment]:
-    """Return the segments of the rows that a path does not finish."""
+    """Return the segments that a path leaves unfinished, with the unfinished rows."""
     whole = Contract(tuple(stretches), _points(stretches))
     whole.follow(whole.points_m[max(len(flown) - 1, 0) :])
     here = flown[-1] if len(flown) else whole.points_m[0]

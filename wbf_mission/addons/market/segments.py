@@ -38,18 +38,18 @@ class Row:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Segment:
-    """Rows of the survey that are auctioned as a whole."""
+    """Rows of the survey that are auctioned together."""
 
     number: int  # Unique in a run
     # Whether the segment is around detections; otherwise it is part of the first survey.
     fine: bool
     box_m: Box  # Bounds in metres
-    rows: tuple[Row, ...]  # By line, and along each line
+    rows: tuple[Row, ...]  # Sorted by line, then along the line
 
     def ordered(self, variant: int) -> list[tuple[int, Points]]:
-        """Return number and ends, float64[2, 2], of the rows, flown back and forth from a corner (0 to 3).
+        """Return each row's number and ends, float64[2, 2]; rows are flown to and fro from corner `variant`.
 
-        Bit 0 of the corner flies the first row backwards; bit 1 starts with the last line.
+        Bit 0 of `variant` means that the first row is flown backwards; bit 1, that the last line comes first.
         """
         lines = [list(rows) for _, rows in groupby(range(len(self.rows)), lambda k: self.rows[k].line)]
         if variant & 2:
@@ -99,7 +99,7 @@ def blocks_of(flyable: Area, count: int) -> list[Box]:
 
 
 def groups_of(cells: NDArray[np.integer], reach: float) -> list[NDArray[np.intp]]:
-    """Return the indices of cells, int[n, 2], by group; neighbours in a group are within `reach`."""
+    """Group cells, int[n, 2], whose neighbours are within `reach`; return the indices of each group."""
     if not len(cells):
         return []
     pairs = cKDTree(cells).query_pairs(reach, output_type="ndarray")
@@ -109,7 +109,7 @@ def groups_of(cells: NDArray[np.integer], reach: float) -> list[NDArray[np.intp]
 
 
 def corners_of(segments: Sequence[Segment]) -> Points:
-    """Return the start points of each segment's variants and then the end points, float64[segments, 8, 2]."""
+    """Return start points, then end points of each segment's 4 variants, float64[segments, 8, 2]."""
     corners = np.empty((len(segments), 2 * VARIANTS, 2))
     for k, segment in enumerate(segments):
         for variant in range(VARIANTS):
@@ -127,11 +127,11 @@ class Detections:
     """Makes segments around the sick plants seen today.
 
     Detections near each other form a group. A group is complete when no detection has been added since the
-    last search. Then one segment is made of its bounds and a border. It waits while an overlapping segment is
-    unflown.
+    last search. Then its bounds and a border become one segment. The group waits while an overlapping segment
+    is unflown.
     """
 
-    border: float  # Margin around the detections, and maximum distance within a group, cells
+    border: float  # Margin around the detections, and maximum distance between neighbours in a group, cells
     step: float  # Row spacing, cells
     field_name: str  # Disease of the detections; all: every disease with a weight
     below: float  # Upper limit of a detection's value
@@ -187,7 +187,7 @@ class Detections:
         names = {observation.fields.names[k]: k for k in diseases}
         if self.field_name not in names:
             known = ", ".join([*names, ALL])
-            msg = f"{self.who}: no disease that is scored is named {self.field_name!r}; there are {known}"
+            msg = f"{self.who}: no scored disease is named {self.field_name!r}; give one of {known}"
             raise PlanningError(msg)
         return [names[self.field_name]]
 

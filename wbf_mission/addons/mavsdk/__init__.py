@@ -1,4 +1,4 @@
-"""Flights and transfers by MAVSDK, an implementation independent of our own."""
+"""Flights and transfers by MAVSDK, an implementation of MAVLink independent of this project's code."""
 
 from geo.imports import load_extra
 from mission.errors import LinkError

@@ -35,7 +35,7 @@ __all__ = ["MavsdkOrders", "MavsdkVia"]
 _POLL_S = 0.02
 _Commanding = m.MAVLink_command_long_message | m.MAVLink_command_int_message
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
-# Time to wait after a refusal for the vehicle's STATUSTEXT with the reason.
+# Time to wait, after a refusal, for the vehicle's STATUSTEXT with the reason.
 _WORDS_S = 0.3
 _RESULTS = {
     "SUCCESS": m.MAV_RESULT_ACCEPTED,
@@ -53,7 +53,7 @@ _NO_ANSWER = frozenset({"TIMEOUT", "NO_SYSTEM", "CONNECTION_ERROR"})
 class _Order:
     """A command that MAVSDK carries out for the ground station.
 
-    The answer is delivered at `due_s`.
+    The answer is delivered to the ground station at `due_s`.
     """
 
     command: int
@@ -66,18 +66,18 @@ class _Order:
 class MavsdkOrders:
     """Commands to the autopilot, carried out by MAVSDK; each result is returned as a COMMAND_ACK.
 
-    Arming, return, landing and PX4's hold use the plugin action; the start of a mission uses mission_raw.
-    Every other command uses mavlink_direct, which also retries. Examples are other modes (MAVSDK's hold is
-    LOITER on an ArduCopter, in which it sinks without a stick), message rates, and the start of an
-    ArduCopter's mission (it takes off at MISSION_START, but MAVSDK's start_mission sets the mode).
+    Arming, return, landing and PX4's hold use the plugin action; the start of a PX4's mission uses
+    mission_raw. All other commands use mavlink_direct, which also retries. Hold on an ArduCopter is such a
+    command, because MAVSDK's hold sets LOITER, in which an ArduCopter without sticks sinks. So is a mission
+    start on an ArduCopter: it takes off at MISSION_START, but MAVSDK's start_mission only sets the mode.
 
-    MAVSDK does not send MISSION_SET_CURRENT. Its set_current_mission_item repeats the message at each
-    MISSION_CURRENT of another item: for ever, if a vehicle goes on from a command at once.
+    MAVSDK does not send MISSION_SET_CURRENT. Its set_current_mission_item would repeat the message whenever
+    the vehicle reports another current item: for ever, if the vehicle completes the item at once.
     """
 
     def __init__(self, link: MavsdkLink, vehicle: Vehicle, note: Note) -> None:
         self._link, self._system_id, self._note = link, vehicle.system_id, note
-        # Plugin and function by command and, where they matter, by the command's first three parameters.
+        # Plugin and function by command and the command's first three parameters (None for any parameters).
         self._functions: dict[tuple[int, tuple[float, ...] | None], tuple[type, str]] = {
             (m.MAV_CMD_COMPONENT_ARM_DISARM, (1.0, 0.0, 0.0)): (Action, "arm"),
             (Command.NAV_RETURN_TO_LAUNCH, None): (Action, "return_to_launch"),
@@ -106,7 +106,7 @@ class MavsdkOrders:
     def carry_out(self, message: Message) -> list[Message]:
         """Start a command, and return the messages that answer it at once."""
         assert isinstance(message, _Commanding)
-        # Several message rates may be set at a time; MAVSDK itself retries any other pending command.
+        # Several message rates may be pending. Repeats of other commands are dropped: MAVSDK retries itself.
         is_rate = message.command == m.MAV_CMD_SET_MESSAGE_INTERVAL
         if not is_rate and any(order.command == message.command for order in self._orders):
             return [self._ack(message.command, int(m.MAV_RESULT_IN_PROGRESS))]
@@ -162,7 +162,7 @@ class MavsdkOrders:
         )
 
     def _ack(self, command: int, result: int) -> Message:
-        """Return a COMMAND_ACK as if sent by the vehicle."""
+        """Return a COMMAND_ACK that looks as if the vehicle had sent it."""
         frame = self._writer.encode(m.MAVLink_command_ack_message(command, result))
         return FrameReader().feed(frame)[0]
 
@@ -192,11 +192,11 @@ class _GroundByMavsdk:
         return out + self.hand_on(self._ground.poll(now_s), now_s)
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that does anything (s), infinite if none."""
+        """Return the time (s) of the next `poll` with something to do; infinite if there is none."""
         return min(self._ground.next_deadline(), self._due_s if self._orders.waiting else math.inf)
 
     def goodbye(self) -> list[Message]:
-        """Return the last messages; the program does not wait for MAVSDK's answers."""
+        """Return the last messages before the link closes, without waiting for MAVSDK's answers."""
         return self._ground.goodbye()
 
     def hand_on(self, messages: Iterable[Message], now_s: float) -> list[Message]:
@@ -213,7 +213,7 @@ class _GroundByMavsdk:
 
 
 class MavsdkVia(Via):
-    """Connection through MAVSDK: it opens the link, transfers plans and sends commands, and nothing else."""
+    """Connection through MAVSDK, which only opens the link, transfers plans and sends commands."""
 
     def __init__(self) -> None:
         self._link: MavsdkLink | None = None
@@ -246,7 +246,7 @@ class MavsdkVia(Via):
         return LinkHost([*cameras, ground], [], tap=tap, links=[link], through=ground.hand_on)
 
     def driver(self, url: str, on_event: OnEvent, on_text: OnText | None = None) -> TransferDriver:
-        """Open a link by MAVSDK; LinkError if the address is wrong or MAVSDK cannot open it."""
+        """Open a link by MAVSDK; raise LinkError if the address is wrong or MAVSDK cannot open it."""
         link = MavsdkLink(url)
         endpoint = MavlinkEndpoint(link, *GROUND_STATION, wanted=())
         transfers = mavsdk_transfers(lambda: link)
@@ -255,15 +255,15 @@ class MavsdkVia(Via):
     def check_count(self, vehicles: int) -> None:
         """Raise LiveFlightError if there are several vehicles."""
         if vehicles > 1:
-            msg = f"--via mavsdk flies one vehicle, not {vehicles}: leave out --via mavsdk, or fly one"
+            msg = f"--via mavsdk flies one vehicle, not {vehicles}: leave out the option, or fly one vehicle"
             raise LiveFlightError(msg)
 
     def check(self, scenario: Scenario, vehicle: Vehicle) -> None:
-        """Raise LiveFlightError for a policy if the vehicle must leave its mission to change it."""
+        """Raise LiveFlightError if a policy is given and the vehicle must leave its mission for a change."""
         policy = scenario.mission.policy
         if policy is not None and vehicle.vehicle_type in (vehicle.profile.change_modes or {}):
             msg = (
-                f"policy {policy} changes the mission in flight, which --via mavsdk does not do with "
-                f"{vehicle.profile.name}: leave out --via mavsdk, or give a planner"
+                f"policy {policy} changes the mission in flight, which --via mavsdk cannot do for "
+                f"{vehicle.profile.name}: leave out --via mavsdk, or give a planner instead"
             )
             raise LiveFlightError(msg)

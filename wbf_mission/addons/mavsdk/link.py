@@ -1,4 +1,4 @@
-"""A link opened by MAVSDK, which forwards the vehicle's messages to us and ours to the vehicle."""
+"""A link opened by MAVSDK, which forwards messages between the vehicle and this program."""
 
 from __future__ import annotations
 
@@ -43,7 +43,8 @@ class MavsdkLink:
 
     MAVSDK has two connections, one to the vehicle and one to this program, and forwards between them. Bytes
     from the vehicle are returned by `receive`, and bytes given to `send` go to the vehicle. MAVSDK is the
-    ground station on the link: it sends the heartbeat, and keeps the answers to its commands and transfers.
+    ground station on the link: it sends the heartbeat, and does not forward answers to its commands and
+    transfers.
 
     Raises LinkError if the address is wrong or MAVSDK cannot open it.
     """
@@ -108,7 +109,7 @@ class MavsdkLink:
         return None if self._closed else self._woken.fileno()
 
     def plugin(self, kind: type, system_id: int) -> Any:
-        """Return MAVSDK's plugin for a vehicle; NoVehicleError if MAVSDK does not know the vehicle."""
+        """Return MAVSDK's plugin for a vehicle; raise NoVehicleError if MAVSDK does not know the vehicle."""
         key = (kind, system_id)
         if key not in self._plugins:
             self._plugins[key] = kind(self._system(system_id))
@@ -117,7 +118,7 @@ class MavsdkLink:
     def _system(self, system_id: int) -> System:
         """Return a vehicle, waiting until MAVSDK has connected to it.
 
-        Until it has, MAVSDK does not know the autopilot and would not answer an ArduPilot.
+        Before it is connected, MAVSDK does not know the autopilot, and would not answer an ArduPilot.
         """
         if system_id in self._systems:
             return self._systems[system_id]

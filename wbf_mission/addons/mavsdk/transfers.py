@@ -58,19 +58,19 @@ _REASONS = {
     MissionRawResult.TRANSFER_CANCELLED: FailureReason.CANCELLED,
 }
 _POLL_S = 0.02
-# MAVSDK has a timeout itself; this timeout is for a call that MAVSDK never answers.
+# MAVSDK has its own timeouts; this timeout ends a call that MAVSDK never answers.
 _LONGEST_S = 300.0
 
 
 def mavsdk_transfers(link: Callable[[], MavsdkLink]) -> TransferMaker:
-    """Return transfers by MAVSDK; each uses the link that is open when the transfer starts."""
+    """Return a maker of MAVSDK's transfers; each transfer uses the link that is open when it starts."""
     return TransferMaker(partial(MavsdkUpload, link=link), partial(MavsdkDownload, link=link))
 
 
 class _Transfer(ABC):
     """Base of MAVSDK's uploads and downloads: a pending call and its result.
 
-    The statistics have 0 messages, because MAVSDK does not report their number.
+    The statistics count 0 messages, because MAVSDK does not report the number of messages.
     """
 
     _verb: str
@@ -101,7 +101,7 @@ class _Transfer(ABC):
         return f"{self._verb} of the {self.mission_type.name.lower()}"
 
     def receive(self, message: Message, now_s: float) -> Output:  # noqa: ARG002
-        """Ignore the message: MAVSDK receives the transfer's messages itself."""
+        """Ignore a message: MAVSDK itself receives the messages of a transfer."""
         return NOTHING
 
     def _begin(self, now_s: float, begin: Callable[..., None], *arguments: Any) -> None:
@@ -137,7 +137,7 @@ class _Transfer(ABC):
         return TransferFailed(self.mission_type, reason, text, code, state)
 
     def next_deadline(self) -> float | None:
-        """Return the time of the next `poll` that does anything; None before the start and after the end."""
+        """Return the time of the next `poll` with something to do; None before the start or after the end."""
         return None if self._call is None else self._due_s
 
     def cancel(self, now_s: float) -> Output:
@@ -180,7 +180,7 @@ class MavsdkDownload(_Transfer):
 class _Sending(_Transfer):
     """Uploads a plan; ends with `UploadComplete` (without the plan's id) or `TransferFailed`.
 
-    A `MissionUpload` that is never started holds the plan.
+    The plan is kept in a `MissionUpload`, which is never started.
     """
 
     _verb = "upload"
@@ -212,7 +212,7 @@ class _Sending(_Transfer):
         if result is MissionRawResult.SUCCESS:
             return (UploadComplete(self.mission_type, self._count),)
         # After a refusal, a vehicle that overwrites its plan in place may hold the old or the new plan. After
-        # a timeout it may hold the new plan, which a download shows.
+        # a timeout, any vehicle may hold the new plan; a download shows whether it does.
         timeout = _REASONS.get(result) is FailureReason.TIMEOUT
         state = PlanState.OLD if self._profile.atomic and not timeout else PlanState.UNKNOWN
         return (self._failure(result, state),)
@@ -221,7 +221,7 @@ class _Sending(_Transfer):
 class MavsdkUpload(VerifiedUpload):
     """Uploads a plan, downloads it and compares.
 
-    A failure in MAVSDK is reported, unless it is a missing answer and the vehicle holds the plan.
+    A failure in MAVSDK is reported, unless only the answer was lost and the vehicle already holds the plan.
     """
 
     def __init__(
@@ -252,6 +252,6 @@ class MavsdkUpload(VerifiedUpload):
 
 
 def _item_of(raw: RawItem) -> MissionItem:
-    """Convert an item from MAVSDK; MissionError for infinite numbers or an invalid position."""
+    """Convert an item from MAVSDK; raise MissionError for infinite numbers or an invalid position."""
     fields = [getattr(raw, field) for field in _ITEM_FIELDS]
     return wire.item_from_message(m.MAVLink_mission_item_int_message(0, 0, *fields))

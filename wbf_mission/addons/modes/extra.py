@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 __all__ = ["ModesExtra"]
 
 _BY_HAND = (Mode.MANUAL, Mode.ALTITUDE)
-# 40 of 45 degrees: ArduCopter does not flip from a larger lean of the sticks.
+# ArduCopter does not begin a flip if the sticks command a lean of more than 40 of 45 degrees.
 _MAX_FLIP_STICK = 40.0 / 45.0
 _CIRCLE_RADIUS = Setting("CIRCLE_RADIUS", 1000.0, 0.01)
 _CIRCLE_RATE = Setting("CIRCLE_RATE", 20.0, math.radians(1.0))
@@ -50,7 +50,7 @@ _ONLY_POSITION, _ONLY_VELOCITY, _BOTH = 0xDF8, 0xC07, 0xC00
 
 
 class ModesExtra(VehicleExtra):
-    """Modes that no mission needs, if the firmware has them."""
+    """Adds the modes that no mission needs, if the firmware has them."""
 
     def __init__(self, state: WireState, parameters: ParameterSet, plans: PlanReceiver) -> None:
         super().__init__(state, parameters, plans)
@@ -101,7 +101,7 @@ class ModesExtra(VehicleExtra):
         return pilot.sticks is None or abs(pilot.sticks.right) < _MAX_FLIP_STICK
 
     def start(self, mode: Mode) -> None:
-        """Fly the latest setpoint of a stream."""
+        """Begin to fly the latest setpoint in a mode that needs a stream of setpoints."""
         if mode is Mode.GUIDED:
             self._pilot.order(self.guided.setpoints.begin)
 
@@ -155,7 +155,7 @@ class ModesExtra(VehicleExtra):
     def _circle(self) -> None:
         """Circle about a point ahead, with the nose inward, as ArduCopter's CIRCLE mode does.
 
-        Follows ``AC_Circle::init`` and ``calc_velocities``.
+        Source: ArduCopter's ``AC_Circle::init`` and ``calc_velocities``.
         """
         pilot = self._pilot
         get, spec, executor = pilot.parameters, pilot.spec, pilot.executor
@@ -178,9 +178,9 @@ class ModesExtra(VehicleExtra):
             executor.flight.look_at((x, y))
 
     def _orbit(self, command: VehicleCommand) -> None:
-        """DO_ORBIT (PX4): radius (default 10 m), speed (cruise speed), heading, -, centre (present position).
+        """Handle DO_ORBIT (PX4); defaults: radius 10 m, cruise speed, present position as the centre.
 
-        In every frame, PX4 takes the altitude as above sea level.
+        PX4 takes the altitude to be above sea level, whatever the frame.
         """
         pilot, modes = self._pilot, self.state.mavlink.modes
         radius, speed, nose, _, _, _, altitude = command.params
@@ -220,7 +220,7 @@ class ModesExtra(VehicleExtra):
         self._follow.take((east, north, message.alt - pilot.frame.altitude_m), velocity)
 
     def _yaw(self, command: VehicleCommand) -> None:
-        """CONDITION_YAW (ArduCopter): angle, rate, direction, and a flag for a relative angle."""
+        """Handle CONDITION_YAW (ArduCopter): angle, rate, direction, and a flag for a relative angle."""
         angle, rate, _, relative = command.params[:4]
         if not (0.0 <= angle <= 360.0 and relative in (0.0, 1.0)):
             raise RefusedError(f"Yaw refused: angle {angle:g}, parameter 4 {relative:g}", text="")
@@ -229,18 +229,18 @@ class ModesExtra(VehicleExtra):
         turn(math.radians(angle), math.radians(rate), direction, relative=relative == 1.0)
 
     def _change_altitude(self, command: VehicleCommand) -> None:
-        """DO_CHANGE_ALTITUDE: altitude and frame, at the present position."""
+        """Handle DO_CHANGE_ALTITUDE: fly to an altitude, given in a frame, at the present position."""
         pilot = self._pilot
         altitude, frame = command.params[0], command.number(2)
         if not math.isfinite(altitude) or frame not in (0, 3, 5, 6):
-            raise RefusedError("Altitude refused: no altitude or frame", denied=True)
+            raise RefusedError("Altitude refused: invalid altitude or frame", denied=True)
         altitude = self.state.above_start(altitude, frame)
         x, y, _ = pilot.executor.motion.stopping_point()
         mode = self.state.mavlink.modes.after_command
         pilot.goto(*pilot.frame.to_wgs84(x, y), altitude, mode=mode, heading=KEEP)
 
     def _go_around(self, command: VehicleCommand) -> None:
-        """DO_GO_AROUND (ArduPlane): abort the landing and climb to a height (0: that set by the landing)."""
+        """Handle DO_GO_AROUND (ArduPlane): abort the landing and climb; 0 is the landing item's height."""
         height = command.params[0]
         self._pilot.go_around(height if math.isfinite(height) and height > 0.0 else None)
 

@@ -1,6 +1,6 @@
 """PX4's follow-me mode: the vehicle flies at a distance from a target that sends its position.
 
-Sources: PX4's ``TargetEstimator.cpp`` and ``FlightTaskAutoFollowTarget.cpp``. The estimate has no
+Sources: PX4's ``TargetEstimator.cpp`` and ``FlightTaskAutoFollowTarget.cpp``. Unlike PX4, the estimate has no
 acceleration and no output filter, and the angle about the target has no jerk limit.
 """
 
@@ -49,7 +49,7 @@ class _Target:
     velocity_s: float
 
     def move(self, now_s: float) -> None:
-        """Predict the target's position at `now_s`; a target that has fallen silent counts as standing."""
+        """Predict the target's position at `now_s`; a silent target is assumed to stand still."""
         passed_s, self.now_s = now_s - self.now_s, now_s
         if now_s - self.heard_s >= _STALE_S:
             self.velocity_m_s = [0.0, 0.0, 0.0]
@@ -76,7 +76,7 @@ class _Target:
 
 
 class FollowPilot:
-    """Flies at a distance from the target, at an angle to its course, with the nose towards it."""
+    """Flies at a distance from the target, at an angle to the target's course, and faces the target."""
 
     def __init__(self, controls: Controls) -> None:
         self._controls = controls
@@ -105,7 +105,7 @@ class FollowPilot:
         self._target.fuse(position_m, velocity_m_s, _RESPONSIVENESS.of(controls.parameters))
 
     def check(self) -> None:
-        """Fly about the target; without a target the vehicle holds."""
+        """Fly round the target; without a target, the vehicle holds its position."""
         target, controls = self._target, self._controls
         if target is None:
             return
@@ -124,11 +124,11 @@ class FollowPilot:
             height_m = min(max(height_m + target.position_m[2], _LOWEST_M), controls.spec.max_altitude_m)
         executor, gain = controls.executor, _GAIN.of(get)
         east, north, _ = executor.motion.stopping_point()
-        # The vehicle first climbs or descends, then flies about the target.
+        # The vehicle first climbs or descends, then flies round the target.
         if abs(height_m - z) < _NEAR_HEIGHT_M:
             sine, cosine = math.sin(self._orbit_rad), math.cos(self._orbit_rad)
             along = self._turning_rad_s * distance_m
-            # A position setpoint this far ahead makes the controller fly at the setpoint's velocity.
+            # If the position setpoint is this far ahead, the controller flies at the setpoint's velocity.
             lead_s = 1.0 / max(gain, _LEAST_GAIN)
             east = target.position_m[0] + distance_m * sine + lead_s * (v_east + along * cosine)
             north = target.position_m[1] + distance_m * cosine + lead_s * (v_north - along * sine)
@@ -141,7 +141,7 @@ class FollowPilot:
                 speed_m_s = controls.spec.top_speed_m_s
                 executor.goto(east, north, height_m, heading=heading, speed_m_s=speed_m_s, as_setpoint=True)
             else:
-                # The generic dynamics do not brake for moving positions.
+                # The generic dynamics do not brake before a moving position, so a velocity is commanded.
                 velocity_m_s = (gain * (east - x), gain * (north - y), 0.0)
                 executor.steer(velocity_m_s, height_m=height_m, heading=heading)
 
@@ -149,7 +149,7 @@ class FollowPilot:
             controls.order(fly)
 
     def _turn(self, wanted_rad: float, distance_m: float, step_s: float) -> None:
-        """Turn about the target towards a bearing, within the limits of speed and acceleration."""
+        """Move round the target towards a bearing, within the limits of speed and acceleration."""
         left_rad = math.remainder(wanted_rad - self._orbit_rad, 2.0 * math.pi)
         most = max(_ORBIT_SPEED.of(self._controls.parameters), 0.0) / distance_m
         change = _ORBIT_M_S2 / distance_m

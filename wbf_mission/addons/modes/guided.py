@@ -2,8 +2,8 @@
 
 Setpoints are sent repeatedly (ArduPilot "Copter commands in guided mode", PX4 "Offboard mode"). A commanded
 attitude does not hold the position: the vehicle accelerates by the tilted thrust, and drag pulls it towards
-the wind's velocity. The resulting velocities are flown by velocity control, and telemetry shows the attitude
-computed here (ArduCopter's ``mode_guided.cpp``, ``angle_control_run``).
+the wind's velocity. The vehicle flies the resulting velocities by velocity control, and telemetry shows the
+attitude computed here (ArduCopter's ``mode_guided.cpp``, ``angle_control_run``).
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 __all__ = ["AttitudeTarget", "Flip", "GuidedFlight", "Setpoint"]
 
 _SLOWEST_M_S = 0.05
-# A vehicle on the ground ignores setpoints less than this height above it, as MAVLink rounds heights.
+# On the ground, setpoints less than this height above the vehicle are ignored: MAVLink rounds heights.
 _GROUND_MARGIN_M = 0.01
 # Fraction of the top speed above which ArduCopter turns the nose along the velocity (`AC_PosControl`).
 _TURNING_SHARE = 0.05
-# Minimum height of position setpoints; below it, real autopilots press the vehicle onto the ground.
+# Minimum height of position setpoints; with lower setpoints, real autopilots press onto the ground.
 _LOWEST_M = 0.1
 
 
@@ -64,7 +64,7 @@ class Setpoint:
         return math.isnan(self.position_m[0]) and not all(math.isnan(v) for v in self.velocity_m_s)
 
     def lifts_from(self, height_m: float) -> bool:
-        """Whether a multirotor takes off for the setpoint (PX4's ``MulticopterPositionControl::Run``)."""
+        """Whether the setpoint makes a multirotor take off (``MulticopterPositionControl::Run`` of PX4)."""
         return self.position_m[2] > height_m + _GROUND_MARGIN_M or self.velocity_m_s[2] > 0.0
 
 
@@ -79,15 +79,15 @@ class SetpointFollower:
         self._rules = controls.rules
         self._latest: Setpoint | AttitudeTarget | None = None
         self._taken_s = -math.inf
-        self.flown: Setpoint | None = None  # Setpoint in flight; None if the vehicle flies something else
+        self.flown: Setpoint | None = None  # Setpoint that the vehicle flies, or None
 
     @property
     def is_fresh(self) -> bool:
-        """Whether the latest setpoint is recent enough."""
+        """Whether the latest setpoint is not older than the timeout."""
         return self._controls.now_s - self._taken_s <= self._parameters.setpoint_timeout_s
 
     def listens_in(self, mode: Mode) -> bool:
-        """Whether setpoints are accepted in a mode, even if only stored for later."""
+        """Whether setpoints are accepted in a mode; some modes only store them for later."""
         return self._rules.needs_stream or mode in (Mode.GUIDED, Mode.TAKEOFF)
 
     def take(self, setpoint: Setpoint | AttitudeTarget) -> None:
@@ -116,7 +116,7 @@ class SetpointFollower:
         return None
 
     def forget(self) -> None:
-        """Record that the vehicle flies something else."""
+        """Record that the vehicle no longer flies a setpoint."""
         self.flown = None
 
     def fly(self) -> None:
@@ -188,7 +188,7 @@ class AttitudeTarget:
     climb_m_s: float
     """Climb rate; NaN if a thrust is commanded."""
     rates_rad_s: tuple[float, float] = (0.0, 0.0)
-    """Rates of roll and pitch, used without angles."""
+    """Rates of roll and pitch, used if no angles are commanded."""
     thrust: float = 1.0
     """Thrust in units of the hover thrust."""
 
@@ -197,7 +197,7 @@ _LEVEL = AttitudeTarget(0.0, 0.0, KEEP, 0.0)
 
 
 class AttitudePilot:
-    """Flies an attitude until `stop`, and writes it to `flown_attitude` of the controls."""
+    """Flies an attitude until `stop`, and writes the attitude to `flown_attitude` of the controls."""
 
     def __init__(self, controls: Controls) -> None:
         self._controls = controls
@@ -214,13 +214,13 @@ class AttitudePilot:
         return self._target is not None
 
     def stop(self) -> None:
-        """Stop, because the vehicle flies something else."""
+        """Stop flying an attitude."""
         self._target = self._manoeuvre = self._controls.flown_attitude = None
 
     def take(self, target: AttitudeTarget = _LEVEL, manoeuvre: Callable[[float], bool] | None = None) -> None:
         """Fly an attitude until the next order.
 
-        `manoeuvre` flies in place of the attitude: a function of a time step (s) that sets `roll_rad`, calls
+        `manoeuvre` replaces the attitude. It is a function of a time step (s) that sets `roll_rad`, calls
         `move`, and returns whether the manoeuvre has ended.
         """
         if self._target is None:
@@ -236,7 +236,7 @@ class AttitudePilot:
         return self._flown_s - self._taken_s
 
     def check(self) -> bool:
-        """Fly on to the present time, and return whether a manoeuvre has ended."""
+        """Fly the attitude up to the present time, and return whether a manoeuvre has ended."""
         target, controls = self._target, self._controls
         if target is None:
             return False
@@ -245,7 +245,7 @@ class AttitudePilot:
             target = _LEVEL
         if controls.landed is LandedState.ON_GROUND:
             lifts = target.climb_m_s > 0.0 or (math.isnan(target.climb_m_s) and target.thrust > 1.0)
-            # On the ground only the latest step counts: the vehicle takes off in it.
+            # On the ground, only the latest time step is computed; the vehicle may take off in this step.
             self._flown_s, self._velocity_m_s = controls.now_s - _STEP_S, (0.0, 0.0, 0.0)
             if not lifts:
                 controls.flown_attitude = None
@@ -270,7 +270,7 @@ class AttitudePilot:
         return over
 
     def _lean(self, target: AttitudeTarget, step_s: float) -> None:
-        """Lean as commanded, but at most by ANGLE_MAX, and move by the thrust."""
+        """Lean as commanded, but at most by ANGLE_MAX, and change the velocity by the thrust."""
         roll, pitch = target.roll_rad, target.pitch_rad
         if math.isnan(roll):
             roll = self.roll_rad + step_s * target.rates_rad_s[0]
@@ -348,12 +348,12 @@ class Flip:
         return over or self._attitude.flown_for_s > _LONGEST_S
 
 
-# In LOITER and the manual modes the sticks control the heading.
+# Modes with CONDITION_YAW; in LOITER and the manual modes, the sticks control the heading.
 _SLEWS_IN = frozenset({Mode.GUIDED, Mode.TAKEOFF, Mode.MISSION, Mode.RTL, Mode.LAND})
 
 
 class AutoYaw:
-    """CONDITION_YAW: turns to a heading in flight, and keeps it until the vehicle flies something else.
+    """CONDITION_YAW: turns to a heading in flight, and keeps it until the mode or mission item changes.
 
     Source: ArduCopter's ``autoyaw.cpp``.
     """
@@ -369,13 +369,13 @@ class AutoYaw:
         return self._flown is not None
 
     def forget(self) -> None:
-        """Record that something else controls the heading."""
+        """Record that CONDITION_YAW no longer controls the heading."""
         self._flown = None
 
     def order(self, angle_rad: float, rate_rad_s: float, direction: int, *, relative: bool) -> None:
         """Turn to a compass heading or, if `relative`, by an angle.
 
-        `rate_rad_s` is limited to the vehicle's maximum yaw rate, which is also used if it is not positive.
+        `rate_rad_s` is limited to the vehicle's maximum yaw rate; if it is not positive, the maximum is used.
         `direction` is 1 for clockwise, -1 for counter-clockwise, and 0 for the short way.
         """
         if self._controls.mode not in _SLEWS_IN or self._controls.landed is LandedState.ON_GROUND:
@@ -397,7 +397,7 @@ class AutoYaw:
         self.check()
 
     def check(self) -> None:
-        """Continue the turn, unless the vehicle flies something else."""
+        """Continue the turn, or forget it if the mode or the mission item has changed."""
         if self._flown is None:
             return
         if self._flown != self._now:
@@ -442,7 +442,7 @@ class GuidedFlight:
             self.setpoints.fly()
 
     def take_attitude(self, target: AttitudeTarget | None) -> None:
-        """Fly an attitude in the guided modes, or stop with None; store it if the mode needs a stream."""
+        """Fly an attitude in the guided modes; None stops. An attitude is stored for a mode with a stream."""
         pilot = self._pilot
         if target is not None and pilot.rules.needs_stream:
             self.setpoints.take(target)

@@ -60,7 +60,7 @@ class Steering:
         if is_a(message, m.MAVLink_set_attitude_target_message):
             mavlink = self._state.mavlink
             if mavlink.hover_thrust is None:
-                pilot.complain("Setpoint refused: attitudes are not flown")
+                pilot.complain("Setpoint refused: no attitude control")
                 return
             climbs = mavlink.thrust_climbs
             climbs &= not int(_GUIDED_OPTIONS.of(pilot.parameters)) & _THRUST_AS_THRUST
@@ -78,7 +78,7 @@ class Steering:
                 pilot.complain(str(refusal))
 
     def _setpoint_of(self, message: PositionTarget) -> Setpoint | AttitudeTarget:
-        """Return the setpoint of a message; RefusedError for an unsupported frame, a force, or no values."""
+        """Return a message's setpoint; raise RefusedError for an unsupported frame, a force, or no values."""
         kind, mask = int(message.coordinate_frame), int(message.type_mask)
         if mask & _FORCE and mask & _IGNORE_FORCE != _IGNORE_FORCE:
             raise RefusedError("Setpoint refused: forces are not flown", denied=True)
@@ -90,7 +90,7 @@ class Steering:
             else [message.alt]
         )
         if any(map(math.isinf, numbers)):
-            raise RefusedError("Setpoint refused: infinity is no number to fly", denied=True)
+            raise RefusedError("Setpoint refused: infinite values", denied=True)
         state, frame = self._pilot.state, self._pilot.frame
         x, y, z, yaw = *state.position_m, state.yaw_rad
         turned = kind in (_BODY, _BODY_OFFSET, _BODY_FRD)
@@ -128,7 +128,7 @@ def _attitude_of(
 ) -> AttitudeTarget | None:
     """Return the target of SET_ATTITUDE_TARGET as ArduCopter reads it; None stops the vehicle.
 
-    If `climbs`, thrust 1 means the climb speed, and 0 the descent speed. Otherwise, `hover` holds the height.
+    If `climbs`, thrust 1 means the climb speed, 0 the descent speed. If not, thrust `hover` holds the height.
     """
     mask = int(message.type_mask)
     rates = [message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate]
@@ -161,7 +161,7 @@ def _attitude_of(
 
 
 def _attitude_for(acceleration: Position, heading: float, turn: float, yaw: float) -> AttitudeTarget:
-    """Return attitude and thrust for an acceleration (east, north, up); a NaN component counts as 0."""
+    """Return attitude and thrust for an acceleration (east, north, up); NaN components count as 0."""
     east, north, up = (0.0 if math.isnan(part) else part for part in acceleration)
     up = max(up, _LEAST_LIFT - GRAVITY_M_S2) + GRAVITY_M_S2
     roll, pitch = attitude_of(east, north, up, yaw if math.isnan(heading) else heading)

@@ -14,13 +14,13 @@ from wbf_mission.planning import PlanResult
 __all__ = ["REAL_FULL", "BatteryWait", "needed_fraction", "risen_fraction"]
 
 REAL_FULL = 0.95
-"""Least reading of a fresh battery; below 1 because batteries age and autopilots estimate charge by
+"""Lowest reading of a charged battery; it is below 1 because batteries age, and autopilots estimate charge by
 voltage."""
 _LOOK_S = 0.5
-# Time (s) without a battery message after which the vehicle is taken to send no battery messages.
+# Time (s) without a battery message after which the vehicle is assumed to send no battery messages.
 _TELLS_S = 6.0
 _BACK = 0.5
-"""If the charge rises by this fraction of the used charge, the battery was changed (without an operator)."""
+"""Without an operator, a rise by this fraction of the used charge shows that the battery was changed."""
 
 
 def needed_fraction(plan: PlanResult) -> float | None:
@@ -32,10 +32,10 @@ def needed_fraction(plan: PlanResult) -> float | None:
 
 
 def risen_fraction(before: float | None, lowest: float | None) -> float | None:
-    """Return the least battery fraction that shows a battery change: `lowest` plus half the used charge.
+    """Return the lowest battery fraction that shows a battery change: `lowest` plus half the used charge.
 
-    `before` is the fraction before the last sortie, `lowest` the lowest fraction in it. None if either is
-    unknown.
+    `before` is the battery fraction before the last sortie; `lowest` is the lowest fraction during this
+    sortie. The result is None if either is unknown.
 
     >>> risen_fraction(0.75, 0.25), risen_fraction(None, 0.5)
     (0.5, None)
@@ -48,10 +48,10 @@ class BatteryWait:
     """Waits for a vehicle's battery change before its next sortie."""
 
     needs: float | None  # Least battery reading for the next sortie; None for an endless battery
-    # Called every half second: True once the operator has changed the battery, False to end the mission, None
-    # before an answer. Without an operator the reading decides.
+    # Called every half second; returns True once the operator has changed the battery, False to end the
+    # mission, None before an answer. None if there is no operator: then the battery reading decides.
     asks: Callable[[], bool | None] | None
-    risen: float | None  # Least reading that shows a change without an operator; None if unknown
+    risen: float | None  # Without an operator, a reading from this counts as a change; None if unknown
     limit_s: float  # Timeout without an operator
     note: Callable[[str], None]  # Receives lines for the operator
     _said: bool = False  # Whether the operator has confirmed the change
@@ -59,7 +59,7 @@ class BatteryWait:
     _heard_s: float = 0.0
 
     def wait(self, url: str, system_id: int) -> str:
-        """Return why the vehicle cannot fly the next sortie, empty if it can; KeyboardInterrupt at Ctrl-C."""
+        """Return why the vehicle cannot fly the next sortie ("" if it can); KeyboardInterrupt at Ctrl-C."""
         began_s = time.monotonic()
         while True:
             try:
@@ -77,11 +77,11 @@ class BatteryWait:
                     return ended
 
     def _settled(self, vehicle: WatchedVehicle | None, waited_s: float) -> str | None:
-        """Return why the vehicle cannot fly the next sortie, empty if it can; None while undecided."""
+        """Return why the vehicle cannot fly the next sortie ("" if it can); None while undecided."""
         if self.asks is not None:
             said = self.asks()
             if said is False:
-                return "the operator wants no more"
+                return "the operator ended the mission"
             if said:
                 self._said, self._noted = True, ""
         reads = None if vehicle is None else vehicle.monitor.battery.remaining
@@ -101,7 +101,7 @@ class BatteryWait:
         if self._said and self.needs is not None and reads < self.needs:
             self._note_once(
                 f"the battery reads {reads:.0%}, the next sortie needs {self.needs:.0%}:"
-                " waiting until it is full (q ends)"
+                " waiting for a fuller battery (q ends)"
             )
             return None
         return "" if self._said else None
@@ -111,9 +111,9 @@ class BatteryWait:
         if waited_s - self._heard_s < _TELLS_S:
             return None
         if self.asks is None:
-            return "the vehicle does not report its battery's charge: say when it is changed (without --yes)"
+            return "the vehicle does not report its battery's charge: confirm the change (leave out --yes)"
         if self._said:
-            self.note("the vehicle does not report its battery's charge; taken as full")
+            self.note("the vehicle does not report its battery's charge; the battery is assumed to be full")
             return ""
         return None
 

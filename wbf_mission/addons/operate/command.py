@@ -87,7 +87,7 @@ def monitor_command(
     An impossible value (a latitude of 95, a battery at 120 %) causes one warning, and is marked with "!" in
     its column. A repeated text is printed at most every 30 s, with the number of times.
 
-    With --live the vehicles and their missions are also shown on a page, over the farm if one is given.
+    With --live, a page also shows the vehicles and their missions, over the farm if a farm is given.
     """
     from sim_vehicle.host.server import Server
     from sim_vehicle.host.simulation import StopReason
@@ -133,14 +133,14 @@ def monitor_command(
 
 
 def _watched_farm(given: options.Given, page: LivePage) -> Farm | None:
-    """Return the farm of the live page, if given; ScenarioError if there is no page."""
+    """Return the farm of the live page, or None; raise ScenarioError for a farm without a page."""
     from wbf_mission.scenario import ScenarioError
 
     farm = given.farm(None if given.file is None else given.scenario().farm.name)
     if farm is None:
         return None
     if not page.wanted:
-        msg = "a farm is for the page: give --live PORT, too, or leave it out"
+        msg = "a farm is shown on the live page only: add --live PORT, or leave out the farm"
         raise ScenarioError(msg)
     return farm.load()
 
@@ -161,7 +161,7 @@ class _Printer:
     def __init__(self, output: Output, watch: FleetWatch) -> None:
         self._output, self._watch = output, watch
         self._texts: dict[int, int] = {}
-        # By vehicle, severity and text: time of the last print, time of the last receipt, count since then.
+        # By vehicle, severity and text: time of the last print, time of the last receipt, unprinted repeats.
         self._waiting: dict[tuple[int, int, str], tuple[float, float, int]] = {}
         self._wrong: dict[int, set[str]] = {}
         self._headed = False
@@ -263,7 +263,7 @@ def command_command(
     ],
     value: Annotated[str, typer.Argument(help="Height, item number or mode of the order.")] = "",
     arm: Annotated[
-        bool, option("Allow the order mission to start the motors of a PX4 and take off.", "--arm")
+        bool, option("Allow a PX4 to start its motors and take off on the order mission.", "--arm")
     ] = False,
     system_id: options.SystemId = None,
     wait: options.Wait = 10.0,
@@ -276,7 +276,7 @@ def command_command(
     except MotorsStandError:
         if not sys.stdin.isatty():
             raise
-        output.note("the motors stand still: the vehicle starts them and takes off; start the motors? [y/N]")
+        output.note("the motors stand still: the order starts them for take-off; start the motors? [y/N]")
         if sys.stdin.readline().strip().lower() not in ("y", "yes"):
             raise
         _give(OperatorCommand(order, value, arms=True), url, system_id, wait, output)
@@ -313,4 +313,4 @@ def _give(wanted: OperatorCommand, url: str, system_id: int | None, wait: float,
 
 
 MONITOR = Command(monitor_command, MONITOR_EXAMPLES)
-COMMAND = Command(command_command, COMMAND_EXAMPLES, ignore_unknown_options=True)  # -5 is a height
+COMMAND = Command(command_command, COMMAND_EXAMPLES, ignore_unknown_options=True)  # so that -5 is a height

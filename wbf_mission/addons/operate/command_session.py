@@ -40,9 +40,9 @@ class Step:
 
 
 def is_ready(wanted: OperatorCommand, heard: VehicleMonitor) -> bool:
-    """Return whether the telemetry that `step_of` needs was received."""
+    """Return whether the telemetry needed by `step_of` was received."""
     if wanted.order == "takeoff":
-        # The order is refused for a disarmed vehicle, whatever its position.
+        # A disarmed vehicle is not given this order, whatever its position.
         return not heard.state.armed or (heard.position_heard_s > -math.inf and heard.flies is not None)
     return wanted.order != "set-item" or heard.item_heard_s > -math.inf
 
@@ -64,8 +64,8 @@ def step_of(wanted: OperatorCommand, vehicle: tuple[int, int], heard: VehicleMon
         profile = heard.profile
         if profile.start_arms and not heard.state.armed and not wanted.arms:
             msg = (
-                f"system {vehicle[0]}: {wanted}: the motors stand still; {profile.name} starts them and takes"
-                " off at this order: give --arm, too, if it may"
+                f"system {vehicle[0]}: {wanted}: the motors stand still; {profile.name} starts them and "
+                f"takes off at this order: add --arm to allow this"
             )
             raise MotorsStandError(msg)
         return Step(lambda seen: seen.in_mission, int(m.MAV_CMD_MISSION_START))
@@ -88,7 +88,7 @@ def _takeoff(wanted: OperatorCommand, system_id: int, heard: VehicleMonitor) -> 
     if heard.flies if heard.flies is not None else state.height_m > OFF_GROUND_M:
         msg = (
             f"system {system_id}: {wanted}: it flies already, {state.height_m:.1f} m above home in mode"
-            f" {heard.mode}; give the orders hold, return, land, mission or mode"
+            f" {heard.mode}; give hold, return, land, mission or mode instead"
         )
         raise VehicleRefusedError(msg)
     profile = heard.profile
@@ -103,7 +103,7 @@ def _set_item(wanted: OperatorCommand, vehicle: tuple[int, int], heard: VehicleM
     count, item = heard.state.total, wanted.item
     if count is not None and item >= count:
         there = f"its mission has {count} items; give 1 to {count}"
-        msg = f"system {vehicle[0]}: {wanted}: {there if count else 'it holds no mission; upload one'}"
+        msg = f"system {vehicle[0]}: {wanted}: {there if count else 'it holds no mission; upload a mission'}"
         raise VehicleRefusedError(msg)
     profile = heard.profile
     seq = item + (1 if profile.home_at_zero else 0)
@@ -131,7 +131,7 @@ _STREAMED = (
 class CommandSession:
     """Component that gives one order to one vehicle: the vehicle of `system_id`, or the first vehicle heard.
 
-    If a `contact` is given, its owner updates it and sends the ground station's heartbeat.
+    If a `contact` is given, the owner of the contact updates it and sends the ground station's heartbeat.
     """
 
     system_id, component_id = GROUND_STATION
@@ -150,7 +150,7 @@ class CommandSession:
         self._step: Step | None = None
         self._order: Order | None = None
         self._accepted = False
-        self._before = StateBefore.of(self._contact.monitor, -math.inf)  # state when the order was given
+        self._before = StateBefore.of(self._contact.monitor, -math.inf)  # when the order was given
         self._shown_before = self._obeyed = False
         self._refusal: tuple[str, float] | None = None
         self._begun_s = self._message_s = math.inf
@@ -202,7 +202,7 @@ class CommandSession:
             out += self._ask_for_streams(self.vehicle, now_s)
         if self._refusal is not None:
             if now_s >= self._refusal[1]:
-                reason = (self._said or f"{self._refusal[0]}; it says no reason") + self._advice
+                reason = (self._said or f"{self._refusal[0]}; it gives no reason") + self._advice
                 self._fail(VehicleRefusedError(f"{self._name} refused {self._wanted}: {reason}"))
         elif self._step is None:
             out += self._begin(now_s)
@@ -222,7 +222,7 @@ class CommandSession:
         return out
 
     def next_deadline(self) -> float:
-        """Time of the next `poll` that does anything (s)."""
+        """Time (s) of the next `poll` with something to do."""
         if self.done:
             return math.inf
         due_s = [self._end_s, self._message_s, self._contact.link.next_deadline()]
@@ -240,7 +240,7 @@ class CommandSession:
 
     @property
     def _end_s(self) -> float:
-        """Deadline for the confirmation by telemetry (s); later on a slow link, as orders are retried."""
+        """Deadline (s) for the confirmation by telemetry; retries on a slow link make it later."""
         return self._begun_s + _PATIENCE_S + _ROUND_TRIPS * self._trip_s
 
     @property
@@ -250,12 +250,12 @@ class CommandSession:
 
     @property
     def _said(self) -> str:
-        """Last warning of the vehicle since the order; empty if none."""
+        """Last warning of the vehicle since the order; empty if there was none."""
         return self._contact.texts.last_warning("", self._texts_before)
 
     @property
     def _advice(self) -> str:
-        """Advice if the flight mode is why arming was refused; empty if none."""
+        """Advice if arming was refused because of the flight mode; otherwise empty."""
         name = self._contact.monitor.modes.arming
         if self._wanted.order != "arm" or not self._contact.monitor.in_mission or name is None:
             return ""
@@ -270,9 +270,9 @@ class CommandSession:
         return "vehicle" if self.vehicle is None else f"system {self.vehicle[0]}"
 
     def _ask_for_streams(self, vehicle: tuple[int, int], now_s: float) -> list[Message]:
-        """Request the telemetry that confirms the order; repeated, since requests may be lost.
+        """Request the telemetry that confirms the order; requests are repeated, since they may be lost.
 
-        Messages that the contact's owner receives are not requested: that would change their rate.
+        Messages that the contact's owner receives are not requested: a request would change their rate.
         """
         comes: tuple[bool, ...] = (False,) * len(_STREAMED)
         if self._heartbeat is None:
@@ -307,7 +307,7 @@ class CommandSession:
         return lost or self._before.is_overruled(monitor, expected)
 
     def _begin(self, now_s: float) -> list[Message]:
-        """Send the order once the required telemetry is known, or overdue."""
+        """Send the order once the required telemetry has arrived or is overdue."""
         vehicle = self.vehicle
         if vehicle is None or not (is_ready(self._wanted, self._contact.monitor) or now_s >= self._ready_s):
             return []
@@ -326,7 +326,7 @@ class CommandSession:
         return self._order.send(now_s)
 
     def _say(self, step: Step, now_s: float) -> list[Message]:
-        """Repeat the unacknowledged message until the vehicle's telemetry confirms the order."""
+        """Send the message, which has no acknowledgement, until the telemetry confirms the order."""
         assert step.message is not None
         self._accepted = True
         self._message_s = now_s + _SAY_AGAIN_S + self._trip_s
@@ -357,7 +357,8 @@ class CommandSession:
         text = self._said or f"it is in mode {self.mode}"
         seconds = self._end_s - self._begun_s
         return VehicleRefusedError(
-            f"{self._name} {answered} {self._wanted}, but does not show it in {seconds:.0f} s: {text}"
+            f"{self._name} {answered} {self._wanted}, but its telemetry does not confirm this in "
+            f"{seconds:.0f} s: {text}"
         )
 
     def _fail(self, error: Exception) -> None:

@@ -34,10 +34,10 @@ _APART_M = 0.5 * SPACING_M
 """Distance between vehicles on the ground below which the console warns (m)."""
 _STARTING = (Phase.ARM, Phase.START)
 _ABLE = (Stage.ASKING, Stage.WAITING)
-_QUESTION = "[h]old, [r]eturn, [l]eave it flying, [c]ontinue? Ctrl-C again leaves it flying"
+_QUESTION = "[h]old, [r]eturn, [l]eave it flying, [c]ontinue? Press Ctrl-C again to leave it flying"
 _QUESTION_OF_ALL = (
-    "all: [h]old, [r]eturn, [l]eave them flying, [c]ontinue; with its number for one, such as r{number}?"
-    " Ctrl-C again leaves them flying"
+    "all: [h]old, [r]eturn, [l]eave them flying, [c]ontinue; add a number for one vehicle, such as r{number}?"
+    " Press Ctrl-C again to leave them flying"
 )
 _ANSWER = re.compile(r"([hrlc])[a-z]*\s*(\d*)")
 _CHOICES = {"h": Maneuver.HOLD, "r": Maneuver.RETURN}
@@ -49,9 +49,9 @@ _BATTERY = {"battery changed": "\n", "no more": "q"}
 
 
 class _Vehicle:
-    """State of one vehicle on the console: texts and events already reported, and the order given.
+    """State of one vehicle on the console: texts and events already printed, and the last order.
 
-    `alone`: no other vehicle flies, so lines do not begin with the vehicle's number.
+    If the vehicle is `alone` (no other vehicle flies), lines do not begin with the vehicle's number.
     """
 
     def __init__(self, sortie: Sortie, output: Output, *, alone: bool) -> None:
@@ -90,7 +90,7 @@ class _Vehicle:
             self._output.note(f"{self.who.removeprefix('the ')}: {text}", publish=False)
         self._texts = len(ground.texts)
         for _, event in ground.pilot.events[self._events :]:
-            waits = "; nothing is ordered until it is back in its mission"
+            waits = "; this program gives no orders until the vehicle is back in its mission"
             self._output.warn(f"{self.who}: {event}{waits * ground.pilot.somebody_else_flies}")
         self._events = len(ground.pilot.events)
         for text in ground.parameters_set[self._set :]:
@@ -100,7 +100,7 @@ class _Vehicle:
         able = ground.phase is Phase.READY and gate is not None and gate.stage in _ABLE
         if able and not self._can_start:
             self._can_start = True
-            self._output.note(f"{self.at}it can arm; all start together")
+            self._output.note(f"{self.at}it can arm; all vehicles start together")
         if ground.phase is Phase.FLIGHT and now_s >= self._status_s + _STATUS_S:
             self._status_s = now_s
             self._output.note(self.at + status_line(self.sortie, now_s), publish=False)
@@ -126,7 +126,7 @@ class _Vehicle:
                 )
 
     def order(self, flight: JointFlight, kind: Maneuver) -> None:
-        """Order the vehicle to leave its mission; if it has not started yet, refuse its start."""
+        """Order the vehicle to leave its mission; if the vehicle has not started yet, refuse the start."""
         ground = self.sortie.ground
         if ground.phase in (Phase.MODE, Phase.READY) and ground.arming_gate is not None:
             ground.arming_gate.refuse()
@@ -158,7 +158,7 @@ class _Vehicle:
         elif now_s - ordered_s > _OBEYS_S + 4.0 * (ground.link.round_trip.known_s or 0.0):
             seen = doing(ground, now_s)
             self._output.warn(
-                f"{self.at}{pilot.ordered.value} was ordered, but the vehicle does not show it: {seen}"
+                f"{self.at}{pilot.ordered.value} was ordered, but the telemetry does not confirm it: {seen}"
             )
         else:
             return
@@ -170,7 +170,7 @@ class _Vehicle:
         if silent != self._silent:
             self._silent = silent
             if silent:
-                self._output.warn(f"nothing is heard of {self.who}; by its plan it flies on")
+                self._output.warn(f"nothing is heard of {self.who}; by its plan, it continues the flight")
             elif not self.sortie.done:
                 self._output.warn(f"{self.who} is heard again")
 
@@ -178,7 +178,7 @@ class _Vehicle:
 class TerminalConsole:
     """Console that shows the flight, and asks the operator before the start and after Ctrl-C.
 
-    With `orders` a page may answer, too, but a page cannot start the vehicles or leave them flying.
+    With `orders`, a page may answer as well, but its answers cannot start the vehicles or leave them flying.
     """
 
     def __init__(self, output: Output, orders: Orders | None = None) -> None:
@@ -195,7 +195,7 @@ class TerminalConsole:
         if (stood_s := self._standstill.look()) and self._words and sys.stdin.isatty():
             while _line():
                 pass
-            self._output.warn(f"the program stood still for {stood_s:.0f} s: what was typed is not read")
+            self._output.warn(f"the program stood still for {stood_s:.0f} s: text typed before is discarded")
             self._asked = False
             if self._stopping:
                 self._output.note(self._question)
@@ -218,7 +218,7 @@ class TerminalConsole:
         self._output.show_bars(not self._stopping and phases.isdisjoint((Phase.MODE, Phase.READY)))
 
     def goes_on(self, question: str) -> bool | None:
-        """Ask once for another battery; return the answer (no at the end of input) or None."""
+        """Ask once for a battery change; return the answer (False at the end of the input), or None."""
         if question != self._question_between:
             self._question_between = question
             self._output.show_bars(False)
@@ -231,7 +231,7 @@ class TerminalConsole:
         return answer.strip().lower() not in ("q", "quit") and answer != ""
 
     def _ask(self, question: str, words: dict[str, str]) -> None:
-        """Publish a question to the page; `words` maps its possible answers to those at the terminal."""
+        """Publish a question to the page; `words` maps the page's answers to the terminal's answers."""
         self._words = words
         if self._orders is not None:
             self._orders.ask(question, tuple(words))
@@ -260,7 +260,7 @@ class TerminalConsole:
         return _QUESTION_OF_ALL.format(number=self._vehicles[-1].sortie.system_id)
 
     def _on_signal(self, phases: AbstractSet[Phase], now_s: float) -> None:
-        """Ask what the vehicles shall do; raise KeyboardInterrupt before the flight or without a terminal."""
+        """Ask what to order; raise KeyboardInterrupt before the flight or without a terminal."""
         if not phases.isdisjoint(_STARTING) and sys.stdin.isatty():
             return  # while a vehicle starts, the question waits until the outcome is known
         if Phase.FLIGHT not in phases or not sys.stdin.isatty():
@@ -270,7 +270,7 @@ class TerminalConsole:
         self._output.show_bars(False)
         for vehicle in self._vehicles:
             ground = vehicle.sortie.ground
-            home = " (all waypoints are flown: it is on its way home)" * ground.flies_home
+            home = " (it has flown all waypoints, and is on its way home)" * ground.flies_home
             if ground.phase is Phase.FLIGHT:
                 self._output.note(f"{vehicle.at}{doing(ground, now_s)}{home}")
         self._output.note(self._question)
@@ -335,7 +335,7 @@ def _planned(sortie: Sortie) -> str:
 
 
 def status_line(sortie: Sortie, now_s: float) -> str:
-    """Return the state of a flying vehicle in one line, with its age if the vehicle is silent."""
+    """Return the state of a flying vehicle in one line, with the state's age if the vehicle is silent."""
     ground, state = sortie.ground, sortie.ground.vehicle_state
     remaining = state.battery.remaining
     parts = [
@@ -349,6 +349,6 @@ def status_line(sortie: Sortie, now_s: float) -> str:
 
 
 def _line() -> str | None:
-    """Return a typed line; None if there is none yet, an empty text at the end of the input."""
+    """Return a typed line; None before a line is typed, an empty text at the end of the input."""
     ready, _, _ = select.select([sys.stdin], [], [], 0.0)
     return sys.stdin.readline() if ready else None

@@ -27,7 +27,7 @@ _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 
 
 def commands_of(order: WatchersOrder, heard: VehicleMonitor) -> list[OperatorCommand]:
-    """Return the commands of an order; arming comes first if a disarmed vehicle needs it."""
+    """Return the commands that carry out an order; they begin with arming if the vehicle must be armed."""
     if order.order not in (START, "arm"):
         return [order.command]
     begins = order.order == START
@@ -54,12 +54,12 @@ class ControlStation:
     """Component that carries out `Orders` by successive `CommandSession` objects.
 
     A new order to a vehicle replaces the previous one. The station sends nothing before the first order.
-    After it the station sends heartbeats without end, since a vehicle may trigger a failsafe when heartbeats
+    From then on, it sends heartbeats without end, since a vehicle may trigger a failsafe when heartbeats
     stop. If `clock` shows that the program was suspended, the station discards the current orders, because
     the state of the vehicles is unknown.
     """
 
-    # The component id differs from that of the component that watches the same link.
+    # The component that watches the same link has another component id.
     system_id, component_id = GROUND_STATION[0], int(m.MAV_COMP_ID_USER1)
     wanted: frozenset[int] | None = None
 
@@ -102,7 +102,7 @@ class ControlStation:
         return out
 
     def next_deadline(self) -> float:
-        """Time of the next `poll` that does anything (s)."""
+        """Time (s) of the next `poll` with something to do."""
         sessions = (vehicle.session for vehicle in self._vehicles.values())
         return min([self._look_s, *(session.next_deadline() for session in sessions if session is not None)])
 
@@ -114,7 +114,9 @@ class ControlStation:
         for vehicle in self._vehicles.values():
             if vehicle.order is not None:
                 text = f"{vehicle.order.order} is dropped: the program stood still for {stood_s:.0f} s"
-                self._orders.warn(f"{self._at(vehicle)}{text}; see what the vehicle does, and order it again")
+                self._orders.warn(
+                    f"{self._at(vehicle)}{text}; check the vehicle's state, and give the order again"
+                )
                 vehicle.order, vehicle.session = None, None
                 vehicle.left.clear()
 

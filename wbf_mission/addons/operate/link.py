@@ -54,23 +54,23 @@ _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 
 
 def _in_a_layer(finding: Finding) -> Finding:
-    """Return a finding as it is; only a return altitude becomes a warning about other layers."""
+    """Return a finding unchanged, except that a wrong return altitude becomes a warning about layers."""
     if finding.code != "other-return":
         return finding
-    text = "it returns at another height than its layer's, where others may fly"
+    text = "the vehicle would not return at the height of its layer: other vehicles may fly there"
     return replace(
         finding, severity=Severity.WARNING, text=text, fix="set the parameter to the planned height"
     )
 
 
 def require_single_flight(scenario: Scenario) -> None:
-    """Raise LiveFlightError for a run of several flights, and for the paper's ideal robots."""
+    """Raise LiveFlightError if a run has several flights, or the paper's ideal robots."""
     if scenario.farm.days * scenario.farm.flights_per_day > 1:
-        msg = "--connect does one flight: batteries are not changed by a program; leave out days and flights"
+        msg = "--connect flies only one flight, as it cannot change batteries; leave out days and flights"
         raise LiveFlightError(msg)
     for name in scenario.vehicle.fleet:
         if get_vehicle(name).is_ideal:
-            msg = f"vehicle {name} is no real one: name what flies, such as quad"
+            msg = f"vehicle {name} is not a real vehicle: name the vehicle that flies, such as quad"
             raise LiveFlightError(msg)
 
 
@@ -79,8 +79,8 @@ def wanted_vehicles(
 ) -> tuple[tuple[str, int | None], ...]:
     """Return the link and the system id of each vehicle; a system id of None accepts any vehicle.
 
-    A single link serves all vehicles, and so does a single name in the scenario. Raises LiveFlightError if
-    the counts do not match, or a vehicle is named twice.
+    A single link is used for all vehicles, and so is a single vehicle name in the scenario. Raises
+    LiveFlightError if the counts do not match, or a vehicle is named twice.
 
     Examples
     --------
@@ -90,8 +90,8 @@ def wanted_vehicles(
     count = max(len(urls), len(system_ids), named)
     if len(urls) not in (1, count) or len(system_ids) not in (0, count) or named not in (1, count):
         msg = (
-            f"{named} vehicles, {len(urls)} links and {len(system_ids)} system ids do not fit: give --connect"
-            " once or for each vehicle, --system-id for each or not at all"
+            f"{named} vehicles, {len(urls)} links and {len(system_ids)} system ids do not match: give "
+            f"--connect once or once for each vehicle, and --system-id once for each vehicle or never"
         )
         raise LiveFlightError(msg)
     if count > MOST_VEHICLES:
@@ -109,7 +109,7 @@ def wanted_vehicles(
 
 @dataclass(slots=True)
 class LiveLink:
-    """Vehicles behind one or several links, and the operator of their flight.
+    """Vehicles behind one or several links, and the operator of the flight.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ class LiveLink:
     orders: Orders | None = None
     _events: EventStream = field(default_factory=EventStream, init=False)
     _heard: dict[int, tuple[str, HeardVehicle]] = field(default_factory=dict, init=False)
-    # Options that plans assume, before the vehicle's answers
+    # Vehicle options that plans assumed before the vehicles were queried
     _assumed: dict[int, VehicleOptions] = field(default_factory=dict, init=False)
 
     full: ClassVar[float] = REAL_FULL
@@ -178,7 +178,7 @@ class LiveLink:
             if vehicle.system_id in by_id:
                 msg = (
                     f"system {vehicle.system_id} is heard on {by_id[vehicle.system_id][0]} and on {url}: give"
-                    " each vehicle a system id of its own (PX4: MAV_SYS_ID, ArduPilot: MAV_SYSID or"
+                    " each vehicle its own system id (PX4: MAV_SYS_ID, ArduPilot: MAV_SYSID or"
                     " SYSID_THISMAV)"
                 )
                 raise LiveFlightError(msg)
@@ -213,7 +213,7 @@ class LiveLink:
             if own.parameters[key] != vehicle.vehicle.parameters.get(key)
         }:
             values = ", ".join(f"{name} {value:g}" for name, value in changed.items())
-            self.note(f"{who}planned with its own parameters: {values}")
+            self.note(f"{who}planned with the vehicle's parameters: {values}")
         home_m = self._start_of(vehicle, snapshot.position, who)
         if own is vehicle.vehicle and home_m == task.builder.home_m:
             return vehicle
@@ -223,14 +223,14 @@ class LiveLink:
         """Return a vehicle's start position, in metres of the farm frame."""
         planned_m, frame = vehicle.task.builder.home_m, vehicle.task.builder.farm.frame
         if stands is None:
-            self.note(f"{who}it does not say where it stands: planned from the start of the farm")
+            self.note(f"{who}the vehicle reports no position: planned from the start of the farm")
         if stands is None or vehicle.mission.file is not None:
             return planned_m
         x_m, y_m = map(float, frame.from_wgs84(stands.latitude_deg, stands.longitude_deg))
         away_m = math.dist((x_m, y_m), planned_m)
         if not _NEAR_M < away_m <= FARTHEST_M:
             return planned_m
-        self.note(f"{who}it stands {away_m:.0f} m from the start of the farm: planned from where it stands")
+        self.note(f"{who}the vehicle is {away_m:.0f} m from the start of the farm: planned from its position")
         return x_m, y_m
 
     def _who(self, number: int) -> str:
@@ -238,7 +238,7 @@ class LiveLink:
         return f"vehicle {number}: " if len(self._heard) > 1 else ""
 
     def _asked(self, number: int, *, placed: bool = False) -> VehicleSnapshot:
-        """Query a vehicle's state and settings; `placed` as in `Inquiry`."""
+        """Query a vehicle's state and settings (`placed`: see `Inquiry`)."""
         (url, _), who = self._heard[number], self._who(number)
 
         def note(text: str) -> None:
@@ -247,7 +247,7 @@ class LiveLink:
         return ask_vehicle(url, wait_s=self.wait_s, system_id=number, note=note, placed=placed)
 
     def check(self, campaign: Campaign, events: EventStream) -> None:
-        """Before take-off, refuse plans with errors, also plans of later sorties (see `check_sent`)."""
+        """Check all plans before take-off, also those of later sorties; refuse plans with errors."""
         planned, cut = campaign.planned, campaign.cut
         if cut is not None:
             self.note(cut.told())
@@ -262,10 +262,10 @@ class LiveLink:
     def check_sent(self, planned: Iterable[tuple[Vehicle, PlanResult]]) -> None:
         """Check plans before their upload, against the answers of each vehicle.
 
-        It is no error if a vehicle cannot arm yet: the start waits until it can.
+        A vehicle that cannot arm yet is not an error: the start waits until it can.
 
-        All vehicles are queried first. Raises PreflightError if there are errors, unless `force` overrides
-        them.
+        All vehicles are queried before the first error is raised. Raises PreflightError if there are errors,
+        unless `force` is true.
         """
         refusals = []
         for vehicle, plan in planned:
@@ -289,8 +289,8 @@ class LiveLink:
     def change_battery(self, vehicle: Vehicle, plan: PlanResult, *, last: FlightRecord, which: str) -> str:
         """Wait for the battery change, and check the next sortie.
 
-        Return why the sortie cannot be flown, empty if it can. With `agreed` no operator confirms the change:
-        the battery reading has to rise within `change_s`.
+        Return why the sortie cannot be flown; the text is empty if it can. With `agreed`, no operator
+        confirms the change: the battery reading has to rise within `change_s`.
         """
         number = vehicle.task.system_id
         url, _ = self._heard[number]
@@ -313,7 +313,7 @@ class LiveLink:
         return ""
 
     def hosting(self, faults: Sequence[AnyFault]) -> Hosting:  # noqa: ARG002
-        """Return the hosting of the flight."""
+        """Return the host that flies these vehicles over their links."""
         heard = tuple(self._heard.values())
         return LinkHosting(link=self, heard=heard, tlog=self.tlog, force=self.force, orders=self.orders)
 
@@ -341,7 +341,7 @@ class LinkHosting(Hosting):
         writer: FrameSink | None,
         **_of_a_simulation: object,
     ) -> LinkHost:
-        """Open the links; LinkError if an address is wrong, in use or unreachable."""
+        """Open the links; raise LinkError if an address is wrong, in use or unreachable."""
         cameras = [riding_camera(sortie) for sortie in sorties]
         tap = tap_of(writer, lambda _now_s: time.time())
         grounds = [sortie.ground for sortie in sorties]
@@ -357,5 +357,5 @@ def riding_camera(sortie: Sortie) -> RidingCamera:
 
 
 def connect(output: Output, urls: Sequence[str], *, via: str, **options: Any) -> LiveLink:
-    """Return the vehicles behind links, with the operator at the terminal of a command."""
+    """Return the vehicles behind links; their operator uses the terminal of the command."""
     return LiveLink(urls, TerminalConsole(output, options["orders"]), via=via_named(via), **options)

@@ -59,13 +59,13 @@ _CHECKED = options.scenario_options(
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """Options of a check that are not options of a run."""
+    """Options that a check has and a run does not have."""
 
     camera_interval: Annotated[
         float | None,
         option(
-            "The camera's shortest interval between images, s.  [default: that of --camera; 0.01, the leaf"
-            " camera's]",
+            "The camera's shortest interval between images, s.  [default: the interval of --camera; 0.01 for"
+            " the leaf camera]",
             panel=options.CHECK_PANEL,
             parser=options.number,
         ),
@@ -108,8 +108,8 @@ class Surroundings:
 def _fitted(circumstances: Circumstances, given: options.Given, snapshot: VehicleSnapshot) -> Circumstances:
     """Return the circumstances with the autopilot of the connected vehicle.
 
-    Without ``--vehicle``, a typical vehicle of the connected vehicle's kind is assumed. ScenarioError if
-    ``--autopilot`` names another autopilot.
+    Without ``--vehicle``, a typical vehicle of the connected vehicle's kind is assumed. Raises ScenarioError
+    if ``--autopilot`` names another autopilot.
     """
     from mission.transfer.vehicles import Vehicle
     from wbf_mission.addons.base.links import fitted_to, typical_vehicle
@@ -143,8 +143,8 @@ def upload_command(
 ) -> int:
     """Check a mission file, upload it (mission, fence, rally points), download it again and compare.
 
-    The check is that of preflight --connect; without --vehicle, a typical vehicle of the connected vehicle's
-    kind is assumed. Exit code 5 means that the vehicle refused the mission, or stored it but will not fly it.
+    The file is checked as by preflight --connect, by default for a typical vehicle of the connected kind.
+    Exit code 5 means that the vehicle refused the mission, or stored it but will not fly it.
     """
     from wbf_mission.addons.base.links import upload_checked, via_named
 
@@ -162,10 +162,10 @@ def upload_command(
         )
     rejected = report.accepted is False
     if rejected:
-        reason = report.texts[-1] if report.texts else "it says no reason"
+        reason = report.texts[-1] if report.texts else "it gives no reason"
         output.warn(
-            f"system {report.system_id} holds the mission, but would not fly it: {reason}; correct it and"
-            " upload it again"
+            f"system {report.system_id} stored the mission, but would not fly it: {reason}; correct the "
+            f"mission and upload it again"
         )
     rows = {"vehicle": report.vehicle}
     for name, count in report.items.items():
@@ -231,7 +231,7 @@ def preflight_command(
     output: Output,
     file: Annotated[Path, typer.Argument(help="Mission file: .plan, .waypoints, .json, .kml ...")],
     around: Surroundings,
-    connect: Annotated[str | None, options.link("Link to the vehicle, which is then checked, too")] = None,
+    connect: Annotated[str | None, options.link("Link to the vehicle; also checks the vehicle")] = None,
     system_id: options.SystemId = None,
     wait: options.Wait = 10.0,
 ) -> int:
@@ -244,7 +244,7 @@ def preflight_command(
     from wbf_mission.preflight.run import check_mission
 
     if system_id is not None and connect is None:
-        msg = "--system-id goes with --connect: give the link to the vehicle, or leave it out"
+        msg = "--system-id needs --connect: give the link to the vehicle, or leave out --system-id"
         raise ScenarioError(msg)
     mission, circumstances = around.of(file, given, output)
     snapshot = None

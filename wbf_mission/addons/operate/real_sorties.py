@@ -18,13 +18,13 @@ from wbf_mission.run.record import FlightRecord
 __all__ = ["RealSorties", "reached_place"]
 
 _MOST_IN_VAIN = 2
-"""Sorties in a row without progress after which the run stops."""
+"""Number of sorties in a row without progress after which the run stops."""
 
 
 class RealSorties:
     """Tracks a real vehicle's progress through its sorties; replans them after a sortie that ended early.
 
-    `change_battery` waits until the vehicle has a charged battery. It returns the reason if that fails,
+    `change_battery` waits until the vehicle has a charged battery. It returns the reason if the change fails,
     otherwise an empty text. Its arguments are the vehicle, the plan of the next sortie, the record of the
     previous sortie as ``last``, and the name of the next sortie as ``which``.
     """
@@ -33,7 +33,7 @@ class RealSorties:
         self, cut: SortiePlan, vehicle: Vehicle, footprint: int, change_battery: Callable[..., str]
     ) -> None:
         self.cut = cut  # The flown sorties, shortened to their flown part, and the planned sorties
-        self.stopped = ""  # Why the mission was stopped; empty during the mission, and after its completion
+        self.stopped = ""  # Reason why the mission was stopped; empty during it and after its completion
         self.changed_s = 0.0  # Duration of the last battery change
         self._vehicle, self._footprint, self._change_battery = vehicle, footprint, change_battery
         self._reached: Place | None = cut.course.start  # Place reached in the whole mission; None at its end
@@ -46,7 +46,7 @@ class RealSorties:
         return self._progress
 
     def note(self, flight: int, record: FlightRecord) -> None:
-        """Update the place that the vehicle has reached in the mission, after a flight."""
+        """After a flight, update the place that the vehicle has reached in the mission."""
         sortie = self.cut.sorties[flight - 1]
         reached = sortie.end
         if not record.outcome.is_good and self._progress is not None:
@@ -68,7 +68,7 @@ class RealSorties:
                 self.stopped = early + (record.reason or in_words(record.outcome))
                 return False
             if not self._cut_again(flight, self._reached):
-                self.stopped = early + "no battery is enough for what is left"
+                self.stopped = early + "no number of batteries is enough for the rest of the mission"
                 return False
         count = len(self.cut.sorties)
         self.stopped = f"stopped after flight {flight} of {count}"
@@ -92,7 +92,7 @@ class RealSorties:
         return rest_of(self.cut, self._vehicle.task.builder, self._reached)
 
     def _cut_again(self, flight: int, reached: Place) -> bool:
-        """Divide the rest into new sorties after an early end; return False if this is impossible."""
+        """Divide the rest of the mission into new sorties after an early end; return False if impossible."""
         cut = self.cut
         ended = cut.sorties[flight - 1]
         if reached == ended.end:
@@ -114,7 +114,7 @@ class RealSorties:
 
 
 def reached_place(cut: SortiePlan, number: int, place: Place | None) -> Place | None:
-    """Return the place on the whole mission for a place on the mission of sortie `number`, from 0.
+    """Convert a place on the mission of sortie `number` (from 0) to a place on the whole mission.
 
     A `place` of None is the end of the sortie's mission, and a result of None is the end of the whole
     mission.
@@ -126,7 +126,7 @@ def reached_place(cut: SortiePlan, number: int, place: Place | None) -> Place | 
     own = Course(sortie.plan.mission)
     leg, led, first = own.leg_of(place), 0, 0
     if sortie.begin > course.start and begin > course.start:
-        # Legs to the resume point do not exist on the whole mission.
+        # The legs to the resume point are not part of the whole mission.
         there, first = course.position(begin)[:2], course.leg_of(begin)
         led = 1 + next(k for k, other in enumerate(own.legs) if _is_at(other.end[:2], there))
     if leg < led:

@@ -1,4 +1,4 @@
-"""Resume place of a mission: at an item, or from a log or the vehicle."""
+"""Place where a mission is resumed: given as an item, or read from a log or from the vehicle."""
 
 from __future__ import annotations
 
@@ -64,9 +64,7 @@ def _at_item(text: str, number: int, metres: float, course: Course) -> Place:
     leg = course.leg_of(Place(number - 1))
     if not 1 <= number <= len(course.mission.items) or leg == len(course.legs):
         last = course.legs[-1].item + 1
-        msg = (
-            f"--resume {text}: the last item of the mission that can be flown to is {last}; give 1 to {last}"
-        )
+        msg = f"--resume {text}: the mission's last item with a position is {last}; give 1 to {last}"
         raise ScenarioError(msg)
     length_m = float(course.lengths_m[leg])
     if metres >= length_m and metres > 0.0:
@@ -89,14 +87,14 @@ def _of_log(path: Path, course: Course) -> MissionProgress:
 
 
 def _reached(what: str, progress: MissionProgress) -> Place:
-    """Return the reached place; errors name the source `what`."""
+    """Return the place that the vehicle has reached; error messages begin with the source `what`."""
     try:
         place = progress.place()
     except MissionError as error:
         msg = f"{what}: {error}"
         raise MissionError(msg) from None
     if place is None:
-        msg = f"{what}: the mission is flown to its end; there is nothing to resume"
+        msg = f"{what}: the mission is complete; there is nothing to resume"
         raise MissionError(msg)
     return place
 
@@ -119,12 +117,12 @@ class _Listener(FleetWatch):
         return out
 
     def is_enough(self, now_s: float) -> bool:
-        """Return whether the received messages are enough."""
+        """Return whether the received messages are enough to know the progress."""
         return self.progress.monitor.state.item is not None and now_s > self.begun_s + _ENOUGH_S
 
 
 def _of_link(url: str, course: Course, wait_s: float) -> Place:
-    """Return a vehicle's resume place: its position if it flies, otherwise the start of its current item."""
+    """Return a vehicle's resume place: its position in flight, else the start of its current item."""
     listener = _Listener(course)
     with LinkHost([listener], [url]) as host:
         name = host.urls[0]
@@ -134,11 +132,11 @@ def _of_link(url: str, course: Course, wait_s: float) -> Place:
     state = listener.progress.monitor.state
     what = f"the vehicle on {name}"
     if state.item is None:
-        msg = f"{what} does not name the item that it flies; give the item: --resume 12+35m"
+        msg = f"{what} does not report its current item; give the item: --resume 12+35m"
         raise MissionError(msg)
     if state.armed and listener.progress.monitor.in_mission:
         return _reached(what, listener.progress)
     if state.item >= course.end or state.total not in (None, len(course.mission.items)):
-        msg = f"{what} holds another mission, or has flown it to its end; give the item: --resume 12+35m"
+        msg = f"{what} holds another mission, or has completed this mission; give the item: --resume 12+35m"
         raise MissionError(msg)
     return Place(course.legs[course.leg_of(Place(state.item))].item)

@@ -1,4 +1,4 @@
-"""Leaf camera beside a real autopilot: follows its telemetry, and stays silent if a camera is on board."""
+"""Leaf camera for a real autopilot: follows its telemetry, and stays silent if a camera is on board."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ class MissionShots:
     """Compares the camera's shooting with the mission's camera commands.
 
     If the autopilot commands the camera, the mission's command applies after a short delay, since the
-    autopilot's command may still arrive; otherwise it applies at once. So the effect of a lost, late or
-    reordered command ends after this delay. A ground station's command holds until the mission's command
-    changes. An autopilot that triggers single images needs no comparison.
+    autopilot's command may still arrive; otherwise it applies at once. A lost, late or reordered command
+    therefore has an effect only until the end of this delay. A ground station's command holds until the
+    mission's command changes. An autopilot that triggers single images needs no comparison.
     """
 
     def __init__(self) -> None:
@@ -74,7 +74,7 @@ class MissionShots:
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """Place of a mission item report, and the observed distance between this place and the telemetry gap."""
+    """Vehicle's place at an item report, and distance flown between this place and the telemetry gap."""
 
     place: _Place
     metres: float = 0.0
@@ -98,8 +98,8 @@ def images_in(silence: Silence, mission: Mission, item: int) -> int:
     """Return the approximate number of images that the mission orders during a telemetry gap.
 
     The path leads along the items' positions, from the last item report before the gap to the first item
-    report after it. The observed parts at both ends do not count. The vehicle's speed along the path is taken
-    as constant. Without a camera command in the mission, the camera continues as before the gap.
+    report after it. The observed parts of the path at both ends are left out. The vehicle's speed along the
+    path is taken as constant. Without a camera command, the camera continues as before the gap.
 
     An ``item`` equal to or above the number of items means that the mission is over.
     """
@@ -166,7 +166,7 @@ def _without(legs: Sequence[tuple[float, Shots]], metres: float) -> list[tuple[f
 def _images(legs: list[tuple[float, Shots]], silence: Silence) -> int:
     """Return the number of images on legs, each with a length and a camera command.
 
-    Legs longer than the vehicle can fly in the time, such as those of a replaced mission, are shortened.
+    Legs that are too long for the time, such as legs of a replaced mission, are shortened.
     """
     whole_m = sum(length_m for length_m, _ in legs)
     flown = min(1.0, silence.reach_m / whole_m) if whole_m > 0.0 else 1.0
@@ -199,11 +199,11 @@ _UNKNOWN_ITEM = 65535
 class RidingCamera:
     """Leaf camera that follows a vehicle by telemetry alone.
 
-    The camera first listens for a camera on board; if there is one, it stays silent for good. An autopilot
-    with its own camera driver also commands this camera (DO_SET_CAM_TRIGG_DIST, CAMERA_TRIGGER). Such a
-    command may be lost or late, and other autopilots send none. So in a mission the last camera command
-    before the item in MISSION_CURRENT applies (`MissionShots`). A stop applies in any mode: PX4 reports the
-    last item, the return, after it has switched from mission to return mode, where its images stop anyway.
+    This component first listens for a camera on board; if a camera is on board, it stays silent for good. An
+    autopilot with a camera driver also commands this camera (DO_SET_CAM_TRIGG_DIST, CAMERA_TRIGGER). Such a
+    command may be lost or late, and other autopilots send no commands. In a mission, therefore, the camera
+    obeys the last camera command before the item in MISSION_CURRENT (`MissionShots`). It obeys a stop in any
+    mode, because PX4 reports the last item, the return, only after it has switched to return mode.
     """
 
     def __init__(
@@ -232,7 +232,7 @@ class RidingCamera:
             -1,
             None,
             Shots(),
-        )  # Item, place and shots at the last position
+        )  # Item, place and camera command at the last position
         self._silence: Silence | None = None
         self._fastest_m_s = 0.0
         self.missed = 0
@@ -279,8 +279,8 @@ class RidingCamera:
         self._home = int(profile_for(message.autopilot).home_at_zero)
         armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         self._in_mission = armed and is_in_mission(message)
-        # The mission is over only in a mode that the vehicle enters for the mission's final return and for
-        # nothing else.
+        # The mission is over only in a mode that the vehicle enters for no other purpose than the mission's
+        # final return.
         ends = VehicleModes(message.autopilot, message.type).ends(Command.NAV_RETURN_TO_LAUNCH)
         self._returns = armed and ends == {mode_name(message)}
 
@@ -298,13 +298,13 @@ class RidingCamera:
             self._shots.commanded = True
 
     def _on_single(self) -> None:
-        """The autopilot triggers single images: applying the mission's commands would take images twice."""
+        """Stop the camera's series: the autopilot triggers single images, which would be taken twice."""
         if not self._shots.single:
             self._shots.single = True
             self._camera.trigger.stop()
 
     def _on_position(self, message: mavlink.MAVLink_global_position_int_message, now_s: float) -> None:
-        """Note a telemetry gap for the count of missed images; reset after a restart of the autopilot."""
+        """Note a telemetry gap, to count missed images; reset after a restart of the autopilot."""
         before, (item, lead, did) = self._before, self._then
         self._before = message
         self._fastest_m_s = max(self._fastest_m_s, math.hypot(message.vx, message.vy) / 100.0)
@@ -329,12 +329,12 @@ class RidingCamera:
                 self._seen = Seen(places[1])
             elif self._seen is not None:
                 self._seen = replace(self._seen, metres=self._seen.metres + apart_m(*places))
-        # After a gap the item may be reported before the position.
+        # After a gap, the vehicle may report the item before the position.
         self._then = (self._item, self._seen, self._does)
 
     @property
     def _does(self) -> Shots:
-        """Current automatic shooting of the camera."""
+        """Distance or interval of the camera's automatic images at present."""
         trigger = self._camera.trigger
         return Shots(trigger.distance_m, trigger.interval_us / 1000.0)
 
@@ -363,6 +363,6 @@ class RidingCamera:
         command = Command.DO_SET_CAM_TRIGG_INTERVAL if by_time else Command.DO_SET_CAM_TRIGG_DIST
         value = ordered.interval_ms if by_time else ordered.distance_m
         order = command_long((self.system_id, self.component_id), command, value, 0.0, 1.0)
-        # Sends the first image; the acknowledgement goes to nobody.
+        # The answers include the first image. The acknowledgement is dropped, because nobody awaits it.
         answers = self._camera.receive(order, now_s)
         return [answer for answer in answers if not is_a(answer, mavlink.MAVLink_command_ack_message)]

@@ -46,7 +46,7 @@ class FollowedSimulation:
         ]
 
     def begin(self) -> Callable[[float], bool]:
-        """Publish the first events, once the page listens; return the callback for each later step."""
+        """Publish the first events, once the page listens; return the function to call at each later step."""
         simulated, scenario, events = self._simulated, self._scenario, self._events
         environment, day = simulated.environment, scenario.farm.day
         specs = [(vehicle.system_id, vehicle.pilot.spec) for vehicle in simulated.vehicles]
@@ -127,7 +127,7 @@ class SimulatedWatch:
                 self.missions[number] = Mission(items, vehicle.home, fence, rally)
 
     def seen(self) -> Iterator[tuple[float, Observations]]:
-        """Yield the boot time of each vehicle (s) with its camera's observations since the last call."""
+        """Yield each vehicle's boot time (s), and its camera's observations since the last call."""
         for number, assembler in self._assemblers.items():
             monitor = self.vehicles[number].monitor
             if assembler.waiting:

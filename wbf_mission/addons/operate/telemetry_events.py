@@ -36,18 +36,18 @@ class Watch(Protocol):
 
     @property
     def missions(self) -> Mapping[int, Mission]:
-        """Known missions by system id; a changed mission is another object."""
+        """Known missions by system id; a changed mission is a new object."""
 
     def look(self, now_s: float) -> None:
         """Update the state to `now_s`."""
 
     def seen(self) -> Iterable[tuple[float, Observations]]:
-        """Return the observations since the last call, each with the time at which its clock started."""
+        """Return the observations since the last call, with the time at which their vehicle was booted."""
 
 
 @dataclass(slots=True)
 class _Told:
-    """State of the events already sent about a vehicle."""
+    """Record of the events already sent about a vehicle."""
 
     mission: Mission | None = None
     texts: int = 0

@@ -31,10 +31,10 @@ _readiness = partial(Rule, concern=Concern.READINESS)
 @CHECKS.finds(
     _state("firmware", NOTE, "{firmware}"),
     _state("firmware-unknown", NOTE, "the vehicle sends no firmware version"),
-    _state("no-release", WARNING, "{firmware} is no release", "fly a release where it matters"),
+    _state("no-release", WARNING, "{firmware} is not a release", "install a release for flights that matter"),
 )
 def check_firmware(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """Report the firmware, and warn if it is no release."""
+    """Report the firmware, and warn if it is not a release."""
     version = snapshot.version
     if version is None:
         yield found(subject, "firmware-unknown")
@@ -59,10 +59,10 @@ _SENSORS = {
 
 @CHECKS.finds(
     _readiness(
-        "not-ready", ERROR, "the vehicle says that it cannot arm: {reasons}", "wait, or do what it says"
+        "not-ready", ERROR, "the vehicle's pre-arm checks fail: {reasons}", "wait, or remove the causes"
     ),
-    _readiness("unhealthy", ERROR, "not healthy: {sensors}", "wait until it is, calibrate or repair it"),
-    _state("armed", WARNING, "the motors are running", "is it flying?"),
+    _readiness("unhealthy", ERROR, "unhealthy sensors: {sensors}", "wait, calibrate or repair them"),
+    _state("armed", WARNING, "the motors are running", "check whether the vehicle is flying"),
 )
 def check_readiness(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
     """Find failed pre-arm checks and unhealthy sensors."""
@@ -71,7 +71,7 @@ def check_readiness(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Fin
         return
     present, enabled = snapshot.sensors_present or 0, snapshot.sensors_enabled or 0
     if present & _PREARM and not health & _PREARM and not snapshot.armed:
-        reasons = ", ".join(snapshot.reasons) or "it gives no reason"
+        reasons = ", ".join(snapshot.reasons) or "the vehicle gives no reason"
         yield found(subject, "not-ready", reasons=reasons)
     ill = [name for bit, name in _SENSORS.items() if present & enabled & bit and not health & bit]
     if ill:
@@ -91,9 +91,15 @@ _POOR_HDOP = 2.0
     _readiness(
         "no-fix", ERROR, "no position from satellites", "wait under the open sky", rules.at_least("fix type")
     ),
-    _readiness("few-satellites", WARNING, "few satellites", "wait for more", rules.at_least("satellites")),
     _readiness(
-        "poor-fix", WARNING, "a poor dilution of precision", "wait for more satellites", rules.at_most("HDOP")
+        "few-satellites", WARNING, "few satellites", "wait for more satellites", rules.at_least("satellites")
+    ),
+    _readiness(
+        "poor-fix",
+        WARNING,
+        "poor geometry of the satellites",
+        "wait for better geometry",
+        rules.at_most("HDOP"),
     ),
 )
 def check_gps(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
@@ -117,10 +123,10 @@ _PARTS = {
 
 
 @CHECKS.finds(
-    _readiness("estimator", ERROR, "the estimator does not know: {parts}", "wait until it has settled")
+    _readiness("estimator", ERROR, "the estimator has no valid {parts}", "wait until the estimator converges")
 )
 def check_estimator(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """Find states that the estimator does not know."""
+    """Find states for which the estimator has no valid value."""
     flags = snapshot.estimator_flags
     unknown = [name for bit, name in _PARTS.items() if flags is not None and not flags & bit]
     if unknown:
@@ -131,15 +137,15 @@ def check_estimator(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Fin
     _state(
         "battery-now",
         ERROR,
-        "the battery holds {holds:.0%} now: less is left at the end than the reserve",
-        "charge or change it",
+        "the battery is at {holds:.0%} now: after the flight, less than the reserve would be left",
+        "charge or change the battery",
         rules.LEFT,
         by_vehicle=True,
     ),
-    _state("battery-unknown", NOTE, "the vehicle does not report its battery's charge"),
+    _state("battery-unknown", NOTE, "the vehicle does not report the battery's charge"),
 )
 def check_battery_now(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """Compare the present battery with the plan's need and the reserve."""
+    """Check the battery's present charge against the plan's need and the reserve."""
     battery = subject.vehicle.battery
     if battery is None or subject.prediction is None:
         return
@@ -161,15 +167,15 @@ _HEIGHT_M = 10.0
     _state(
         "away-from-home",
         ERROR,
-        "the vehicle stands far from the home of the plan, and returns to where it starts",
-        "carry it there, or plan from where it stands",
+        "the vehicle is far from the plan's home, and would return to its start position",
+        "carry the vehicle to the plan's home, or plan from the vehicle's position",
         rules.at_most("distance from home", "m"),
     ),
     _state(
         "other-ground-height",
         WARNING,
-        "the ground here is at another height than the plan's, and heights count above the sea",
-        "give heights above home, or correct the home of the plan",
+        "the plan has heights above the sea, but the vehicle's ground is not as high as the plan's home",
+        "give heights above home, or correct the height of the plan's home",
         rules.at_most("difference in height", "m"),
     ),
 )
@@ -201,13 +207,13 @@ def _is_unsettled(snapshot: VehicleSnapshot) -> bool:
     return not snapshot.estimator_flags & m.ESTIMATOR_POS_HORIZ_ABS
 
 
-_NOTICEABLE = 0.05  # Least relative difference of a speed that is reported
+_NOTICEABLE = 0.05  # Relative difference of speeds above which a difference is reported
 
 _NOTICEABLE_RADIUS_M = 0.5
 
 _NOTICEABLE_HEIGHT_M = 1.0
 
-# Values that plans assume, with the relative and the absolute tolerance for the vehicle's parameter
+# Parameter, name of the value that plans assume for it, relative and absolute tolerance
 _ASSUMED = {
     "other-speed": (Meaning.CRUISE_SPEED, "cruise_speed_m_s", _NOTICEABLE, 0.0),
     "other-radius": (Meaning.ACCEPTANCE_RADIUS, "acceptance_radius_m", 0.0, _NOTICEABLE_RADIUS_M),
@@ -216,7 +222,7 @@ _ASSUMED = {
 
 
 def _other(subject: Subject, snapshot: VehicleSnapshot, code: str) -> Iterator[Finding]:
-    """Yield a finding if a parameter differs from the plans' assumption."""
+    """Yield a finding if a parameter differs from the value that the plan assumes."""
     meaning, attribute, part, more = _ASSUMED[code]
     if (told := snapshot.told(meaning)) is None:
         return
@@ -234,27 +240,27 @@ def _other(subject: Subject, snapshot: VehicleSnapshot, code: str) -> Iterator[F
     _setting(
         "other-speed",
         WARNING,
-        "{name}: plans assume another speed",
-        "set {name}, order the speed in the mission, or plan with --param",
+        "{name} is not the speed that the plan assumes",
+        "change {name}, set the speed in the mission, or plan with --param",
         planned("m/s"),
     ),
     _setting(
         "speed-limit",
         WARNING,
-        "{name} is lower than the speed of the plan: the flight takes longer than predicted",
-        "fly slower, or raise {name}",
+        "{name} is lower than the plan's speed: the flight takes longer than predicted",
+        "plan a lower speed, or raise {name}",
         rules.at_most("speed of the plan", "m/s"),
     ),
     _setting(
         "other-radius",
         WARNING,
-        "{name}: plans assume another acceptance radius",
-        "set {name}, or plan with --param",
+        "{name} is not the acceptance radius that the plan assumes",
+        "change {name}, or plan with --param",
         planned("m"),
     ),
 )
 def check_motion_settings(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """Find speeds and acceptance radius that differ from the plans' assumptions."""
+    """Find speeds and an acceptance radius that differ from the values that the plan assumes."""
     items, legs = subject.items, legs_of(subject)
     orders = [k for k, item in enumerate(items) if item.command == Command.DO_CHANGE_SPEED]
     first_order = min(orders, default=math.inf)
@@ -273,12 +279,12 @@ def check_motion_settings(subject: Subject, snapshot: VehicleSnapshot) -> Iterat
     _setting(
         "high-return",
         WARNING,
-        "{name}: the return climbs higher than most rules allow",
+        "{name}: the vehicle would return above the maximum altitude",
         "lower {name}",
         rules.at_most("height above home", "m"),
     ),
     _setting(
-        "other-return", NOTE, "{name}: plans assume another height of the return", measured=planned("m")
+        "other-return", NOTE, "{name} is not the return altitude that the plan assumes", measured=planned("m")
     ),
 )
 def check_return_height(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
@@ -297,18 +303,18 @@ def check_return_height(subject: Subject, snapshot: VehicleSnapshot) -> Iterator
     _setting(
         "landing-rule",
         ERROR,
-        "{name} is {value:g}: the vehicle refuses a mission without {missing} (a return is no landing)",
+        "{name} is {value:g}: the vehicle refuses a mission without {missing} (a return is not a landing)",
         "{mend}",
     ),
     _setting(
         "circles-at-home",
         WARNING,
-        "{name} is 0: the return circles over home and does not land",
-        "end with a landing, or land by hand",
+        "{name} is 0: after the return, the vehicle circles over home and does not land",
+        "end the mission with a landing, or land by hand",
     ),
 )
 def check_landing_rules(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """Find missions that prevent arming: a take-off or landing is required and missing, or not allowed."""
+    """Find a required take-off or landing that the mission lacks, and a return that does not land."""
     commands = {item.command for item in subject.items}
     takes_off, lands = bool(commands & TAKEOFFS), bool(commands & LANDINGS)
     rule = snapshot.told(Meaning.TAKEOFF_AND_LANDING)
@@ -325,7 +331,7 @@ def check_landing_rules(subject: Subject, snapshot: VehicleSnapshot) -> Iterator
 
 
 def _told_by_dialect(subject: Subject, name: str, value: float) -> bool:
-    """Return whether the remarks on the autopilot's dialect cover this parameter."""
+    """Return whether the findings about the autopilot's dialect already report this parameter."""
     return any(
         rule.parameter == name and subject.vehicle_type in rule.vehicle_types and value in rule.refusing
         for rule in subject.profile.dialect.conditions
@@ -333,7 +339,7 @@ def _told_by_dialect(subject: Subject, name: str, value: float) -> bool:
 
 
 def _missing(rule: float, *, takes_off: bool, lands: bool) -> list[str]:
-    """Return what is missing for MIS_TKO_LAND_REQ: 1 take-off, 2 landing, 3 both, 4 and 5 both or neither."""
+    """Return missing items; `rule` 1 wants a take-off, 2 a landing, 3 both, 4 and 5 both or neither."""
     wants_takeoff = rule in (1.0, 3.0) or (rule in (4.0, 5.0) and lands)
     wants_landing = rule in (2.0, 3.0) or (rule in (4.0, 5.0) and takes_off)
     missing = ["a take-off"] if wants_takeoff and not takes_off else []
@@ -344,24 +350,24 @@ _CEILING_BIT, _RADIUS_BIT = 1, 2  # FENCE_TYPE of ArduPilot
 
 
 @CHECKS.finds(
-    _setting("fence-off", WARNING, "{name} is 0: the fence of the plan does nothing", "set {name}"),
+    _setting("fence-off", WARNING, "{name} is 0: the plan's fence has no effect", "set {name}"),
     _setting(
         "fence-tells-only",
         WARNING,
-        "{name} is {value:g}: a broken fence is only reported",
-        "set {name} to return or land",
+        "{name} is {value:g}: the vehicle only reports a fence breach",
+        "set {name} to a value that means return or land",
     ),
     _setting(
         "above-ceiling",
         ERROR,
-        "{name}: the plan leaves the fence of the vehicle",
+        "{name}: the plan climbs above the ceiling that is set in the vehicle",
         "change the plan, or raise {name}",
         rules.at_most("height above home", "m"),
     ),
     _setting(
         "beyond-fence-radius",
         ERROR,
-        "{name}: the plan leaves the fence of the vehicle",
+        "{name}: the plan goes beyond the fence radius that is set in the vehicle",
         "change the plan, or raise {name}",
         rules.at_most("distance from home", "m"),
     ),
@@ -392,7 +398,7 @@ def check_fence_settings(subject: Subject, snapshot: VehicleSnapshot) -> Iterato
 
 
 def _highest_m(subject: Subject) -> float:
-    """Return the height above home of the highest item or of the predicted return."""
+    """Return the greatest height above home of the items and the predicted return."""
     planned = [leg.end_m[2] for leg in legs_of(subject)]
     # The altitude controller overshoots by up to 0.5 m.
     flown = [float(track.points_m[:, 2].max()) - 0.5 for track in subject.tracks]
@@ -410,11 +416,11 @@ _CONTINUES_BIT = 2  # FS_OPTIONS of ArduCopter: continue the mission without a g
     _setting(
         "no-battery-failsafe",
         WARNING,
-        "{name} is 0: a low battery is only reported",
-        "set {name} to return or land",
+        "{name} is 0: the vehicle only reports a low battery",
+        "set {name} to a value that means return or land",
     ),
-    _setting("link-lost-flies-on", NOTE, "{name} is {value:g}: without a link the mission is flown on"),
-    _setting("link-lost-ends", NOTE, "{name} is {value:g}: a link lost for long ends the mission"),
+    _setting("link-lost-flies-on", NOTE, "{name} is {value:g}: a lost link does not end the mission"),
+    _setting("link-lost-ends", NOTE, "{name} is {value:g}: a long loss of the link ends the mission"),
 )
 def check_failsafes(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
     """Report the effects of a low battery and a lost link on the mission."""
@@ -439,13 +445,13 @@ def _zero(
 
 
 _CALIBRATED = {
-    Meaning.ACCELEROMETER: (Severity.ERROR, "calibrate it"),
-    Meaning.GYROSCOPE: (Severity.ERROR, "calibrate it"),
-    Meaning.COMPASS: (Severity.WARNING, "calibrate it, if the vehicle has one"),
+    Meaning.ACCELEROMETER: (Severity.ERROR, "calibrate the accelerometer"),
+    Meaning.GYROSCOPE: (Severity.ERROR, "calibrate the gyroscope"),
+    Meaning.COMPASS: (Severity.WARNING, "calibrate the compass, if the vehicle has one"),
 }
 
 
-@CHECKS.finds(_setting("not-calibrated", ERROR, "{name} is 0: there is no calibrated {sensor}", "{mend}"))
+@CHECKS.finds(_setting("not-calibrated", ERROR, "{name} is 0: the {sensor} is not calibrated", "{mend}"))
 def check_calibration(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
     """Find sensors that were never calibrated."""
     for meaning, (severity, mend) in _CALIBRATED.items():
@@ -454,7 +460,7 @@ def check_calibration(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[F
         yield from _zero(subject, snapshot, meaning, "not-calibrated", **words)
 
 
-@CHECKS.finds(_setting("parameter-unread", NOTE, "could not be read: {names}"))
+@CHECKS.finds(_setting("parameter-unread", NOTE, "parameters that could not be read: {names}"))
 def check_unread(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
     """Find parameters that the vehicle did not send."""
     missing = [

@@ -1,4 +1,4 @@
-"""Watch of all vehicles on a link: latest telemetry and link quality."""
+"""Watches all vehicles on a link: their latest telemetry and the link quality."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _ASK_AGAIN_S = 5.0
 _SILENT_S = 3.0
 _MOST_VEHICLES = 250
 _TELLS_S = 3.0
-"""A vehicle that sends its mission state at all sends it within this time (s)."""
+"""Time (s) within which a vehicle sends its mission state, if it sends it at all."""
 _READ_AGAIN_S, _REST_S = 10.0, 1.0
 _TRIES = 3
 # Possible range of the numbers in `WatchedVehicle.summary`, for any aircraft on earth.
@@ -100,7 +100,7 @@ class PlanReader:
         if self._kinds:
             self._transfer = self._vehicle.download(self._kinds.popleft())
             return self._take(self._transfer.start(now_s), now_s)
-        # Limits the reads of a vehicle whose mission changes all the time.
+        # The pause limits how often the mission is read if it changes all the time.
         self._transfer, self._tries, self._due_s = None, 0, now_s + _REST_S
         mission = self._read[MissionType.MISSION]
         fence = self._read[MissionType.FENCE].items if MissionType.FENCE in self._read else ()
@@ -114,7 +114,7 @@ class PlanReader:
                 self._read[event.mission_type] = event
                 out += self._next(now_s)
             elif isinstance(event, TransferFailed) and MissionType.MISSION in self._read:
-                # Not every autopilot sends its fence: keep the mission without it.
+                # Not every autopilot sends its fence: keep the mission without a fence.
                 self._kinds.clear()
                 out += self._next(now_s)
             elif isinstance(event, TransferFailed):
@@ -188,12 +188,12 @@ class WatchedVehicle(Contact):
         return summary | {"impossible": self._impossible(summary)}
 
     def is_silent(self, now_s: float) -> bool:
-        """Return whether the vehicle has been silent for a while."""
+        """Return whether the vehicle has been silent for a few seconds."""
         return now_s - self.link.heard_s > _SILENT_S
 
 
 class FleetWatch:
-    """Ground station that only listens, to all vehicles on its links.
+    """Ground station that watches all vehicles on its links, and gives no orders.
 
     The station sends a heartbeat, and requests telemetry from autopilots that stream none. With `plan_failed`
     it also reads the vehicles' missions (`PlanReader`).
@@ -238,7 +238,7 @@ class FleetWatch:
             if not vehicle.profile.streams_on_request:
                 continue
             quiet = now_s - vehicle.monitor.position_heard_s > _ASK_AGAIN_S
-            # Another ground station may have requested only positions.
+            # Another ground station may have requested positions only.
             if (quiet or vehicle.monitor.gps_fix is None) and now_s - self._asked_s.get(
                 system_id, -math.inf
             ) >= _ASK_AGAIN_S:
@@ -251,7 +251,7 @@ class FleetWatch:
         return out
 
     def next_deadline(self) -> float:
-        """Time of the next `poll` that does anything (s)."""
+        """Time (s) of the next `poll` with something to do."""
         return min([self._heartbeat.due_s, *(reader.next_deadline() for reader in self._readers.values())])
 
     @property

@@ -37,7 +37,7 @@ def paper_command(
     spec: Annotated[
         Path | None,
         typer.Argument(
-            help="Planners and estimators to compare, in one scenario (TOML); the options below change it."
+            help="File (TOML) of planners and estimators to compare in one scenario; the options change it."
             "  [default: the paper's experiment in five environments]"
         ),
     ] = None,
@@ -58,8 +58,8 @@ def paper_command(
 ) -> int:
     """Make the figures of the paper: farms, fifteen days, planners with estimators, costs.
 
-    The captions and numbers are written to paper.md and paper.html. Flights and costs are kept, so a second
-    call only draws.
+    The captions and numbers are written to paper.md and paper.html. Flights and costs are kept, so that a
+    second call only draws.
     """
     from wbf_mission.addons.paper.make import make_paper
     from wbf_mission.bench.benchmark import BenchmarkInterrupted
@@ -82,7 +82,7 @@ def paper_command(
                 progress=progress,
             )
     except BenchmarkInterrupted as stop:
-        output.warn(f"{stop}; the same command flies the others")
+        output.warn(f"{stop}; repeat the command to fly the other runs")
         return ExitCode.INTERRUPTED
     warn_of_failures(output, made.rows)
     write_page(made.files[0].with_suffix(".html"), made.page, out)

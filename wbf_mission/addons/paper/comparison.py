@@ -47,7 +47,7 @@ def plot_pairs(
     """Draw the runs of one estimator in one environment: a row of panels for each planner.
 
     Both diseases share a map: each is drawn on the plants that it can infect. `rows` are the results in this
-    environment, `colours` are by planner, and `shown` is by planner and estimator.
+    environment. `colours` has a colour for each planner, and `shown` a run for each planner and estimator.
     """
     farm = scenario.farm.load()
     fields = load_field_set(scenario.farm.fields)
@@ -163,11 +163,11 @@ def early_table(rows: Sequence[BenchRow]) -> Table:
         at = np.array([scores_at(row, np.array(_PARTS) * last_s) for row in own])
         cells = map(_interval, mean_intervals(at.T))
         lines.append((f"{planner}, {estimator}", *cells))
-    return Table("How the score stands on the way", header, tuple(lines))
+    return Table("Mean score at four times of the run", header, tuple(lines))
 
 
 def lead_table(rows: Sequence[BenchRow]) -> Table:
-    """Return the planner with the best mean score at fractions of the time, and its lead over each other.
+    """Return the planner with the best mean score at fractions of the time, and its lead over the others.
 
     Leads are mean differences of pairs of runs in the same environment, with simultaneous 95 % intervals.
     """
@@ -178,7 +178,7 @@ def lead_table(rows: Sequence[BenchRow]) -> Table:
     leads: list[tuple[str, str]] = []
     differences: list[NDArray[np.float64]] = []
     for estimator, part in itertools.product(dict.fromkeys(row.estimator for row in good), _PARTS):
-        # Environments for which every planner has a score.
+        # Only environments in which every planner has a score are compared.
         seeds = [
             seed
             for seed in sorted({row.seed for row in good})
@@ -200,7 +200,7 @@ def lead_table(rows: Sequence[BenchRow]) -> Table:
         cells = [_interval(next(behind)) for _ in planners]
         cells[planners.index(first)] = "leads"
         lines.append((name, *cells))
-    return Table("Who leads, and by how much", ("estimator, time", *planners), tuple(lines))
+    return Table("Leading planner, and its lead", ("estimator, time", *planners), tuple(lines))
 
 
 def pair_table(rows: Sequence[BenchRow]) -> Table:
@@ -239,11 +239,11 @@ def pair_table(rows: Sequence[BenchRow]) -> Table:
         "after them",
         "at the end",
     )
-    return Table("Planner against planner, in pairs of runs", header, tuple(lines))
+    return Table("Differences between planners, in pairs of runs", header, tuple(lines))
 
 
 def fall_table(rows: Sequence[BenchRow]) -> Table:
-    """Return how often the score falls between scored times, and the largest fall."""
+    """Return the share of scored times at which the score falls, and the largest fall."""
     lines = []
     for (planner, estimator), own in by_pair([row for row in rows if len(row.scores) > 1]).items():
         losses = [-np.array(row.scores) for row in own]
@@ -254,7 +254,7 @@ def fall_table(rows: Sequence[BenchRow]) -> Table:
         lines.append((f"{planner}, {estimator}", *cells, f"{100.0 * worst:.0f} %"))
     header = (
         "planner, estimator",
-        "falls, % of the times (lowest to highest run)",
+        "falls, % of the scored times (lowest to highest run)",
         f"by more than {100.0 * _FALL:.0f} % of the loss",
         "largest, of the loss before",
     )

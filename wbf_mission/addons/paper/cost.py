@@ -28,10 +28,10 @@ from wbf_mission.results.storage import ResultError
 
 FARMS = ("miniberry-10", "miniberry-30", "miniberry-100", "waterberry")
 ESTIMATORS = ("adaptive-disk", "gp", "gp-sklearn")
-"""Our estimators, and the Gaussian process of the paper's published code."""
+"""Estimators of this project, and the Gaussian process of the paper's published code."""
 NUMBERS = (1, 3, 10, 30, 100, 300, 1000, 3000, 10_000)
 _PARAMETERS: dict[str, dict[str, Any]] = {"gp-sklearn": {"max_points": 300, "max_entries": 20_000_000}}
-"""Larger values exceed the time limit: 1000 observations on the smallest farm, one on the full farm."""
+"""With larger values, 1000 observations on the smallest farm or one on the full farm take too long."""
 SCORE = "score"
 """Name of the scoring cost, used in place of an estimator."""
 LIMIT_S = 5.0
@@ -75,9 +75,8 @@ def measured_costs(
 ) -> list[Cost]:
     """Return the costs of all methods on all farms; measure the costs that the file at `path` lacks.
 
-    A method that exceeds the limit on a farm is not measured there with more observations: sort `numbers`.
-
-    Raises ResultError if the file is no list of costs.
+    A method that exceeds the limit on a farm is not measured there with more observations; `numbers` must
+    therefore ascend. Raises ResultError if the file is not a list of costs.
     """
     found = kept_costs(path) if path.exists() else []
     wanted = [(method, farm) for farm in farms for method in (*ESTIMATORS, SCORE)]
@@ -94,13 +93,13 @@ def measured_costs(
 
 
 def kept_costs(path: Path) -> list[Cost]:
-    """Read the file that `measured_costs` writes; ResultError if it is no list of costs."""
+    """Read the file that `measured_costs` writes; raise ResultError if it is not a list of costs."""
     try:
         return _decoder.decode(path.read_bytes())
     except msgspec.ValidationError as error:
         msg = f"{path}: holds no costs ({misfit(error)}); remove it"
     except (msgspec.MsgspecError, UnicodeDecodeError):
-        msg = f"{path}: is no JSON; remove it"
+        msg = f"{path}: is not valid JSON; remove it"
     raise ResultError(msg)
 
 
@@ -138,7 +137,7 @@ def _observations(grid: FarmGrid, n: int) -> Observations:
 
 def _estimate_s(method: str, grid: FarmGrid, seen: Observations) -> float:
     def prepared() -> Estimator:
-        # The estimator learns once per farm and day, before a flight: this is no cost of an estimate.
+        # The estimator learns once per farm and day, before a flight: this is not part of an estimate's cost.
         estimator = make_estimator(method, random_state=1, **_PARAMETERS.get(method, {}))
         estimator.fit(grid)
         prepare_estimator(estimator, [_DAY])

@@ -29,7 +29,7 @@ _PIXELS = 250
 class Dynamics:
     """Environments of a scenario's farm over `DAYS`, one for each seed.
 
-    WbfMissionError if the farm is unknown, or needs too much memory.
+    Raises WbfMissionError if the farm is unknown, or needs too much memory.
     """
 
     def __init__(self, scenario: Scenario, seeds: Sequence[int], progress: Progress = silent) -> None:

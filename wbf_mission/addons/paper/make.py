@@ -35,11 +35,11 @@ from wbf_mission.run.resolve import FlightError
 from wbf_mission.scenario import scenario_with
 
 _DRAWN = ("waterberry", "miniberry-10", "miniberry-30", "miniberry-100")
-"""Farms of the paper, the full one first."""
+"""Farms of the paper; the full farm comes first."""
 
 
 def plot_geometry(paths: Sequence[Path]) -> None:
-    """Draw the paper's farms: the full farm large, the small ones beside it."""
+    """Draw the paper's farms: the full farm large, the small farms beside it."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -93,7 +93,7 @@ class _Sheets:
         return [self.folder / f"{name}.{suffix}" for suffix in self.formats]
 
     def picture(self, name: str, shows: str) -> Picture:
-        """Return a picture for the page: the PNG if one is written."""
+        """Return a picture for the page: a PNG if there is one, else another format."""
         suffix = FORMATS[0] if FORMATS[0] in self.formats else self.formats[0]
         return Picture(f"{name}.{suffix}", shows)
 
@@ -131,7 +131,9 @@ def make_paper(
         if not given:
             raise ResultError(f"no {what} is given: choose {', '.join(known)}")
     if len(spec.scenarios) != 1:
-        raise ResultError(f"{len(spec.scenarios)} scenarios: the paper's comparison is of one; give one")
+        raise ResultError(
+            f"{len(spec.scenarios)} scenarios: the paper's comparison uses one scenario; give only one"
+        )
     for farm in (*cost_farms, *dynamics_farms):
         get_farm(farm)
     folder = Path(out)
@@ -163,8 +165,8 @@ _ABOUT = (
 def _geometry(sheets: _Sheets) -> Section:
     plot_geometry(sheets.paths("geometry"))
     caption = (
-        "The farms of the benchmark; one cell is one square foot. What lies outside the dashed line is the"
-        " neighbours': diseases spread there, too, but it is not scored."
+        "The farms of the benchmark; one cell is one square foot. Land outside the dashed line belongs to "
+        "the neighbours: diseases spread there as well, but it is not scored."
     )
     return Section("The farms", caption, (sheets.picture("geometry", "The farms"),))
 
@@ -179,12 +181,12 @@ def _dynamics(sheets: _Sheets, spec: BenchSpec, of_farms: Sequence[str], progres
         plot_dynamics(dynamics, sheets.paths(file))
         pictures.append(sheets.picture(file, f"{len(DAYS)} days of {dynamics.farm.name}"))
         farms.append(dynamics.farm.name)
-    right = "what becomes of it"
+    right = "its means over the days"
     if len(seeds) > 1:
         right = f"the mean of {len(seeds)} environments with the range from the lowest to the highest"
     caption = (
         f"{len(DAYS)} days of {' and '.join(farms)} ({name}): the environment of seed {seeds[0]}, and on the"
-        f" right {right}. Of a large farm a pixel is its sickest plant. Grey: no concern of the field."
+        f" right {right}. On a large farm, a pixel shows its sickest plant. Grey cells do not have the field."
     )
     return Section(title, caption, tuple(pictures))
 
@@ -216,9 +218,10 @@ def _comparison(
     pictures.append(sheets.picture("comparison-scores", "Mean score over time"))
     caption = (
         f"Planners with estimators in {name}. A picture for each estimator ({each}) shows the environment"
-        f" of seed {first}: the path flown, the truth and the last estimate of the diseases, each on the"
-        " plants that it can befall, and the score over time (thin: the other planners). The last picture is"
-        f" the mean score over {len(spec.seeds)} environments with its interval of 95 %. 0 is perfect."
+        f" of seed {first}: the path flown, the truth and the last estimate of the diseases, each on the "
+        f"plants that it can infect, and the score over time (thin: the other planners). The last picture is"
+        f" the mean score over {len(spec.seeds)} environments with its 95 % interval. A score of 0 is "
+        f"perfect."
     )
     found = standings(rows)
     tables = (
@@ -237,8 +240,9 @@ def _cost(sheets: _Sheets, farms: Sequence[str], progress: Progress) -> Section:
     costs = measured_costs(sheets.folder / "cost.json", farms=farms, progress=progress)
     plot_costs(costs, sheets.paths("cost"))
     caption = (
-        "Processor seconds, on one thread, of one estimate of the three fields over the whole farm from"
-        " nothing, against the number of observations in random cells; on the right of one score of the whole"
-        f" farm. A cross: more than {LIMIT_S:g} s, or refused as too much. Measured on {costs[0].machine}."
+        f"Processor time on one thread. Left: a first estimate of the three fields over the whole farm, "
+        f"against the number of observations in random cells. Right: one score of the whole farm. A cross "
+        f"means more than {LIMIT_S:g} s, or an estimator that refused for lack of memory. Measured on "
+        f"{costs[0].machine}."
     )
     return Section("What it costs", caption, (sheets.picture("cost", "What it costs"),))

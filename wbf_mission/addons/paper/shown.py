@@ -39,7 +39,7 @@ class ShownRun:
 
     @classmethod
     def flown(cls, run: BenchRun) -> Self:
-        """Fly a run and return its data; WbfMissionError if the run fails, or has no estimate."""
+        """Fly a run and return its data; raise WbfMissionError if the run fails, or has no estimate."""
         result = fly(run.scenario)
         if result.outcome is Outcome.INTERRUPTED:
             raise KeyboardInterrupt
@@ -68,7 +68,7 @@ class ShownRun:
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read a file that `save` wrote; ResultError if the file is no saved run."""
+        """Read a file that `save` wrote; raise ResultError if the file is not a saved run."""
         try:
             with np.load(path, allow_pickle=False) as file:
                 arrays = {name: np.asarray(file[name], np.float32) for name in _ARRAYS}
@@ -79,7 +79,7 @@ class ShownRun:
         found = cls(**arrays, axis_max=axis_max)
         fit = all(arrays[name].ndim == axes for name, axes in _ARRAYS.items())
         if not fit or found.path_m.shape[1] != 2 or found.truth.shape != found.estimate.shape:
-            raise ResultError(f"{path}: holds no run to be shown (its arrays do not fit); remove it")
+            raise ResultError(f"{path}: holds no run to be shown (its arrays have wrong shapes); remove it")
         return found
 
 
@@ -90,10 +90,10 @@ def _keep(run: BenchRun, path: Path) -> None:
 def shown_runs(
     runs: list[BenchRun], folder: Path, *, jobs: int, progress: Progress
 ) -> dict[tuple[str, str], ShownRun]:
-    """Return the data drawn for each run, by planner and estimator; runs absent from the folder are flown.
+    """Return each run's data to draw, by planner and estimator; runs absent from the folder are flown.
 
-    ResultError if a file in the folder is damaged, another WbfMissionError if a run has no result to draw.
-    At Ctrl-C, finished runs stay in the folder.
+    Raises ResultError if a file in the folder is damaged, another WbfMissionError if a run has no result. At
+    Ctrl-C, finished runs stay in the folder.
     """
     from joblib import effective_n_jobs
 

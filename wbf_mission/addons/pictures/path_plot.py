@@ -31,8 +31,8 @@ _Points = NDArray[np.float64]
 def plot_run(record: RunRecord, path: Path) -> Path:
     """Write the farm with the paths of a run as a PNG picture.
 
-    Of a single flight, the planned path is drawn, too. Several flights differ in colour by day if the run has
-    several days, else by vehicle or flight number. A ring marks each position where a vehicle changed to
+    For a single flight, the planned path is drawn as well. Several flights differ in colour by day if the run
+    has several days, else by vehicle or flight number. A ring marks each position where a vehicle changed to
     another path. If there are at most `MOST_ABANDONED` changes, thin dashed lines show the abandoned paths.
     """
     figure = new_figure(7.5, 6.4)
@@ -49,7 +49,7 @@ def plot_run(record: RunRecord, path: Path) -> Path:
     axes.legend(loc="upper right", bbox_to_anchor=(1.0, -0.1), ncols=3, fontsize=7, frameon=False)
     if crops is not None:
         axes.add_artist(crops)
-        crops.set_clip_on(False)  # The layout makes no room for clipped artists
+        crops.set_clip_on(False)  # The layout leaves no room for clipped artists
     how = "mission file" if record.plan.planner is None else record.plan.planner
     axes.set_title(f"{record.farm.name}: {how}, {record.plan.vehicle.name}")
     return save_figure(figure, path)
@@ -135,7 +135,7 @@ def changes_flown(decisions: Sequence[DecisionRecord]) -> list[tuple[PathChange,
 
 
 def rest_of_path(path_m: _Points, position_m: tuple[float, float]) -> _Points:
-    """Return `position_m` and the waypoints after the point of the path nearest to it.
+    """Return `position_m` and the waypoints that follow the path's nearest point to `position_m`.
 
     >>> rest_of_path(np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0]]), (1.0, 0.5)).tolist()
     [[1.0, 0.5], [4.0, 0.0], [4.0, 4.0]]

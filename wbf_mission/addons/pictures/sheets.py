@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 FINDS = "#0072b2"
 PATH = "#3b3b3b"
-_LARGEST_SHARE = 0.02  # Minimum upper end of the colour scale of sick plants on a large farm
+_LARGEST_SHARE = 0.02  # Lowest end of the colour scale of sick plants on a large farm
 _SHARE_RANGE = 50.0
 _MARGIN = 0.04
 _MOST_DAYS_NAMED = 12
@@ -92,7 +92,7 @@ def plot_field(
         axes.set_xlim(left, right)
         axes.set_ylim(low, high)
         if pixels is None:
-            text = "not known" if number == 3 else "this estimator does not tell how sure it is"
+            text = "not known" if number == 3 else "this estimator gives no standard deviation"
             axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", fontsize=9)
         else:
             _show(figure, axes, pixels, grid, style)
@@ -150,11 +150,11 @@ class _Style(NamedTuple):
 
 
 def _styles(of: FieldMap) -> tuple[_Style, _Style, _Style]:
-    """Return the styles of a field's panels: share, minimum and deviation."""
+    """Return the styles of a field's panels: fraction of sick plants or mean, minimum, deviation."""
     from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
     field, deviation = of.field, of.deviation
-    # Pixels at borders have few plants and so large deviations, which would flatten the colour scale.
+    # Pixels at borders have few plants and large deviations, which would flatten the colour scale.
     whole = of.cells >= 0.9 * of.cells.max()
     most = 1.0 if deviation is None else float(np.max(deviation[whole], initial=0.0))
     doubt = {"cmap": "viridis", "vmin": 0.0, "vmax": max(most, 1e-6)}
@@ -166,10 +166,10 @@ def _styles(of: FieldMap) -> tuple[_Style, _Style, _Style]:
     if of.grid.pixel == 1:
         share = _Style({"cmap": "YlOrBr", **whole_range}, "percent", "probability of being sick")
     else:
-        # On a large farm a few plants in a thousand are sick, but nearly all plants within an outbreak.
+        # On a large farm, a few plants in a thousand are sick; within an outbreak, nearly all plants are.
         top = max(_LARGEST_SHARE, float(np.nanmax(of.share, initial=0.0)))
         norm = LogNorm(top / _SHARE_RANGE, top, clip=True)
-        share = _Style({"cmap": "YlOrBr", "norm": norm}, "percent", "part of the plants that is sick")
+        share = _Style({"cmap": "YlOrBr", "norm": norm}, "percent", "fraction of plants that are sick")
     worst = {"cmap": LinearSegmentedColormap.from_list("worst", WORST_COLOURS), **whole_range}
     return (
         share,

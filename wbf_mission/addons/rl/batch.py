@@ -20,7 +20,7 @@ from wbf_mission.planning.assignment import SortieNumber
 
 
 class Batch:
-    """Runs of one robot on one flight, estimated by adaptive disks; each run equals an `Episode`.
+    """Runs of one robot on one flight, estimated by adaptive disks; the results equal those of `Episode`.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class Batch:
         day = task.scenario.farm.day
         of.truth[run] = task.environment(seed).values(day)
         if of.luck.size or of.noise.size:
-            # Same random draws as `sensors.camera.leaf_camera.LeafCamera`, image by image.
+            # `sensors.camera.leaf_camera.LeafCamera` makes the same random draws, image by image.
             names = SortieNumber.first(day, 1).stream_names("camera")
             noise_rng, flip_rng = stream(seed, *names).spawn(2)
             if of.luck.size:
@@ -128,7 +128,7 @@ class Batch:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        # Let the arrays of the copy's runs be views of its `maps` again.
+        # In a copy, these arrays are not yet views of the copy's `maps`.
         k = len(self.task.fields)
         self._runs = self._runs._replace(
             value=self.maps[:, :k], uncertainty=self.maps[:, k : 2 * k], visited=self.maps[:, 2 * k]

@@ -1,7 +1,7 @@
 """Compiled step of many runs with adaptive disks.
 
-The results are bit-identical to those of a flight. `sensors.estimators.adaptive_disk` paints each cell by the
-newest disk that covers it, and `sensors.scoring.score_sums` adds the errors. Here, while the radius is
+The results equal the results of a flight to the last bit. `sensors.estimators.adaptive_disk` paints each cell
+by the newest disk that covers it, and `sensors.scoring.score_sums` adds the errors. Here, while the radius is
 unchanged, only the new disk is painted. A tile's sums resume at the first changed column.
 """
 
@@ -25,7 +25,7 @@ class Rules(NamedTuple):
 
     moves: NDArray[np.int64]  # int64[actions, 2]
     allowed: NDArray[np.bool_]  # bool[W, H]
-    every: int  # Number of readings between scored times; the last reading is scored, too
+    every: int  # Number of readings between scored times; the last reading is also scored
     radii: NDArray[np.int64]  # int64[N + 1]: disk radius after each number of readings
     # int64[radii, radii]: half-width of a disk's row, by radius and distance from the centre.
     half_widths: NDArray[np.int64]
@@ -50,7 +50,7 @@ class Runs(NamedTuple):
     value: NDArray[np.float32]  # float32[B, k, W, H]
     uncertainty: NDArray[np.float32]  # float32[B, k, W, H]
     visited: NDArray[np.float32]  # float32[B, W, H]: 1 in observed cells
-    # int64[B, tiles along x, tiles along y]: first column of the tile whose sums are outdated.
+    # int64[B, tiles along x, tiles along y]: the tile's first column with outdated sums.
     dirty: NDArray[np.int64]
     # float64[B, k, tiles along x, tiles along y, TILE_CELLS + 1, 2]: sums of squared errors up to each
     # column, over all cells and over the cells estimated too high.
@@ -62,7 +62,7 @@ class Runs(NamedTuple):
 
 @compiled(nogil=True, allocates=False)
 def resume_errors(rules: Rules, runs: Runs, run: int, time: int) -> None:
-    """Write a run's sums of squared errors to ``sums[run, time]``; tiles resume at their column `dirty`."""
+    """Write a run's sums of squared errors to ``sums[run, time]``; each tile resumes at column `dirty`."""
     masks, truth, estimate = rules.masks, runs.truth[run], runs.value[run]
     dirty, partial, sums = runs.dirty[run], runs.partial[run], runs.sums[run, time]
     width, height = masks.shape[1], masks.shape[2]

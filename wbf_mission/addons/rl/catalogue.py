@@ -1,4 +1,4 @@
-"""Training interfaces that each scenario of the catalogue supports, and why it lacks the others."""
+"""Training interfaces that each scenario of the catalogue has, and why it lacks the other interfaces."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from wbf_mission.scenario import Scenario, load_scenario, scenario_ids
 
 @dataclass(frozen=True, slots=True)
 class Interfaces:
-    """Training interfaces of a scenario: the reason why each is not available, or an empty text."""
+    """Reasons why a scenario lacks training interfaces; the text of an available interface is empty."""
 
     name: str
     single: str
@@ -51,9 +51,9 @@ def why_not_stepped(scenario: Scenario) -> str:
     """Return why the robots of a scenario cannot be moved cell by cell; empty if they can."""
     for one in scenario.vehicle.fleet:
         if not get_vehicle(one).is_ideal:
-            return f'{one} flies under an autopilot, only "ideal" can be moved cell by cell'
+            return f'{one} flies under an autopilot, but only "ideal" can be moved cell by cell'
     if scenario.vehicle.gps_noise_m > 0.0:
-        return "the robot errs about where it is, which a move from cell to cell does not"
+        return "the robot's position has noise, but moves from cell to cell are exact"
     budget = scenario.mission.budget
     value, unit = (0.0, "") if budget is None else parse_budget(budget)
     if unit != "steps" or value < 2:
@@ -66,7 +66,7 @@ def why_not_single(scenario: Scenario) -> str:
     robots = len(scenario.vehicle.fleet)
     if robots == 1:
         return ""
-    return f"{robots} robots fly: take wbf_mission.addons.rl.parallel_env"
+    return f"{robots} robots fly: use wbf_mission.addons.rl.parallel_env"
 
 
 def why_not_batched(scenario: Scenario) -> str:
@@ -78,7 +78,7 @@ def why_not_batched(scenario: Scenario) -> str:
 
 
 def register_all() -> None:
-    """Register the ids not yet registered; `gymnasium.make` of an unavailable id raises the reason."""
+    """Register the ids not yet registered; for an unavailable id, `gymnasium.make` raises TrainingError."""
     for interface in interfaces():
         if interface.name not in gymnasium.registry:
             gymnasium.register(

@@ -35,11 +35,11 @@ _LAND = {
     "wetland": "#9ccfb8",
 }
 _OTHER_CROP = "#e6dcc0"
-_NEIGHBOURS = 0.5  # Colour strength of land that is not the owner's
+_NEIGHBOURS = 0.5  # Colour strength of the neighbours' land
 _ROBOTS = ("#d0146e", "#111111", "#009e73", "#0072b2", "#8c6d31", "#7f3fbf")
 _TONES = 256
 
-# A pixel is one number of four bytes, the last of which is dropped at the end; such pixels are fast to copy.
+# Pixels are numbers of four bytes, which are fast to copy; the fourth byte is dropped at the end.
 _Pixels = Any
 
 
@@ -54,14 +54,14 @@ class Scene(NamedTuple):
     ]  # int[n, 2] of each robot: its cells in this flight, the current cell last
     flight: tuple[int, int]  # Day, and number of the flight on that day
     left: tuple[float, float]  # Remaining fractions of the moves of this flight and of the run
-    score: float  # Score up to now; NaN before the first
+    score: float  # Score up to now; NaN before the first score
 
 
 class Drawing:
     """Draws the frames of a task; all frames have the same `shape`: height, width and 3.
 
-    `field` is drawn, by default the field with the largest weight in the score; TrainingError if the task has
-    no such field.
+    `field` is drawn, by default the field with the largest weight in the score. Raises TrainingError if the
+    task has no such field.
     """
 
     def __init__(self, task: SurveyTask, field: str | None = None) -> None:
@@ -120,7 +120,7 @@ class Drawing:
         return np.frombuffer(bytearray(picture.tobytes("raw", "RGB")), np.uint8).reshape(self.shape)
 
     def _coloured(self, array: NDArray[np.float32], tones: _Pixels) -> _Pixels:
-        """Return the colours of the blocks: the map's where its field is scored, the land's elsewhere."""
+        """Return the blocks' colours: the map's colour where its field is scored, else the land's colour."""
         means = np.empty((1, *self._blocks), np.float32)
         block_means(np.ascontiguousarray(array[None]), self._block, means)
         return np.where(self._scored, tones[(means[0] * (_TONES - 1) + 0.5).astype(np.int64)], self._land)
@@ -138,7 +138,7 @@ class Drawing:
         return colours[1 - grid.owned[cells], grid.crop[cells]], scored[cells]
 
     def _lines(self) -> tuple[NDArray[np.int64], _Pixels]:
-        """Return the overlay of the maps, as pixel indices and colours: crop edges, barred cells, home."""
+        """Return pixel indices and colours of the maps' overlay: crop edges, barred cells, home."""
         land, task = self._spread(self._land), self._task
         edges = np.zeros(land.shape, np.bool_)
         edges[1:] |= land[1:] != land[:-1]

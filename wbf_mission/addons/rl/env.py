@@ -31,7 +31,7 @@ class OneEpisode:
     _episode: Episode | None = None
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Return a frame, uint8[height, width, 3]; None if it goes to a window, or without a render mode."""
+        """Return a frame, uint8[height, width, 3]; None if a window shows it, or without a render mode."""
         return self._rendering.frame(self._begun().scene())
 
     def close(self) -> None:
@@ -67,17 +67,17 @@ class SurveyEnv(OneEpisode, gymnasium.Env[Observation, Any]):
     estimator : Estimator or str
         Estimator of the maps.
     block : int, optional
-        Side of a map block, cells. The default is 1, or as many as make 64 blocks on a farm of more than 64
-        cells along a side.
+        Side of a map block, cells. By default, the smallest side that gives at most 64 blocks along each side
+        of the farm.
     render_mode : {"rgb_array", "human"}, optional
         ``rgb_array``: `render` returns a frame. ``human``: a window is updated at every step.
     render_field : str, optional
-        Field to draw; by default the one with the largest weight in the score.
+        Field to draw; by default the field with the largest weight in the score.
 
     Raises
     ------
     TrainingError
-        If the scenario is not of one of the paper's robots, or an option is invalid.
+        If the scenario is not for one of the paper's robots, or an option is invalid.
     WbfMissionError
         If the scenario or the estimator is unknown.
     """
@@ -113,7 +113,7 @@ class SurveyEnv(OneEpisode, gymnasium.Env[Observation, Any]):
         Parameters
         ----------
         seed : int, optional
-            The environment equals that of ``bench run`` with this seed. By default a seed from 2^32 on is
+            The environment is the same as in ``bench run`` with this seed. By default a seed from 2^32 on is
             drawn, which no benchmark uses.
         options : dict, optional
             Ignored.
@@ -139,7 +139,7 @@ class SurveyEnv(OneEpisode, gymnasium.Env[Observation, Any]):
         return observations_of(self.shown, episode)[0], reward, episode.ended, False, info
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Return the mask of valid actions, bool[5], for MaskablePPO: staying, and possible moves."""
+        """Return the mask of valid actions (staying and possible moves), bool[5], for MaskablePPO."""
         masks: NDArray[np.bool_] = self.task.possible(self._begun().cells)[0]
         return masks
 

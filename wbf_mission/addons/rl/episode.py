@@ -1,4 +1,4 @@
-"""A run of the paper's robots, stepped with the parts of a real flight; and its rewards.
+"""A run of the paper's robots, stepped by the code that real flights use, and its rewards.
 
 Let L_0 be the loss of the estimate before any observation, and L_1, ... L_c the losses at the c scored times.
 The reward at the k-th scored time is::
@@ -35,8 +35,8 @@ class Episode:
     """A run of a task on the environment of a seed.
 
     As in a flight, an image arrives after the robot has moved on: the image at home arrives together with the
-    image after the first move. Images of each robot follow those of the previous robot. Equal seeds give the
-    same environment and the same camera errors. `seen`, float32[W, H], is 1 in observed cells.
+    image after the first move. The images of a robot come after the images of the previous robot. Equal seeds
+    give the same environment and the same camera errors. `seen`, float32[W, H], is 1 in observed cells.
     """
 
     cells: NDArray[np.int64]
@@ -44,7 +44,7 @@ class Episode:
     moved: int
     """Number of moves of each robot in this flight."""
     path: list[NDArray[np.int64]]
-    """Cells of these moves, home first."""
+    """Cells of the robots before the first move and after each move."""
 
     def __init__(self, task: SurveyTask, seed: int) -> None:
         self.task, self.seed = task, seed
@@ -72,7 +72,7 @@ class Episode:
         return _again, (self.task, self.seed, self._actions)
 
     def model(self) -> InformationModel:
-        """Return the current estimate, in the estimator's own arrays."""
+        """Return the current estimate, without copying the estimator's arrays."""
         return self._estimate.current()
 
     def close(self) -> None:
@@ -81,7 +81,7 @@ class Episode:
 
     @property
     def flight(self) -> tuple[int, int]:
-        """Day of the current (after the run: the last) flight, and its number on that day."""
+        """Day of the current flight and the flight's number on this day; after the run, the last flight's."""
         return self.task.flights[min(self._flight, len(self.task.flights) - 1)]
 
     @property
@@ -142,7 +142,7 @@ class Episode:
             reward += float(rewards_of(self._scored, task.points, self._last_loss, entry.loss))
             self._last_loss = entry.loss
         self._rewards += reward
-        if self.ended and self._scored != task.points:  # Some images lay outside the farm.
+        if self.ended and self._scored != task.points:  # Some images were outside the farm.
             reward += self.loss_before + self.score - self._rewards
         return reward
 

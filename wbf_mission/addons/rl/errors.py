@@ -1,4 +1,4 @@
-"""Errors of training environments, and their required libraries."""
+"""Errors of training environments, and a check of the libraries that they need."""
 
 from __future__ import annotations
 

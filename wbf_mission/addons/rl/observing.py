@@ -24,7 +24,7 @@ class Shown:
     """Spaces and observations of a task.
 
     `block` is the side of a map block in cells, by default the smallest that `MOST_BLOCKS` allows.
-    `map_shape` counts blocks along x and y. TrainingError if `block` is not between 1 and the farm's size.
+    `map_shape` counts blocks along x and y. Raises TrainingError unless `block` is from 1 to the farm's size.
     """
 
     def __init__(self, task: SurveyTask, block: int | None = None) -> None:
@@ -72,7 +72,7 @@ def _unit(shape: tuple[int, ...]) -> spaces.Box:
 
 @compiled(nogil=True, allocates=False)
 def block_means(array: NDArray[np.float32], block: int, out: NDArray[np.float32]) -> None:
-    """Write the means of the square blocks of maps, limited to 0..1, to `out`.
+    """Write the means of square blocks of maps to `out`, limited to 0..1.
 
     `array` is float32[n, W, H], and `out` float32[n, ceil(W / block), ceil(H / block)]; blocks at the far
     borders are smaller.

@@ -25,7 +25,7 @@ from wbf_mission.scenario import Scenario
 class SurveyParallelEnv(OneEpisode, ParallelEnv):  # type: ignore[misc]  # PettingZoo is not typed
     """Robots that survey a farm together, with a common reward.
 
-    Parameters and errors are those of `wbf_mission.addons.rl.env.SurveyEnv`, for one or several robots.
+    For parameters and errors, see `wbf_mission.addons.rl.env.SurveyEnv`; there may be several robots.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -111,7 +111,7 @@ class SurveyParallelEnv(OneEpisode, ParallelEnv):  # type: ignore[misc]  # Petti
         )
 
     def action_masks(self) -> dict[str, NDArray[np.bool_]]:
-        """Return, by robot, the mask of valid actions, bool[5]: staying, and possible moves."""
+        """Return each robot's mask of valid actions (staying and possible moves), bool[5]."""
         return dict(zip(self.possible_agents, self.task.possible(self._begun().cells), strict=True))
 
     def close(self) -> None:

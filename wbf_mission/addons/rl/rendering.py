@@ -20,9 +20,9 @@ HUMAN, ARRAY = "human", "rgb_array"
 
 
 class Rendering:
-    """Renderer of an environment's runs, in one of `modes`, or None; `field` is that of `Drawing`.
+    """Renderer of an environment's runs, in one of `modes` or in no mode; see `Drawing` for `field`.
 
-    TrainingError if `mode` or `field` is unknown, or a library is missing.
+    Raises TrainingError if `mode` or `field` is unknown, or a library is missing.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class Rendering:
 
 
 class Window:
-    """Window that shows at most `FRAMES_A_SECOND`; the first frame opens it. A copy is a new window."""
+    """Window for at most `FRAMES_A_SECOND`; the first frame opens it. A copy opens another window."""
 
     def __init__(self) -> None:
         try:
@@ -69,7 +69,7 @@ class Window:
         return Window, ()
 
     def show(self, frame: NDArray[np.uint8]) -> None:
-        """Show a frame, uint8[height, width, 3]; TrainingError if no window can be opened."""
+        """Show a frame, uint8[height, width, 3]; raise TrainingError if no window can be opened."""
         pygame = self._pygame
         if self._screen is None:
             try:
@@ -77,7 +77,7 @@ class Window:
                 self._screen = pygame.display.set_mode(frame.shape[1::-1])
             except pygame.error as error:
                 raise TrainingError(
-                    f'render_mode="human" can open no window: {error}; run it where there is a display,'
+                    f'render_mode="human" cannot open a window: {error}; run it where there is a display,'
                     ' or give render_mode="rgb_array"'
                 ) from None
             pygame.display.set_caption("wbf-mission")

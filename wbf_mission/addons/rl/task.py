@@ -34,7 +34,7 @@ MOVES.flags.writeable = False
 
 
 def checked_moves(actions: object, shape: tuple[int, ...], who: str) -> NDArray[np.int64]:
-    """Return actions as int64[shape]; TrainingError unless they have this shape and are 0, 1, 2, 3 or 4."""
+    """Return actions as int64[shape]; raise TrainingError if the shape differs or one is not 0 to 4."""
     try:
         moves = np.asarray(actions)
         fit = moves.shape == shape and moves.dtype.kind in "iu"
@@ -48,7 +48,7 @@ def checked_moves(actions: object, shape: tuple[int, ...], who: str) -> NDArray[
 
 
 class SurveyTask:
-    """A scenario of the paper's robots (given itself, or by id or file): one cell and one image per step."""
+    """Scenario of the paper's robots (an object, id or file), with one cell and one image per step."""
 
     def __init__(self, scenario: Scenario | str | Path, estimator: Estimator | str = "adaptive-disk") -> None:
         given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
@@ -76,7 +76,7 @@ class SurveyTask:
         points, count = given.score.points, len(self.flights)
         # Number of readings between scored times of a flight.
         self.every = readings_a_score(points, farm, learner, count, readings, ideal=True)
-        # Number of scored times of the run. Each flight is scored at its end, too, and each later day at its
+        # Number of scored times of the run. Each flight is also scored at its end, and each later day at its
         # start.
         self.points = count * -(-readings // self.every) + of.days - 1
         # Start cell of every flight.
@@ -94,7 +94,7 @@ class SurveyTask:
 
     @property
     def camera(self) -> LeafCameraOptions:
-        """Camera of the first robot; the others differ only in their sensed fields."""
+        """Camera of the first robot; the other cameras differ only in their sensed fields."""
         return self.cameras[0]
 
     @property

@@ -1,4 +1,4 @@
-"""Gymnasium vector environment: many runs in a batch, bit-identical to the single environment."""
+"""Gymnasium vector environment: many runs in a batch, equal to single environments to the last bit."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ _Bools = NDArray[np.bool_]
 class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
     """Batched runs of the environment `wbf_mission.addons.rl.env.SurveyEnv`, with adaptive disks.
 
-    Conventions are those of Gymnasium's vector environments: `reset(seed=n)` gives run i the seed n + i, and
-    every entry of `info` has a mask.
+    As in all vector environments of Gymnasium, `reset(seed=n)` gives run i the seed n + i, and every entry of
+    `info` has a mask.
 
     Parameters
     ----------
     scenario : Scenario, str or path-like
         Scenario of one of the paper's robots, with one flight and images of one cell.
     estimator : str
-        ``adaptive-disk``, the only batched one.
+        ``adaptive-disk``, the only batched estimator.
     block : int, optional
-        As of the single environment.
+        See `SurveyEnv`.
     render_mode : {"rgb_array"}, optional
         `render` returns a frame of each run.
     render_field : str, optional
-        As of the single environment.
+        See `SurveyEnv`.
     autoreset_mode : AutoresetMode or str
         Time at which a finished run restarts: at the next step (``NextStep``), in the same step
         (``SameStep``), or at `reset` with ``options={"reset_mask": ...}`` (``Disabled``).
@@ -103,7 +103,7 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         Parameters
         ----------
         seed : int or sequence of int or None, optional
-            Seed of the first run, from which the others count up; or one seed per run.
+            Seed of the first run; each further run gets the next number. A sequence has one seed per run.
 
         Raises
         ------
@@ -162,7 +162,7 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         return self._observation(), rewards, over, np.zeros(self.num_envs, np.bool_), info
 
     def action_masks(self) -> _Bools:
-        """Return the mask of valid actions of each run, bool[num_envs, 5]: staying, and possible moves."""
+        """Return each run's mask of valid actions (staying and possible moves), bool[num_envs, 5]."""
         return self.task.possible(self._batch.cells)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
@@ -204,7 +204,7 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
 
 
 def warm_up(begin: Callable[[str], None]) -> None:
-    """Compile the training environments ahead of use, by one step."""
+    """Compile the training environments before their use, by one step."""
     begin("training environments")
     # Step two runs: arrays of a single run are contiguous and would be compiled separately.
     envs = SurveyVectorEnv(2, "WBF/Miniberry-10-v1")

@@ -1,4 +1,4 @@
-"""ArduPilot's Rover: driving limits and laws from its parameters."""
+"""ArduPilot's Rover: driving limits and control law from its parameters."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ if TYPE_CHECKING:
 __all__ = ["FIRMWARE"]
 
 _SKID = 73.0
-# Largest acceptance radius: the vehicle stays this near to its S-curve target, which rounds the corners.
+# Largest acceptance radius. The vehicle stays this near to its S-curve target, which rounds corners.
 _FOLLOWS_M = 0.3
-# Rover stays armed at home: this is the longest delay possible.
+# Rover stays armed at home, so this is the longest possible delay.
 _NEVER_DISARM_S = 3599.0
-# Maximum snap of the S-curves, m/s^4 (AR_WPNAV_SNAP_MAX); acceleration limit if no parameter sets one.
+# Maximum snap of the S-curves, m/s^4 (AR_WPNAV_SNAP_MAX); acceleration limit if no parameter sets a limit.
 _SNAP = 15.0
 _ANY_ACCELERATION = 20.0
-# Time constants with which speed follows throttle, and tracks turn, from ArduPilot's simulator.
+# Time constants of ArduPilot's simulator: of the speed after the throttle, of a tracked vehicle's turns.
 _DRIVE_LAG_S = 20.0 / 10.0
 _TRACK_LAG_S = 0.2
 
@@ -99,7 +99,7 @@ class ArduRover(RoverProcedures):
         )
 
     def law(self, spec: VehicleSpec) -> NDArray[np.float64]:
-        """Return the parameters of the compiled motion, `wbf_mission.addons.rovers.motion.ardurover.LAW`."""
+        """Return the numbers of the compiled motion as a `wbf_mission.addons.rovers.motion.ardurover.LAW`."""
         from sim_vehicle.motion.columns import row_of
         from wbf_mission.addons.rovers.motion.ardurover import LAW
 
@@ -144,7 +144,7 @@ class ArduRover(RoverProcedures):
     def return_legs(
         self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
     ) -> list[Leg]:
-        """Return a leg home at the speed of RTL_SPEED, with a stop at the end."""
+        """Return a leg home at RTL_SPEED, with a stop at the end."""
         speed = self.value(spec, "RTL_SPEED") or spec.cruise_speed_m_s
         return super().return_legs(spec, last, speed, return_point)
 

@@ -50,7 +50,7 @@ class RoverPowerSpec(FurtherPowerSpec):
 
 
 def rover_power(power: NDArray[np.float64], speed: float, airspeed: float, acceleration: float) -> float:
-    """Return the power of a ground vehicle, watts from the cells of its battery.
+    """Return the power that a ground vehicle draws from the cells of its battery, in watts.
 
     Parameters
     ----------

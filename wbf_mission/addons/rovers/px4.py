@@ -27,8 +27,8 @@ __all__ = ["FIRMWARE"]
 _DIFFERENTIAL = 6.0
 _GRIP_M_S2 = 0.4 * GRAVITY_M_S2
 # Rover of the simulator (`sih.cpp`): force of full throttle, rolling resistance over weight, wheel base,
-# maximum wheel angle and cornering stiffness. The simulator filters its outputs only in 4 ms steps with new
-# outputs, which arrive every 10 ms.
+# maximum wheel angle and cornering stiffness. The simulator steps every 4 ms, but filters its outputs only in
+# steps with new outputs, which arrive every 10 ms.
 _SIH_ROVER = 5.0
 _SIH_FORCE_N = 400.0
 _SIH_ROLLING = 0.3
@@ -82,7 +82,7 @@ class Px4Rover(RoverProcedures):
             pivot_begin=value["RD_TRANS_DRV_TRN"] if skid else 0.0,
             pivot_end=min(value["RD_TRANS_TRN_DRV"], value["RD_TRANS_DRV_TRN"]),
             pivot_rate=math.radians(rate) if rate > 0.0 else spec.yaw_rate_rad_s,
-            # The corner radius is that of the front wheels (wheel base over the sine).
+            # The corner radius is the radius at the front wheels (wheel base divided by the sine).
             corner_gain=value["RA_ACC_RAD_GAIN"] / math.cos(value["RA_MAX_STR_ANG"]) if cuts else 0.0,
             corner_max=max(value["RA_ACC_RAD_MAX"], value["NAV_ACC_RAD"]),
             passes=False,

@@ -29,7 +29,7 @@ _CALIBRATION_TEXTS = (
 
 
 class SetupExtra(VehicleExtra):
-    """Calibrations and outputs, if the firmware has them; most change nothing in the simulator."""
+    """Calibrations and outputs, if the firmware has them; most have no effect in the simulator."""
 
     def __init__(self, state: WireState, parameters: ParameterSet, plans: PlanReceiver) -> None:
         super().__init__(state, parameters, plans)
@@ -49,9 +49,9 @@ class SetupExtra(VehicleExtra):
         }
 
     def _calibrate(self, command: VehicleCommand) -> None:
-        """Calibrate the gyroscopes: PX4's calibration: a sequence of status texts, for which clients wait.
+        """Calibrate the gyroscopes: send PX4's sequence of status texts, for which clients wait.
 
-        A vehicle at rest has no offsets to estimate, so only time passes. Sources: PX4
+        A vehicle at rest has no offsets to estimate, so the calibration only takes time. Sources: PX4
         ``calibration_messages.h`` and ``gyro_calibration.cpp``.
         """
         if self.state.pilot.armed:
@@ -61,14 +61,14 @@ class SetupExtra(VehicleExtra):
             self.due_s = self.state.now_us / 1e6
 
     def poll(self, now_s: float) -> list[Message]:
-        """Send the status texts that are due; there are no other messages."""
+        """Send the status texts that are due; return no messages."""
         while self.due_s <= now_s:
             self.state.pilot.note(Severity.INFO, self._remaining_texts.pop(0))
             self.due_s = self.due_s + _CALIBRATION_STEP_S if self._remaining_texts else NEVER
         return []
 
     def _servo(self, command: VehicleCommand) -> Result:
-        """DO_SET_SERVO: motor outputs are refused."""
+        """Handle DO_SET_SERVO, but refuse the motor outputs."""
         channel = command.number(1)
         if 1 <= channel < _FIRST_FREE_SERVO:
             self.state.pilot.warn(f"ServoRelayEvent: Channel {channel} is already in use")

@@ -94,7 +94,7 @@ def sim_command(
     ready_file: Annotated[
         Path | None,
         option(
-            "File for the links, one per line; written once they can be used, removed at the end.",
+            "File for the links, one per line; written once the links can be used, removed at the end.",
             panel="Output",
         ),
     ] = None,
@@ -200,11 +200,11 @@ def sim_command(
 
 
 def _with_camera(given: options.Given, chosen: bool | None) -> bool | None:
-    """Return whether vehicles carry a camera (its options imply one); None leaves it to the autopilot."""
+    """Return whether vehicles carry a camera; camera options imply it, None is the autopilot's default."""
     defined = options_of(CameraOptions).values()
     asked = next((option.flag for option in defined if option.key in given.changes), None)
     if chosen is False and asked is not None:
-        msg = f"{asked} has no effect without the camera: leave it or --no-camera out"
+        msg = f"{asked} has no effect without the camera: leave out {asked} or --no-camera"
         raise ScenarioError(msg)
     return chosen if asked is None else True
 
@@ -224,7 +224,7 @@ def _rows(simulated: Simulated, values: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _some(urls: Sequence[str]) -> list[str]:
-    """Return the links, or the first links and the number of the others."""
+    """Return the links; of many links, the first and the number of the others."""
     return list(urls) if len(urls) <= _SHOWN_LINKS else [*urls[:7], f"{len(urls) - 7} more"]
 
 

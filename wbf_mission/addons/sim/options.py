@@ -27,14 +27,14 @@ class SimOptions(Part):
 
     count: int | None = option(
         None,
-        "Number of vehicles; each is a MAVLink system with ports of its own",
+        "Number of vehicles; each is a MAVLink system with its own ports",
         VEHICLE,
         low=1,
         high=250,
         default="one for each home",
     )
     system_id: int = option(
-        1, "System id of the first vehicle; the others' ids follow it", VEHICLE, low=1, high=250
+        1, "System id of the first vehicle; further vehicles get the next ids", VEHICLE, low=1, high=250
     )
     home: tuple[str, ...] = option(
         (),
@@ -87,9 +87,9 @@ class SimOptions(Part):
     )
     camera: bool | None = option(
         None,
-        "Carry the leaf camera, a MAVLink component of its own",
+        "Carry the leaf camera, a separate MAVLink component",
         CAMERA,
-        default="camera; with ArduPilot no-camera, unless an option of the camera is given",
+        default="camera; with ArduPilot, no-camera unless a camera option is given",
     )
 
     def check(self) -> None:
@@ -132,7 +132,7 @@ def load_sim(path: str | Path) -> tuple[Scenario, SimOptions, tuple[AnyFault, ..
     given = table.pop("sim", {})
     scenario = scenario_from_table(table, path)
     if not isinstance(given, dict):
-        msg = f"{path}: sim is written as a table [sim]"
+        msg = f"{path}: sim must be a table: write it as [sim]"
         raise ScenarioError(msg)
     known = list(options_of(SimOptions))
     wrong = [key for key in given if key not in known]

@@ -71,13 +71,13 @@ class SticksExtra(VehicleExtra):
         return None if self._flown is None else self._flown.why_not_arm(mode)
 
     def on_armed(self) -> None:
-        """Forget the sticks if they are silent at arming."""
+        """Forget the sticks if no stick messages arrive when the vehicle is armed."""
         if self._flown is not None:
             self._flown.forget()
 
     def check(self) -> Iterable[Reaction]:
         """Continue manual flight, and react to a loss of the sticks."""
-        # A failsafe may have just entered another mode, in which the vehicle holds.
+        # A failsafe may have just changed the mode to one in which the vehicle holds.
         flown = self._flies and not self.state.pilot.modes.by_itself
         return () if self._flown is None else self._flown.check(flown=flown)
 
@@ -135,7 +135,7 @@ class SticksExtra(VehicleExtra):
         return Sticks(-back, right, up, turn)
 
     def _rc_channels(self, source: WireState) -> Message:
-        """RC_CHANNELS: the ground station's overrides, or channels of ArduPilot's simulated receiver."""
+        """Return RC_CHANNELS: the ground station's overrides, or ArduPilot's simulated receiver."""
         rules, heard = self._rules, self.sticks
         if rules is None or not rules.overrides:
             return m.MAVLink_rc_channels_message(source.boot_ms, 0, *([UNUSED] * 18 + [255]))

@@ -1,4 +1,4 @@
-"""Manual flight by the sticks of a ground station, and failsafe on their loss."""
+"""Manual flight by the sticks of a ground station, and the failsafe on a loss of the sticks."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
 __all__ = ["StickPilot", "StickTilt", "StickWing"]
 
-# After a longer gap, manual flight restarts from the present motion.
+# After a gap longer than this, manual flight restarts from the present motion.
 _LONGEST_STEP_S = 0.5
-# Largest simulated lean, which excludes flips.
+# Largest simulated lean; a vehicle therefore cannot flip.
 _MOST_LEAN_RAD = math.radians(70.0)
 
 
 class StickTilt:
-    """Velocity orders from sticks that lean the vehicle."""
+    """Turns the positions of sticks that lean the vehicle into velocity orders."""
 
     def __init__(self, controls: Controls, rules: TiltSticks) -> None:
         self._controls = controls
@@ -42,7 +42,7 @@ class StickTilt:
         self._flown_s = -math.inf
 
     def forget(self) -> None:
-        """Record that the vehicle flies something else."""
+        """Restart from the present motion at the next call."""
         self._flown_s = -math.inf
 
     def fly(self, sticks: Sticks, climb_m_s: float | None, heading: Heading, *, by_rate: bool) -> None:
@@ -133,17 +133,17 @@ def _fall(speed: float, air_speed: float, acceleration: float, drag_1_s: float, 
     return final + (speed - final) * math.exp(-drag_1_s * step_s)
 
 
-# Length of a straight path, and the distance on it after which a new path is ordered.
+# Length of a straight path, and the distance flown on it after which a new path is ordered.
 _AHEAD_M, _AGAIN_M = 2000.0, 1000.0
 # Bank below which a straight path is flown; minimum height of a path; maximum circle radius; resolution of
-# stick positions, within which an order is not repeated.
+# stick positions (a smaller change gives no new order).
 _LEAST_BANK_RAD = math.radians(1.5)
 _LOWEST_M, _WIDEST_M = 5.0, 1000.0
 _STEP = 0.02
 
 
 class StickWing:
-    """Circle and straight-line orders from sticks."""
+    """Turns stick positions into orders to fly circles and straight paths."""
 
     def __init__(self, controls: Controls) -> None:
         self._controls = controls
@@ -152,7 +152,7 @@ class StickWing:
         self._from_m = (0.0, 0.0)
 
     def forget(self) -> None:
-        """Record that the vehicle flies something else."""
+        """Forget the last order, so that the next call gives an order again."""
         self._flown = None
 
     def fly(self, limits: WingSticks, bank: float, pitch: float) -> None:
@@ -223,8 +223,8 @@ class StickPilot:
     def take(self, sticks: Sticks, *, flown: bool = True, by_rate: bool = False) -> Mode | None:
         """Fly by the sticks; centred sticks stop the vehicle.
 
-        `flown`: whether the sticks move the vehicle in the custom mode. `by_rate`: whether they command
-        rates. If the sticks return while the vehicle holds after their loss, return the mode to resume.
+        `flown` says whether the sticks move the vehicle in the custom mode, and `by_rate` whether the sticks
+        command rates. If the vehicle holds after a loss of the sticks, return the mode to resume.
         """
         self._heard_s = self._controls.now_s
         self._shown = sticks
@@ -241,7 +241,7 @@ class StickPilot:
         return None
 
     def forget(self) -> None:
-        """Reset on arming: sticks that are silent at that time do not count as lost."""
+        """Reset on arming: sticks that are silent at the time of arming do not count as lost."""
         if self._silence_s > self._rules.loss.timeout.of(self._parameters):
             self._sticks, self.lost = None, False
         self._later = self._left = None
@@ -275,7 +275,7 @@ class StickPilot:
         return "No manual control input" if self.lacks(mode) else None
 
     def check(self, *, flown: bool) -> Iterator[Reaction]:
-        """Continue manual flight, and yield reactions to a loss of the sticks; `flown` as in `take`."""
+        """Continue manual flight, and yield reactions to a loss of the sticks (`flown`: see `take`)."""
         if self._sticks is None:
             receiver, controls = self._rules.receiver, self._controls
             holds = controls.state.phase is FlightPhase.HOLD and controls.landed is LandedState.IN_AIR
@@ -294,7 +294,7 @@ class StickPilot:
                 self._wing.forget()
             if self._tilt is not None and not self._leans:
                 self._tilt.forget()
-            # A rover or wing needs new orders even if the sticks do not move.
+            # A rover or a fixed-wing vehicle needs new orders even if the sticks do not move.
             steers_on = self._moves and (self._rules.drives or self._wing is not None)
             if self._flies and (self._leans or steers_on):
                 with suppress(RefusedError):
@@ -316,14 +316,14 @@ class StickPilot:
 
     @property
     def _action(self) -> Action:
-        """Action on the loss of the sticks in the present mode."""
+        """Action that a loss of the sticks has in the present mode."""
         loss = self._rules.loss
         action = loss.actions.get(int(loss.action.of(self._parameters)), Action.NONE)
         return max(action, loss.in_stick_modes, key=_severity) if self._flies else action
 
     @property
     def _limit_s(self) -> float:
-        """Silence after which the sticks count as lost or released."""
+        """Time without stick messages (s) after which the sticks count as lost or released."""
         loss = self._rules.loss
         if loss.release is None or self._action is not Action.NONE:
             return loss.timeout.of(self._parameters)

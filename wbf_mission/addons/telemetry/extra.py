@@ -31,7 +31,7 @@ _CENTIDEGREES = 2500
 # Longest interval over which roll and pitch rates are averaged.
 _LONGEST_MEAN_S = 1.5
 _UNKNOWN_COVARIANCE = [math.nan] * 21
-# Type mask for a position alone, with ArduPilot's unused bits set.
+# Type mask for a position alone, with the unused bits that ArduPilot sets.
 _ONLY_GLOBAL_POSITION = 0xFDF8
 _BOARD_MV, _FREE_BYTES = 5000, 131_072
 # TERRAIN_SPACING, and the number of 4 x 4 blocks in a grid block.
@@ -59,12 +59,12 @@ class TelemetryExtra(VehicleExtra):
         }
 
     def _ping(self, source: WireState) -> Message:
-        """PING with the vehicle's own sequence number, from 0."""
+        """Return a PING with the vehicle's sequence number, which starts at 0."""
         self._pings += 1
         return m.MAVLink_ping_message(source.unix_us, self._pings - 1, 0, 0)
 
     def _readings(self, source: WireState, *further: int) -> list[int]:
-        """Return accelerometer (1e-3 g), gyroscope (mrad/s) and compass (mgauss) as forward, right, down."""
+        """Return accelerometer (1e-3 g), gyroscope (mrad/s), compass (mgauss): each forward, right, down."""
         return [
             *int16_vector(source.force_m_s2, 1000.0, GRAVITY_M_S2),
             *int16_vector(self._body_rates(), 1000.0),
@@ -150,7 +150,7 @@ def _highres_imu(source: WireState) -> Message:
 
 
 def _state_for_gimbals(source: WireState) -> Message:
-    """AUTOPILOT_STATE_FOR_GIMBAL_DEVICE, which in PX4 never reports TAKEOFF or LANDING."""
+    """Return AUTOPILOT_STATE_FOR_GIMBAL_DEVICE; as in PX4, it never reports TAKEOFF or LANDING."""
     on_ground = source.pilot.landed is LandedState.ON_GROUND
     return m.MAVLink_autopilot_state_for_gimbal_device_message(
         *(0, 0, source.boot_ms * 1000),
@@ -226,13 +226,13 @@ def _servo_output_raw(source: WireState) -> Message:
 
 
 def _ahrs2(source: WireState) -> Message:
-    """AHRS2, the second estimator, with the unfiltered GPS position."""
+    """Return AHRS2: the second estimator reports the unfiltered GPS position."""
     latitude, longitude, altitude_mm = source.e7_of(source.sensed.gps_m)
     return m.MAVLink_ahrs2_message(*source.angles_rad, altitude_mm / 1000.0, latitude, longitude)
 
 
 def _terrain_report(source: WireState) -> Message:
-    """TERRAIN_REPORT for flat terrain at the altitude of home."""
+    """Return a TERRAIN_REPORT for flat terrain at the altitude of home."""
     height_m = source.sensed.believed_m[2]
     return m.MAVLink_terrain_report_message(
         *source.position_e7[:2], _SPACING_M, source.home.altitude_m, height_m, 0, _LOADED

@@ -57,14 +57,15 @@ class _Costs:
     treat_cost: Annotated[
         _Texts,
         _cost(
-            f"Cost of treating a hectare, in any currency: {_HOW}.  [default: relative to --loss, as the"
-            " field's costs of errors]"
+            f"Cost of treating a hectare, in any currency: {_HOW}.  [default: from --loss, by the ratio of "
+            f"the field's error costs]"
         ),
     ] = None
     loss: Annotated[
         _Texts,
         _cost(
-            f"Loss on an untreated hectare that needs treatment: {_HOW}.  [default: relative to --treat-cost]"
+            f"Loss on an untreated hectare that needs treatment: {_HOW}.  [default: from --treat-cost, by "
+            f"the same ratio]"
         ),
     ] = None
     look_cost: Annotated[
@@ -130,8 +131,9 @@ def map_command(
     observations: Annotated[
         Path | None,
         option(
-            "Camera readings: a CSV file with a column for each field, and time, name, image, or latitude and"
-            " longitude; or observations of 'fly'.  [default: those in the .tlog or the results]",
+            "Camera readings: a CSV file with a column for each field, and a column time, name or image, or "
+            "columns latitude and longitude; or the observations of 'fly'. [default: the readings in the "
+            ".tlog or results]",
             panel="What was flown",
         ),
     ] = None,
@@ -205,14 +207,12 @@ def _treatment(
     fixed = sorted(set(given.changes) - {*_OF_NEXT, "camera_footprint", "seed"})
     if observations is not None or given.file is not None or fixed:
         what = "--observations" if observations else "--scenario" if given.file else options.flag_of(fixed[0])
-        raise ScenarioError(
-            f"{what} has no effect on the results of a run, which have their own: leave it out"
-        )
+        raise ScenarioError(f"{what} has no effect, as the results of a run contain it: leave out {what}")
     progress("reading", 0, 1)
     result = load_result(log)
     progress("reading", 1, 1)
     flown = result.scenario
-    # The next flight is planned by a policy, even if the logged flight was a mission file.
+    # A policy plans the next flight, even if the logged flight flew a mission file.
     planned = given.change(replace(flown, mission=replace(flown.mission, file=None)))
     return treatment_of_result(result, source=f"the results in {log.name}", **wanted), planned
 
@@ -224,7 +224,7 @@ def _check_next(
         idle = [key for key in _OF_NEXT if key in given.changes]
         if idle:
             flag = options.flag_of(idle[0])
-            raise ScenarioError(f"{flag} has an effect only with --next: give that, too, or leave it out")
+            raise ScenarioError(f"{flag} has an effect only with --next: add --next, or leave out {flag}")
         return
     from mission.files import writer_for
 
@@ -234,9 +234,9 @@ def _check_next(
 
 @contextlib.contextmanager
 def _folder(out: Path, inputs: list[Path | None], *, overwrite: bool) -> Iterator[Any]:
-    """Open the folder of the map.
+    """Open the folder for the map.
 
-    TargetError if the folder holds an input, or holds other files and `overwrite` is false.
+    Raises TargetError if the folder holds an input, or holds other files and `overwrite` is false.
     """
     from geo.atomic import AtomicFolder, FolderError
     from wbf_mission.addons.treatment.map_files import SUMMARY, is_part
@@ -245,12 +245,12 @@ def _folder(out: Path, inputs: list[Path | None], *, overwrite: bool) -> Iterato
         raise TargetError(f"{out}: is a file, not a folder for the map; give another name")
     for path in filter(None, inputs):
         if path.exists() and out.resolve() in (path.resolve(), path.resolve().parent):
-            raise TargetError(f"{out}: holds {path}, which is read; give another folder")
+            raise TargetError(f"{out}: holds the input {path}; give another folder")
     try:
         folder = AtomicFolder(out, SUMMARY, is_part)
         if not overwrite and out.is_dir() and {path.name for path in out.iterdir()} - folder.hidden_names:
             what = "a map" if (out / SUMMARY).is_file() else "other files"
-            raise TargetError(f"{out}: holds {what} already; give another folder, or --overwrite")
+            raise TargetError(f"{out}: holds {what} already; give another folder, or add --overwrite")
         with folder:
             yield folder
     except FolderError as error:
@@ -272,8 +272,8 @@ def _rows(of: TreatmentMap, flight: NextFlight | None, out: Path, plan: Path | N
         prediction = flight.plan.prediction
         rows["next flight"] = (
             f"{plan}: {flight.policy}, {flight.plan.budget_text}, {duration(prediction.duration_s)}; looks at"
-            f" {area_in_words(flight.looked_at_ha)} of crops and is expected to save {flight.gain:.3g} of the"
-            f" {flight.gain_of_all:.3g} that knowing everything would (in the unit of the costs)"
+            f" {area_in_words(flight.looked_at_ha)} of crops; expected saving {flight.gain:.3g}, with perfect"
+            f" information {flight.gain_of_all:.3g} (in the unit of the costs)"
         )
     rows["files"] = str(out)
     return rows

@@ -1,6 +1,6 @@
 """Page for the farmer in one HTML file: areas to treat and areas to look at again, with maps and costs.
 
-The page loads nothing, so that it can be sent by mail and opened offline. It fits A4 paper.
+The page loads no other files, so that it can be sent by mail and opened offline. It fits A4 paper.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def write_page(path: Path, of: TreatmentMap) -> None:
     source = f" Made from {escape(of.source)}." if of.source else ""
     notes = "".join(f" {escape(note)}." for note in of.notes)
     made = f"day {of.day}, estimated by {of.estimator} from {len(of.observations):,} readings"
-    doubt = " It gives no uncertainty, so nothing is marked to be looked at again."
+    doubt = " This estimator gives no uncertainty, so no area is marked to be looked at again."
     about = f"{escape(made)}.{source}{notes}{'' if of.states_deviation else doubt}"
     map_mm = _WIDE_MM if len(of.zone_maps) < _NARROW_FROM else _NARROW_MM
     zones = "".join(f".zone{zone} {{ fill: {colour}; }}\n" for zone, colour in _COLOURS.items())
@@ -81,7 +81,7 @@ def write_page(path: Path, of: TreatmentMap) -> None:
 
 def _section(treatment: TreatmentMap, of: ZoneMap, sentence: str) -> str:
     zones = [zone for zone in treatment.zones if zone.field == of.field.name]
-    # First the zones with the largest area that needs treatment, then the zones where a look saves most.
+    # List first the zones with the most area to treat, then the zones where another look saves most.
     worst = sorted((z for z in zones if z.zone == TREAT), key=lambda z: -z.need * z.area_ha)
     look = sorted((z for z in zones if z.zone == LOOK), key=lambda z: -z.gain)
     listed = [*worst[:_LISTED], *look[:_LISTED]]
@@ -117,7 +117,7 @@ def _main(of: ZoneMap, zones: Sequence[Zone]) -> str:
     at = f"at {rate:g} {escape(unit)}"
     if unit.endswith("/ha"):
         at = f"{_number(rate * sprayed)} {escape(unit.removesuffix('/ha'))} {at}"
-    elif unit == "mm":  # 10 m³ a hectare
+    elif unit == "mm":  # 1 mm is 10 m³ a hectare
         at = f"{_number(rate * sprayed * 10.0)} m³ {at}"
     return f"{verb} {area_in_words(sprayed)}: {at}."
 
@@ -141,19 +141,19 @@ def _table(of: ZoneMap, listed: Sequence[Zone]) -> str:
 
 def _costs(of: ZoneMap) -> str:
     costs, expected = of.costs, of.expected_costs
-    relative = " (relative, not money: give yours)" if costs == FieldCosts.of(of.field) else ""
+    relative = " (relative, not money: give your own costs)" if costs == FieldCosts.of(of.field) else ""
     below = f" (too low: below {costs.below:g})" if of.field.kind != "disease" else ""
     return (
-        f"Costs a hectare{relative}: treating {costs.treat:g}, land that needs it and is left"
-        f" {costs.loss:g}{below}, another look {costs.look:g}."
-        f" Expected in all: {_number(expected['zones'])} by this map,"
-        f" {_number(expected['leave'])} if nothing is done, {_number(expected['treat'])} if all is treated;"
-        f" {_number(expected['known'])} if everything were known. Blocks of {of.block_m:.1f} m."
+        f"Costs a hectare{relative}: treating {costs.treat:g}, untreated land that needs treatment "
+        f"{costs.loss:g}{below}, another look {costs.look:g}."
+        f" Expected total costs: {_number(expected['zones'])} by this map,"
+        f" {_number(expected['leave'])} without treatment, {_number(expected['treat'])} if all is treated,"
+        f" {_number(expected['known'])} with perfect information. Blocks of {of.block_m:.1f} m."
     )
 
 
 def _map(farm: Farm, of: ZoneMap, listed: Sequence[Zone]) -> str:
-    """Return the SVG map of the zones, with numbered marks on the listed ones."""
+    """Return the SVG map of the zones, with numbered marks on the listed zones."""
     drawing = FarmDrawing.of(farm)
     palette = np.zeros((4, 3), np.uint8)
     for zone, colour in _COLOURS.items():
@@ -162,12 +162,12 @@ def _map(farm: Farm, of: ZoneMap, listed: Sequence[Zone]) -> str:
         drawing.dot(*farm.frame.from_wgs84(zone.latitude_deg, zone.longitude_deg), str(number))
         for number, zone in enumerate(listed, start=1)
     )
-    shows = f"Map of {of.field.title}: what to treat and where to look again"
+    shows = f"Map of {of.field.title}: areas to treat and areas to look at again"
     return drawing.svg(of.field.name, shows, of.zone, of.block_m, palette, dots)
 
 
 def area_in_words(hectares: float) -> str:
-    """Return an area as text: in hectares, or in square metres below 0.1 ha."""
+    """Return an area as text: in hectares, or if it is below 0.1 ha in square metres."""
     if hectares >= 0.1:
         return f"{hectares:,.1f} ha" if hectares >= 10.0 else f"{hectares:.2f} ha"
     return f"{1e4 * hectares:,.0f} m²" if hectares >= 1e-3 else f"{1e4 * hectares:.2g} m²"

@@ -41,8 +41,8 @@ def treatment_of_log(
 
     The scenario gives the farm, fields, day, footprint, estimator and seed. Without a `log` (`read_track`)
     the readings need positions. `observations` is a table of readings (`read_readings`) or a file of
-    `Observations`; a .tlog of a leaf camera needs no `observations`. `costs` and `block_m`: see `zones`.
-    WbfMissionError if a file cannot be read, a value is out of range, or no reading is on the farm.
+    `Observations`; a .tlog of a leaf camera needs no `observations`. For `costs` and `block_m`, see `zones`.
+    Raises WbfMissionError if a file cannot be read, a value is out of range, or no reading is on the farm.
     """
     farm, fields = farm_of(scenario.farm)
     scenario = naming_estimator(scenario, farm, fields)
@@ -52,15 +52,15 @@ def treatment_of_log(
     progress("reading", 1, 1)
     sensed = seen.sensed
     notes += tuple(
-        f"{field.title} was not read anywhere: its map shows only what is assumed of it (leave it out of"
-        " --fields)"
+        f"{field.title} was not read anywhere: its map shows only assumptions of the estimator (leave it out "
+        f"of --fields)"
         for k, field in enumerate(fields)
         if not sensed[:, k].any()
     )
     estimator = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
     require_run_memory(farm, estimator, len(seen))
     first, day = int(seen.day.min()), int(seen.day.max())
-    # One BLAS thread, so that sums in user code do not depend on the number of cores.
+    # With one BLAS thread, sums in user code do not depend on the number of cores.
     with threadpool_limits(1, user_api="blas"), attribute_errors_to(estimator):
         estimator.fit(farm.grid())
         prepare_days(estimator, first, day - first + 1, progress)
@@ -87,12 +87,12 @@ def treatment_of_log(
 def treatment_of_result(
     result: RunRecord, *, costs: Costs | None = None, block_m: float | None = None, source: str = ""
 ) -> TreatmentMap:
-    """Return the treatment map of a run, from the run's estimate at the end of its last day.
+    """Return the treatment map of a run's estimate at the end of the last day.
 
-    WbfMissionError if costs cannot be read, or the run has no observations.
+    Raises WbfMissionError if costs cannot be read, or the run has no observations.
     """
     if result.model is None or not len(result.observations):
-        raise ObservationError("the run saw nothing of the farm: there is no estimate to map")
+        raise ObservationError("the run saw nothing of the farm, so there is no estimate to map")
     estimator = estimator_of(result.scenario.estimate.estimator, result.scenario.seed, result.fields)
     return TreatmentMap(
         result.farm,
@@ -121,7 +121,7 @@ def _observed(
             raise LogError("there is nothing to map: give --log, --observations or both")
         if track.kind != "telemetry log":
             raise LogError(
-                f"{log}: a {track.kind} says where the camera was, not what it saw; give --observations"
+                f"{log}: a {track.kind} has positions of the camera, but no readings; give --observations"
             )
         seen, lost = observations_in(log, farm, day, names)
         if not len(seen):

@@ -28,7 +28,7 @@ class MapError(WbfMissionError, ValueError):
 
 
 def gis(module: str) -> Any:
-    """Import a module of the extra ``gis``; MapError with installation advice if the module is missing."""
+    """Import a module of the extra ``gis``; raise MapError with installation advice if it is missing."""
     return load_extra(module, "gis", "treatment maps need", MapError)
 
 
@@ -40,7 +40,7 @@ def require_gis() -> None:
 
 @contextlib.contextmanager
 def gdal_errors(folder: Path) -> Iterator[None]:
-    """Replace errors of rasterio and pyogrio by a MapError of one line."""
+    """Raise errors of rasterio and pyogrio as a MapError of one line."""
     failures = gis("rasterio.errors").RasterioError, gis("pyogrio.errors").DataSourceError
     try:
         yield
@@ -67,7 +67,7 @@ class UtmCells:
     def of(cls, farm: Farm) -> UtmCells:
         """Fit the affine map by least squares to a grid of 9 x 9 points over the farm.
 
-        MapError if the error is larger than half a cell, or the latitude is beyond 84 degrees.
+        Raises MapError if the error is larger than half a cell, or the latitude is beyond 84 degrees.
         """
         width, height, cell_m = farm.width_cells, farm.height_cells, farm.cell_size_m
         latitude, longitude = farm.frame.to_wgs84(0.5 * width * cell_m, 0.5 * height * cell_m)
@@ -83,7 +83,7 @@ class UtmCells:
         east_north = np.column_stack(
             Transformer.from_crs("EPSG:4326", f"EPSG:{epsg}", always_xy=True).transform(*places[::-1])
         )
-        # The fit is relative to the mean: UTM coordinates of millions of metres would cost digits.
+        # Fit coordinates relative to the mean: values of millions of metres would lose digits.
         middle = east_north.mean(axis=0)
         terms = np.column_stack((column, row, np.ones(len(column))))
         fitted, *_ = np.linalg.lstsq(terms, east_north - middle, rcond=None)
@@ -99,5 +99,5 @@ class UtmCells:
 
 
 def raster(cells: NDArray[Any]) -> NDArray[Any]:
-    """Return a view of cells [W, H] as raster rows [H, W], the last row of cells first."""
+    """Return a view of cells [W, H] as raster rows [H, W]; the last row of cells comes first."""
     return cells.T[::-1]

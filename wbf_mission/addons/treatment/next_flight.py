@@ -26,12 +26,12 @@ from wbf_mission.scenario import Choice, Scenario
 
 _FAR = 1e6
 _WHOLE_FLIGHT = {"greedy": {"ahead": _FAR}, "orienteering": {"horizon": _FAR, "patience": _FAR}}
-"""Parameters that make policies plan for the whole budget, since each decides only once here."""
+"""Parameters that make policies plan for the whole budget, because each policy decides only once here."""
 
 
 @dataclass(frozen=True, slots=True)
 class NextFlight:
-    """Next flight, planned on a treatment map, with the saving expected from it."""
+    """Next flight, planned on a treatment map, with the saving expected from the flight."""
 
     plan: PlanResult
     vehicle: SingleVehicle
@@ -51,8 +51,8 @@ def plan_next(of: TreatmentMap, scenario: Scenario, *, progress: Progress = sile
 
     The default policy is `greedy`. If the policy has a parameter "acquisition", its default here is each
     cell's expected saving by perfect information; other policies use the estimate, as in flight. `greedy` and
-    `orienteering` plan for the whole budget, other policies only up to their next decision. WbfMissionError
-    if no path fits the budget, or the policy finds no flight that saves anything.
+    `orienteering` plan for the whole budget, other policies only up to their next decision. Raises
+    WbfMissionError if no path fits the budget, or the policy finds no flight that saves anything.
     """
     farm, fleet = of.farm, scenario.vehicle
     choice = scenario.mission.policy or Choice("greedy")
@@ -82,7 +82,7 @@ def plan_next(of: TreatmentMap, scenario: Scenario, *, progress: Progress = sile
         gain_of_all += float(np.nansum(zone_map.gain * zone_map.hectares))
         looked_at = max(looked_at, len(x) * farm.cell_size_m**2 / 1e4)
     if gain <= 0.0:
-        raise PlanningError(f"{label} finds no path on which a look would save anything within {budget}")
+        raise PlanningError(f"{label} finds no path within {budget} on which a new look would save anything")
     return NextFlight(plan, vehicle, str(choice), gain, gain_of_all, looked_at)
 
 
@@ -97,7 +97,7 @@ def _policy(of: TreatmentMap, choice: Choice) -> Policy:
 
 
 def _gain_of_cells(of: TreatmentMap) -> Acquisition:
-    """Return an acquisition function: each cell's expected saving per hectare by perfect information."""
+    """Return an acquisition function that gives each cell's expected saving by perfect information."""
 
     def acquisition(observation: PolicyObservation) -> ValueMap:
         grid = observation.farm.grid()

@@ -52,9 +52,9 @@ def is_cells(path: Path) -> bool:
 def read_readings(path: Path, fields: FieldSet) -> Readings:
     """Read a table with a key column and a column for each sensed field.
 
-    The key is the first entry of `_KEY_READERS` whose columns the table has. An empty entry means that the
-    field was not sensed. ObservationError if the file cannot be read, has no key or none of the fields, or
-    has an invalid value.
+    The key is the first entry of `_KEY_READERS` whose columns the table has. An empty cell of the table means
+    that the field was not sensed. Raises ObservationError if the file cannot be read, has no key or none of
+    the fields, or has an invalid value.
     """
     header, lines = _header(path)
     key = next((names for names in _KEY_READERS if set(names) <= set(header)), None)
@@ -65,7 +65,9 @@ def read_readings(path: Path, fields: FieldSet) -> Readings:
         raise ObservationError(f"{path}: no column gives the place of a reading; give {wanted}")
     columns = [header.index(name) if name in header else None for name in fields.names]
     if not any(column is not None for column in columns):
-        raise ObservationError(f"{path}: no column is a field; give one or more of {', '.join(fields.names)}")
+        raise ObservationError(
+            f"{path}: no column is named after a field; give one or more of {', '.join(fields.names)}"
+        )
     places = [header.index(name) for name in key]
     found = Readings(key)
     try:
@@ -87,7 +89,7 @@ def read_readings(path: Path, fields: FieldSet) -> Readings:
                 ]
             )
     except csv.Error as error:
-        raise ObservationError(f"{path}: line {lines.line_num}: is no line of a CSV file ({error})") from None
+        raise ObservationError(f"{path}: line {lines.line_num}: is not a CSV line ({error})") from None
     if not found.keys:
         raise ObservationError(f"{path}: holds no readings below its header")
     return found
@@ -101,7 +103,7 @@ def _header(path: Path) -> tuple[list[str], Any]:
     except UnreadableError as error:
         raise ObservationError(f"{path}: cannot be read: {error}") from None
     except csv.Error as error:
-        raise ObservationError(f"{path}: is no CSV file ({error})") from None
+        raise ObservationError(f"{path}: is not a CSV file ({error})") from None
 
 
 def _named(header: list[str]) -> list[str]:
@@ -128,7 +130,7 @@ def _value(where: str, field: Field, text: str) -> float:
         value = parse_number(text)
     except ValueError as error:
         raise ObservationError(
-            f"{where}: {field.name}: {error}; leave it empty where nothing was read"
+            f"{where}: {field.name}: {error}; leave the cell empty where nothing was read"
         ) from None
     low, high = field.range
     if not low <= value <= high:
@@ -139,7 +141,7 @@ def _value(where: str, field: Field, text: str) -> float:
 def _position(texts: list[str]) -> tuple[float, float]:
     latitude, longitude = map(parse_number, texts)
     if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
-        raise ValueError(f"{', '.join(texts)} is no position in degrees")
+        raise ValueError(f"{', '.join(texts)} is not a position in degrees")
     return latitude, longitude
 
 
@@ -150,14 +152,14 @@ def _name(texts: list[str]) -> str:
 
 
 def _time(texts: list[str]) -> float:
-    """Return a time as seconds on the log's clock or since 1970; a time without a zone is UTC."""
+    """Return a time in seconds since boot or since 1970; a time without a time zone is UTC."""
     try:
         value = parse_number(texts[0])
     except ValueError:
         try:
             time = datetime.fromisoformat(texts[0])
         except ValueError:
-            text = f"{texts[0][:40]!r} is no time; give seconds, or such as 2026-05-01T09:30:00Z"
+            text = f"{texts[0][:40]!r} is not a time; give seconds, or a time such as 2026-05-01T09:30:00Z"
             raise ValueError(text) from None
         return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
     if not math.isfinite(value):
@@ -171,7 +173,7 @@ _KEY_READERS: dict[tuple[str, ...], Callable[[list[str]], object]] = {
     ("image",): lambda texts: parse_whole(texts[0]),
     ("time",): _time,
 }
-"""Columns that locate a row, the most reliable first, and how to read them."""
+"""Columns that locate a row, and their reader; the most reliable columns come first."""
 
 
 def join(
@@ -181,8 +183,8 @@ def join(
 
     A reading counts for all cells of the camera's footprint, a square with a side of `footprint` cells.
     Observations are in the order of their times; if a time is unknown, they keep the order of the table.
-    ObservationError if the key needs a log, or all readings were discarded. LogError if the log lacks the
-    clock of the times.
+    Raises ObservationError if the key needs a log, or all readings were discarded; LogError if the log lacks
+    the clock of the times.
     """
     latitude, longitude, time_s = _places(readings, track)
     found = np.isfinite(latitude)
@@ -224,13 +226,13 @@ def _places(readings: Readings, track: LogTrack | None) -> tuple[Floats, Floats,
         return latitude, longitude, np.arange(count, dtype=np.float64)
     if track is None:
         key = readings.key[0]
-        raise ObservationError(f"the readings are by {key}: give the log, too (--log), or give positions")
+        raise ObservationError(f"the readings are located by {key}: add the log (--log), or give positions")
     if readings.key == ("time",):
         time_s = np.array(readings.keys, np.float64)
         return *track.at(time_s), time_s
     images, by_name = track.images, readings.key == ("name",)
     if by_name and not images.names:
-        raise ObservationError(f"the {track.kind} knows no names of pictures; give image or time")
+        raise ObservationError(f"the {track.kind} has no names of pictures; give image or time")
     keys = [name.lower() for name in images.names] if by_name else images.index.tolist()
     number = {key: k for k, key in enumerate(keys)}
     rows = np.array([number.get(key, -1) for key in readings.keys])

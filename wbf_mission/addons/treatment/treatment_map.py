@@ -42,14 +42,12 @@ class TreatmentMap:
 
     @cached_property
     def zone_maps(self) -> tuple[ZoneMap, ...]:
-        """Zone map of each field whose crops grow on the owner's land; MapError if there is no such field."""
+        """Zone map of each field whose crops grow on the owner's land; raises MapError if none does."""
         maps = self._maps(grid=block_grid(self.farm, self.block_m))
         found = tuple(zone_map(of, self.costs[of.field.name]) for of in maps if of.cells.any())
         if not found:
             crops = ", ".join(sorted({crop for field in self.fields for crop in field.crops}))
-            raise MapError(
-                f"farm {self.farm.name!r}: its owner grows nothing of {crops}; give other --fields"
-            )
+            raise MapError(f"farm {self.farm.name!r}: its owner grows no {crops}; give other --fields")
         return found
 
     @cached_property

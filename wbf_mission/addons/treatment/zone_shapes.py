@@ -34,7 +34,7 @@ class Zone:
 
 
 def zones_of(farm: Farm, of: ZoneMap) -> tuple[Zone, ...]:
-    """Return the zones of a field in the order treat, look again, healthy, each from largest to smallest."""
+    """Return a field's zones: first to treat, then to look at again, then healthy; largest first."""
     found = [area for zone in (TREAT, LOOK, HEALTHY) for area in _zones(farm, of, zone)]
     return tuple(sorted(found, key=lambda area: (-area.zone, -area.area_ha)))
 
@@ -83,7 +83,7 @@ def _zones(farm: Farm, of: ZoneMap, zone: int) -> list[Zone]:
 
 
 def _outlines(labels: NDArray[Any], block_m: float) -> tuple[NDArray[np.object_], NDArray[np.int64]]:
-    """Return the outline of each labelled group of blocks (m, farm's frame), and its label."""
+    """Return the outline of each labelled group of blocks (m, farm's frame), and the group's label."""
     features, rasterio = gis("rasterio.features"), gis("rasterio")
     scale = rasterio.Affine(block_m, 0.0, 0.0, 0.0, block_m, 0.0)
     rows = np.ascontiguousarray(labels.T)

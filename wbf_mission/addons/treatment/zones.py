@@ -42,7 +42,7 @@ _WORDS = {
     "continuous": ("", "enough", "look again", "too low"),
 }
 LOOK_SHARE = 0.1
-"""Default cost of a look as a fraction of the treatment cost: assumed, as drones cost less than sprayers."""
+"""Default cost of a look as a fraction of the treatment cost; assumes that drones are the cheaper tool."""
 DRY_BELOW = 0.4
 """Default threshold of a continuous field, as a fraction of the field's range: an assumption."""
 BLOCK_M = 4.0  # Default side of a block
@@ -77,16 +77,16 @@ class FieldCosts:
 
 
 def is_water(field: Field) -> bool:
-    """Return whether a field is treated by irrigation: only "soil", as other fields may have its dynamics."""
+    """Return whether irrigation treats a field: only "soil", even if other fields have soil dynamics."""
     return field.name == "soil" and isinstance(field.dynamics, SoilParameters)
 
 
 def costs_of(field_set: FieldSet, given: Mapping[str, Iterable[str]]) -> dict[str, FieldCosts]:
     """Return the costs of each field from texts of the form ``[FIELD=]NUMBER[UNIT]``.
 
-    The keys of `given` are attributes of `FieldCosts`. If only treat or only loss is given, the other keeps
-    the default ratio to it. The default of look is `LOOK_SHARE` of treat. MapError if an entry cannot be
-    read, is not positive, or names no field.
+    The keys of `given` are attributes of `FieldCosts`. If only treat or only loss is given, the other cost
+    follows by the default ratio. The default of look is `LOOK_SHARE` of treat. Raises MapError if an entry
+    cannot be read, is not positive, or names no field.
 
     Examples
     --------
@@ -112,7 +112,7 @@ def costs_of(field_set: FieldSet, given: Mapping[str, Iterable[str]]) -> dict[st
                 before, changed = found[of], replace(found[of], **values)
                 low, high = field_set[of].range
                 if not low <= changed.below <= high:
-                    raise MapError(f"{option}: {of} lies in {low:g}..{high:g}; give a number of these")
+                    raise MapError(f"{option}: {of} lies in {low:g}..{high:g}; give a number in this range")
                 if key == "treat":
                     changed = replace(changed, loss=changed.treat * before.loss / before.treat)
                     priced.add(of)
@@ -168,7 +168,7 @@ class ZoneMap:
     costs: FieldCosts
     zone: NDArray[np.uint8]
     need: Floats  # Fraction of the block that is expected to need treatment
-    spread: Floats  # Standard deviation of that fraction
+    spread: Floats  # Standard deviation of this fraction
     gain: Floats  # Expected saving per hectare by perfect information
     hectares: Floats  # Area of the crop
 

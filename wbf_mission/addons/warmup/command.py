@@ -19,8 +19,8 @@ Example
 wbf-mission warm-up
 """
 
-# Flights that run all compiled functions except those of the vehicles' motion. Each policy has its own route
-# search, and `gp` has extra functions for farms that need tiles.
+# Flights that run all compiled functions except the functions of vehicle motion. Each policy has its own
+# route search, and `gp` has extra functions for farms that need tiles.
 _FLIGHTS: dict[str, dict[str, str]] = {
     "estimator adaptive-disk": {"planner": "spiral", "vehicle": "ideal", "estimator": "adaptive-disk"},
     "estimator gp": {
@@ -35,7 +35,7 @@ _FLIGHTS: dict[str, dict[str, str]] = {
     "policy orienteering": {"policy": "orienteering", "vehicle": "ideal"},
 }
 GROUP = "wbf_mission.warm_ups"
-"""Group of entry points: functions that compile add-ons, and announce each step to their callback."""
+"""Group of entry points for functions that compile an add-on and announce each step to a callback."""
 
 
 @options.speaks()
@@ -57,7 +57,7 @@ def warm_up_command(output: Output) -> None:
     for entry in entry_points(GROUP):
         try:
             load_entry(entry, f"the warm-up {entry.name}", TargetError)(begin)
-        except WbfMissionError as error:  # such as a missing extra
+        except WbfMissionError as error:  # such as an extra that is not installed
             output.note(str(error))
     ends = [*(since_s for _, since_s in begun[1:]), time.perf_counter()]
     seconds = {what: end_s - since_s for (what, since_s), end_s in zip(begun, ends, strict=True)}

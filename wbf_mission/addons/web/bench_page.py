@@ -1,4 +1,4 @@
-"""Report of a benchmark as one HTML file: a table to sort and filter, whose rows open to scores by seed.
+"""Report of a benchmark as one HTML file: a table to sort and filter; a row opens to show scores by seed.
 
 Without scripts the page shows the same tables, unsorted.
 """
@@ -78,7 +78,7 @@ def _body(page: Page, folder: Path, whole: Table) -> Iterator[str]:
 
 
 def _table(table: Table, label: str, *, name: str = "") -> Iterator[str]:
-    """Yield a scrollable table. The first `table.texts` columns hold names; in a two-column table both do."""
+    """Yield a scrollable table with names in its first `table.texts` columns, or in both columns of two."""
     names = len(table.header) if len(table.header) == _OF_TEXTS else table.texts
 
     def cells(row: Sequence[str], tag: str) -> str:
@@ -99,10 +99,10 @@ def _table(table: Table, label: str, *, name: str = "") -> Iterator[str]:
 
 
 def _name(text: str) -> str:
-    """Return a text as HTML that marks where a line may break."""
+    """Return a text as HTML, with marks where a line may break."""
     return "<wbr>".join(map(escape, _PIECE.findall(text)))
 
 
 def _numbers(text: str) -> str:
-    """Return numbers with intervals on one line; an interval in brackets may be on the next."""
+    """Return numbers with intervals on one line; an interval in brackets may be on the next line."""
     return escape(text).replace(" to ", " to&nbsp;" if "(" in text else "&nbsp;to&nbsp;")

@@ -1,4 +1,4 @@
-"""Compiled means over blocks of a farm's cells: millions of cells in few pixels."""
+"""Compiled means over blocks of a farm's cells, which show millions of cells in few pixels."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def block_means(
 ) -> None:
     """Compute block means of `value`, float32[W, H], over finite, owned cells with a wanted crop.
 
-    Pixel (i, j) of `means`, float32[pixels along x, y], is the mean of block (x0 + i, y0 + j), which has
-    `cells` cells along a side; NaN if the block has no such cell. The numbers in `crop` index `wanted`.
+    Pixel (i, j) of `means`, float32[pixels along x, y], is the mean of block (x0 + i, y0 + j), or NaN if the
+    block has no such cell. A block has `cells` cells along a side. The numbers in `crop` index `wanted`.
     """
     width, height = value.shape
     sums, counts = np.zeros(means.shape[1], np.float64), np.zeros(means.shape[1], np.int64)

@@ -1,4 +1,4 @@
-"""HTTP connections with deadlines: incomplete requests would block other clients."""
+"""HTTP connections with deadlines; without deadlines, incomplete requests would block other clients."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class HurriedProtocol(H11Protocol):
     uvicorn itself closes connections that are idle after an answer.
     """
 
-    missing: type | None = None  # h11's state, if the client has to send more
+    missing: type | None = None  # State of h11, if the client has to send more
     since_s = 0.0
     _deadline: asyncio.TimerHandle | None = None
 

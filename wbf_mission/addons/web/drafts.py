@@ -39,12 +39,12 @@ from wbf_mission.scenario.scenario import all_options
 
 MAX_BODY_BYTES = MAX_FILE_BYTES
 _KEPT = 8
-"""Number of cached plans and farms: after an undo, the earlier draft's plan is there at once."""
+"""Number of cached plans and farms, so that after an undo the earlier draft's plan is there at once."""
 _DRAWN = "farm.geojson"
 """Internal file name of a drawn farm."""
 _LONGEST_NAME = 60
 _FIXED = ("farm", "farm_crs", "crop", "repair", "mission", "terrain", "days", "flights_per_day")
-"""Options that drafts do not have: the farm is drawn, and a page must not name files."""
+"""Options that drafts lack, because the farm is drawn and a page must not name files."""
 
 
 class DraftError(WbfMissionError, ValueError):
@@ -77,7 +77,7 @@ class Draft:
 class PlannedMission:
     """Checked plan of one vehicle in one sortie."""
 
-    name: str  # Distinguishes several missions; empty for a single one
+    name: str  # Distinguishes several missions; empty for a single mission
     system_id: int
     plan: PlanResult
     report: Report
@@ -109,7 +109,7 @@ class PlannedDraft:
     check_s: float  # Computing time of the preflight check
 
     def mission(self, number: int) -> PlannedMission:
-        """Return a mission by its number from 0; DraftError if there is none."""
+        """Return a mission by its number from 0; raise DraftError if there is none."""
         if not 0 <= number < len(self.missions):
             raise DraftError(f"mission {number}: there are {len(self.missions)}, counted from 0")
         return self.missions[number]
@@ -130,17 +130,15 @@ class PlannedDraft:
         """Reason why the simulator cannot fly the draft; empty if it can."""
         mission = self.draft.scenario.mission
         if self.surveys and mission.policy is not None:
-            return (
-                f"the policy {mission.policy} decides by the leaf camera: fly a planner with a survey camera"
-            )
+            return f"policy {mission.policy} decides by the leaf camera: choose a planner for a survey camera"
         if self.surveys and len(self.vehicles) > 1:
-            return "with a survey camera the simulator flies one vehicle: plan for one, or save the files"
+            return "the simulator flies a survey camera on one vehicle only: plan one vehicle, or save files"
         return ""
 
     def flown(self, folder: Path) -> Scenario:
-        """Return the scenario that flies the plan; DraftError if the simulator cannot fly it.
+        """Return the scenario that flies the plan; raise DraftError if the simulator cannot fly it.
 
-        A number of batteries and a survey camera affect only the planned mission, not how it is flown.
+        A number of batteries and a survey camera only affect the planned mission, not its flight.
         """
         scenario = self.draft.scenario
         if self.not_flown:
@@ -154,12 +152,12 @@ class PlannedDraft:
         return scenario_with(replace(without_budget(scenario), camera=leaf), {"mission": str(path)})
 
     def file(self, number: int, suffix: str, folder: Path) -> tuple[str, bytes]:
-        """Return name and content of a mission's file; WbfMissionError if the format cannot hold it."""
+        """Return name and content of a mission's file; raise WbfMissionError if the format cannot hold it."""
         mission = self.mission(number)
         plan, planner = mission.plan, str(mission.plan.planner).partition(":")[0]
         name = file_stem(f"{plan.farm.name} {planner} {mission.name}"[:80].lower(), "mission") + suffix
         if suffix not in written_suffixes():
-            raise DraftError(f"format {suffix!r:.40} is not known: choose one of those of the studio")
+            raise DraftError(f"format {suffix!r:.40} is not known: choose one of the studio's formats")
         with tempfile.TemporaryDirectory(dir=folder) as own:
             path = Path(own) / name
             write_mission(fitted(plan.mission, path), path, firmware=Firmware(plan.mav_autopilot))
@@ -186,14 +184,14 @@ class Drafts:
         self._own.cleanup()
 
     def farm_of_file(self, content: bytes, name: str, **how: Any) -> Farm:
-        """Return the farm in a file's content; FarmError with the faulty feature.
+        """Return the farm in a file's content; raise FarmError that names the faulty feature.
 
         An empty `name` means a drawn farm. `how` are options of `geo.load_farm`.
         """
         drawn, name = not name, name or _DRAWN
         suffix = Path(name).suffix.lower()
         if suffix not in farm_suffixes():
-            raise FarmError(f"{name!r:.80} is no farm file: give one of {', '.join(farm_suffixes())}")
+            raise FarmError(f"{name!r:.80} is not a farm file: give one of {', '.join(farm_suffixes())}")
         stem = file_stem(Path(name).stem[:60], "farm", r"\w .-")
         with tempfile.TemporaryDirectory(dir=self.folder) as own:
             path = Path(own) / f"{stem}{suffix}"
@@ -201,11 +199,11 @@ class Drafts:
             return self._loaded(path, drawn=drawn, **how)
 
     def farm_named(self, name: str) -> Farm:
-        """Return a built-in farm or the farm of `start`; WbfMissionError for any other name."""
+        """Return a built-in farm or the farm of `start`; raise WbfMissionError for any other name."""
         return self.draft(msgspec.json.encode({"farm": name})).farm
 
     def draft(self, body: bytes) -> Draft:
-        """Read a draft; WbfMissionError in one line if a part of it is invalid."""
+        """Read a draft; raise a WbfMissionError of one line if a part of it is invalid."""
         try:
             given = msgspec.json.decode(body, type=_Body)
             farm: Any = msgspec.json.decode(given.farm)
@@ -236,7 +234,7 @@ class Drafts:
         self._planning.stop()
 
     def _plan(self, draft: Draft) -> PlannedDraft:
-        """Plan and check a draft; SupersededError, or an error of `planned`."""
+        """Plan and check a draft; raise SupersededError, or an error of `planned`."""
         return self._planning.do(draft.key, partial(planned, draft))
 
     def _load_farm(self, name: str, crop: str | None, crs: str | None, repair: bool) -> Farm:
@@ -261,7 +259,7 @@ class Drafts:
     def _option(self, key: str, given: Any) -> Any:
         known = draft_options().get(key)
         if known is None:
-            raise DraftError(f"{key!r:.60} is no option of a draft")
+            raise DraftError(f"{key!r:.60} is not an option of a draft")
         if known.kind or key in NAMED:
             if given == str(self.start[key]):
                 return self.start[key]  # This may be an object from a user's file
@@ -270,9 +268,9 @@ class Drafts:
 
     @staticmethod
     def _check_name(key: str, given: Any) -> None:
-        """Raise DraftError unless `given` is a known name: a page must not name a file of code."""
+        """Raise DraftError unless `given` is a known name, because a page must not name a file of code."""
         if not isinstance(given, str):
-            raise DraftError(f"{key}: {given!r:.60} is no text")
+            raise DraftError(f"{key}: {given!r:.60} is not a text")
         known = known_names(key)
         one_name = all_options()[key][2].kind in ("planner", "policy", "estimator")
         for text in [parse_named(given)[0]] if one_name else given.split(","):
@@ -337,10 +335,10 @@ def planned(draft: Draft, progress: Progress) -> PlannedDraft:
 
 
 def written_suffixes() -> dict[str, str]:
-    """Return the names of the writable mission formats by their usual file suffix."""
+    """Return the names of the mission formats that can be written, by their usual file suffix."""
     return {known.suffixes[0]: known.name for known in mission_formats() if known.dumps}
 
 
 def without_budget(scenario: Scenario) -> Scenario:
-    """Return a scenario with the budget of the battery."""
+    """Return a scenario whose budget is the battery."""
     return replace(scenario, mission=replace(scenario.mission, budget=None))

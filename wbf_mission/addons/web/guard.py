@@ -1,8 +1,8 @@
 """Guard of the web server: refuses requests from other web sites, and sets security headers.
 
-Any web page can make a browser send requests to this server. So a request must name this machine as its host,
-not a foreign domain that resolves to this machine. Requests that change or stream data must come from a page
-of this server. If the server listens beyond this machine, a browser must have the token.
+Any web page can make a browser send requests to this server. A request must therefore name this machine as
+its host, not a foreign domain that resolves to this machine. Requests that change or stream data must come
+from a page of this server. If the server listens beyond this machine, a browser must have the token.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Guard:
         if refused is None:
             await self._app(scope, receive, _with_headers(send))
         elif scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": 1008})  # Before acceptance: sends a 403
+            await send({"type": "websocket.close", "code": 1008})  # Before acceptance, this sends a 403
         else:
             await refused(scope, receive, _with_headers(send))
 
@@ -51,16 +51,16 @@ class Guard:
         headers = Headers(scope=scope)
         asked, reads = headers.get("host", ""), scope["type"] == "http" and scope["method"] in _READS
         if len(headers.getlist("host")) != 1 or not self._is_here(asked):
-            return PlainTextResponse("this is no name of this machine", 421)
+            return PlainTextResponse("the host of this request is not this machine", 421)
         origin = headers.get("origin")
         if origin is None and not reads:
-            return PlainTextResponse("only a page of this server may ask that", 403)
+            return PlainTextResponse("only a page of this server may send this request", 403)
         if origin is not None and origin.lower().partition("://")[2] != asked.lower():
-            return PlainTextResponse("another web site must not ask that", 403)
+            return PlainTextResponse("another web site must not send this request", 403)
         return self._without_token(scope, headers, asked)
 
     def _is_here(self, asked: str) -> bool:
-        """Return whether a host is this machine; any IP address is accepted, as no domain is involved."""
+        """Return whether a host is this machine; any IP address is, because it involves no domain."""
         try:
             split = urlsplit(f"//{asked}")
             name, _ = split.hostname or "", split.port  # Reading an invalid port raises ValueError
@@ -88,7 +88,7 @@ class Guard:
             response = RedirectResponse("/" + scope["path"].lstrip("/"), 303)
             response.set_cookie(cookie, self._token, httponly=True, samesite="lax", path="/")
             return response
-        return PlainTextResponse("open the address that wbf-mission printed: it has a token", 401)
+        return PlainTextResponse("open the address that wbf-mission printed: it contains a token", 401)
 
     def _is_token(self, given: str) -> bool:
         return self._token is not None and secrets.compare_digest(given.encode(), self._token.encode())

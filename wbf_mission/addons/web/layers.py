@@ -32,7 +32,7 @@ NOTHING, FULL = 255, 254
 
 
 class _Layer:
-    """One layer: means float32[pixels along x, y], NaN where there is none, and the displayed bytes."""
+    """One layer: means float32[pixels along x, y], NaN where there is no value, and the displayed bytes."""
 
     def __init__(self, shape: tuple[int, int], scale: float | None) -> None:
         self.means = np.full(shape, np.nan, np.float32)
@@ -44,7 +44,7 @@ class _Layer:
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """New bytes of a layer, made by `Layers.put`, by pixel window x0, x1, y0, y1."""
+    """New bytes of a layer for each pixel window x0, x1, y0, y1; `Layers.put` makes them."""
 
     name: str
     layer: _Layer
@@ -72,8 +72,8 @@ class Shown:
 class Layers:
     """Layers over one farm.
 
-    `put` is slow and is called by one thread at a time. `draw`, `show` and `scales` are fast and need the
-    lock of the shared layers. Arrays have a value per cell. A layer has at most `longest` pixels per side.
+    `put` is slow, and only one thread at a time may call it. `draw`, `show` and `scales` are fast, and need
+    the lock of the layers. Arrays have a value per cell. A layer has at most `longest` pixels per side.
     """
 
     def __init__(self, farm: Farm, longest: int = LONGEST) -> None:
@@ -101,7 +101,7 @@ class Layers:
         return partial(self._means, value, np.array(wanted))
 
     def of_blocks(self, value: Floats, block_m: float) -> Pixels:
-        """Return the positive values of `value`, float32[w, h]: square blocks from the frame's origin."""
+        """Return the positive values of `value`, float32[w, h], whose blocks begin at the frame's origin."""
         pixel_m = self.raster.pixel_m
 
         def pixels(window: Window) -> Floats:
@@ -119,9 +119,9 @@ class Layers:
     ) -> Drawing:
         """Return a drawing of a layer's new values.
 
-        `pixels` returns the values of a window, NaN where there is none. Tiles outside `changed`, bool[tiles
-        along x, y] (`sensors.scoring.information`), keep their values. Byte 254 stands for `scale`, by
-        default a round number above all means.
+        `pixels` returns the values of a window, NaN where there is no value. Tiles outside `changed`,
+        bool[tiles along x, y] (`sensors.scoring.information`), keep their values. Byte 254 stands for
+        `scale`, by default a round number above all means.
         """
         layer = self._layers.get(name) or _Layer(self.shape, scale)
         windows = list(self._windows(changed if name in self._layers else None))
@@ -190,13 +190,13 @@ def warm_up(begin: Callable[[str], None]) -> None:
 
 
 def _bytes(means: Floats, scale: float) -> NDArray[np.uint8]:
-    """Return means as bytes: 0 to `FULL` for 0 to `scale`, `NOTHING` for NaN."""
+    """Return means as bytes: means from 0 to `scale` become 0 to `FULL`, and NaN becomes `NOTHING`."""
     pixels, some = np.full(means.shape, NOTHING, np.uint8), np.isfinite(means)
     pixels[some] = np.clip(np.rint(means[some] * (FULL / scale)), 0, FULL)
     return pixels
 
 
 def _round_up(value: float) -> float:
-    """Return the next number of 1, 2 or 5 times a power of ten."""
+    """Return the next higher number that is 1, 2 or 5 times a power of ten."""
     unit = 10.0 ** math.floor(math.log10(value))
     return next((unit * step for step in (1.0, 2.0, 5.0) if unit * step >= value), unit * 10.0)

@@ -30,7 +30,7 @@ class NewestOnly(Generic[T]):
     """One job at a time in its own thread; a newer job replaces the older.
 
     The caller of the older job gets an error at once. The older thread ends at its next progress report. The
-    newer job waits at most `PATIENCE_S` seconds for this end.
+    newer job waits for the older thread, but at most `PATIENCE_S` seconds.
 
     >>> NewestOnly[int]().do("a sum", lambda progress: 3 + 4)
     7
@@ -43,7 +43,7 @@ class NewestOnly(Generic[T]):
     def do(self, what: str, work: Callable[[Progress], T]) -> T:
         """Return the result of `work`, or raise its error; callers with equal `what` share a job.
 
-        SupersededError when another job is requested, or `stop` is called.
+        Raises SupersededError when another job is requested, or `stop` is called.
         """
         with self._lock:
             job = self._job

@@ -23,7 +23,7 @@ MOMENTS = 40
 PIXELS = (LONGEST, LONGEST // 2, LONGEST // 4)
 """Sizes in which layers are kept: pixels along the longer side of the farm."""
 _SMALL_CELLS = 40_000
-"""Up to this number of cells, every estimate is drawn, so that each decision shows the estimate it used."""
+"""Up to this number of cells, every estimate is drawn, so that a decision shows the estimate that it used."""
 _ACQUISITION = "acquisition"
 _TOLERANCES = {
     "x": 0.02,
@@ -44,7 +44,7 @@ class Recorder:
         self.views = {longest: View(share=1.0, longest=longest) for longest in PIXELS}
         self._cursors: dict[int, Cursor | None] = dict.fromkeys(self.views)
         self.moments: dict[int, list[schema.Moment]] = {longest: [] for longest in self.views}
-        self.decisions: list[bool] = []  # Whether each moment is that of a decision
+        self.decisions: list[bool] = []  # Whether each moment is the time of a decision
 
     def take(self, event: Event) -> None:
         """Draw the layers of an event."""
@@ -60,7 +60,7 @@ class Recorder:
             return
         self.decisions.append(decision)
         for longest, moments in self.moments.items():
-            # Events come from two threads, and those with estimates may be late.
+            # Events come from two threads, and events with estimates may be late.
             at_s = max(time_s, moments[-1].time_s) if moments else time_s
             update = new[longest]
             moments.append(schema.Moment(at_s, day, observations, update.tiles or [], update.scales or {}))
@@ -90,7 +90,7 @@ class LiveLayers:
                 self._left -= 1
                 due = self._left % self._every == 0
                 self._last = event.time_s, event.day, event.observations
-                # Events replayed from results have a model only where it is drawn; do the same here.
+                # Events replayed from results have a model only if it is drawn; do the same here.
                 self.recorder.take(event if due or self._draws_all else replaced(event, model=None))
                 if due:
                     self.recorder.keep(*self._last)
@@ -108,7 +108,7 @@ class LiveLayers:
 def thinned_moments(
     moments: Sequence[schema.Moment], light: Sequence[bool], every: int
 ) -> list[schema.Moment]:
-    """Return every `every`-th moment, counted back from the last; tiles of skipped moments move to the next.
+    """Return every `every`-th moment, counted back from the last; skipped tiles move to the next moment.
 
     A light moment keeps only the acquisition map; its other tiles move to the next moment that is not light.
     """
@@ -139,7 +139,7 @@ def thinned_readings(readings: schema.Readings, diseases: Sequence[str], every: 
 
 
 def thinned_states(states: schema.States) -> schema.States:
-    """Return the states without those that lie, within `_TOLERANCES`, on straight lines over time.
+    """Return the states without the states that lie, within `_TOLERANCES`, on straight lines over time.
 
     Algorithm of D. H. Douglas and T. K. Peucker, "Algorithms for the reduction of the number of points
     required to represent a digitized line or its caricature", Cartographica 10 (1973), at equal times.
@@ -170,7 +170,7 @@ def _keep_changes(column: Sequence[Any], kept: NDArray[np.bool_]) -> None:
 
 
 def _split(time_s: NDArray[np.float64], values: NDArray[np.float64], kept: NDArray[np.bool_]) -> None:
-    """Keep more rows until all others are within 1 of the line between kept rows."""
+    """Keep more rows until each dropped row is within 1 of the line between the kept rows."""
     parts = list(pairwise(np.flatnonzero(kept).tolist()))
     while parts:
         first, last = parts.pop()

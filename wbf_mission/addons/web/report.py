@@ -1,9 +1,9 @@
 """Report of one or two finished runs as one HTML file: a one-sheet summary, and the page that replays them.
 
-The page is that of a live run, with a recording. A `View` listens to the events of the result, and its layers
-are kept at some moments. A file that is too large gets fewer moments, larger pixels, and finally fewer
-readings, as its notes say. `LiveLayers` keeps the layers of a run flown for the report, with the acquisition
-maps of decisions, which results do not contain.
+The page is the same as for a live run, with a recording. A `View` listens to the events of the result, and
+its layers are kept at some moments. A file that is too large gets fewer moments, larger pixels, and finally
+fewer readings; its notes say so. `LiveLayers` keeps the layers of a run that is flown for the report. They
+include the acquisition maps of decisions, which results do not contain.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def write_report(
     most_bytes: int = MOST_BYTES,
     progress: Progress = silent,
 ) -> Report:
-    """Write the report of a run, or of two over the same farm; ReportError if their farms differ.
+    """Write the report of one or two runs over the same farm; raise ReportError if their farms differ.
 
     Equal runs give equal bytes. Telemetry logs of the runs add vehicle states. `layers` are the layers of a
     run that was just flown; by default the estimates are computed again (`events_of`). The summary also shows
@@ -107,7 +107,7 @@ def _check_farms(first: Farm, second: Farm) -> None:
     if any(getattr(first, name) != getattr(second, name) for name in same):
         names = f"{first.name} and {second.name}"
         raise ReportError(
-            f"the runs are of different farms, {names}: give two runs of the same farm, or one at a time"
+            f"the runs are of different farms, {names}: give two runs of the same farm, or one run at a time"
         )
 
 
@@ -117,8 +117,8 @@ class _Reduced:
 
     longest: int  # Pixels along the longer side of the farm
     every: int = 1  # Keep every `every`-th moment, and the last
-    readings: int = 1  # Keep every `readings`-th reading, and all of sick plants
-    light: bool = True  # Of a decision, keep only the acquisition map
+    readings: int = 1  # Keep every `readings`-th reading, and all readings of sick plants
+    light: bool = True  # Keep only the acquisition map of a decision
 
 
 _REDUCTIONS = (
@@ -171,16 +171,16 @@ class _Kept:
         raster, finest = self.rasters[reduced.longest], self.rasters[LONGEST]
         moments = len(self.layers.decisions)
         if self.lost:
-            yield f"The layers are those of the end: {self.lost}"
+            yield f"Only the layers of the end are shown: {self.lost}"
         if reduced.light and any(self.layers.decisions):
-            yield f"Between about {MOMENTS} of the scored times only the acquisition maps change"
+            yield f"Only the acquisition maps change between about {MOMENTS} of the scored times"
         if reduced.every > 1 and moments > 1:
             left = len(range(0, moments, reduced.every))
             yield f"The layers are kept at {left} of {moments} moments"
         if raster and finest and raster.cells > finest.cells:
             yield f"A pixel of the layers is {raster.pixel_m:.3g} m wide in place of {finest.pixel_m:.3g} m"
         if reduced.readings > 1 and self.update.readings:
-            yield f"Of the readings of healthy plants every {reduced.readings}th is kept"
+            yield f"Every {reduced.readings}th reading of healthy plants is kept"
 
 
 def _replayed(
@@ -190,7 +190,7 @@ def _replayed(
     recorder = Recorder()
     for event in events_of(record, estimates=estimates, log=log, progress=progress):
         if isinstance(event, Decided):
-            # Times of decisions in results are up to one vehicle step off.
+            # In results, the times of decisions are wrong by up to one vehicle step.
             event = replaced(event, time_s=decided_s.get(id(event.record), event.time_s))
         recorder.take(event)
         if isinstance(event, Estimated) and event.model is not None:

@@ -31,12 +31,12 @@ def report_command(
     *,
     folder: Annotated[Path, typer.Argument(help="Results of a run, or of a benchmark.")],
     other: Annotated[
-        Path | None, typer.Argument(help="Results of another run over the same farm, beside the first.")
+        Path | None, typer.Argument(help="Results of another run over the same farm, shown beside it.")
     ] = None,
     out: Annotated[
         Path | None,
         option(
-            "The HTML file.  [default: FOLDER.html beside the folder; of two runs FOLDER-OTHER.html]",
+            "The HTML file.  [default: FOLDER.html beside the folder; for two runs FOLDER-OTHER.html]",
             panel=options.OUTPUT_PANEL,
         ),
     ] = None,
@@ -45,10 +45,10 @@ def report_command(
         bool, option("Replace an existing file.", "--overwrite", panel=options.OUTPUT_PANEL)
     ] = False,
 ) -> None:
-    """Show a finished run, two side by side, or a benchmark, as one HTML file that needs nothing else.
+    """Show a finished run, two runs side by side, or a benchmark as one self-contained HTML file.
 
-    Of a run: a summary for the farmer that prints on one sheet, and the page of 'fly --live' with a slider
-    that replays the run. Of a benchmark: its standings, to be sorted and filtered.
+    The file of a run has a summary for the farmer that prints on one sheet, and the page of 'fly --live' with
+    a slider that replays the run. The file of a benchmark has standings that can be sorted and filtered.
     """
     from wbf_mission.bench.rows import holds_rows
     from wbf_mission.results.storage import ResultError
@@ -56,7 +56,7 @@ def report_command(
     folders = [folder] if other is None else [folder, other]
     is_bench = [holds_rows(each) for each in folders]
     if other is not None and any(is_bench):
-        raise ResultError("a benchmark is shown alone: give one folder, or the results of two runs")
+        raise ResultError("a benchmark is shown alone: give only its folder, or the results of two runs")
     names = "-".join(each.resolve().name for each in folders)
     path = out or folder.resolve().with_name(f"{names}.html")
     refuse_overwrite(path)
@@ -72,7 +72,7 @@ def report_command(
         import webbrowser
 
         if not webbrowser.open(path.resolve().as_uri()):
-            output.warn(f"no browser could be started; open {path} in one")
+            output.warn(f"no browser could be started; open {path} in a browser")
 
 
 def _bench(folder: Path, path: Path) -> dict[str, Any]:

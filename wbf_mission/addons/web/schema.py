@@ -1,7 +1,7 @@
 """Messages between the server and a page; tools/write_page_schema.py generates `page/src/schema.ts`.
 
-A page receives an `Update` with all data when it connects, then updates with new data. Times are seconds
-since the start of the run, places metres in the farm frame. Infinite and missing numbers are null.
+A page that connects receives an `Update` with all data; later updates have only new data. Times are seconds
+since the start of the run, places are metres in the farm frame. Infinite and missing numbers are null.
 """
 
 from __future__ import annotations
@@ -78,9 +78,9 @@ class FieldInfo(Struct):
     title: str
     kind: Literal["disease", "continuous", "measured"]
     unit: str
-    range: tuple[float, float]  # Values in `unit` of 0 and 1
+    range: tuple[float, float]  # Values in `unit` that 0 and 1 stand for
     colours: tuple[str, ...]
-    """Two or more "#rrggbb" from 0 to 1; empty for the page's own colours of this kind."""
+    """Two or more "#rrggbb" from 0 to 1; empty if the page's colours for this kind are used."""
 
 
 class Raster(Struct):
@@ -94,14 +94,14 @@ class Raster(Struct):
 
 
 class Tile(Struct):
-    """New pixels of a part of a layer; a part without any tile is empty."""
+    """New pixels of a part of a layer; a part for which no tile was sent is empty."""
 
     layer: LayerName
     x: int
     y: int  # The tile starts at pixel (x * tile, y * tile); tiles at the far borders are smaller
     data: str
-    """One byte per pixel, row by row from the bottom: 0 to 254 for 0 to the layer's scale, 255 without a
-    value; compressed by zlib, in base64."""
+    """One byte per pixel, row by row from the bottom: bytes 0 to 254 stand for 0 to the layer's scale, 255
+    for no value. The bytes are compressed by zlib and coded in base64."""
 
 
 class VehicleInfo(Struct):
@@ -120,7 +120,7 @@ class FenceShape(Struct):
 
 
 class Plan(Struct):
-    """A vehicle's planned path from a time on."""
+    """A path that a vehicle is planned to fly from `time_s` on."""
 
     system_id: int
     day: int
@@ -162,11 +162,11 @@ class Readings(Struct):
     x: list[float]
     y: list[float]
     values: dict[str, Numbers]
-    """Values by field; null without a reading, and outside the field's crops."""
+    """Values by field; null if there is no reading, or outside the field's crops."""
 
 
 class Scores(Struct):
-    """Estimates as columns; the losses by field."""
+    """Estimates as columns, and losses by field."""
 
     time_s: list[float]
     day: list[int]
@@ -194,7 +194,7 @@ class Change(Struct):
 
 
 class Decision(Struct):
-    """A decision of a policy; replaces an older version, as outcomes change during its execution."""
+    """A decision of a policy; it replaces its older version, as outcomes change while it is executed."""
 
     number: int
     time_s: float
@@ -241,7 +241,7 @@ class Status(Struct):
     reason: str
     progress: Progress | None
     question: Question | None
-    orders: tuple[str, ...]  # Orders allowed to this page; empty for a page that only shows
+    orders: tuple[str, ...]  # Orders that this page may give; empty if it may give no orders
 
 
 class Run(Struct):
@@ -285,7 +285,7 @@ class Beat(Struct):
 class Update(Struct, omit_defaults=True):
     """New data; a missing member is unchanged.
 
-    Lists and columns are appended to. Other members are replaced; `tiles` and `decisions` item by item.
+    Rows of lists and columns are appended. Other members are replaced whole, `tiles` and `decisions` by item.
     """
 
     time_s: float
@@ -311,7 +311,7 @@ class Update(Struct, omit_defaults=True):
         """Return the update as JSON."""
         try:
             return msgspec.json.encode(self)
-        except UnicodeEncodeError:  # File names may contain bytes that are no text
+        except UnicodeEncodeError:  # File names may contain bytes that are not text
             return msgspec.json.encode(_as_text(msgspec.to_builtins(self)))
 
 
@@ -328,7 +328,7 @@ class Moment(Struct):
 class Recording(Update, kw_only=True):
     """A finished run within a page: all data, and the layers at some moments."""
 
-    moments: list[Moment]  # In order of time; tiles replace those of earlier moments
+    moments: list[Moment]  # In order of time; a tile replaces the same tile of earlier moments
 
 
 Positive: TypeAlias = Annotated[float, Meta(ge=0.0, le=1e9)]
@@ -336,9 +336,9 @@ Number: TypeAlias = Annotated[int, Meta(ge=1, le=2**53)]
 
 
 class Given(Struct, forbid_unknown_fields=True):
-    """Time of a request: the newest beat of the page, and the seconds since then by the page's clock."""
+    """Time of a request: the page's newest beat, and the seconds since this beat by the page's clock."""
 
-    number: Number  # Greater than all earlier ones: each request counts once
+    number: Number  # Greater than all earlier numbers: each request counts once
     beat_s: Positive
     after_s: Positive
 

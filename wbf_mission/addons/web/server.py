@@ -1,12 +1,12 @@
 """Web server of the page: shows a view in any number of browsers, in its own thread.
 
 The run passes events to its view and never waits for this server. Ten times per second, each browser is sent
-the data that is new to it. Browsers with the same data share the bytes. A browser that does not read is sent
-nothing until it does, and is disconnected after some seconds.
+the data that is new to it. Browsers with the same data share the bytes. A browser that does not read gets no
+data until it reads again, and is disconnected after some seconds.
 
 Once per second each browser is also sent a beat, which shows the age of the browser's data. Requests carry
-the newest beat that the page has received, and the time since then by the page's clock. So the server can
-refuse old requests without comparing the clocks of two machines.
+the newest beat that the page has received, and the time since then by the page's clock. The server can
+therefore refuse old requests without comparing the clocks of two machines.
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ from wbf_mission.run.orders import Orders, too_late
 INTERVAL_S = 0.1
 BEAT_S = 1.0
 OLD_S = 3.0
-"""If its newest beat is older than this (s), a page marks its data as old and gives no orders."""
+"""A page whose newest beat is older than this (s) marks its data as old and gives no orders."""
 STALLED_S = 10.0
-"""Maximum time for which a browser may accept no data (s); only on Linux can TCP measure it."""
+"""Maximum time (s) for which a browser may accept no data; TCP can measure this only on Linux."""
 SEND_TIMEOUT_S = 20.0
 """Maximum time for which sending an update to a browser may take (s)."""
 MAX_REQUEST_BYTES = 4096
@@ -69,8 +69,8 @@ class LiveServer:
     `token`, by default a random text that `url` contains. Without `orders`, pages only show the run. `tiles`
     is the file of a background map. `routes` are protected by the guard (`wbf_mission.addons.web.guard`), at
     any path except "/live", "/beats" and "/tiles/..."; their handlers must limit the size of request bodies.
-    `home` is the page in ``static/`` that is served at "/". MapTilesError if the tiles are unusable;
-    ``with``: LinkError if the port is taken.
+    `home` is the page in ``static/`` that is served at "/". Raises MapTilesError if the tiles are unusable,
+    and ``with`` raises LinkError if the port is taken.
 
     >>> with LiveServer(View()) as server:
     ...     server.url.startswith("http://127.0.0.1:")
@@ -136,7 +136,7 @@ class LiveServer:
             why = (error.strerror or str(error)).partition(" (while")[0]
             mend = "give an address of this machine"
             if error.errno in (errno.EADDRINUSE, errno.EACCES):
-                mend = "choose another port, or 0 for any free one"
+                mend = "choose another port, or 0 for any free port"
             raise LinkError(
                 f"live page: cannot listen at {self._host}, port {self.port} ({why}); {mend}"
             ) from None
@@ -166,7 +166,7 @@ class LiveServer:
 
     @property
     def url(self) -> str:
-        """Address to open, with the token if any."""
+        """Address to open, with the token if there is a token."""
         host = _outward() if self._host in ("0.0.0.0", "::", "") else self._host  # noqa: S104
         host = f"[{host}]" if ":" in host else host
         return f"http://{host}:{self.port}/" + (f"?token={self._token}" if self._token else "")
@@ -208,7 +208,7 @@ class LiveServer:
             elif self._ending or view is not self._view:
                 return
             await visit.beat(view)
-            await asyncio.sleep(INTERVAL_S - now_s() % INTERVAL_S)  # In step: viewers share updates
+            await asyncio.sleep(INTERVAL_S - now_s() % INTERVAL_S)  # All viewers wake at once
 
     async def _tell_beats(self, visit: _Visit) -> None:
         """Send only beats, to a page that does not show a view."""
@@ -217,7 +217,7 @@ class LiveServer:
             await asyncio.sleep(INTERVAL_S)
 
     async def _update(self, view: View, cursor: Cursor | None) -> tuple[str, Cursor]:
-        """Return the data new since a cursor; computed once for all viewers per interval."""
+        """Return the data newer than a cursor; it is computed once per interval for all viewers."""
         async with self._making:
             now_s = asyncio.get_running_loop().time()
             self._shared = {
@@ -239,16 +239,16 @@ class LiveServer:
     def _ask(self, text: str | None, visit: _Visit) -> Reply:
         """Pass on a page's request unless it is too old or was already made; return the reply."""
         if self._orders is None:
-            return Reply("", "this page only shows: orders are not allowed", 0)
+            return Reply("", "this page only shows the run: orders are not allowed", 0)
         try:
             # Read the fields first, so that an error refers to the right kind of request.
             fields = msgspec.json.decode(text or "", type=dict[str, msgspec.Raw])
             kind: type[Answer | Order] = Answer if "answer" in fields else Order
             given = msgspec.json.decode(text or "", type=kind)
         except msgspec.ValidationError as error:
-            return Reply("", f"no request: {misfit(error)}", 0)
+            return Reply("", f"invalid request: {misfit(error)}", 0)
         except (msgspec.DecodeError, RecursionError):
-            return Reply("", "no request: it is no JSON", 0)
+            return Reply("", "invalid request: it is not JSON", 0)
         name, number = given.order if isinstance(given, Order) else "answer", given.given.number
         age_s, refused = visit.age_of(given.given)
         if refused:
@@ -270,7 +270,7 @@ class LiveServer:
 
 
 def _is_ours(record: logging.LogRecord) -> bool:
-    """Return whether a log line concerns the user; lines about malformed input from clients do not."""
+    """Return whether a log line is for the user; lines about malformed input from clients are not."""
     return not record.getMessage().startswith("Invalid UTF-8")
 
 
@@ -284,7 +284,7 @@ class _Visit:
         self._number = 0
 
     async def send(self, text: str) -> None:
-        """Send a message; TimeoutError if it takes too long, WebSocketDisconnect if the page has gone."""
+        """Send a message; raise TimeoutError if sending is slow, WebSocketDisconnect if the page is gone."""
         try:
             async with asyncio.timeout(SEND_TIMEOUT_S):
                 await self.websocket.send_text(text)
@@ -292,7 +292,7 @@ class _Visit:
             raise WebSocketDisconnect from None
 
     async def beat(self, view: View) -> None:
-        """Send a beat if one is due."""
+        """Send a heartbeat to the page if one is due."""
         if self._now_s >= self._beat_s + BEAT_S:
             update = Update(view.time_s, beat=Beat(self.next_beat(), view.silent_s()))
             await self.send(update.json().decode())
@@ -306,7 +306,7 @@ class _Visit:
         return self._clock() - self._begun_s
 
     def age_of(self, given: Given) -> tuple[float, str]:
-        """Return the maximum age of a request, and the reason to refuse it, empty if none."""
+        """Return the maximum age of a request, and the reason to refuse it (empty if there is none)."""
         beat_s, number = given.beat_s, given.number
         # The beat was sent before it arrived, so this is an upper limit.
         age_s = self._now_s - beat_s - given.after_s
@@ -314,9 +314,9 @@ class _Visit:
             return age_s, "it was given before: each order is carried out once"
         self._number = number
         if beat_s > self._beat_s or age_s < -_ROUNDED_S:
-            return age_s, "its time is none: load the page again"
+            return age_s, "its time is not valid: load the page again"
         if given.after_s > OLD_S:
-            return age_s, f"it was given by what the page had shown for {given.after_s:.0f} s: look again"
+            return age_s, f"it was given with page data that was {given.after_s:.0f} s old: look again"
         return max(age_s, 0.0), too_late(age_s)
 
 
@@ -352,7 +352,7 @@ def _encoded(view: View, cursor: Cursor | None) -> tuple[str, Cursor]:
 
 
 def _static_routes(home: str) -> list[Route]:
-    """Return a route for each static file; pages also without ".html"."""
+    """Return a route for each static file, and a second route without ".html" for each page."""
     routes = []
     for file in (resources.files("wbf_mission.addons.web") / "static").iterdir():
         stem, _, kind = file.name.rpartition(".")

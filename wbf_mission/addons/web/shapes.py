@@ -14,7 +14,7 @@ from wbf_mission.addons.web import schema
 from wbf_mission.events import Planned
 
 _SIMPLER = 5000
-"""Precision of outlines: the farm's longer side divided by this number, which is a fraction of a pixel."""
+"""Outlines are precise to the farm's longer side divided by this number, a fraction of a pixel."""
 _COMMANDS = {int(command): command.name.partition("_")[2].replace("_", " ").lower() for command in Command}
 _MAX_ITEMS = 1000
 
@@ -22,7 +22,7 @@ _MAX_ITEMS = 1000
 def farm_shape(farm: Farm) -> schema.FarmShape:
     """Return a farm as drawn by a page."""
     width_m, height_m = farm.width_cells * farm.cell_size_m, farm.height_cells * farm.cell_size_m
-    # The map is not linear in degrees: differences over the farm's full size fit best.
+    # Degrees are not linear in metres; differences over the farm's full size fit best.
     lat, lon = farm.frame.to_wgs84(np.array([0.0, width_m, 0.0]), np.array([0.0, 0.0, height_m]))
     georeference = schema.Georeference(
         *(float(lat[0]), float(lon[0])),

@@ -46,7 +46,7 @@ _LONGEST_END_S = 5.0
 _TYPES = {bool: "flag", int: "whole", float: "number"}
 _REMEDIES = {"repair": "--repair", "crop": "--crop", "crs": "--farm-crs"}
 _SURVEY_FLOWN = (
-    "flown with the images of the survey camera; at each the simulator's leaf camera looks at the ground"
+    "flown with the survey camera's image positions; at each position, the simulator uses its leaf camera"
 )
 Handler: TypeAlias = Callable[[Request, bytes], Any]
 
@@ -83,7 +83,7 @@ class Studio:
         ]
 
     def options(self, _request: Request, _body: bytes) -> Any:
-        """Return the available options, and the initial ones."""
+        """Return the available options, and the initial options."""
         return {
             "options": [
                 _described(key, draft_option) for key, draft_option in drafts.draft_options().items()
@@ -218,7 +218,7 @@ class Studio:
 
 
 def _answering(work: Handler) -> Callable[[Request], Any]:
-    """Return an endpoint that answers with a function's result as JSON, or with a line under "error".
+    """Return an endpoint that answers with a function's result as JSON, or with {"error": message}.
 
     Errors have status 200: they are normal while typing, and browsers would log each in the console.
     """

@@ -40,8 +40,8 @@ def studio_command(
     port: Annotated[
         int | None,
         option(
-            "Port of the page; 0 takes any free port. Browsers keep drafts by port. "
-            f" [default: {_USUAL_PORT}, or any free port if that is taken]",
+            f"Port of the page; 0 takes any free port. Browsers keep drafts for each port. [default: "
+            f"{_USUAL_PORT}, or any free port if {_USUAL_PORT} is taken]",
             panel=_PAGE,
             parser=options.whole_number_in(0, 65_535),
         ),
@@ -54,7 +54,7 @@ def studio_command(
         option("Raster tiles behind the farm: an MBTiles or PMTiles file of your own.", panel=_PAGE),
     ] = None,
 ) -> None:
-    """Plan in the browser: draw a farm, choose, see path and figures at once; save, upload, fly and watch.
+    """Plan in the browser: draw a farm, choose options, see the path at once; save, upload, fly and watch.
 
     The page is served to this machine only, until Ctrl-C. Options of the scenario set the first draft.
     """

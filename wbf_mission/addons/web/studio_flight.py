@@ -68,7 +68,7 @@ class Flown:
         self.stopping = threading.Event()
 
     def fly(self, scenario: Scenario, pace: float | None) -> None:
-        """Fly until the end or a stop; after a stop, the readings are evaluated as at Ctrl-C."""
+        """Fly until the end or a stop; after a stop, the readings are evaluated as after Ctrl-C."""
         events = EventStream()
         events.listen(self._take)
         events.listen(self._stop_if_asked, VehicleMoved, Progressed)

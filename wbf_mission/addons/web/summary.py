@@ -40,7 +40,7 @@ def run_title(record: RunRecord) -> str:
 
 
 def summary_of(record: RunRecord, *, notes: Sequence[str] = ()) -> str:
-    """Return the summary of a run as an HTML element; `notes` concern the page below it."""
+    """Return the summary of a run as an HTML element; `notes` concern the page below the summary."""
     facts, warnings = _facts(record), _shown_warnings(record)
     reports = _reports(record)
     shown = [field_map for field_map in record.maps if field_map.field.name in reports]
@@ -189,8 +189,8 @@ def _about(report: FieldReport) -> str:
         sure = f"90 % sure: {write(report.low)} to {write(report.high)}"
     what = "of the plants are expected sick" if disease else "on average"
     if report.is_of_seen:
-        what = "of the plants that were looked at are sick" if disease else "on average of what was looked at"
-        sure = "of what nobody looked at nothing is known"
+        what = "of the plants that were looked at are sick" if disease else "on average in the cells seen"
+        sure = "nothing is known of the rest"
     main = f"{write(report.expected)} {what}"
     interval = [
         "" if block.low is None or block.high is None else f"{write(block.low)} to {write(block.high)}"
@@ -261,7 +261,7 @@ def _flown(record: RunRecord, drawing: FarmDrawing) -> str:
 
 
 def _scale(maps: Sequence[FieldMap]) -> float:
-    """Return the scale of the maps: for a disease its highest share, at least `_LEAST_SCALE`; else 1."""
+    """Return the maps' scale: a disease's highest fraction, at least `_LEAST_SCALE`; for other fields 1."""
     if maps[0].field.kind != "disease":
         return 1.0
     # A pixel at a border has few plants, so one sick plant there must not set the scale.

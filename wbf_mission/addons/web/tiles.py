@@ -1,8 +1,8 @@
 """The user's background map: raster tiles from an untrusted MBTiles or PMTiles file.
 
 Formats: MBTiles 1.3 (an SQLite database, rows counted from the south) and PMTiles 3 (directories of tile
-numbers along a Hilbert curve). Pictures are sent to the browser unchanged if they start like PNG, JPEG or
-WebP. Sizes stated in a file are not trusted: every read is limited in bytes or in time.
+numbers along a Hilbert curve). The browser gets pictures unchanged if they start like PNG, JPEG or WebP.
+Sizes stated in a file are not trusted: every read is limited in bytes or in time.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _PICTURES = {
     "image/jpeg": re.compile(rb"\xff\xd8\xff"),
     "image/webp": re.compile(rb"RIFF....WEBP", re.DOTALL),
 }
-_NO_PICTURES = "holds no pictures, but perhaps vector tiles; give one with raster tiles (PNG, JPEG or WebP)"
+_NO_PICTURES = "has no pictures, but perhaps vector tiles; give a file of raster tiles (PNG, JPEG or WebP)"
 _TILE = "SELECT tile_data FROM tiles WHERE zoom_level = ? AND tile_column = ? AND tile_row = ? LIMIT 1"
 _ZOOMS = "SELECT (SELECT min(zoom_level) FROM tiles), (SELECT max(zoom_level) FROM tiles)"
 
@@ -46,18 +46,18 @@ class MapTilesError(WbfMissionError, ValueError):
 
 
 class MapTiles:
-    """Raster tiles of an MBTiles or PMTiles file; MapTilesError without any. Thread-safe."""
+    """Raster tiles of an MBTiles or PMTiles file; raises MapTilesError if it has none. Thread-safe."""
 
     def __init__(self, path: Path) -> None:
         self._lock = threading.Lock()
         try:
             if path.exists() and not path.is_file():
-                raise MapTilesError(f"{path}: is no file of map tiles; give an MBTiles or PMTiles file")
+                raise MapTilesError(f"{path}: is not a file of map tiles; give an MBTiles or PMTiles file")
             with path.open("rb") as file:
                 start = file.read(7)
             kinds: dict[bytes, type[_PMTiles | _MBTiles]] = {b"PMTiles": _PMTiles, b"SQLite ": _MBTiles}
             if start not in kinds:
-                raise MapTilesError(f"{path}: is no MBTiles and no PMTiles file")
+                raise MapTilesError(f"{path}: is neither an MBTiles nor a PMTiles file")
             self._archive = kinds[start](path)
         except MapTilesError:
             raise
@@ -73,7 +73,7 @@ class MapTiles:
         self.background = Background(one_line(re.sub(r"[<>]", "", plain), _ATTRIBUTION), low, high)
 
     def read(self, z: int, x: int, y: int) -> tuple[bytes, str] | None:
-        """Return a tile and its media type, rows counted from the north; None without a picture."""
+        """Return a tile and its media type (rows count from the north); None if there is no picture."""
         low, high = self._archive.zooms
         if not (low <= z <= high and 0 <= x < 1 << z and 0 <= y < 1 << z):
             return None
@@ -149,11 +149,11 @@ class _PMTiles:
             self._root, self._leaves, self._tiles = (places[0], places[1]), places[4], places[6]
             version, packing, tile_packing, kind, low, high = header[7], *header[97:102]
             if version != 3:
-                raise MapTilesError(f"{path}: is PMTiles version {version}; give one of version 3")
+                raise MapTilesError(f"{path}: is PMTiles version {version}; give a file of version 3")
             if kind not in (0, 2, 3, 4):
                 raise MapTilesError(f"{path}: {_NO_PICTURES}")
             if packing not in (1, 2) or tile_packing not in (0, 1):
-                raise MapTilesError(f"{path}: is packed in a way that cannot be read; only gzip can")
+                raise MapTilesError(f"{path}: has an unknown compression; only gzip can be read")
             self._gzip = packing == 2
             self.zooms = low, high
             self._directory = lru_cache(8)(self._read_directory)
@@ -234,7 +234,7 @@ def _varints(data: bytes) -> list[int]:
 
 
 def _tile_id(z: int, x: int, y: int) -> int:
-    """Return the number of a tile: first all lower zoom levels, then along the Hilbert curve.
+    """Return the number of a tile; numbers count all lower zoom levels, then go along the Hilbert curve.
 
     >>> [_tile_id(*zxy) for zxy in ((0, 0, 0), (1, 0, 0), (1, 0, 1), (1, 1, 1), (1, 1, 0), (2, 0, 0))]
     [0, 1, 2, 3, 4, 5]

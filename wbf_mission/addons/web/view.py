@@ -38,14 +38,14 @@ Cursor = NewType("Cursor", int)
 """Version of a view that a viewer has received."""
 
 MAX_STATES = 20_000
-"""Maximum number of states per vehicle, and of scores; above it, half of the older half is dropped."""
+"""Maximum number of states per vehicle, and of scores; above it, half of the older rows are dropped."""
 MAX_ALL_STATES = 400_000
 """Maximum number of states of all vehicles, shared between them."""
 MAX_PLANS = 500
 MAX_DECISIONS = 2_000
 MAX_SAID = 2_000
 MAX_CANDIDATES = 40
-"""Maximum number of candidates per decision, best first."""
+"""Maximum number of candidates per decision; the best are kept."""
 _MAX_TEXT = 500
 _WARNING, _INFO = 4, 6  # MAV_SEVERITY
 _RUNNING = "running"
@@ -80,11 +80,11 @@ class _Rows(Generic[T]):
             self.thinned = version
 
     def keep(self, kept: Sequence[bool]) -> None:
-        """Remove the other rows."""
+        """Keep only the rows for which `kept` is true."""
         self.rows, self.versions = list(compress(self.rows, kept)), list(compress(self.versions, kept))
 
     def after(self, cursor: int, restart: list[str]) -> list[T]:
-        """Return the rows newer than a cursor; all rows, noted in `restart`, after a thinning."""
+        """Return the rows newer than a cursor; after a thinning, return all rows and note it in `restart`."""
         if 0 < cursor < self.thinned:
             restart.append(self.name)
             cursor = 0
@@ -92,7 +92,7 @@ class _Rows(Generic[T]):
 
 
 class _Readings:
-    """Readings of cells as columns, without a limit."""
+    """Readings of cells as columns; their number has no limit."""
 
     def __init__(self) -> None:
         self.time_s, self.x, self.y = (GrowingArray((), kind) for kind in "dff")
@@ -125,11 +125,11 @@ class _Readings:
 
 
 class View:
-    """State of a run as shown by pages; a listener of its events.
+    """State of a run as pages show it; listens to the run's events.
 
     The run's threads call `take`, which is fast. Any number of viewers call `update` at any time; the view
-    keeps no state for viewers. Estimates are drawn in at most `share` of the wall time (1: all), and always
-    at the end of a flight. Layers have at most `longest` pixels per side. `clock` measures ages of states.
+    keeps no state for viewers. Drawing uses at most `share` of the wall time (1: no limit), but a flight's
+    last estimate is always drawn. Layers have at most `longest` pixels per side. `clock` measures ages.
 
     >>> view = View()
     >>> view.take(events.Noted("the vehicle is heard"))
@@ -146,7 +146,7 @@ class View:
         self._drawing, self._lock = threading.RLock(), threading.RLock()
         self._begun: events.RunBegun | None = None
         self._fields: tuple[Field, ...] = ()
-        self._skipped: InformationModel | None = None  # Latest estimate, if not drawn
+        self._skipped: InformationModel | None = None  # Latest estimate, if it is not drawn yet
         self._stale: Bools | None = None  # bool[n, tiles along x, y]: tiles changed since the last drawing
         self._followed: tuple[weakref.ref[Any], int] | None = None  # Latest estimate's values, revision
         self._draw_at_s = 0.0
@@ -164,8 +164,8 @@ class View:
         self._readings = _Readings()
         self._scores = _Rows[_Scored]("scores", MAX_STATES, thins=True)
         self._decisions = _Rows[schema.Decision]("decisions", MAX_DECISIONS)
-        self._records: list[tuple[float, DecisionRecord]] = []  # With times since the start
-        self._open: dict[int, tuple[str, tuple[str, ...]] | None] = {}  # Unfinished: state last sent
+        self._records: list[tuple[float, DecisionRecord]] = []  # Times since the start, and decisions
+        self._open: dict[int, tuple[str, tuple[str, ...]] | None] = {}  # Unfinished: state that was sent last
         self._said = _Rows[schema.Said]("said", MAX_SAID)
 
     # Output
@@ -407,7 +407,7 @@ class View:
                 self._draw_skipped()
 
     def _draw_skipped(self) -> None:
-        """Draw the latest estimate unless already drawn."""
+        """Draw the latest estimate unless it is drawn already."""
         with self._drawing:
             model, self._skipped = self._skipped, None
             layers, crops = self._layers, {field.name: field.crops for field in self._fields}
@@ -452,7 +452,7 @@ def _states(rows: list[_State]) -> schema.States:
     columns: dict[str, Any] = dict(zip(_STATE, map(list, zip(*rows, strict=True)), strict=True))
     columns["heading_rad"] = np.degrees(np.array(columns["heading_rad"], np.float64))
     for name, digits in _DIGITS.items():
-        # NaN in place of None, which becomes null in JSON
+        # NaN replaces None; it becomes null in JSON
         columns[name] = np.round(np.array(columns[name], np.float64), digits).tolist()
     return schema.States(**{_SHOWN_AS.get(name, name): column for name, column in columns.items()})
 

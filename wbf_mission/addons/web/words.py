@@ -1,4 +1,4 @@
-"""Messages of the program with the page's inputs in place of command line options."""
+"""Messages of the program that name the page's inputs instead of command line options."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from wbf_mission.scenario.scenario import all_options
 
 _FLAG = re.compile(r"(?<![\w-])--[a-z][a-z0-9]*(-[a-z0-9]+)*")
 _ONLY_THERE = re.compile(r",? --force does it nevertheless")
-"""Advice without an input on the page."""
+"""Advice that has no input on the page."""
 _OTHERS = {
     "--crop": "Crop",
     "--farm-crs": "Coordinate system",
@@ -18,7 +18,7 @@ _OTHERS = {
     "--wind": "Wind speed",
     "--wind-shear": "Wind shear",
 }
-"""Inputs of the page that are no draft option, or that stand for several options."""
+"""Inputs of the page that are not draft options, or that stand for several options."""
 
 
 def worded(text: object) -> str:

@@ -101,9 +101,9 @@ class ArduPlane(WingProcedures):
         )
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
-        """Return the vehicle with the values set by its parameters."""
+        """Return the vehicle with the values that its parameters set."""
         friction = None if spec.airframe is None else spec.airframe.ground_drag_1_s
-        # ArduPlane's delay counts from the end of assumed flight, when the vehicle still rolls for a while.
+        # ArduPlane's delay begins when it no longer assumes flight; the vehicle may still roll then.
         rolls = math.log(_SEEMS_TO_FLY_M_S / STOPPED_M_S) / friction if friction else 0.0
         delay = max(self.value(spec, "LAND_DISARMDELAY") + _NOTICES_S - rolls, 0.0)
         return replace(super().fit(spec), disarm_delay_s=delay)
@@ -115,7 +115,7 @@ class ArduPlane(WingProcedures):
     def return_legs(
         self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
     ) -> list[Leg]:
-        """Return a leg home with an endless circle above it."""
+        """Return a leg home with an endless circle above home."""
         home_x, home_y, least = return_point
         height = self.value(spec, "RTL_ALTITUDE")
         height = max(least, height if height > 0.0 else last[2], 5.0)
@@ -192,7 +192,7 @@ _RULES = replace(
     landed=("Throttle disarmed", "Auto disarmed"),
 )
 _DEGREE = math.radians(1.0)
-# MANUAL, TRAINING, ACRO, AUTOTUNE.
+# Custom modes MANUAL, TRAINING, ACRO and AUTOTUNE.
 _BY_HAND = frozenset({0, 3, 4, 8})
 _WING = WingSticks(
     bank=Setting("ROLL_LIMIT_DEG", 45.0, _DEGREE),
@@ -200,7 +200,7 @@ _WING = WingSticks(
     down=Setting("PTCH_LIM_MIN_DEG", -25.0, _DEGREE),
 )
 _STICKS = StickRules(
-    # STABILIZE and FBWA, FBWB, CRUISE.
+    # MANUAL covers STABILIZE and FBWA; ALTITUDE is FBWB, and POSITION is CRUISE.
     speeds={Mode.MANUAL: None, Mode.ALTITUDE: None, Mode.POSITION: None},
     level=DEADZONE,
     vertical=DEADZONE,
@@ -225,7 +225,7 @@ _STICKS = StickRules(
         regained="RC Failsafe Cleared",
     ),
 )
-# Unlike other parameters, ArduPlane stores waypoints' acceptance and pass radii, and a take-off's pitch.
+# ArduPlane also stores a waypoint's acceptance and pass radius, and a take-off's pitch.
 _PROFILE = replace(
     ROOMY_PROFILE,
     lossy={
@@ -244,6 +244,6 @@ FIRMWARE = Firmware(
     behaviour=replace(MISSION, refuses_to_arm=arduplane_landing),
     reference=partial(reference_parameters, "arduplane", package=__package__),
     sticks=_STICKS,
-    # The vehicle flies up to a waypoint; WP_RADIUS does not make it turn before.
+    # The vehicle flies up to a waypoint; WP_RADIUS does not make the vehicle turn earlier.
     cornering=Cornering(2.0),
 )

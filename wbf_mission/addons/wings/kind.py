@@ -6,8 +6,8 @@ Drag follows the parabolic polar; n is the load factor of a turn (Anderson, *Air
     D = q S (CD0 + CL^2 / (pi e AR))     CL = n W / (q S)     q = rho V^2 / 2
     P = (D V + W climb) / efficiency + avionics
 
-`climb` is the rate of energy height, which includes a gain of speed. A glide takes at least the avionics
-power, because a windmilling propeller returns no energy.
+`climb` is the rate of change of energy height, which includes a gain of speed. A glide takes at least the
+avionics power, because a windmilling propeller returns no energy.
 
 `wbf_mission.addons.wings.motion.kernel` compiles the power model.
 """
@@ -75,19 +75,19 @@ class FixedWingAirframe:
     """Thrust, lift and ground friction of a fixed wing; its drag is in the power model."""
 
     thrust_n: float | None = None
-    """Thrust at full throttle, at any airspeed; None: from the autopilot's climb rate parameter."""
+    """Thrust at full throttle, at any airspeed; None: by the autopilot's climb rate parameter."""
     # Lift coefficient at zero angle of attack, and its slope per radian.
     lift_level: float = 0.3
     lift_slope: float = 5.0
     turn_share: float = 1.0
-    """Turn rate over that of a coordinated turn, g tan(bank) / airspeed; below 1 the wing slips outward."""
+    """Turn rate divided by g tan(bank) / airspeed, the rate of a coordinated turn; below 1: outward slip."""
     elevator_per_lift: float = 0.0
-    """Part of full elevator that trims one more unit of lift coefficient: static stability over elevator
-    power. Until pitch control has trimmed a change of airspeed, the nose is too high or too low. 0: always
-    trimmed."""
+    """Fraction of full elevator that trims one more unit of lift coefficient: static stability divided by
+    elevator power. Until pitch control has trimmed a change of airspeed, the nose is too high or too low. 0
+    means always trimmed."""
     liftoff_airspeed_m_s: float | None = None
-    """Airspeed of lift-off by the vehicle's own thrust; None: thrown, or rolling as the autopilot's
-    parameters say."""
+    """Airspeed of lift-off by the vehicle's own thrust; None: a throw or a ground roll by the autopilot's
+    parameters."""
     ground_drag_1_s: float | None = None
     """Deceleration per speed on the ground; None: grass, with a constant deceleration."""
 
@@ -106,7 +106,7 @@ class FixedWingAirframe:
 
 
 def fixed_wing_power(power: NDArray[np.float64], airspeed: float, climb: float, load: float) -> float:
-    """Return the power of a fixed wing, watts from the cells of its battery.
+    """Return the power that a fixed wing draws from the cells of its battery, in watts.
 
     Parameters
     ----------

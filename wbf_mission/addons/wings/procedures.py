@@ -34,9 +34,9 @@ class WingProcedures(FixedWingProcedures):
         """Return the flight limits of a vehicle."""
 
     def start_of_flight(self, spec: VehicleSpec, rotation: float, least: float) -> tuple[float, float]:
-        """Return the airspeed of lift-off, and the acceleration until then (0: by thrust).
+        """Return the airspeed of lift-off, and the acceleration until then (0: set by the thrust).
 
-        `rotation` is the airspeed of lift-off from a runway, 0 without one. `least` is the minimum airspeed.
+        `rotation` is the lift-off airspeed on a runway (0: no runway). `least` is the minimum airspeed.
         """
         lifts_off = None if spec.airframe is None else spec.airframe.liftoff_airspeed_m_s
         if lifts_off is not None:
@@ -44,7 +44,7 @@ class WingProcedures(FixedWingProcedures):
         return (rotation, _ROLL_M_S2) if rotation > 0.0 else (_THROW_SHARE * least, _THROW_M_S2)
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
-        """Return the vehicle with the values set by its parameters."""
+        """Return the vehicle with the values that its parameters set."""
         limits = self.limits(spec)
         return replace(
             spec,
@@ -85,6 +85,6 @@ class WingProcedures(FixedWingProcedures):
 
 
 def airspeeds_in_order(least: float, trim: float, most: float) -> tuple[float, float, float]:
-    """Return the airspeeds in order; the trim airspeed, at least 3 m/s, bounds the others."""
+    """Return the airspeeds in order; the trim airspeed is at least 3 m/s and bounds the other two."""
     trim = max(trim, 3.0)
     return min(least, trim), trim, max(most, trim)

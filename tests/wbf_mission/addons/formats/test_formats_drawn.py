@@ -257,7 +257,7 @@ def test_a_long_track_is_taken_up_to_what_mavlink_numbers(made, refusal):
         (".csv", "lat,lon,altitude(ft)\n1,2,3\n", "column 'altitude(ft)' is not in metres or degrees"),
         (".csv", 'lat,lon,alt\n1,2,"3\n', "line 2: unexpected end of data"),
         (".csv", "lat,lon,alt\n" + "1" * 200_000 + ",2,3\n", "line 2"),
-        (".csv", b"lat,lon,alt\n1,2,\xff\n", "line 2: this is no UTF-8 text"),
+        (".csv", b"lat,lon,alt\n1,2,\xff\n", "line 2: this is not UTF-8 text"),
         (".csv", "lat,lon,alt\n91,2,3\n", "the table, line 2: mission item (command 16): latitude 91.0"),
         (".csv", "lat,lon,alt,command\n1,2,3,16\n", "line 2: frame is missing; give a whole number"),
         (".csv", "lat,lon,alt,command,frame\n1,2,3,x,3\n", "line 2: command is 'x'"),

@@ -136,9 +136,7 @@ def test_what_is_a_find():
     assert _with_detections(Market(below=0.75), infected)[2].changes
     assert _with_detections(Market(field="ccr"), other)[2].changes
     assert _with_detections(Market(field="all"), other)[2].changes
-    with pytest.raises(
-        PlanningError, match="no disease that is scored is named 'soil'; there are tylcv, ccr, all"
-    ):
+    with pytest.raises(PlanningError, match="no scored disease is named 'soil'; give one of tylcv, ccr, all"):
         _with_detections(Market(field="soil"), infected)
 
 
@@ -213,7 +211,7 @@ def _about_detections(policy, vehicles, day, seen):
     healthy = Observations.concatenate([detections, _seen([(1, 1)], 1.0, begin=300, day=day)])
     for now in (detections, healthy):
         answer = policy.decide(replace(observation(*flying, event=Event.OBSERVATIONS, seen=now), day=day))
-    return first, answer.reason == "packages about finds", healthy
+    return first, answer.reason == "segments around detections", healthy
 
 
 def test_each_flight_begins_with_a_first_look_and_each_day_with_finds_of_its_own():

@@ -256,7 +256,7 @@ REFUSED = [
     (local(POSITION & ~448 | 512, 1.0, 1.0, -5.0), "forces"),
     (local(POSITION, 1e7, 1.0, -5.0), "from home"),
     (local(POSITION, 1.0, 1.0, -501.0), "altitude"),
-    (local(VELOCITY, vx=math.inf), "no number"),
+    (local(VELOCITY, vx=math.inf), "infinite values"),
 ]
 
 

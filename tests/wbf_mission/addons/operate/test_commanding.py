@@ -97,6 +97,18 @@ def test_a_long_reason_is_told_to_its_end():
     assert str(vehicle.session.error).endswith("x propellers are off")
 
 
+<<<<<<< HEAD
+=======
+def test_a_refusal_without_words_is_told_as_such():
+    vehicle = Vehicle("disarm")
+    vehicle.beats(armed=True)
+    vehicle.answers(400, m.MAV_RESULT_FAILED)
+    vehicle.passes(1.0)
+    assert isinstance(vehicle.session.error, VehicleRefusedError)
+    assert str(vehicle.session.error) == "system 1 refused disarm: failed; it gives no reason"
+
+
+>>>>>>> main
 @pytest.mark.parametrize("landed", [m.MAV_LANDED_STATE_IN_AIR, None])
 @pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
 def test_who_flies_does_not_take_off(autopilot, landed):
@@ -127,8 +139,8 @@ def test_a_takeoff_from_a_hill_above_home():
     ("total", "state", "text"),
     [
         (89, m.MISSION_STATE_ACTIVE, "set-item 300: its mission has 89 items; give 1 to 89"),
-        (65535, m.MISSION_STATE_NO_MISSION, "set-item 300: it holds no mission; upload one"),
-        (0, m.MISSION_STATE_NO_MISSION, "set-item 300: it holds no mission; upload one"),
+        (65535, m.MISSION_STATE_NO_MISSION, "set-item 300: it holds no mission; upload a mission"),
+        (0, m.MISSION_STATE_NO_MISSION, "set-item 300: it holds no mission; upload a mission"),
     ],
 )
 @pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
@@ -175,7 +187,9 @@ def test_an_item_that_is_not_shown():
     vehicle.tells_item(0, 9)
     vehicle.passes(30.0)
     text = str(vehicle.session.error)
-    assert text.startswith("system 1 was given set-item 3, but does not show it in 15 s: it is in mode ")
+    assert text.startswith(
+        "system 1 was given set-item 3, but its telemetry does not confirm this in 15 s: it is in mode "
+    )
 
 
 def test_a_takeoff_that_changes_the_mode_is_not_repeated_and_shows_by_its_height():

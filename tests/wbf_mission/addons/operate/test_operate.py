@@ -52,7 +52,7 @@ def test_orders_are_confirmed_by_what_the_vehicle_shows(autopilot, capsys):
             == "error: system 1: takeoff 8: the motors stand still; arm first (order arm)"
         )
         text = command(capsys, url, "set-item", "3", code=5)
-        assert text == "error: system 1: set-item 3: it holds no mission; upload one"
+        assert text == "error: system 1: set-item 3: it holds no mission; upload a mission"
         upload(mission, url)
         assert command(capsys, url, "mode", guided)["mode"] == shown[0]
         assert not made.vehicle.pilot.armed
@@ -67,7 +67,7 @@ def test_orders_are_confirmed_by_what_the_vehicle_shows(autopilot, capsys):
         text = command(capsys, url, "set-item", "300", code=5)
         assert text == f"error: system 1: set-item 300: its mission has {count} items; give 1 to {count}"
         text = command(capsys, url, "disarm", code=5)
-        said = "Disarming denied: not landed" if autopilot == "px4" else "failed; it says no reason"
+        said = "Disarming denied: not landed" if autopilot == "px4" else "failed; it gives no reason"
         assert text == f"error: system 1 refused disarm: {said}"
         assert command(capsys, url, "hold")["mode"] == shown[2]
         assert command(capsys, url, "resume")["mode"] == shown[1]

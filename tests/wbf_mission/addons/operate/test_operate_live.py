@@ -185,7 +185,14 @@ def test_a_vehicle_of_another_kind_is_refused():
 
 @pytest.mark.parametrize(
     ("more", "text"),
+<<<<<<< HEAD
     [({"days": 2}, "one flight"), ({"vehicle": "ideal", "budget": "100 steps"}, "no real one")],
+=======
+    [
+        ({"days": 2}, "one flight"),
+        ({"vehicle": "ideal", "budget": "100 steps"}, "not a real vehicle"),
+    ],
+>>>>>>> main
 )
 def test_what_one_vehicle_cannot_do_is_refused_before_the_link_is_opened(more, text):
     with pytest.raises(LiveFlightError, match=text):
@@ -234,7 +241,7 @@ def test_ctrl_c_at_the_start_question_ends_in_one_line(tmp_path):
     assert (code, summary) == (130, None)
     after = shown.split("start the motors? [y/N]")[1].split("\n")
     told = [one.strip() for one in after if one.strip() and "^C" not in one]
-    assert told == ["error: interrupted: nothing was started; what was uploaded stays in the vehicle"]
+    assert told == ["error: interrupted: nothing was started; the uploaded plans stay in the vehicle"]
     assert not (tmp_path / "run" / "summary.json").exists()
 
 

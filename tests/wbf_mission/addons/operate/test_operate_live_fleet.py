@@ -101,7 +101,7 @@ def test_two_vehicles_of_two_autopilots_fly_together(tmp_path, capsys):
     for text in (
         "vehicle 1: MISSION, item",
         "vehicle 2: AUTO, item",
-        "warning: vehicle 1: preflight: it returns at another height",
+        "warning: vehicle 1: preflight: the vehicle would not return at the height",
         "vehicle 1: flying",
     ):
         assert text in told
@@ -228,9 +228,9 @@ def test_a_lost_vehicle_is_told_of_when_another_can_take_over():
 @pytest.mark.parametrize(
     ("urls", "ids", "named", "text"),
     [
-        ((A, B), (), 3, "do not fit"),
-        ((A, B, A), (1, 2), 1, "do not fit"),
-        ((A,), (1, 2), 3, "do not fit"),
+        ((A, B), (), 3, "do not match"),
+        ((A, B, A), (1, 2), 1, "do not match"),
+        ((A,), (1, 2), 3, "do not match"),
         ((A,), (2, 2), 1, "system 2 is named twice"),
         ((A,), (), 11, "at most 10"),
     ],

@@ -172,7 +172,7 @@ def test_no_more_after_the_first_keeps_what_was_flown_and_the_rest(small, tmp_pa
     assert (
         result.outcome is Outcome.INTERRUPTED and exit_code_of_flight(result.outcome) is ExitCode.INTERRUPTED
     )
-    assert result.reason == "stopped after flight 1 of 2: the operator wants no more"
+    assert result.reason == "stopped after flight 1 of 2: the operator ended the mission"
     assert result.final_score is not None and len(result.observations) > 20
     folder = tmp_path / "run"
     result.save(folder, plots=False)
@@ -233,8 +233,8 @@ def watched(reads, *, armed=False):
     [
         (watched(99), True, 0.7, "", ""),
         (watched(99), None, 0.7, None, ""),
-        (watched(99), False, 0.7, "the operator wants no more", ""),
-        (watched(60), True, 0.7, None, "reads 60%, the next sortie needs 80%: waiting until it is full"),
+        (watched(99), False, 0.7, "the operator ended the mission", ""),
+        (watched(60), True, 0.7, None, "reads 60%, the next sortie needs 80%: waiting for a fuller battery"),
         (watched(99, armed=True), True, 0.7, None, "its motors are running"),
         (None, True, 0.7, None, "waiting for the vehicle"),
         (watched(99), "nobody", 0.7, "", ""),
@@ -282,10 +282,10 @@ def test_a_vehicle_that_tells_no_reading_is_believed_with_a_note():
     wait = BatteryWait(0.8, iter([True, *[None] * 9]).__next__, 0.7, 60.0, notes.append)
     assert wait._settled(watched(None), 1.0) is None, "it may tell yet"
     assert wait._settled(watched(None), 8.0) == ""
-    assert notes == ["the vehicle does not report its battery's charge; taken as full"]
+    assert notes == ["the vehicle does not report its battery's charge; the battery is assumed to be full"]
     alone = BatteryWait(0.8, None, 0.7, 60.0, notes.append)
     alone._settled(watched(None), 1.0)
-    assert "say when it is changed" in alone._settled(watched(None), 8.0)
+    assert "confirm the change" in alone._settled(watched(None), 8.0)
 
 
 def test_the_operator_is_asked_at_the_terminal(monkeypatch, capsys):

@@ -173,7 +173,7 @@ def test_options_that_would_change_nothing_are_none(option, file, capsys):
         (("FILE", "--vehicle", "quad,quad"), "name one"),
         (("FILE", "--vehicle", "zeppelin"), "unknown vehicle 'zeppelin'"),
         (("FILE", "--farm", "nowhere"), "nowhere"),
-        (("FILE", "--system-id", "3"), "--system-id goes with --connect"),
+        (("FILE", "--system-id", "3"), "--system-id needs --connect"),
     ],
 )
 def test_bad_input_is_one_line(words, text, file, capsys):

@@ -22,7 +22,7 @@ def test_a_vehicle_that_flies_is_where_it_is_and_one_that_waits_at_its_item(auto
     mission = plan(rows).mission
     course = Course(mission)
     with stand_in(autopilot, speed=4.0) as (url, made):
-        with pytest.raises(MissionError, match=r"does not name the item|holds another mission"):
+        with pytest.raises(MissionError, match=r"does not report its current item|holds another mission"):
             resume_place(url, course)
         upload(mission, url)
         assert main(["command", url, "arm", "-q", "--json"]) == 0

@@ -32,7 +32,7 @@ def test_what_is_stored_and_then_rejected_is_not_verified(tmp_path, capsys):
         out, err = run(capsys, "upload", str(path), "--connect", url, "--force", code=5)
         assert "verified" not in next(line for line in out.splitlines() if "mission" in line)
         assert "stored, but rejected by the vehicle" in out
-        assert "system 1 holds the mission, but would not fly it: Mission rejected: item " in err
+        assert "system 1 stored the mission, but would not fly it: Mission rejected: item " in err
         assert "waiting for a vehicle" not in err, "it was heard already"
         assert "uploading to system 1 (PX4)" in err
         document = json.loads(

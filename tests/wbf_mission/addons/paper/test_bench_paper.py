@@ -49,8 +49,8 @@ def test_the_pictures_show_something(folder):
     assert all(f"]({name}.png)" in markdown for name in PICTURES)
     pictures = [base64.b64encode((folder / f"{name}.png").read_bytes()).decode() for name in PICTURES]
     assert all(f'<img src="data:image/png;base64,{picture}"' in page for picture in pictures)
-    assert "Who leads, and by how much" in markdown
-    assert "Who leads, and by how much" in page
+    assert "Leading planner, and its lead" in markdown
+    assert "Leading planner, and its lead" in page
 
 
 def test_a_second_call_only_draws(folder, monkeypatch, capsys):
@@ -127,7 +127,7 @@ def test_a_damaged_map_is_named(folder, tmp_path):
     np.savez(
         file, path_m=np.zeros((4, 3)), truth=np.ones((1, 2, 2)), estimate=np.ones((1, 2, 2)), axis_max=0.0
     )
-    with pytest.raises(ResultError, match="do not fit"):
+    with pytest.raises(ResultError, match="wrong shapes"):
         ShownRun.load(file)
     file.write_bytes(next((folder / "shown").iterdir()).read_bytes()[:-40])
     with pytest.raises(ResultError, match="remove it"):
@@ -227,7 +227,7 @@ def test_a_method_that_takes_too_long_is_not_asked_for_more(tmp_path):
 def test_costs_that_are_none_are_named(tmp_path):
     file = tmp_path / "cost.json"
     file.write_text("[")
-    with pytest.raises(ResultError, match=r"cost\.json: is no JSON"):
+    with pytest.raises(ResultError, match=r"cost\.json: is not valid JSON"):
         kept_costs(file)
     file.write_bytes(msgspec.json.encode([{"method": "gp", "farm": 3}]))
     with pytest.raises(ResultError, match="holds no costs"):
@@ -270,7 +270,9 @@ def test_ctrl_c_says_how_to_go_on(tmp_path, capsys, monkeypatch):
 
     monkeypatch.setattr(make, "benchmark", stopped)
     assert main([*COMMAND, "--only", "comparison", "--out", str(tmp_path)]) == 130
-    assert "interrupted after 0 of 8 runs; the same command flies the others" in capsys.readouterr().err
+    assert (
+        "interrupted after 0 of 8 runs; repeat the command to fly the other runs" in capsys.readouterr().err
+    )
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ def test_the_list_has_every_id_of_the_catalogue():
     lines = {one.name: str(one) for one in interfaces()}
     assert lines["WBF/Miniberry-30-v1"] == "WBF/Miniberry-30-v1: make, make_vec, parallel_env"
     assert lines["WBF/Miniberry-30-PX4-v1"] == (
-        "WBF/Miniberry-30-PX4-v1: none (quad flies under an autopilot,"
+        "WBF/Miniberry-30-PX4-v1: none (quad flies under an autopilot, but"
         ' only "ideal" can be moved cell by cell)'
     )
 

@@ -198,7 +198,7 @@ except WbfMissionError as error:
     ("case", "text"),
     [
         ("missing", "render_mode=\"human\" needs pygame: install with pip install 'wbf-mission[rl]'"),
-        pytest.param("no display", 'render_mode="human" can open no window: ', marks=NEEDS_PYGAME),
+        pytest.param("no display", 'render_mode="human" cannot open a window: ', marks=NEEDS_PYGAME),
     ],
 )
 def test_without_a_window_one_line_says_what_to_do(case, text, monkeypatch):

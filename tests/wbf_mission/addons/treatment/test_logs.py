@@ -105,13 +105,13 @@ def test_the_track_is_one_vehicles(tmp_path):
     track = read_track(tmp_path / "both.tlog")
     assert len(track.boot_s) == len(FIXES)
     assert track.images.index.tolist() == [7, 8]
-    assert track.notes == ("positions and images in the log are those of vehicle 1, not of 2",)
+    assert track.notes == ("positions and images are read for vehicle 1 only; other vehicles in the log: 2",)
 
 
 def test_without_pos_the_receiver_is_taken(tmp_path):
     track = read_track(write_dataflash(tmp_path / "x", FIXES, with_pos=False))
     assert len(track.boot_s) == len(FIXES)
-    assert "receiver's own" in track.notes[0]
+    assert "from the satellite receiver" in track.notes[0]
 
 
 @pytest.mark.parametrize("receiver", ["1.13", "1.14"])
@@ -124,7 +124,7 @@ def test_without_a_global_position_px4s_receiver_is_taken(receiver, tmp_path):
     assert np.allclose(track.latitude_deg, [row[1] for row in FIXES], atol=1e-7)
     assert np.allclose(track.longitude_deg, [row[2] for row in FIXES], atol=1e-7)
     assert track.notes == (
-        "the log has no vehicle_global_position: the positions are the receiver's own (GPS)",
+        "the log has no vehicle_global_position: the positions come from the satellite receiver (GPS)",
     )
     latitude, _ = track.of_images()
     assert np.allclose(latitude, [-28.05 + 2.5e-5, -28.05 + 4e-5], atol=2e-7)
@@ -212,13 +212,13 @@ def test_pictures_tell_places_and_utc(tmp_path):
 @pytest.mark.parametrize(
     ("make", "told"),
     [
-        (lambda p: p.write_bytes(b"hello, this is text"), "is no known kind of log; give a .tlog"),
-        (lambda p: p.write_bytes(b""), "is no known kind of log"),
+        (lambda p: p.write_bytes(b"hello, this is text"), "is not a known kind of log; give a .tlog"),
+        (lambda p: p.write_bytes(b""), "is not a known kind of log"),
         (lambda p: None, "cannot be read: no such file"),
         (lambda p: p.mkdir(), "holds no pictures"),
         (lambda p: p.write_bytes(b"ULog\x01\x12\x35\x01"), "is no PX4 log that can be read"),
         (lambda p: p.write_bytes(b"ULog\x01\x12\x35\x01" + bytes(90)), "the PX4 log has no position"),
-        (lambda p: write_telemetry(p, []), "is no known kind of log"),
+        (lambda p: write_telemetry(p, []), "is not a known kind of log"),
         (lambda p: write_dataflash(p, []), "the ArduPilot log has no position"),
         (lambda p: p.write_bytes(bytes(8) + b"\xfd" + bytes(50)), "holds no MAVLink message"),
     ],

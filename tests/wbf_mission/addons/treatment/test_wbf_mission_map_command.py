@@ -160,7 +160,7 @@ def test_a_farm_of_ones_own_and_a_footprint(mapped, tmp_path):
     outside, unread = told["notes"]
     assert outside == f"1 of 2 readings lie outside the farm {farm.name}"
     assert unread.startswith(
-        "charcoal rot (strawberry) was not read anywhere: its map shows only what is assumed"
+        "charcoal rot (strawberry) was not read anywhere: its map shows only assumptions of the"
     )
     assert told["fields"]["tylcv"]["rate_unit"] == "kg/ha"
     assert told["source"] == "r.csv"
@@ -190,7 +190,7 @@ def test_the_next_flight_goes_where_a_look_is_worth_most(run, tmp_path):
     model.probabilities["tylcv"][:2, doubt] = np.array([0.88, 0.12])[:, None]
     of = treatment_of_result(result)
     gains = []
-    with pytest.raises(PlanningError, match="finds no path on which a look would save anything within 60 s"):
+    with pytest.raises(PlanningError, match="on which a new look would save anything"):
         plan_next(of, scenario_with(result.scenario, {"budget": "60s"}))
     for budget in ("90s", "120s"):
         found = plan_next(of, scenario_with(result.scenario, {"budget": budget}))
@@ -218,7 +218,7 @@ def test_nothing_in_doubt_is_not_worth_a_flight(run, mapped, tmp_path):
     [
         ("", "there is nothing to map: give --log, --observations or both"),
         ("--log RUN/nothing.tlog", "nothing.tlog: cannot be read: no such file"),
-        ("--log RUN/summary.json", "is no known kind of log"),
+        ("--log RUN/summary.json", "is not a known kind of log"),
         ("--log RUN/flight.tlog --farm miniberry-100", "has no observations of a leaf camera on the farm"),
         ("--log RUN/flight.tlog --fields soil,tylcv", "the camera senses other fields"),
         ("--log RUN/flight.tlog --observations HERE/none.csv", "none.csv: cannot be read: no such file"),
@@ -226,24 +226,24 @@ def test_nothing_in_doubt_is_not_worth_a_flight(run, mapped, tmp_path):
             "--log RUN/flight.tlog --observations HERE/late.csv",
             "late.csv: no reading is left: 1 of 1 readings",
         ),
-        ("--observations HERE/late.csv", "late.csv: the readings are by time: give the log, too (--log)"),
+        ("--observations HERE/late.csv", "late.csv: the readings are located by time: add the log (--log)"),
         ("--observations RUN/observations.parquet --farm miniberry-10", "lies outside the farm of 10 x 10"),
         ("--observations HERE/old.csv", "old.csv: the days -3 to 6 are not within 0 to 126"),
         ("--observations HERE/no.csv", "no.csv: holds no observations"),
-        ("--log RUN --estimator gp", "--estimator has no effect on the results of a run"),
-        ("--log RUN --observations HERE/late.csv", "--observations has no effect on the results of a run"),
+        ("--log RUN --estimator gp", "--estimator has no effect, as the results of a run"),
+        ("--log RUN --observations HERE/late.csv", "--observations has no effect, as the results of a run"),
         ("--log RUN --budget 1min", "--budget has an effect only with --next"),
         ("--log RUN --altitude 9", "--altitude has an effect only with --next"),
         ("--log RUN --param WPNAV_SPEED=300", "--param has an effect only with --next"),
-        ("--log RUN --farm-crs EPSG:32617", "--farm-crs has no effect on the results of a run"),
+        ("--log RUN --farm-crs EPSG:32617", "--farm-crs has no effect, as the results of a run"),
         ("--log RUN --block 0", "--block 0 is out of range: give 0.01 to 1000 metres"),
         ("--log RUN --loss x", "--loss x: 'x' is not a number; give [FIELD=]NUMBER"),
         ("--log RUN --next RUN/summary.json", "a file that is already there and is no .plan"),
         ("--log RUN --next HERE/n.plan --policy nobody", "nobody"),
         ("--log RUN --next HERE/n.plan --budget 1s", "finds nothing worth another flight"),
-        ("--log RUN/flight.tlog --out RUN --overwrite", "which is read; give another folder"),
+        ("--log RUN/flight.tlog --out RUN --overwrite", "flight.tlog; give another folder"),
         ("--log RUN --out HERE/late.csv", "is a file, not a folder for the map"),
-        ("--log RUN --out HERE", "holds other files already; give another folder, or --overwrite"),
+        ("--log RUN --out HERE", "holds other files already; give another folder, or add --overwrite"),
     ],
 )
 def test_what_cannot_be_mapped_is_told_in_a_line(line, told, run, tmp_path, capsys):

@@ -122,7 +122,7 @@ def test_a_footprint_covers_the_cells_about_the_one_below(table):
 def test_what_is_left_out_is_counted(table, track):
     (latitude, longitude), *_ = places()
     rows = ["12.5,1", "9,1", "13.5,1", "11.5,", "nonsense"]
-    with pytest.raises(ObservationError, match=r"line 6: time: 'nonsense' is no time"):
+    with pytest.raises(ObservationError, match=r"line 6: time: 'nonsense' is not a time"):
         read_readings(table("\n".join(["time,ccr", *rows])), PAPER_FIELDS)
     seen, notes = join(
         read_readings(table("\n".join(["time,ccr", *rows[:4]])), PAPER_FIELDS), track, FARM, NAMES, 1, 6
@@ -139,7 +139,7 @@ def test_what_is_left_out_is_counted(table, track):
     [
         ("tylcv\n1\n", "no column gives the place of a reading; give latitude and longitude, name"),
         ("latitude,tylcv\n1,1\n", "no column gives the place of a reading"),
-        ("time,nitrogen\n1,1\n", "no column is a field; give one or more of tylcv, ccr, soil"),
+        ("time,nitrogen\n1,1\n", "no column is named after a field; give one or more of tylcv, ccr, soil"),
         ("time,tylcv\n", "holds no readings below its header"),
         ("", "no column gives the place of a reading"),
         (
@@ -150,14 +150,14 @@ def test_what_is_left_out_is_counted(table, track):
         ("time,tylcv\n1,1.7\n", "line 2: tylcv is 1.7; values lie in 0..1"),
         ("time,tylcv\n1,1\n2,-0.1\n", "line 3: tylcv is -0.1; values lie in 0..1"),
         ("time,tylcv\n1,inf\n", "line 2: tylcv is inf; values lie in 0..1"),
-        ("time,tylcv\n1,sick\n", "line 2: tylcv: 'sick' is not a number; leave it empty"),
+        ("time,tylcv\n1,sick\n", "line 2: tylcv: 'sick' is not a number; leave the cell empty"),
         ("time,tylcv\ninf,1\n", "line 2: time: inf is not finite"),
-        ("time,tylcv\n,1\n", "line 2: time: '' is no time; give seconds"),
+        ("time,tylcv\n,1\n", "line 2: time: '' is not a time; give seconds"),
         ("image,tylcv\n1.5,1\n", "line 2: image: '1.5' is not a whole number"),
         ("name,tylcv\n,1\n", "line 2: name: is empty"),
-        ("latitude,longitude,tylcv\n91,0,1\n", "line 2: latitude and longitude: 91, 0 is no position"),
-        ("latitude,longitude,tylcv\nnan,0,1\n", "line 2: latitude and longitude: nan, 0 is no position"),
-        ('time,tylcv\n"1,1\n', "is no line of a CSV file"),
+        ("latitude,longitude,tylcv\n91,0,1\n", "line 2: latitude and longitude: 91, 0 is not a position"),
+        ("latitude,longitude,tylcv\nnan,0,1\n", "line 2: latitude and longitude: nan, 0 is not a position"),
+        ('time,tylcv\n"1,1\n', "is not a CSV line"),
     ],
 )
 def test_tables_that_make_no_sense_are_refused(text, told, table):
@@ -171,12 +171,12 @@ def test_tables_that_make_no_sense_are_refused(text, told, table):
 
 def test_a_key_needs_a_log_that_has_it(table, tmp_path, track):
     by_time = read_readings(table("time,ccr\n1,1\n"), PAPER_FIELDS)
-    with pytest.raises(ObservationError, match=r"by time: give the log, too \(--log\)"):
+    with pytest.raises(ObservationError, match=r"by time: add the log \(--log\)"):
         join(by_time, None, FARM, NAMES, 1, 6)
     with pytest.raises(ObservationError, match=r"no reading is left: 1 of 1 readings are not in the log"):
         join(by_time, track, FARM, NAMES, 1, 6)
     named = read_readings(table("name,ccr\na.jpg,1\n"), PAPER_FIELDS)
-    with pytest.raises(ObservationError, match="the telemetry log knows no names of pictures"):
+    with pytest.raises(ObservationError, match="the telemetry log has no names of pictures"):
         join(named, track, FARM, NAMES, 1, 6)
     write_picture(tmp_path / "a.jpg", 1.0, 2.0)
     with pytest.raises(LogError, match="no positions by time since boot"):

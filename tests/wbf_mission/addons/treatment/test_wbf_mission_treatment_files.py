@@ -210,7 +210,7 @@ def test_an_owner_who_grows_nothing_of_it_gets_no_map():
     values = np.ones((1, WIDTH, HEIGHT), np.float32)
     none = replace(of, fields=fields, model=InformationModel(values, values, fields=("ccr",)),
                    observations=Observations.empty(("ccr",)))  # fmt: skip
-    with pytest.raises(MapError, match="its owner grows nothing of strawberry; give other --fields"):
+    with pytest.raises(MapError, match="its owner grows no strawberry; give other --fields"):
         none.summary()
 
 

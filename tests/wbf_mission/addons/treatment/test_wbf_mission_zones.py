@@ -160,7 +160,7 @@ def test_what_is_not_given_keeps_its_proportion():
         ("loss", "0", "--loss 0: out of range; give a number above 0"),
         ("loss", "1e400", "--loss 1e400: out of range"),
         ("look", "-1", "--look-cost -1: out of range; give a number 0 or more"),
-        ("below", "1.5", "--low-below 1.5: soil lies in 0..1; give a number of these"),
+        ("below", "1.5", "--low-below 1.5: soil lies in 0..1; give a number in this range"),
         ("rate", "L/ha", "--rate L/ha: 'L/ha' is not a number"),
         ("treat", "3 EUR", "--treat-cost 3 EUR: '3 EUR' is not a number"),
     ],
@@ -198,9 +198,11 @@ def test_thresholds_and_reports_are_in_the_unit_of_their_field():
     assert costs_of(FieldSet((PH,)), {})["ph"].below == 6.0  # 0.4 of the way from 4 to 9
     of = field_map([0.2, 0.4], [0.0, 0.0], field=PH)  # pH 5 and 6
     assert zone_map(of, costs).zone[:, 0].tolist() == [TREAT, HEALTHY]
-    with pytest.raises(MapError, match=r"--low-below 0.4: ph lies in 4..9; give a number of these"):
+    with pytest.raises(MapError, match=r"--low-below 0.4: ph lies in 4..9; give a number in this range"):
         costs_of(FieldSet((PH,)), {"below": ["0.4"]})
-    with pytest.raises(MapError, match=r"--low-below soil=-1: soil lies in 0..1; give a number of these"):
+    with pytest.raises(
+        MapError, match=r"--low-below soil=-1: soil lies in 0..1; give a number in this range"
+    ):
         costs_of(PAPER_FIELDS, {"below": ["soil=-1"]})
     (told,) = report_of_maps(get_farm("miniberry-10"), (field_map([0.5], [0.01], field=PH),)).fields
     assert told.expected == 6.5 and 6.4 < told.low < 6.5 < told.high < 6.6

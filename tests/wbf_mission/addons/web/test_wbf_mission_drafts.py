@@ -150,14 +150,14 @@ def test_a_number_of_batteries_is_planned_for_and_flown(drafts: Drafts) -> None:
         (body({"type": "FeatureCollection", "features": [square(crop=3)]}), "feature 1 .'north'."),
         (body(vehicle="mine.toml"), "the studio knows"),
         (body(planner="/tmp/mine.py:planner"), "no key=value"),
-        (body(planner=["spiral"]), "is no text"),
+        (body(planner=["spiral"]), "is not a text"),
         (body(planner="spiral:nonsense=1"), "no parameter 'nonsense'"),
         (body(estimator="mine.py"), "the studio knows"),
         (body(fields="mine.toml"), "the studio knows tylcv"),
         (body(camera_model="mine.toml"), "the studio knows"),
-        (body(terrain="heights.tif"), "is no option of a draft"),
-        (body(mission="/etc/passwd"), "is no option of a draft"),
-        (body(farm_crs="EPSG:1"), "is no option of a draft"),
+        (body(terrain="heights.tif"), "is not an option of a draft"),
+        (body(mission="/etc/passwd"), "is not an option of a draft"),
+        (body(farm_crs="EPSG:1"), "is not an option of a draft"),
         (body(budget="much"), "budget 'much' is not understood"),
         (body(wind_speed_m_s=1e9), "out of range"),
         (body(wind_speed_m_s="strong"), "wind_speed_m_s"),
@@ -196,7 +196,7 @@ def test_a_farm_file_becomes_what_is_drawn(drafts: Drafts, tmp_path: Path) -> No
     save_farm(get_farm("miniberry-10"), path)
     farm = drafts.farm_of_file(path.read_bytes(), "../../mine.GeoJSON", crop=None, crs=None, repair=False)
     assert (farm.name, farm.patches[0].crop) == ("miniberry-10", "strawberry")
-    with pytest.raises(FarmError, match="no farm file"):
+    with pytest.raises(FarmError, match="is not a farm file"):
         drafts.farm_of_file(b"", "mine.exe", crop=None, crs=None, repair=False)
     with pytest.raises(FarmError, match=r"^farm file mine\.geojson: feature 1"):
         drafts.farm_of_file(

@@ -186,9 +186,9 @@ def test_numbers_of_tiles_follow_a_hilbert_curve() -> None:
         (lambda path: path.write_bytes(b"PMTiles\x03" + b"\xff" * 200), "no pictures"),
         (lambda path: path.write_bytes(b"PMTiles"), "damaged"),
         (lambda path: path.write_bytes(b"SQLite format 3\0" + b"\xff" * 5000), "damaged"),
-        (lambda path: path.write_bytes(b"something else"), "no MBTiles and no PMTiles"),
-        (lambda path: path.mkdir(), "is no file"),
-        (os.mkfifo, "is no file"),
+        (lambda path: path.write_bytes(b"something else"), "neither an MBTiles nor a PMTiles"),
+        (lambda path: path.mkdir(), "is not a file"),
+        (os.mkfifo, "is not a file"),
         (lambda path: None, "cannot be read"),
     ],
 )

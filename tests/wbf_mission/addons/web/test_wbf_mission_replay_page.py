@@ -148,7 +148,7 @@ def test_what_is_too_large_is_reduced_and_said(flown: tuple[Replay, LiveLayers],
     assert light.moments[0] <= whole.moments[0]
     assert light.notes[:2] == (
         "equal",
-        "Between about 40 of the scored times only the acquisition maps change",
+        "Only the acquisition maps change between about 40 of the scored times",
     )
     (held,) = SinglePage(tmp_path / "light.html").held("recording")
     assert 0 < len(acquisitions_in(held)) <= len(layers.decided_s)

@@ -376,18 +376,18 @@ def test_whatever_the_network_does_nothing_older_than_two_seconds_is_taken(
 @pytest.mark.parametrize(
     ("given_", "why"),
     [
-        ({"beat_s": 5.0}, "its time is none"),
-        ({"beat_s": 0.2}, "its time is none"),
-        ({"after_s": 2.9}, "its time is none"),
-        ({"after_s": 1e9}, "its time is none"),
-        ({"after_s": 1e10}, "no request: given, after_s: it is out of range"),
-        ({"beat_s": -1.0}, "no request: given, beat_s: it is out of range"),
-        ({"number": 0}, "no request: given, number: it is out of range"),
-        ({"number": 10**30}, "no request: "),
-        ({"number": 1.5}, "no request: "),
-        ({"beat_s": None}, "no request: "),
-        ({"beat_s": "1"}, "no request: "),
-        ({"more": 1}, "no request: "),
+        ({"beat_s": 5.0}, "its time is not valid"),
+        ({"beat_s": 0.2}, "its time is not valid"),
+        ({"after_s": 2.9}, "its time is not valid"),
+        ({"after_s": 1e9}, "its time is not valid"),
+        ({"after_s": 1e10}, "invalid request: given, after_s: it is out of range"),
+        ({"beat_s": -1.0}, "invalid request: given, beat_s: it is out of range"),
+        ({"number": 0}, "invalid request: given, number: it is out of range"),
+        ({"number": 10**30}, "invalid request: "),
+        ({"number": 1.5}, "invalid request: "),
+        ({"beat_s": None}, "invalid request: "),
+        ({"beat_s": "1"}, "invalid request: "),
+        ({"more": 1}, "invalid request: "),
     ],
 )
 def test_an_order_with_a_time_that_is_none_is_refused(given_: dict[str, Any], why: str) -> None:
@@ -397,7 +397,7 @@ def test_an_order_with_a_time_that_is_none_is_refused(given_: dict[str, Any], wh
         assert asked(client, HOLD | {"given": GIVEN | given_})["error"].startswith(why)
         for left_out in ("number", "beat_s", "after_s"):
             some = {name: value for name, value in GIVEN.items() if name != left_out}
-            assert asked(client, HOLD | {"given": some})["error"].startswith("no request: ")
+            assert asked(client, HOLD | {"given": some})["error"].startswith("invalid request: ")
     assert orders.taken == []
 
 
@@ -470,9 +470,9 @@ def test_what_is_no_request_is_refused_in_one_line_and_leaves_nothing_on_the_ter
             for given_ in (text, text.encode()):
                 client.send(given_)
                 error = the_reply(client)["error"]
-                assert error.startswith("no request: ") and "\n" not in error, text
+                assert error.startswith("invalid request: ") and "\n" not in error, text
         client.send(ordering().encode())
-        assert the_reply(client)["error"].startswith("no request: "), "bytes are no text"
+        assert the_reply(client)["error"].startswith("invalid request: "), "bytes are no text"
     assert orders.taken == []
     assert capfd.readouterr() == ("", "") and caplog.records == []
 

@@ -199,7 +199,7 @@ def test_a_farm_file_is_drawn_and_planned(server: LiveServer, tmp_path: Path) ->
         ("/api/plan", {"farm": "/etc/passwd"}, "the studio knows"),
         ("/api/plan", {"farm": {"type": "FeatureCollection", "features": [1]}}, "feature 1"),
         ("/api/plan", {"options": {"budget": "much"}}, "budget 'much'"),
-        ("/api/plan", {"options": {"no": 1}}, "no option"),
+        ("/api/plan", {"options": {"no": 1}}, "is not an option"),
         ("/api/plan", {"options": 3}, "cannot be read"),
         ("/api/export?format=.exe", {}, "format '.exe' is not known"),
         ("/api/export?format=/../x.plan", {}, "is not known"),
@@ -361,8 +361,8 @@ def test_a_flight_is_headed_by_its_farm_and_planner(
 @pytest.mark.parametrize(
     ("options", "wanted"),
     [
-        ({**SURVEY, "planner": "", "policy": "greedy", "budget": "2min"}, "the policy greedy decides by"),
-        ({**SURVEY, "vehicles": 2, "gsd_cm": "", "altitude_m": 9, "budget": "2min"}, "flies one vehicle"),
+        ({**SURVEY, "planner": "", "policy": "greedy", "budget": "2min"}, "policy greedy decides by"),
+        ({**SURVEY, "vehicles": 2, "gsd_cm": "", "altitude_m": 9, "budget": "2min"}, "on one vehicle only"),
     ],
 )
 def test_what_cannot_be_flown_is_told_with_the_plan(

@@ -612,7 +612,7 @@ def test_orders_that_a_wing_cannot_obey(autopilot):
     executor.arm()
     executor.takeoff(50.0)
     executor.advance(30.0)
-    with pytest.raises(VehicleError, match="keeps no velocity"):
+    with pytest.raises(VehicleError, match="cannot hold a ground velocity"):
         executor.steer((3.0, 0.0, 0.0))
     executor.orbit(200.0, 200.0, 60.0, -100.0, 14.0)
     executor.advance(120.0)

@@ -2,7 +2,7 @@
 
 Formulas after ArduPilot 4.7: `AR_WPNav.cpp` and Rover's `mode_auto.cpp`, `AR_PosControl.cpp`,
 `AR_AttitudeControl.cpp`, `AR_PivotTurn.cpp`, `AP_MotorsUGV.cpp`, and the vehicle of its simulator,
-`SIM_Rover.cpp`. The S-curves are those of `sim_vehicle.motion.arducopter`. docs/fixed-wing-and-rover.md
+`SIM_Rover.cpp`. The S-curves are computed by `sim_vehicle.motion.arducopter`. docs/fixed-wing-and-rover.md
 explains the formulas.
 """
 
@@ -27,7 +27,7 @@ from wbf_mission.addons.rovers.motion.layout import STOPPED
 Drive = IntEnum(
     "Drive",
     "SPEED_ASKED TURN_ASKED "  # Demanded speed and turn rate, within limits.
-    "STEER_ERROR STEER_I DRIVE_ERROR DRIVE_I "  # Filtered errors and integrators.
+    "STEER_ERROR STEER_I DRIVE_ERROR DRIVE_I "  # Filtered errors, and integrals.
     "PIVOTS "  # 1: turning on the spot; 2: pausing after the turn.
     "PIVOTS_NEXT "  # Whether to turn on the spot at the next waypoint.
     "STANDS",  # Whether a stop was commanded and reached.
@@ -35,20 +35,20 @@ Drive = IntEnum(
 )
 
 
-# Parameters of the law besides those of S-curves; SI units, radians, throttle and steering from -1 to 1.
+# Parameters of the control law besides S-curves; SI units, radians, throttle and steering from -1 to 1.
 DriveLaw = IntEnum(
     "DriveLaw",
-    "ACCELERATION DECELERATION "  # Limits on changes of the demanded speed.
+    "ACCELERATION DECELERATION "  # Limits of the demanded acceleration.
     "LATERAL TURN_SPEED "  # Maximum lateral acceleration; speed kept in turns.
     "NEAR "  # Distance within which a stop counts as reached.
     "STEER_ACCELERATION STEER_RATE "  # Limits of the demanded turn rate.
-    "STEER_FF STEER_P STEER_I STEER_IMAX STEER_FILTER "  # Turn rate controller, by steering.
+    "STEER_FF STEER_P STEER_I STEER_IMAX STEER_FILTER "  # Controller of the turn rate by the steering.
     "SCALE_BASE "  # Speed above which the steering is scaled down.
     "TIGHTEST "  # Turn radius at full steering; 0 for a tracked vehicle.
     "STEER_LAG "  # Filter gain of turns of a tracked vehicle.
     # Turns on the spot (delay in steps); an angle of 0 disables them.
     "ANGLE_P PIVOT_ANGLE PIVOT_RATE PIVOT_DELAY "
-    "DRIVE_BASE DRIVE_P DRIVE_I DRIVE_IMAX DRIVE_FILTER "  # Speed controller, by throttle.
+    "DRIVE_BASE DRIVE_P DRIVE_I DRIVE_IMAX DRIVE_FILTER "  # Controller of the speed by the throttle.
     "STOP_SPEED "  # Speed below which a stopping vehicle has zero throttle.
     "TOP_SPEED DRIVE_LAG",  # Speed at full throttle; filter gain of the speed.
     start=len(Law),

@@ -1,8 +1,8 @@
 """Compiled motion of a ground vehicle: pure pursuit, with turns at a turn radius or on the spot.
 
-docs/fixed-wing-and-rover.md describes the model. Pure pursuit is that of R. C. Coulter, "Implementation of
-the pure pursuit path tracking algorithm", CMU-RI-TR-92-01, 1992. A vehicle without `force` has exactly the
-demanded speed and turn rate; PX4's simulated rover uses `move`.
+docs/fixed-wing-and-rover.md describes the model. Pure pursuit follows R. C. Coulter, "Implementation of the
+pure pursuit path tracking algorithm", CMU-RI-TR-92-01, 1992. A vehicle without `force` reaches the demanded
+speed and turn rate exactly; PX4's simulated rover uses `move`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ rover_power = compiled(allocates=False)(own_kind.rover_power)
 CREEP = 0.3
 PATIENCE_S = 60.0
 SLOW_SHARE = 0.1
-# A turn on the spot slows down near the demanded heading.
+# Turn rate per heading error in a turn on the spot, which therefore slows down near its end.
 PIVOT_GAIN = 2.0
 
 
@@ -42,7 +42,7 @@ def thought_speed(state: Record, limits: Record) -> float:
 
 @compiled(allocates=False)
 def steer(state: Record, limits: Record, rate: float) -> None:
-    """Set the steering for a turn rate: feed-forward for tyres without slip, and a PI loop."""
+    """Set the steering for a turn rate by feed-forward (for tyres without slip) and a PI loop."""
     speed, wanted = thought_speed(state, limits), 0.0
     if speed > _STEERS_M_S:
         error = rate - state.heading_rate
@@ -140,7 +140,7 @@ def _bearing(state: Record, row: Record, limits: Record, pace: float) -> float:
 
 @compiled(allocates=False)
 def _may_turn(state: Record, row: Record, sense: float, radius: float) -> bool:
-    """Return whether a waypoint is outside the tightest turn; if inside, the vehicle circles it for ever."""
+    """Return whether a waypoint is outside the tightest turn; the vehicle would circle an inner waypoint."""
     cx = state.position_x + sense * radius * cos(state.heading)
     cy = state.position_y - sense * radius * sin(state.heading)
     dx, dy = row.x - cx, row.y - cy
@@ -166,7 +166,7 @@ def _turned_to(state: Record, limits: Record, bearing: float, speed: float) -> f
     """Return PX4's demanded turn rate towards a bearing at a speed.
 
     The demanded heading moves to the bearing as fast as the vehicle can turn, but is never farther from it
-    than the vehicle. The turn rate is proportional to the heading error, with limited acceleration.
+    than the vehicle's heading. The turn rate is proportional to the heading error, with limited acceleration.
     """
     dt, yaw = limits.step_s, state.heading
     fastest = limits.turn_rate

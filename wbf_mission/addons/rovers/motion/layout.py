@@ -11,7 +11,7 @@ from sim_vehicle.motion.columns import State, record_type
 # State beyond the columns shared by all vehicles.
 Wheels = IntEnum(
     "Wheels",
-    "SPEED "  # Forward.
+    "SPEED "  # Forward speed.
     "THROTTLE "  # 0 to 1.
     "PIVOTING "  # Whether the vehicle turns on the spot.
     "BEGIN_X BEGIN_Y "  # Start of the leg.
@@ -57,7 +57,7 @@ class RoverLimits:
     ahead_gain: float
     ahead_min: float
     ahead_max: float
-    # Heading errors at which a turn on the spot starts (0: never) and ends, and its turn rate.
+    # Heading errors at which a turn on the spot starts (0: never) and ends; turn rate on the spot.
     pivot_begin: float
     pivot_end: float
     pivot_rate: float
@@ -79,14 +79,14 @@ class RoverLimits:
     corner_least: float = 0.0
     corner_most: float = 0.0
     simulated: Mapping[str, float] = field(default_factory=dict)
-    """PX4's simulated rover, by columns of `Simulated`; if empty, speed and turn rate are as demanded."""
+    """Values of PX4's simulated rover, by column of `Simulated`; empty for a rover without forces."""
 
 
 # PX4's simulated rover, and its steering and speed controllers.
 Simulated = IntEnum(
     "Simulated",
-    "THROTTLE_SPEED SPEED_P SPEED_I "  # Speed controller, by throttle: m/s and s/m.
-    "WHEEL_BASE STEER_MAX "  # Metres; maximum wheel angle.
+    "THROTTLE_SPEED SPEED_P SPEED_I "  # Controller of the speed by the throttle: m/s and s/m.
+    "WHEEL_BASE STEER_MAX "  # Wheel base in metres; maximum wheel angle.
     "STEER_STEP "  # Maximum change of steering per step, as a share of full steering.
     # Gains of the wheel angle over turn rate: feed-forward, s; proportional, s; integral, 1.
     "RATE_FF RATE_P RATE_I "
@@ -98,7 +98,7 @@ Simulated = IntEnum(
     "NORTH_1 NORTH_2 NORTH_3 EAST_1 EAST_2 EAST_3",  # North and east vectors in the axes of the Earth.
     start=0,
 )
-# Columns of the energy at which the drive ends, the time step, the limits, and PX4's simulated rover.
+# Columns: energy at which the drive ends, time step, limits, and values of PX4's simulated rover.
 OF_ROVER = [each.name for each in fields(RoverLimits) if each.name != "simulated"]
 LIMITS = record_type(["energy_limit", "step_s", *OF_ROVER], Simulated)
 STATE, LEG = record_type(State, Wheels), record_type(Leg)

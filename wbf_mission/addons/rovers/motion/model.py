@@ -62,7 +62,7 @@ class Rover(CompiledMotion):
         return 0.0, 0.0, float(self.state[Wheels.SPEED]), float(self.state[Wheels.THROTTLE])
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
-        """Set the vehicle in motion at time 0, with no energy used, as if it had driven there."""
+        """Start the vehicle at a place and velocity, at time 0 and with no energy used."""
         super().place_in_flight(position_m, velocity_m_s, heading_rad)
         self.state[Wheels.SPEED : Wheels.PIVOTING + 1] = 0.0
         self.state[Wheels.YAW_ASKED :] = 0.0
@@ -85,7 +85,7 @@ class Rover(CompiledMotion):
             radius = float(legs["radius"][i])
             stops = i == n - 1 or radius <= 0.0 or legs["pause"][i] > 0.0
             rows[i, Leg.KIND] = wheels.STOP if stops else wheels.THROUGH
-            # With rovers, neither autopilot uses the acceptance radius of an item.
+            # For rovers, neither autopilot uses the acceptance radius of an item.
             rows[i, Leg.RADIUS] = law.acceptance
             if int(legs["kind"][i]) in NOT_DRIVEN:
                 rows[i, Leg.KIND] = wheels.AT_ONCE
@@ -162,8 +162,8 @@ class Rover(CompiledMotion):
         return {**{name: getattr(law, name) for name in wheels.OF_ROVER}, **law.simulated}
 
 
-# Legs followed by pure pursuit: bends of a curve, and repeated position setpoints. ArduPilot's Rover uses no
-# S-curves for them either.
+# Legs followed by pure pursuit: bends of a curve, and repeated position setpoints. ArduPilot's Rover does not
+# use S-curves for these legs either.
 _PURSUED = (LegKind.ARC, LegKind.SETPOINT)
 
 
@@ -214,7 +214,7 @@ class ArduRover(AlongCurves, Rover):
         self.guide[Drive.SPEED_ASKED] = self.state[Wheels.SPEED]
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
-        """Set the vehicle in motion at time 0, with no energy used, as if it had driven there.
+        """Start the vehicle at a place and velocity, at time 0 and with no energy used.
 
         If the first leg lies ahead, its speed profile starts at the vehicle's speed.
         """

@@ -18,8 +18,8 @@ _TIME_BYTES = 8
 def read_track(path: Path | str) -> LogTrack:
     """Read a telemetry log (.tlog), an ArduPilot (.bin) or PX4 (.ulg) log, or a folder of pictures.
 
-    A truncated log is read up to its end. LogError if the format is unknown, or the log is larger than 1 GiB,
-    cannot be read, or has no position.
+    A truncated log is read up to its cut. Raises LogError if the format is unknown, or the log is larger
+    than 1 GiB, cannot be read, or has no position.
     """
     path = Path(path)
     track = _reader(path)(path)
@@ -35,7 +35,7 @@ def _reader(path: Path) -> Callable[[Path], LogTrack]:
         return read_pictures
     try:
         if path.exists() and not path.is_file():
-            raise LogError(f"{path}: cannot be read: it is a pipe or a device, no file")
+            raise LogError(f"{path}: cannot be read: it is a pipe or a device, not a file")
         with path.open("rb") as file:
             begin = file.read(_TIME_BYTES + 1)
         if path.stat().st_size > MAX_LOG_BYTES:
@@ -59,4 +59,4 @@ def _reader(path: Path) -> Callable[[Path], LogTrack]:
 
         return read_telemetry
     kinds = "a .tlog, an ArduPilot .bin, a PX4 .ulg, or a folder of pictures"
-    raise LogError(f"{path}: is no known kind of log; give {kinds}")
+    raise LogError(f"{path}: is not a known kind of log; give {kinds}")

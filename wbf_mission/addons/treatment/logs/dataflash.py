@@ -17,16 +17,16 @@ _NOWHERE = math.nan
 
 
 class _Formats(dict[int, Any]):
-    """Message formats by number; LogError if a format is shorter than its fields: pymavlink would hang."""
+    """Message formats by number. A format shorter than its fields raises LogError: pymavlink would hang."""
 
     def __setitem__(self, number: int, form: Any) -> None:
         if form.len < _HEAD_BYTES or form.len < _HEAD_BYTES + struct.calcsize(form.msg_struct):
-            raise LogError(f"message {form.name} is shorter in it than its own format")
+            raise LogError(f"the log declares message {form.name} shorter than its fields")
         super().__setitem__(number, form)
 
 
 def read_dataflash(path: Path) -> LogTrack:
-    """Read an ArduPilot .bin: the track from POS (else GPS), the images from CAM (else TRIG).
+    """Read an ArduPilot .bin: the track from POS or else GPS, the images from CAM or else TRIG.
 
     The time since boot is TimeUS. pymavlink computes UTC from the GPS week and time in the log.
     """
@@ -45,7 +45,9 @@ def read_dataflash(path: Path) -> LogTrack:
             elif getattr(message, "I", 0) == 0:  # the first receiver
                 rows[kind].append(place)
     images = LogImages.of(rows["CAM"] or rows["TRIG"])
-    notes = () if rows["POS"] else ("the log has no POS: the positions are the receiver's own (GPS)",)
+    notes = (
+        () if rows["POS"] else ("the log has no POS: the positions come from the satellite receiver (GPS)",)
+    )
     return LogTrack.of("ArduPilot log", rows["POS"] or rows["GPS"], images, notes)
 
 

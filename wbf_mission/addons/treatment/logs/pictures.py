@@ -90,7 +90,7 @@ def _is_place(latitude: float, longitude: float) -> bool:
 
 
 def _of_dji(xmp: Any) -> tuple[float, float]:
-    """Return the position in DJI's XMP; NaN if it has none."""
+    """Return the position in DJI's XMP; NaN if the XMP has no position."""
     packet = xmp[:_MOST_XMP] if isinstance(xmp, bytes) else b""
     found = {name.lower()[:3]: float(number) for name, number in _DJI.findall(packet)}
     return found.get(b"lat", _NOWHERE), found.get(b"lon", _NOWHERE)

@@ -46,7 +46,9 @@ def read_telemetry(path: Path) -> LogTrack:
     notes = []
     if others:
         named = ", ".join(map(str, others))
-        notes.append(f"positions and images in the log are those of vehicle {system}, not of {named}")
+        notes.append(
+            f"positions and images are read for vehicle {system} only; other vehicles in the log: {named}"
+        )
     rows = list(images.get(system, {}).values())
     return LogTrack.of("telemetry log", fixes.get(system, []), LogImages.of(rows), tuple(notes))
 
@@ -70,7 +72,7 @@ def observations_in(
 ) -> tuple[Observations, tuple[str, ...]]:
     """Return the observations of leaf cameras in a .tlog, and notes on lost images.
 
-    LogError if the log cannot be read, or the camera senses other fields.
+    Raises LogError if the log cannot be read, or the camera senses other fields.
     """
     cameras: dict[int, ObservationAssembler] = {}
     try:
@@ -88,6 +90,6 @@ def observations_in(
     statistics = [camera.statistics for camera in cameras.values()]
     lost = sum(counts.lost + counts.unpaired for counts in statistics)
     off = sum(counts.off_farm for counts in statistics)
-    notes = [f"{lost} images are not whole in the log"] * bool(lost)
+    notes = [f"{lost} images are incomplete in the log"] * bool(lost)
     notes += [f"{off} cells of images lie outside the farm"] * bool(off)
     return Observations.concatenate(parts, fields), tuple(notes)

@@ -22,7 +22,7 @@ _STDERR = 2
 LONGEST_GAP_S = 5.0
 """Longest gap between two fixes across which positions are interpolated (s)."""
 LEAST_UTC_S = 1e9
-"""Smallest time that is UTC (the year 2001, in s since 1970); smaller times are seconds since boot."""
+"""Smallest UTC time (s since 1970; this is in the year 2001); smaller times are seconds since boot."""
 
 
 class LogError(WbfMissionError, ValueError):
@@ -71,8 +71,8 @@ class LogTrack:
         """Return latitude and longitude at each time, interpolated linearly between fixes.
 
         Times of at least `LEAST_UTC_S` are UTC; smaller times count from the boot. Positions are NaN before
-        the first fix, after the last fix, and in gaps of more than `LONGEST_GAP_S`. LogError if the log lacks
-        the clock of the times, or the vehicle was rebooted within the log.
+        the first fix, after the last fix, and in gaps of more than `LONGEST_GAP_S`. Raises LogError if the
+        log lacks the clock of the times, or the vehicle was rebooted within the log.
         """
         found = np.full((2, len(time_s)), np.nan)
         is_utc = time_s >= LEAST_UTC_S
@@ -97,7 +97,7 @@ class LogTrack:
         return found[0], found[1]
 
     def of_images(self) -> tuple[Floats, Floats]:
-        """Return latitude and longitude of the images; the track gives the positions that images lack."""
+        """Return latitude and longitude of the images; positions that images lack come from the track."""
         images = self.images
         latitude, longitude = images.latitude_deg.copy(), images.longitude_deg.copy()
         lacks = ~is_position(latitude, longitude)
@@ -134,7 +134,7 @@ def _silence() -> Iterator[None]:
 
 @contextlib.contextmanager
 def parsing(path: Path, kind: str) -> Iterator[None]:
-    """Silence a library that reads a log, and replace its errors by a LogError of one line."""
+    """Silence a library that reads a log, and raise its errors as a LogError of one line."""
     try:
         with _silence():
             yield

@@ -45,7 +45,7 @@ def read_ulog(path: Path) -> LogTrack:
             rows = _rows(topics[_POSITION], offset_s)
         if not is_position(rows[:, 2], rows[:, 3]).any() and (receiver := _receiver(topics)) is not None:
             rows = _rows(receiver, offset_s)
-            notes.append(f"the log has no {_POSITION}: the positions are the receiver's own (GPS)")
+            notes.append(f"the log has no {_POSITION}: the positions come from the satellite receiver (GPS)")
         images = LogImages.of(_images(topics, offset_s))
     if log.file_corruption:
         notes.append("the log is damaged or truncated: only its valid part is read")
@@ -101,16 +101,16 @@ def _utc_offset_s(topics: dict[str, Any]) -> float:
 
 
 def _count_fields(topic: str, declared: dict[str, Any], depth: int) -> int:
-    """Return the number of values in a message of `topic`; LogError if its types are nested too deeply.
+    """Return the number of values in a message of `topic`; raise LogError for types nested too deeply.
 
     pyulog expands all nested types, so the check precedes the parsing of the data.
     """
     if depth == 0:
-        raise LogError(f"message {topic[:40]!r} is nested too deeply in it")
+        raise LogError(f"message {topic[:40]!r} is nested too deeply in the log")
     count = 0
     for kind, size, _ in declared[topic].fields:
         each = _count_fields(kind, declared, depth - 1) if kind in declared else 1
         count += each * max(size, 1)
         if count > _MOST_FIELDS:
-            raise LogError(f"message {topic[:40]!r} has more than {_MOST_FIELDS} numbers in it")
+            raise LogError(f"message {topic[:40]!r} has more than {_MOST_FIELDS} numbers in the log")
     return count

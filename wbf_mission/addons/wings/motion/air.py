@@ -19,7 +19,7 @@ from wbf_mission.addons.wings.motion.layout import FLARE, FLYING, SHORT
 
 CLIMB_LAG_S = 0.5
 ROLL_RATE_S = 0.1
-# Time constant of the side force of a slip, after the turn rate.
+# Time constant with which the side force of a slip follows the turn rate.
 SLIP_S = 0.7
 STEEPEST = 0.8
 SLOW_M_S = 3.0
@@ -60,8 +60,8 @@ def _roll(state: Record, limits: Record, bank: float) -> None:
 def _trim(state: Record, limits: Record, lift: float, v: float) -> None:
     """Add the pitch error of an untrimmed elevator; the integral of pitch control then removes the error.
 
-    The demanded pitch rate is the angle error over the time constant. The rate moves the elevator by ``FF s +
-    P s^2``, and the rate's integral by ``I s^2`` per second, where s is scaling speed over airspeed.
+    The demanded pitch rate is the angle error divided by the time constant. This rate moves the elevator by
+    ``FF s + P s^2``, and its integral by ``I s^2`` per second, where s is scaling speed / airspeed.
     """
     if state.trimmed == 0.0:
         state.trimmed = lift
@@ -82,7 +82,7 @@ def pitch_up(state: Record, limits: Record, pitch: float) -> float:
 
     Lift turns the path until the angle of attack carries the weight. If the lift changes, a stable airframe
     needs another elevator position. Until the integral of pitch control (``AP_PitchController.cpp``) provides
-    this position, the demanded rate does, at the price of a pitch error.
+    this position, the demanded pitch rate provides it, which takes a pitch error.
     """
     dt = limits.step_s
     v = max(state.airspeed, SLOW_M_S)
@@ -94,7 +94,7 @@ def pitch_up(state: Record, limits: Record, pitch: float) -> float:
         _trim(state, limits, lift, v)
     rate = (pitch + state.nose_up - state.pitch) / limits.pitch_s
     rate = min(max(rate, -limits.pitch_down_rate), limits.pitch_up_rate)
-    # The rate that keeps the nose level in a coordinated turn is too high in a slipping turn.
+    # The pitch rate that keeps the nose level in a coordinated turn is too high in a slipping turn.
     rate += (1.0 - limits.turn_share) * GRAVITY_M_S2 * tan(bank) * sin(bank) / v
     state.pitch += rate * cos(bank) * dt
     attack = (lift - limits.lift_level) / limits.lift_slope
@@ -112,7 +112,7 @@ def fly(
 ) -> float:
     """Move one step through the air and return the load factor.
 
-    `bank` and `climb` are commanded, except that ArduPlane's `climb` is the actual climb rate. `rate` is the
+    `bank` and `climb` are commanded values, but for ArduPlane `climb` is the actual climb rate. `rate` is the
     energy rate divided by weight (m/s).
     """
     dt = limits.step_s
@@ -236,7 +236,7 @@ def take_off(state: Record, limits: Record, wx: float, wy: float) -> None:
     rate = limits.launch * throttle
     if limits.launch <= 0.0:
         v = state.airspeed
-        # The vehicle rolls level: its drag is that at zero angle of attack.
+        # On the level ground, drag is computed for zero angle of attack.
         load = limits.lift_level * v * v / GRAVITY_M_S2
         rate = limits.thrust * throttle - drag(limits, v, load) - limits.ground_drag * v
     roll_on_ground(state, limits, rate, wx, wy)

@@ -66,7 +66,7 @@ def _command_bank(state: Record, limits: Record, lateral: float, takeoff: bool, 
 
 @compiled(allocates=False)
 def _approach_height(state: Record, limits: Record, length: float, portion: float) -> float:
-    """Return the height on the line to the point where the flare should start."""
+    """Return the height of the line that leads to the point where the flare should start."""
     top = state.begin_z
     ground = max(ground_speed(state), 0.5)
     sink = top / max(length / ground, 0.5)

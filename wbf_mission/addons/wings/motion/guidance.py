@@ -21,7 +21,7 @@ from wbf_mission.addons.wings.motion import layout as at
 from wbf_mission.addons.wings.motion.tecs import PERIOD_S
 
 NPFG, L1 = 0.0, 1.0
-# If the crosswind is less than this below the airspeed, NPFG fades out the acceleration for curvature.
+# If airspeed less crosswind is below this, NPFG fades out the acceleration for curvature.
 AIRSPEED_BUFFER = 1.5
 LEAST_RADIUS_M = 0.5
 _CAPTURE = 0.7071
@@ -98,7 +98,7 @@ def _npfg(
         )
         acceleration = airspeed * ratio * rate * held * along * along
     if abs(wind_across) < airspeed and (wind_along > 0.0 or wind < airspeed):
-        # Wind triangle: heading that makes good the bearing.
+        # Wind triangle: with this heading, the course over ground is the bearing.
         forward = sqrt(airspeed * airspeed - wind_across * wind_across)
         he = forward * be + wind_across * bn
         hn = forward * bn - wind_across * be
@@ -116,7 +116,7 @@ def _npfg(
 
 @compiled(allocates=False)
 def _decide(nu: float, state: Record) -> float:
-    """Limit the angle to the goal, and keep the turn direction while the goal is behind the vehicle."""
+    """Limit the angle to the goal; while the goal is behind the vehicle, keep the turn direction."""
     last = state.guidance
     if abs(nu) > _DECIDED and abs(last) > _DECIDED and nu * last < 0.0:
         nu = last
@@ -224,7 +224,7 @@ def _steer_line(
     if limits.law == NPFG:
         return _npfg(state, limits, rx * tn - ry * te, te, tn, 0.0, wx, wy)
     if row.kind == at.LANDING:
-        # The line is kept beyond the landing point.
+        # The vehicle keeps to the line beyond the landing point.
         length = length + sqrt(rx * rx + ry * ry) + AHEAD_OF_LANDING_M
     return _l1_line(state, limits, rx, ry, te, tn, length)
 
@@ -245,7 +245,7 @@ def _steer_circle(
     else:
         ground = max(ground_speed(state), 1e-3)
         oe, on = state.velocity_x / ground, state.velocity_y / ground
-    # The clockwise direction is the outward direction rotated to the right.
+    # The clockwise tangent is the outward direction rotated to the right by 90 degrees.
     te, tn = sense * on, -sense * oe
     error = sense * (radius - away)
     return _npfg(state, limits, error, te, tn, sense / radius, wx, wy)[0]
@@ -261,9 +261,9 @@ def circles(state: Record, row: Record, arrived: bool) -> bool:
 
 @compiled(allocates=False)
 def _comes_along_line(state: Record, row: Record, limits: Record) -> bool:
-    """Return whether ArduPlane now approaches a mission's circle along the line from the last waypoint.
+    """Return whether ArduPlane still flies on the line from the last waypoint towards a mission's circle.
 
-    It leaves the line near the circle (``Plane::update_loiter``). A return leads directly to the circle.
+    ArduPlane leaves the line near the circle (``Plane::update_loiter``). A return flies straight to it.
     """
     of_mission = row.kind == at.CIRCLE and row.at_once == 0.0
     return bool(limits.law != NPFG and of_mission and isnan(state.bearing) and state.direct == 0.0)

@@ -1,9 +1,9 @@
 """Compiled motion of a fixed wing: coordinated turns, energy, guidance along the legs of a route.
 
-docs/fixed-wing-and-rover.md describes the model. Lengths in metres, angles in radians, east-north-up from
-home, headings clockwise from north, banks and accelerations to the right positive. A vehicle is a record of
-`STATE` and a row of `COUNTERS` integers, as in `sim_vehicle.motion.multirotor.kernel`; the first 19 columns
-and the counters are the same.
+docs/fixed-wing-and-rover.md describes the model. Lengths are in metres, angles in radians, and axes
+east-north-up from home. Headings are clockwise from north; banks and accelerations to the right are positive.
+A vehicle is a record of `STATE` and a row of `COUNTERS` integers, as in
+`sim_vehicle.motion.multirotor.kernel`; the first 19 columns and the counters are the same.
 """
 
 from __future__ import annotations
@@ -164,9 +164,9 @@ def _feel(
 def _leave(
     state: Record, counters: Integers, row: Record, route: Record, limits: Record, own: tuple[()]
 ) -> None:
-    """End a leg: the next leg may start, or, after the last leg, set the circle to fly.
+    """End a leg; after the last leg, set the circle that the vehicle then flies.
 
-    The circle is that of the last leg or, if the leg has none, a circle around its end.
+    This is the last leg's circle or, if the leg has no circle, a circle around the leg's end.
     """
     if counters[col.ARRIVED] == 0:
         state.give_up_step = inf

@@ -20,9 +20,9 @@ Wing = IntEnum(
     "PITCH "
     "COMMAND "  # Commanded bank.
     "BEGIN_X BEGIN_Y BEGIN_Z "  # Start of the leg.
-    "COURSE "  # On the ground.
+    "COURSE "  # Course on the ground.
     "TURNED "  # Angle flown around the centre.
-    "BEARING "  # Bearing from the centre; NaN before the circle.
+    "BEARING "  # Bearing from the centre; NaN until the circle is reached.
     "PAUSE_END "  # Step at which a pause ends.
     "DOING "  # ON_GROUND, FLYING, FLARE or ROLLING.
     "GUIDANCE "  # Last angle of the L1 guidance.
@@ -36,7 +36,7 @@ Wing = IntEnum(
     "TARGET "  # Demanded height; at first the height at the start of the leg.
     "SLOPE "  # Height to gain along the leg; 0: the height is changed at once.
     "STAGE "  # Stage of a landing: LINING_UP, APPROACH or PREFLARE.
-    "LEVEL_OFF "  # Height left to climb when the nose started to come down; 0: not yet.
+    "LEVEL_OFF "  # Height left to climb when the nose began to come down; 0 before that.
     # Total energy control.
     "RUNNING "  # Whether the controller is running.
     "LAST_SPEED SPEED_DEMAND SPEED_RATE_FILTER ACCELERATION_FILTER SPEED_MAX HEIGHT_IN HEIGHT_LIMITED "
@@ -45,12 +45,12 @@ Wing = IntEnum(
     "THROTTLE_FLOOR "  # Minimum throttle, which falls slowly after a climb-out.
     "BALANCE_INTEGRAL SPEED_INTEGRAL "
     "PITCH_FREE "  # Pitch before its limits.
-    "THROTTLE_CLIP "  # -1, 0 or 1.
+    "THROTTLE_CLIP "  # 1 beyond the upper limit, -1 below the lower limit, else 0.
     "BALANCE_CLIP UNDERSPEED UNDERSPEED_S BAD_DESCENT "
     "PATH_RATE "  # Rate at which the path bends upward.
     "SLIP "  # Turn rate that the lagging side force has reached.
     "NOSE_UP "  # Pitch error while the integral of pitch control lags.
-    "TRIMMED "  # Lift coefficient (unit of LIFT_LEVEL) for which the elevator is trimmed; 0: not yet.
+    "TRIMMED "  # Lift coefficient (unit of LIFT_LEVEL) for which the elevator is trimmed; 0: none yet.
     "FLARE_FROM "  # Height at the start of the flare; NaN before.
     "FLARE_RATE "  # Climb rate at the start of the flare.
     "FLARE_FOLLOWED FLARE_IDEAL "
@@ -76,7 +76,7 @@ Leg = IntEnum(
     "NEAR "  # Distance at which arrival is notified.
     "CIRCLE_RADIUS "  # Positive for clockwise.
     "TURNS "
-    "EXIT_X EXIT_Y "  # Point towards which to leave the circle; NaN: anywhere.
+    "EXIT_X EXIT_Y "  # Point towards which the vehicle leaves the circle; NaN: anywhere.
     "PAUSE "
     "PITCH "  # Minimum pitch of a take-off.
     "HEIGHT_TOLERANCE "
@@ -153,7 +153,7 @@ class FixedWingLimits(FixedWingBounds):
     total_s: float = 0.0
     total_for_load: float = 0.0
     control: Mapping[str, float] = field(default_factory=dict)
-    """ArduPlane's energy control, landing and take-off, by columns of `Limits`; empty for PX4."""
+    """Values of ArduPlane's energy control, landing and take-off, by column of `Limits`; empty for PX4."""
 
 
 OF_WING = [each.name for each in fields(FixedWingLimits) if each.name != "control"]
@@ -175,7 +175,7 @@ Limits = IntEnum(
     "TECS_CLIMB TECS_SINK_MIN TECS_SINK_MAX TRIM_THROTTLE THROTTLE_MIN THROTTLE_MAX THROTTLE_SLEW "
     "PITCH_MIN PITCH_MAX PITCH_S PITCH_UP_RATE PITCH_DOWN_RATE PITCH_FEED_FORWARD PITCH_GAIN "
     "PITCH_INTEGRATOR SCALING_SPEED "
-    "SLOPE_MIN "  # Smaller height changes are made at once.
+    "SLOPE_MIN "  # Smaller height changes are made at once, not along a slope.
     "LAND_S LAND_DAMPING LAND_SPEED_WEIGHT LAND_PITCH LAND_PITCH_MAX HOLD_OFF_HEIGHT FLARE_AIM "
     "PREFLARE_HEIGHT PREFLARE_S PREFLARE_AIRSPEED HEAD_WIND_SHARE LEVEL_OFF_S TAKEOFF_THROTTLE "
     "TAKEOFF_DELAY THROTTLE_EASE",

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 # Default minimum pitch of a climb-out.
 _TAKEOFF_PITCH = math.radians(4.0)
-# Source of drag for vehicles without a power model: a foam mapper of 1.8 m span.
+# Vehicles without a power model get the drag of this foam aircraft of 1.8 m span.
 _TYPICAL = FixedWingPowerSpec(mass_kg=1.9, wing_area_m2=0.42, wing_span_m=1.8, parasitic_drag=0.035)
 # Deceleration on grass.
 _BRAKE_M_S2 = 3.0
@@ -72,7 +72,7 @@ class FixedWing(CompiledMotion):
         return bank, pitch, airspeed, throttle
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
-        """Set the vehicle in steady flight at time 0, with no energy used, as if it had flown there."""
+        """Start the vehicle in steady flight at a place, at time 0 and with no energy used."""
         super().place_in_flight(position_m, velocity_m_s, heading_rad)
         state = self.state
         east, north, up = velocity_m_s
@@ -92,14 +92,14 @@ class FixedWing(CompiledMotion):
         """Start a route from the vehicle's current position and speed."""
         before, first, arrived = self._route, self.leg, self.counters[col.ARRIVED] != 0
         legs = self._legs(route).view(wing.LEG)[:, 0]
-        # If the first leg leads to the same waypoint as before, keep its line.
+        # If the first leg leads to the same waypoint as the present leg, keep the present line.
         if (
             before is None
             or arrived
             or legs[0].kind != wing.LINE
             or not math.hypot(legs[0].x - before[first].x, legs[0].y - before[first].y) < 1.0
         ):
-            # The first leg starts at the last waypoint if this was reached, else at the vehicle's position.
+            # The first leg starts at the last waypoint if that was reached, else at the vehicle's position.
             self.state[Wing.BEGIN_X] = math.nan
             if before is not None and arrived and before[-1].kind == wing.LINE:
                 self.state[Wing.BEGIN_X : Wing.BEGIN_X + 3] = before[-1].x, before[-1].y, before[-1].z
@@ -110,7 +110,7 @@ class FixedWing(CompiledMotion):
         legs, n = route.legs, len(route.legs)
         rows = np.zeros((n, len(Leg)))
         rows[:, : Leg.KIND] = route.points_m
-        # 0 leaves a default radius to the autopilot; ArduPlane stores other radii in one byte.
+        # 0 means the autopilot's default radius; ArduPlane stores other radii in one byte.
         radius = np.where(legs["radius"] == self.spec.acceptance_radius_m, 0.0, legs["radius"])
         rows[:, Leg.RADIUS] = np.floor(np.minimum(radius, 255.0))
         speed = np.where(np.isnan(legs["speed"]), law.airspeed_trim, legs["speed"])
@@ -177,7 +177,7 @@ class FixedWing(CompiledMotion):
         """
         east, north, up = velocity_m_s
         if east != 0.0 or north != 0.0 or not up < 0.0 or not math.isnan(height_m):
-            msg = f"vehicle {self.spec.name}: a fixed wing keeps no velocity over ground, give it places"
+            msg = f"vehicle {self.spec.name}: a fixed wing cannot hold a ground velocity, give positions"
             raise VehicleError(msg)
         row = np.zeros((1, len(Leg)))
         row[0, : Leg.KIND] = self.state[col.POSITION]
@@ -203,7 +203,7 @@ class FixedWing(CompiledMotion):
         self._limit.throttle_limit = 0.0
 
     def update_spec(self, spec: VehicleSpec) -> None:
-        """Change defaults and limits at once; those that legs contain take effect from the next route on."""
+        """Change defaults and limits at once; values that legs contain change with the next route."""
         throttle = self._limit.throttle_limit
         super().update_spec(spec)
         self._limit.throttle_limit = throttle

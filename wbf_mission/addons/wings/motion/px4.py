@@ -16,7 +16,7 @@ THROTTLE_S = 0.4
 
 @compiled(allocates=False)
 def _near_ground(state: Record, limits: Record, level: bool) -> float:
-    """Return the bank limit near the ground: for wing tip clearance, and for level wings in a climb-out."""
+    """Return the bank limit near the ground, which keeps the wing tips clear, and a climb-out level."""
     bank = limits.bank_limit
     height = state.position_z
     if level and height < limits.level_height:
@@ -27,7 +27,7 @@ def _near_ground(state: Record, limits: Record, level: bool) -> float:
 
 @compiled(allocates=False)
 def _climb(state: Record, limits: Record, height: float, full: bool) -> float:
-    """Return the climb rate towards a height, approached at limited rates (``TECSReferenceModel``)."""
+    """Return the climb rate towards a height; the rates are limited (``TECSReferenceModel``)."""
     here, dt = state.position_z, limits.step_s
     if state.running == 0.0:
         state.running, state.reference_rate = 1.0, 0.0
@@ -62,7 +62,7 @@ def _throttle(state: Record, limits: Record, asked: float, load: float) -> float
     """Return the throttle for an energy rate divided by weight (``TECSControl::_calcThrottleControl``).
 
     The throttle is predicted from the parameters, plus damping and an integral of the error, slow by default.
-    So a motor or drag that differs from the parameters disturbs the airspeed for a minute.
+    Therefore a motor or a drag that differs from the parameters disturbs the airspeed for a minute.
     """
     most, least = limits.climb_max, -limits.sink_min
     asked = min(max(asked + limits.total_for_load * (load - 1.0) / GRAVITY_M_S2, least), most)
@@ -86,7 +86,7 @@ def _energy(
     """Return throttle, climb rate and energy rate (over weight) demanded by total energy control.
 
     The sum of the demanded rates of height and speed sets the throttle (`_throttle`), and their difference
-    sets the pitch. Height and speed share a shortage of energy.
+    sets the pitch. If energy is short, both height and speed fall short.
     """
     v = max(state.airspeed, SHORT)
     climb = _climb(state, limits, height, full)
@@ -112,7 +112,7 @@ def _energy(
 
 @compiled(allocates=False)
 def _approach(state: Record, row: Record, limits: Record) -> float:
-    """Return the demanded height of an approach, and start the flare when low."""
+    """Return the demanded height of an approach, and start the flare when the vehicle is low."""
     if row.kind == LANDING:
         dx, dy = row.x - state.begin_x, row.y - state.begin_y
         length = max(sqrt(dx * dx + dy * dy), 1e-3)

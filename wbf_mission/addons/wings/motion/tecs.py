@@ -3,9 +3,9 @@
 Behaviour as published for ``AP_TECS`` (P. Riseborough, 2013; ArduPlane 4.5 to 4.7) with its parameters
 ``TECS_*``, after A. A. Lambregts, "Vertical flight path and speed control autopilot design using total energy
 principles", AIAA 83-2239. Throttle controls the sum of potential and kinetic energy: feed-forward from the
-wanted rate around TRIM_THROTTLE, damping and an integral. Pitch controls their difference. The controller
-assumes a climb at TECS_CLMB_MAX with full throttle, and a sink at TECS_SINK_MIN without throttle; the
-airframe may differ. All energies are per mass.
+wanted rate around TRIM_THROTTLE, damping and an integral. Pitch controls the difference of the two energies.
+The controller assumes a climb at TECS_CLMB_MAX with full throttle, and a sink at TECS_SINK_MIN without
+throttle; the airframe may differ. All energies are per mass.
 """
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ def _notice_underspeed(state: Record, slowest: float, v: float, stage: float) ->
 
 @compiled(allocates=False)
 def _speed_weight(state: Record, limits: Record, stage: float, portion: float, sinking: bool) -> float:
-    """Return the weight of the airspeed in pitch control, 0 to 2; the height's weight is the rest of 2."""
+    """Return the airspeed's weight in pitch control, 0 to 2; the height's weight is the rest up to 2."""
     if state.underspeed > 0.0 or stage == CLIMB_OUT or sinking:
         return 2.0
     weight = _clip(limits.speed_weight, 0.0, 2.0)
@@ -172,9 +172,9 @@ def control_energy(
 ) -> None:
     """Set the demanded pitch and throttle for a height and an airspeed; call every `PERIOD_S`.
 
-    `stage` is CRUISE, CLIMB_OUT, LAND or FLARING. `portion` is the fraction of the leg flown, which reduces
-    the speed weight in a landing. `least_pitch` is the minimum pitch of a take-off. With a dead motor, pitch
-    holds the airspeed alone.
+    `stage` is CRUISE, CLIMB_OUT, LAND or FLARING. `portion` is the fraction of the leg flown; as it grows, a
+    landing reduces the speed weight. `least_pitch` is the minimum pitch of a take-off. If the motor is dead,
+    pitch alone holds the airspeed.
     """
     if state.running == 0.0:
         _begin(state, limits)
@@ -229,7 +229,7 @@ def control_energy(
         rate = _demand_height(state, limits, stage, target, pitch_min, pitch_max)
     _notice_underspeed(state, slowest, v, stage)
 
-    # Energies and their rates; kinetic rates without the part that their filters have followed.
+    # Energies and their rates; the kinetic rates are high-pass filtered.
     wanted = state.speed_demand
     kinetic, wanted_kinetic = 0.5 * v * v, 0.5 * wanted * wanted
     potential, wanted_potential = GRAVITY_M_S2 * height, GRAVITY_M_S2 * state.height_demand

@@ -1,6 +1,6 @@
 // Made of schema.py by tools/write_page_schema.py.
-// A page receives an `Update` with all data when it connects, then updates with new data. Times are seconds
-// since the start of the run, places metres in the farm frame. Infinite and missing numbers are null.
+// A page that connects receives an `Update` with all data; later updates have only new data. Times are seconds
+// since the start of the run, places are metres in the farm frame. Infinite and missing numbers are null.
 
 /** Points, alternating x and y: [x0, y0, x1, y1, ...]. */
 export type Ring = number[];
@@ -53,9 +53,9 @@ export interface FieldInfo {
   title: string;
   kind: "disease" | "continuous" | "measured";
   unit: string;
-  /** Values in `unit` of 0 and 1. */
+  /** Values in `unit` that 0 and 1 stand for. */
   range: [number, number];
-  /** Two or more "#rrggbb" from 0 to 1; empty for the page's own colours of this kind. */
+  /** Two or more "#rrggbb" from 0 to 1; empty if the page's colours for this kind are used. */
   colours: string[];
 }
 
@@ -71,14 +71,14 @@ export interface Raster {
   tile: number;
 }
 
-/** New pixels of a part of a layer; a part without any tile is empty. */
+/** New pixels of a part of a layer; a part for which no tile was sent is empty. */
 export interface Tile {
   layer: LayerName;
   x: number;
   /** The tile starts at pixel (x * tile, y * tile); tiles at the far borders are smaller. */
   y: number;
-  /** One byte per pixel, row by row from the bottom: 0 to 254 for 0 to the layer's scale, 255 without a value;
-   * compressed by zlib, in base64. */
+  /** One byte per pixel, row by row from the bottom: bytes 0 to 254 stand for 0 to the layer's scale, 255 for no
+   * value. The bytes are compressed by zlib and coded in base64. */
   data: string;
 }
 
@@ -95,7 +95,7 @@ export interface FenceShape {
   inclusion: boolean;
 }
 
-/** A vehicle's planned path from a time on. */
+/** A path that a vehicle is planned to fly from `time_s` on. */
 export interface Plan {
   system_id: number;
   day: number;
@@ -135,11 +135,11 @@ export interface Readings {
   time_s: number[];
   x: number[];
   y: number[];
-  /** Values by field; null without a reading, and outside the field's crops. */
+  /** Values by field; null if there is no reading, or outside the field's crops. */
   values: Record<string, (number | null)[]>;
 }
 
-/** Estimates as columns; the losses by field. */
+/** Estimates as columns, and losses by field. */
 export interface Scores {
   time_s: number[];
   day: number[];
@@ -164,7 +164,7 @@ export interface Change {
   outcome: string;
 }
 
-/** A decision of a policy; replaces an older version, as outcomes change during its execution. */
+/** A decision of a policy; it replaces its older version, as outcomes change while it is executed. */
 export interface Decision {
   number: number;
   time_s: number;
@@ -211,7 +211,7 @@ export interface Status {
   reason: string;
   progress: Progress | null;
   question: Question | null;
-  /** Orders allowed to this page; empty for a page that only shows. */
+  /** Orders that this page may give; empty if it may give no orders. */
   orders: string[];
 }
 
@@ -250,8 +250,8 @@ export interface Beat {
   silent_s: Record<string, number>;
 }
 
-/** New data; a missing member is unchanged. Lists and columns are appended to. Other members are replaced; `tiles`
- * and `decisions` item by item. */
+/** New data; a missing member is unchanged. Rows of lists and columns are appended. Other members are replaced
+ * whole, `tiles` and `decisions` by item. */
 export interface Update {
   time_s: number;
   /** Members to empty first: "plans", "said", "decisions", "scores" and "states/SYSTEM_ID", if older rows were
@@ -285,13 +285,13 @@ export interface Moment {
 
 /** A finished run within a page: all data, and the layers at some moments. */
 export interface Recording extends Update {
-  /** In order of time; tiles replace those of earlier moments. */
+  /** In order of time; a tile replaces the same tile of earlier moments. */
   moments: Moment[];
 }
 
-/** Time of a request: the newest beat of the page, and the seconds since then by the page's clock. */
+/** Time of a request: the page's newest beat, and the seconds since this beat by the page's clock. */
 export interface Given {
-  /** Greater than all earlier ones: each request counts once. */
+  /** Greater than all earlier numbers: each request counts once. */
   number: number;
   beat_s: number;
   after_s: number;

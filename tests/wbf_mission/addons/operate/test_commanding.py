@@ -97,18 +97,6 @@ def test_a_long_reason_is_told_to_its_end():
     assert str(vehicle.session.error).endswith("x propellers are off")
 
 
-<<<<<<< HEAD
-=======
-def test_a_refusal_without_words_is_told_as_such():
-    vehicle = Vehicle("disarm")
-    vehicle.beats(armed=True)
-    vehicle.answers(400, m.MAV_RESULT_FAILED)
-    vehicle.passes(1.0)
-    assert isinstance(vehicle.session.error, VehicleRefusedError)
-    assert str(vehicle.session.error) == "system 1 refused disarm: failed; it gives no reason"
-
-
->>>>>>> main
 @pytest.mark.parametrize("landed", [m.MAV_LANDED_STATE_IN_AIR, None])
 @pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
 def test_who_flies_does_not_take_off(autopilot, landed):

@@ -185,14 +185,7 @@ def test_a_vehicle_of_another_kind_is_refused():
 
 @pytest.mark.parametrize(
     ("more", "text"),
-<<<<<<< HEAD
-    [({"days": 2}, "one flight"), ({"vehicle": "ideal", "budget": "100 steps"}, "no real one")],
-=======
-    [
-        ({"days": 2}, "one flight"),
-        ({"vehicle": "ideal", "budget": "100 steps"}, "not a real vehicle"),
-    ],
->>>>>>> main
+    [({"days": 2}, "one flight"), ({"vehicle": "ideal", "budget": "100 steps"}, "not a real vehicle")],
 )
 def test_what_one_vehicle_cannot_do_is_refused_before_the_link_is_opened(more, text):
     with pytest.raises(LiveFlightError, match=text):

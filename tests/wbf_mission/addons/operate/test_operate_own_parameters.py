@@ -27,13 +27,8 @@ def test_its_return_and_landing_count_in_the_predicted_time(autopilot, parameter
     predicted_s = result.plan.prediction.duration_s
     assert result.flight_time_s == pytest.approx(predicted_s, rel=0.1)
     told = [note.text for note in told]
-<<<<<<< HEAD
-    said = [text for text in told if "planned with its own parameters" in text]
-    assert len(said) == 1
-=======
     said = [text for text in told if "planned with the vehicle's parameters" in text]
-    assert len(said) == bool(parameters)
->>>>>>> main
+    assert len(said) == 1
     assert all(f"{name} {value:g}" in said[0] for name, value in parameters.items())
     assert result.plan.prediction.duration_s <= 180.0, "the budget pays for it, too"
     assert (left := budget_left([result.plan])) == "" or left in told

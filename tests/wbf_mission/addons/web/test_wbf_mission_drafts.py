@@ -151,7 +151,7 @@ def test_a_number_of_batteries_is_planned_for_and_flown(drafts: Drafts) -> None:
         (body(vehicle="mine.toml"), "the studio knows"),
         (body(planner="/tmp/mine.py:planner"), "no key=value"),
         (body(planner=["spiral"]), "is not a text"),
-        (body(planner="spiral:nonsense=1"), "no parameter 'nonsense'"),
+        (body(planner="spiral:nonsense=1"), "unknown parameter 'nonsense'"),
         (body(estimator="mine.py"), "the studio knows"),
         (body(fields="mine.toml"), "the studio knows tylcv"),
         (body(camera_model="mine.toml"), "the studio knows"),

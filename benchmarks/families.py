@@ -4,8 +4,7 @@
 
 Sources are folders of ``wbf-mission bench run --family NAME --out FOLDER`` and packs of ``bench submit``.
 "Ours" is the better of the policies greedy and rolling-horizon with the estimator epidemic, or with gp for
-fields without an epidemic model. Ours and the leader are selected by mean score on the same environments as
-the differences. A small lead may therefore be chance; compare it with the interval of the paired difference.
+fields without an epidemic model. Both methods are chosen by these mean scores, so a small lead may be chance.
 """
 
 from __future__ import annotations
@@ -30,11 +29,11 @@ POLICIES = ("greedy", "rolling-horizon")
 _HELD, _SICK_HELD, _HEALTHY_HELD = "_held", "_sick_held", "_healthy_held"
 _HEAD = """# Families of scenarios, measured
 
-The leading method in worlds, fields, sensors and farms that `epidemic` was not trained on
-([families](../benchmark.md#families)). Ours is the better of `greedy` and `rolling-horizon` with `epidemic`,
-or with `gp` for fields that `epidemic` does not know. Scores are over the run, 0 is perfect, with 95 %
-intervals; differences are of pairs on the same environments. Both methods are chosen by these means, so a
-small lead may be chance. The rows are the frozen baselines; `bench report` prints the ranks of all methods:
+This page names the leading method in worlds, fields, sensors and farms on which `epidemic` was not trained
+([families](../benchmark.md#families)). "Ours" is the better of `greedy` and `rolling-horizon` with
+`epidemic`, or with `gp` for fields that `epidemic` does not know. Scores are over the run (0 is perfect),
+with 95 % intervals; differences are over pairs. Both methods are chosen by these means, so a small lead may
+be chance. The rows are the frozen baselines; `bench report` prints the ranks of all methods:
 
 ```text
 python benchmarks/families.py results/0.1.0/*.zip --out docs/evidence/families.md
@@ -113,8 +112,8 @@ def _in_short(every: Sequence[Found]) -> str:
     worse = [name for name, text in verdicts.items() if text == "worse"]
     where = f"in {len(worse)} ({', '.join(worse)})" if worse else "nowhere"
     return (
-        f"In short: ours has the best mean in {leads} of {len(every)} scenarios, in {better} by more than"
-        f" chance; it is behind by more than chance {where}."
+        f"In short: our method has the best mean in {leads} of {len(every)} scenarios, in {better} by more"
+        f" than chance; it is behind by more than chance {where}."
     )
 
 
@@ -122,9 +121,10 @@ def _calibration(rows: Sequence[BenchRow]) -> Iterator[str]:
     """Yield the calibration table of the final estimates on unobserved cells."""
     yield from ("", "## Calibration", "")
     yield _wrapped(
-        "Of unobserved cells at the end of a run, mean over scenarios, planners and environments: for a"
-        " disease the share of sick plants among those stated as possibly sick (nominal: 90 %), in brackets"
-        " that of healthy plants; for other fields the share of cells within the 90 % interval."
+        "The table is for unobserved cells at the end of a run (means over scenarios, planners and"
+        " environments). For a disease, it has the fraction of sick plants that the estimate states as"
+        " possibly sick (nominal: 90 %), and in brackets the same fraction of healthy plants; for other"
+        " fields, the fraction of cells within the 90 % interval."
     )
     every = families()
     shown = list(dict.fromkeys(name for family in every for name in family.estimators))

@@ -38,7 +38,7 @@ DISK_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
 @contextlib.contextmanager
 def disk_errors_named(path: Path, temporary: Path | None = None) -> Iterator[None]:
-    """Name `path` in an OSError that comes from a full disk or names the file `temporary`."""
+    """Put `path` as the file name into an OSError of a full disk, or an OSError that names `temporary`."""
     try:
         yield
     except OSError as error:
@@ -64,10 +64,10 @@ def to_disk(path: Path) -> None:
 
 
 def replace_file(source: Path, target: Path) -> None:
-    """Rename a file or folder to `target`; an older file of that name is replaced.
+    """Rename the file or folder `source` to `target`, in place of an older file of that name.
 
-    Windows refuses this while another program has the older file open, such as a viewer or a virus scanner.
-    The rename is tried again for a second; then a PermissionError names the older file and the remedy.
+    Windows refuses the rename while another program, such as a viewer, has the older file open. The rename is
+    repeated for a second; then a PermissionError names the older file and the remedy.
     """
     for wait_s in (*_WAITS_S, None):
         try:
@@ -75,7 +75,7 @@ def replace_file(source: Path, target: Path) -> None:
             return
         except PermissionError as error:
             if wait_s is None:
-                refusal = f"{os.strerror(errno.EACCES)}: close the program that has it open, if one has"
+                refusal = f"{os.strerror(errno.EACCES)}: close any program that has it open"
                 older = target if target.exists() else source
                 raise PermissionError(errno.EACCES, refusal, str(older)) from error
             time.sleep(wait_s)
@@ -83,11 +83,11 @@ def replace_file(source: Path, target: Path) -> None:
 
 @contextlib.contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary path with the same suffix, for writers that open files by name.
+    """Yield a temporary path with the suffix of `path`, for writers that open a file by its name.
 
     The ``with`` block has to create the file. If `path` is a symbolic link, the file that it points to is
-    replaced. The permissions of an older file are kept. A target other than a regular file (a pipe,
-    ``/dev/stdout``) is yielded itself.
+    replaced. The permissions of an older file are kept. For a pipe or a device (``/dev/stdout``), `path`
+    itself is yielded.
     """
     target = Path(path).resolve()
     if target.is_dir():
@@ -127,9 +127,9 @@ def atomic_write(
 def atomic_write(
     path: str | os.PathLike[str], mode: Literal["w", "wb"] = "w", *, newline: str | None = None
 ) -> Iterator[IO[str] | IO[bytes]]:
-    """Open a file for writing; it appears under its name when the block ends without an exception.
+    """Open a file for writing; the file appears under its name when the block ends without an exception.
 
-    Text is encoded as UTF-8. The ``filename`` of an OSError is `path`.
+    Text is encoded as UTF-8. An OSError names `path`, not the temporary file.
     """
     with atomic_path(path) as temporary:
         if mode == "wb":
@@ -141,13 +141,13 @@ def atomic_write(
 
 
 _UNSUPPORTED = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
-"""Error numbers of disks without locks, such as some network disks."""
+"""Error numbers by which a disk says that it has no file locks, as some network disks do."""
 
 
 def lock_file(descriptor: int, *, wait: bool) -> bool:
     """Lock an open file; return False if another process holds the lock and `wait` is false.
 
-    On a disk without locks the result is always True, even if several processes lock the file.
+    On a disk that has no locks the result is always True, even if several processes "lock" the file.
     """
     from filelock import lock_descriptor
 
@@ -160,32 +160,32 @@ def lock_file(descriptor: int, *, wait: bool) -> bool:
 
 
 def unlock_file(descriptor: int) -> None:
-    """Unlock an open file, also in processes that were forked since the file was locked."""
+    """Unlock an open file; processes that were forked while it was locked lose the lock too."""
     from filelock import unlock_descriptor
 
-    with contextlib.suppress(OSError):  # a disk without locks
+    with contextlib.suppress(OSError):  # The disk may have no locks
         unlock_descriptor(descriptor)
 
 
 @contextlib.contextmanager
 def lock_held(path: Path) -> Iterator[None]:
-    """Hold the lock file `path`, which is removed at the end of the block.
+    """Hold a lock on the file `path`; the file is removed at the end of the block.
 
-    The system releases the lock when the process ends. BlockingIOError if another process holds the lock.
+    The system releases the lock when the process ends. Raise BlockingIOError if another process holds it.
     """
     is_held = False
     while not is_held:
         with path.open("ab") as file:
             if not lock_file(file.fileno(), wait=False):
                 raise BlockingIOError(errno.EWOULDBLOCK, "another process holds the lock", str(path))
-            # If another process removed the file after it was opened here, a new file has to be locked.
+            # Another process may have removed the file after it was opened here; then a new file is locked.
             with contextlib.suppress(FileNotFoundError):
                 is_held = os.path.samestat(path.stat(), os.fstat(file.fileno()))
             if is_held:
                 try:
                     yield
                 finally:
-                    if sys.platform == "win32":  # Windows does not remove open files
+                    if sys.platform == "win32":  # Windows cannot remove an open file
                         file.close()
                     with contextlib.suppress(PermissionError):
                         path.unlink(missing_ok=True)
@@ -193,34 +193,34 @@ def lock_held(path: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def made_by_one(path: Path) -> Iterator[None]:
-    """Let one process make the file `path`; other processes wait for the lock, then find the file.
+    """Let one process make the file `path`; other processes wait until it is done, then find the file.
 
-    The lock is on a file beside `path`. If the lock file cannot be written, processes do not wait.
+    The lock is a file beside `path`. If the lock file cannot be written, no process waits for another.
     """
     with contextlib.ExitStack() as stack:
         with contextlib.suppress(OSError):
             path.parent.mkdir(parents=True, exist_ok=True)
             lock = stack.enter_context(path.with_name(f"{path.name}.lock").open("ab"))
             lock_file(lock.fileno(), wait=True)
-            # A process forked by another thread keeps the file open: closing it here would not unlock it.
+            # A process that another thread forked may hold the file open, so closing it may not unlock it.
             stack.callback(unlock_file, lock.fileno())
         yield
 
 
-_LONGEST_NAME = 240  # File systems allow 255 bytes; suffixes of the hidden folders are added
+_LONGEST_NAME = 240  # Longer names leave no room for suffixes within 255 bytes
 
 
 class FolderError(WbfMissionError, ValueError):
-    """A folder that cannot be written now. The text is the reason, without the folder's name."""
+    """A folder cannot be written now. The error's text gives the reason, without the folder's name."""
 
 
 class AtomicFolder:
-    """Atomic replacement of a folder's content by one process at a time.
+    """Replaces the content of a folder atomically; only one process at a time may do so.
 
     New content is written into a hidden folder beside the target. `commit` renames the hidden folder to mark
     it complete, moves the older content aside, moves the new content into place and removes the older
-    content. If the process is killed at any step, either the older or the new content is complete. The next
-    process that opens the folder, or `settle`, completes a commit that was interrupted.
+    content. If the process is killed at any step, either the older or the new content is complete. An
+    interrupted commit is completed by the next process that opens the folder, or by `settle`.
 
     >>> import tempfile
     >>> target = Path(tempfile.mkdtemp()) / "result"
@@ -230,8 +230,8 @@ class AtomicFolder:
     >>> [path.name for path in target.parent.iterdir()], (target / "mark").read_text()
     (['result'], 'whole')
 
-    A lock keeps other processes from entering a ``with`` block for the same folder. The lock ends when the
-    process ends, even if the process is killed.
+    A lock keeps other processes from entering a ``with`` block for the same folder. The system releases the
+    lock when the process ends, even if the process is killed.
 
     Parameters
     ----------
@@ -311,7 +311,7 @@ class AtomicFolder:
         self._held.close()
 
     def commit(self, filled: Path | None = None) -> None:
-        """Replace the folder's content by that of `filled` on the same disk (default: `self.filled`)."""
+        """Replace the content with the entries of `filled`, on the same disk (default: `self.filled`)."""
         filled = filled or self.filled
         for entry in filled.iterdir():
             to_disk(entry)
@@ -324,14 +324,14 @@ class AtomicFolder:
             raise
 
     def settle(self) -> None:
-        """Complete an interrupted commit from the step that it had reached. The caller holds the lock."""
+        """Complete an interrupted commit from its first undone step on. The caller holds the lock."""
         target, ready, older = self.target, self._ready, self._older
         if ready.is_dir():
             none_placed = (ready / self._mark).is_file()
             in_use = os.path.ismount(target) or _holds_working_folder(target)
             if target.exists() and (in_use or older.exists() or not none_placed):
-                # A folder in use cannot be renamed, but its entries can. The mark is moved first: while the
-                # mark is in `ready`, none of the new content is in place.
+                # A folder in use cannot be renamed, but the entries in it can. The mark is moved first: while
+                # the mark is in `ready`, none of the new content is in place.
                 if none_placed:
                     older.mkdir(exist_ok=True)
                     for entry in [entry for entry in target.iterdir() if self._is_part(entry.name)]:
@@ -358,7 +358,7 @@ class AtomicFolder:
         to_disk(self._lock_path.parent)
 
     def _undo(self) -> None:
-        """Restore the older content after a failed commit, unless new content is in place already."""
+        """Restore the older content after a failed commit, unless some of the new content is in place."""
         if not (self._ready / self._mark).is_file():
             return
         if self._older.is_dir():
@@ -373,21 +373,21 @@ class AtomicFolder:
 
 def _remove_empty(folders: list[Path]) -> None:
     for folder in folders:
-        with contextlib.suppress(OSError):  # The folder has other files
+        with contextlib.suppress(OSError):  # The folder is not empty
             folder.rmdir()
 
 
 def _holds_working_folder(folder: Path) -> bool:
     try:
         return Path.cwd().is_relative_to(folder)
-    except FileNotFoundError:  # The working folder was removed
+    except FileNotFoundError:  # The working folder has been removed
         return False
 
 
 def settle(path: Path, mark: str, is_part: Callable[[str], bool]) -> None:
-    """Complete the commit of a process that was killed; FolderError while another process writes the folder.
+    """Complete the commit of a process that was killed.
 
-    The parameters are those of `AtomicFolder`.
+    Raise FolderError while another process writes the folder. Parameters as in `AtomicFolder`.
     """
     folder = AtomicFolder(path, mark, is_part)
     if folder.is_unsettled:

@@ -1,7 +1,7 @@
-"""Compiled functions (numba), with a cache that is invalidated by a change in any module they use.
+"""Compiles functions with numba. Cached machine code becomes invalid when a module that it uses changes.
 
 numba's own cache checks only the file of the function, not the files of the functions that it calls. Here the
-cache key is a digest of the function's module and of all modules that it imports from this project.
+cache key is a digest of the function's module and of all modules of this project that it imports.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _IMPORT = re.compile(
     r"^(?:from[ ]+([\w.]+)[ ]+import[ ]+(\([^)]*\)|[^\n]*)|import[ ]+([\w.]+))", re.MULTILINE
 )
 
-_VERSIONS_KEPT = 8  # Cached versions per module, so that a change of the branch needs no recompilation
+_VERSIONS_KEPT = 8  # Versions cached per module, for git branches that are checked out again
 
 _INTERNALS = {
     "numba.core.caching": "_CacheLocator CompileResultCacheImpl._locator_classes FunctionCache._impl_class "
@@ -39,7 +39,7 @@ _INTERNALS = {
     "numba.core.types": "unliteral",
     "numba.core.types.functions": "BaseFunction.get_call_type BaseFunction.get_impl_key",
 }
-"""Names inside numba, by module. If one is missing, functions are compiled without the cache."""
+"""Internal names of numba, by module. If numba lacks any of them, compiled functions are not cached."""
 
 _listeners: list[Callable[[str], None]] = []
 _refused: list[OSError] = []
@@ -47,9 +47,9 @@ _refused: list[OSError] = []
 
 @contextmanager
 def compile_notices(listener: Callable[[str], None]) -> Iterator[None]:
-    """Call ``listener(name)`` before each compilation of a function, which takes seconds.
+    """Call ``listener(name)`` before a function is compiled, since compiling takes seconds.
 
-    A name is for example ``sim_vehicle.motion.px4.kernel.advance``.
+    An example of a name is ``sim_vehicle.motion.px4.kernel.advance``.
     """
     _listeners.append(listener)
     try:
@@ -73,30 +73,30 @@ def compiled(
 ) -> Any:
     """Compile a function at its first call (`numba.njit`) and cache the machine code for later processes.
 
-    The cache is in the user's cache folder or in ``NUMBA_CACHE_DIR``. If the folder cannot be written, or
-    numba lacks one of `_INTERNALS`, a warning is given and every process compiles again. With
-    ``NUMBA_DISABLE_JIT`` functions are not compiled.
+    The cache is in the folder ``NUMBA_CACHE_DIR``, by default in the user's cache folder. If this folder
+    cannot be written, or numba lacks one of `_INTERNALS`, every process compiles again and warns of it. If
+    ``NUMBA_DISABLE_JIT`` is set, functions run as plain Python.
 
     Parameters
     ----------
     function : callable
-        The function. A closure may refer to compiled functions only, and needs a unique ``__qualname__``,
-        which is part of numba's cache key.
+        The function. If it is a closure, it may close over compiled functions only, and its ``__qualname__``
+        must be unique, as numba's cache key contains that name.
     inline : {"never", "always", "late"}
-        Whether callers inline the function: "always" inlines the Python code, which each caller compiles
-        again; "late" inlines the machine code, for large functions with few callers, as a call passes five to
-        ten numbers per array.
+        Whether callers inline the function. "always" inlines the Python code, which each caller then compiles
+        again. "late" inlines the machine code; it suits large functions with few callers, because a call
+        passes five to ten numbers per array.
     nogil : bool
         Whether the function releases the GIL.
     allocates : bool
-        Whether the function makes arrays. If False, the atomic reference counting of arrays is left out, and
-        a function that makes an array cannot be compiled.
+        Whether the function makes arrays. If False, arrays are not reference-counted, which saves time, and
+        compiling a function that makes an array fails.
     """
     if function is None:
         return partial(compiled, inline=inline, nogil=nogil, allocates=allocates)
     from numba import njit
 
-    # numba would take a missing option from the caller for which the function is first compiled.
+    # All options are given: numba takes a missing option from the caller that compiles the function first.
     options: dict[str, Any] = {
         "inline": "always" if inline == "always" else "never",
         "nogil": nogil,
@@ -108,7 +108,7 @@ def compiled(
     if dispatcher is not function and _is_known_inside():
         _set_up()
         _without_literals(dispatcher)
-        # numba's ``enable_caching`` sets the same attribute.
+        # numba's ``enable_caching`` would set this attribute to the cache class of numba.
         dispatcher._cache = _cache_class()(function)
         _one_process_at_a_time(dispatcher)
     return dispatcher
@@ -116,7 +116,7 @@ def compiled(
 
 @cache
 def _is_known_inside() -> bool:
-    """Whether numba has all `_INTERNALS`; warn once if not."""
+    """Return whether numba has all `_INTERNALS`; if not, warn once."""
     numba: Any = import_module("numba")
     try:
         for module, names in _INTERNALS.items():
@@ -132,8 +132,8 @@ def _is_known_inside() -> bool:
 def _one_process_at_a_time(dispatcher: Any) -> None:
     """Let one process compile a function; other processes wait, then read the machine code from the cache.
 
-    Calls between functions form no cycle, so processes cannot deadlock. numba's own lock, taken first,
-    excludes other threads of this process.
+    Calls between compiled functions form no cycle, so processes cannot deadlock. numba's global lock is taken
+    first and keeps out other threads of this process.
     """
     own_lock = import_module("numba.core.compiler_lock").global_compiler_lock
     compile_it = dispatcher.compile
@@ -141,7 +141,7 @@ def _one_process_at_a_time(dispatcher: Any) -> None:
 
     def compile_alone(signature: Any) -> Any:
         with own_lock:
-            if running:  # A recursive call with other types
+            if running:  # The function calls itself with other types
                 return compile_it(signature)
             running.append(signature)
             try:
@@ -154,7 +154,7 @@ def _one_process_at_a_time(dispatcher: Any) -> None:
 
 
 def _without_literals(dispatcher: Any) -> None:
-    """Compile a function once for all integers, not once for each constant argument."""
+    """Compile a function once for all integers instead of once for each integer constant in a call."""
     types: Any = import_module("numba.core.types")
     template = dispatcher.get_call_template
 
@@ -167,11 +167,11 @@ def _without_literals(dispatcher: Any) -> None:
 
 @cache
 def _set_up() -> None:
-    """Cache numba's type resolution of operators by argument types, and silence a warning.
+    """Cache the implementation that numba chooses for an operator and types; silence a warning.
 
-    Without the cache numba tries a dozen candidates for each ``+``, a third of the compile time. Candidates
-    that are compiled functions depend on the caller's options and are not cached. The warning is about
-    records with more columns than a function uses.
+    Without this cache numba tries a dozen candidates for each ``+``, which takes a third of the compile time.
+    Candidates that are compiled functions depend on the caller's options and are not cached. The silenced
+    warning concerns records that have more columns than a function uses.
     """
     functions: Any = import_module("numba.core.types.functions")
     look_up = functions.BaseFunction.get_call_type
@@ -196,7 +196,7 @@ def _cache_class() -> Any:
     caching: Any = import_module("numba.core.caching")
 
     class Locator(caching._CacheLocator):  # type: ignore[misc]
-        """Cache folder of a function, and digest of the sources that the function depends on."""
+        """Chooses the cache folder of a function by a digest of the sources that the function depends on."""
 
         def __init__(self, function: Callable[..., Any], file: str) -> None:
             self._module = function.__module__
@@ -236,19 +236,19 @@ def _cache_class() -> Any:
             over = _closed_over(self._py_func)
             if not over:
                 return super()._index_key(signature, codegen)
-            # numba's own key holds ids of the inner functions, which differ between processes.
+            # The key that numba makes holds ids of the inner functions; ids differ between processes.
             names = tuple(f"{inner.__module__}.{inner.__qualname__}" for inner in over)
             return signature, codegen.magic_tuple(), names
 
         def path_of_function(self) -> Path:
-            with suppress(OSError):  # save_overload warns of the error later
+            with suppress(OSError):  # save_overload will warn of this error
                 self._impl.locator.ensure_cache_path()
             return Path(self.cache_path, self._py_func.__qualname__)
 
         def load_overload(self, signature: Any, context: Any) -> Any:
             try:
                 found = super().load_overload(signature, context)
-            except Exception:  # A damaged cache file: compile again
+            except Exception:  # The cache file is damaged: compile again
                 found = None
                 with suppress(OSError):
                     self.flush()
@@ -282,14 +282,14 @@ def compiled_folder() -> Path:
 
 
 def _closed_over(function: Callable[..., Any]) -> list[Any]:
-    """Return the compiled functions in a function's closure and, recursively, in their closures."""
+    """Return the compiled functions that a function closes over, directly or through one another."""
     cells = [cell.cell_contents for cell in function.__closure__ or ()]
     over = [value for value in cells if hasattr(value, "py_func")]
     return over + [deeper for inner in over for deeper in _closed_over(inner.py_func)]
 
 
 def _modified(path: Path) -> float:
-    """Return the modification time of a folder; 0, the oldest, if another process removed the folder."""
+    """Return the modification time of a folder, or 0 (oldest) if another process removed the folder."""
     try:
         return path.stat().st_mtime
     except OSError:

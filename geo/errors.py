@@ -1,6 +1,6 @@
-"""Base class of the project's errors, errors of farm files, and the line of user code that raised an error.
+"""Base class of the project's errors, errors of farm files, and the user's line that raised an error.
 
-Every error that a user can mend derives from `WbfMissionError`. Error classes are in a package's
+Every error that a user can mend derives from `WbfMissionError`. A package defines its errors in its
 ``errors.py`` or beside the code that raises them.
 """
 
@@ -15,15 +15,15 @@ from geo.texts import one_line
 
 
 class WbfMissionError(Exception):
-    """An error that a user can mend. The text is one line: the fault, its place and the remedy."""
+    """An error that a user can mend. The error's text is one line: the fault, its place and the remedy."""
 
 
 class GroundError(WbfMissionError, ValueError):
-    """An elevation raster that cannot be read or does not cover the flight."""
+    """Error of an elevation raster that cannot be read or does not cover the flight."""
 
 
 class FarmError(WbfMissionError, ValueError):
-    """A farm that does not exist, or a farm file whose geometry or properties cannot be used."""
+    """Error of a farm that does not exist, or of a farm file with unusable geometry or properties."""
 
 
 PACKAGES = ("geo", "mission", "sensors", "sim_vehicle", "wbf_mission")
@@ -33,11 +33,11 @@ _CYTHON = frozenset({".pyx", ".pxi", ".pxd"})
 
 @cache
 def is_users_file(file: str) -> bool:
-    """Return whether a source file is user code: not of this project, an installed package or Python."""
+    """Return whether a source file belongs to the user, not to this project, a package or Python."""
     path = Path(file).absolute()
     if file.startswith("<frozen") or {"site-packages", "dist-packages"} & set(path.parts):
         return False
-    if path.suffix in _CYTHON:  # Tracebacks of compiled libraries name sources without their folder
+    if path.suffix in _CYTHON:  # A compiled library's traceback names its source without a folder
         return False
     here = Path(__file__).absolute().parents[1]
     inside = [here / name for name in PACKAGES] + [Path(sysconfig.get_path("stdlib"))]
@@ -45,7 +45,7 @@ def is_users_file(file: str) -> bool:
 
 
 def users_line(error: BaseException) -> str | None:
-    """Return file and line of the innermost user code in an error's traceback; None if there is none.
+    """Return file and line of the innermost user code in an error's traceback, or None without user code.
 
     Examples
     --------
@@ -60,7 +60,7 @@ def users_line(error: BaseException) -> str | None:
 
 
 def told_error(error: BaseException) -> str:
-    """Return an error as one line: class, text and, if user code raised the error, its line."""
+    """Return an error as one line: the error's class and text, and the line of user code that raised it."""
     line = users_line(error)
     text = one_line(str(error))
     return type(error).__name__ + (f": {text}" if text else "") + (f" ({line})" if line else "")

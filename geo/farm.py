@@ -1,4 +1,4 @@
-"""Farms: patches of crops and their owners on a georeferenced plane."""
+"""A farm: patches of land, each with a crop and an owner, on a georeferenced plane."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 Land: TypeAlias = shapely.Polygon | shapely.MultiPolygon
 
 MAX_CELLS = 200_000_000
-"""Largest number of cells accepted: six times Waterberry. A map of this size takes 0.4 GB."""
+"""Largest number of cells of a farm: six times as many as Waterberry has. A map of this size takes 0.4 GB."""
 _NOT_SEEN = "not scouted, as none of the fields concerns this crop; name a field that does"
-_SNAP_M = 1e-6  # Grid step that joins borders with different rounding errors
-_ARC_SEGMENTS = 16  # Segments per quarter circle; the error is a thousandth of the radius
-_EDGE_CELLS = 1e-9  # Exceeds the rounding error of multiples of the cell size
+_SNAP_M = 1e-6  # Borders are rounded to this step, so that adjacent borders coincide.
+_ARC_SEGMENTS = 16  # With this many segments per quarter circle the error is 0.1 % of the radius.
+_EDGE_CELLS = 1e-9  # This exceeds the rounding error of a multiple of the cell size.
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,9 +52,9 @@ class Obstacle:
     polygon : shapely.Polygon
         Outline, metres of the farm's frame.
     height_m : float or None
-        Height above the ground; a flight passes over the obstacle if it is higher by the margin. None: never.
+        Height above the ground. Flights higher than this by the margin pass over; with None, no flight does.
     margin_m : float or None
-        Distance that flights keep; None: the default of the flight.
+        Distance that flights keep from the obstacle; None takes the flight's default margin.
     name : str
         Name in messages.
     """
@@ -65,11 +65,11 @@ class Obstacle:
     name: str = ""
 
     def margin(self, default_m: float) -> float:
-        """Return the distance that flights keep from the obstacle (m): `margin_m`, or the default if None."""
+        """Return the distance (m) that flights keep from the obstacle: `margin_m`, or else `default_m`."""
         return default_m if self.margin_m is None else self.margin_m
 
     def widened(self, margin_m: float, more_m: float = 0.0) -> shapely.Polygon:
-        """Return the outline, buffered by `more_m` plus the obstacle's margin (default: `margin_m`)."""
+        """Return the outline, buffered by `more_m` plus the obstacle's margin (`margin_m` if it has none)."""
         return shapely.buffer(self.polygon, self.margin(margin_m) + more_m, quad_segs=_ARC_SEGMENTS)
 
     def bars(self, altitude_m: float, margin_m: float) -> bool:
@@ -97,7 +97,7 @@ class Farm:
     width_cells, height_cells : int
         Size of the grid along x and y.
     patches : tuple of Patch
-        Patches in painting order: a later patch covers an earlier one.
+        Patches in painting order: a later patch covers earlier patches.
     owner : str
         Owner of the land that is scouted and scored.
     home_m : tuple of float
@@ -111,10 +111,10 @@ class Farm:
     rally_m : tuple of tuple of float
         Rally points, where a vehicle may land if it cannot return home, metres of the frame.
     degrees : float64[n, 2]
-        Longitude and latitude of corners, home and rally points as in the farm's file, for `geo.save_farm`.
-        Ignored by ``==``.
+        Longitude and latitude of corners, home and rally points as in the farm's file, for `geo.save_farm`. A
+        comparison by ``==`` ignores these positions.
     notes : tuple of str
-        Notes on assumptions and repairs from reading the farm's file. Ignored by ``==``.
+        Notes on assumptions and repairs made in reading the farm's file. ``==`` ignores the notes.
 
     Raises
     ------
@@ -154,22 +154,22 @@ class Farm:
 
     @cached_property
     def owner_area(self) -> Land:
-        """The owner's land including ponds and wetlands, metres."""
+        """The owner's land including ponds and wetlands, in metres of the frame."""
         return self.crop_area(*self.crops)
 
     @cached_property
     def crops(self) -> tuple[str, ...]:
-        """Crop names by crop index of the grid: first those of the benchmark, then other crops."""
+        """Crop names in the order of the grid's crop indices: the benchmark's crops, then other crops."""
         return tuple(dict.fromkeys((*map(str, Crop), *(str(patch.crop) for patch in self.patches))))
 
     @cached_property
     def grown(self) -> tuple[str, ...]:
-        """The owner's crops, without ponds, wetlands and unpainted land."""
+        """Names of the crops that the owner grows; ponds, wetlands and unpainted land are no crops."""
         own = dict.fromkeys(str(patch.crop) for patch in self.patches if patch.owner == self.owner)
         return tuple(crop for crop in own if crop not in NOT_GROWN)
 
     def scouting(self, crops: Iterable[str]) -> Farm:
-        """Return the farm with only these crops to be scouted; with all crops if the owner grows none."""
+        """Return the farm with only `crops` scouted, or with all crops if the owner grows none of `crops`."""
         wanted = set(crops)
         scouted = tuple(crop for crop in self.grown if crop in wanted)
         if len(scouted) in (0, len(self.grown)):
@@ -184,7 +184,7 @@ class Farm:
 
     @cached_property
     def scouted_area(self) -> Land:
-        """The owner's land with scouted crops, without obstacles, metres."""
+        """The owner's land with scouted crops, minus the obstacles, in metres of the frame."""
         return self.without_obstacles(self.crop_area(*(self.scouted or self.grown)))
 
     def without_obstacles(self, area: Land) -> Land:
@@ -213,11 +213,11 @@ class Farm:
         return int(np.count_nonzero(self.scouted_cells))
 
     def crop_area(self, *crops: str) -> Land:
-        """Return the owner's land with these crops, metres; an empty polygon if there is none."""
+        """Return the owner's land with these crops (m), or an empty polygon if there is no such land."""
         shapes = np.array([patch.polygon for patch in self.patches])
         wanted = np.array([patch.owner == self.owner and patch.crop in crops for patch in self.patches])
-        # Later patches are cut out of each patch, then all are joined in one call: joining them one by one
-        # takes quadratic time.
+        # Later patches are cut out of each patch, then all pieces are joined in one call, because joining
+        # piece by piece takes quadratic time.
         tree = shapely.STRtree(shapes)
         pieces = []
         for number in np.nonzero(wanted)[0]:
@@ -227,7 +227,7 @@ class Farm:
                 piece = shapely.difference(piece, shapes[over], grid_size=_SNAP_M)
             pieces.append(piece)
         land = pieces[0] if len(pieces) == 1 else shapely.union_all(pieces, grid_size=_SNAP_M)
-        # GEOS would keep the precision grid and round derived geometry, even a buffer of less than a step.
+        # Precision is reset, as GEOS would round derived geometry too, even a buffer narrower than a step.
         land = shapely.set_precision(shapely.simplify(land, _SNAP_M), 0.0)
         parts = [part for part in shapely.get_parts(land) if part.geom_type == "Polygon" and part.area > 0]
         if len(parts) == 1:
@@ -236,11 +236,11 @@ class Farm:
 
     @cached_property
     def owner_cells(self) -> int:
-        """The number of the owner's cells."""
+        """The number of cells that belong to the owner."""
         return int(np.count_nonzero(self.grid().owned))
 
     def grid(self) -> FarmGrid:
-        """Return the crop map, which is made at the first call and cached."""
+        """Return the farm's crop map, which is made at the first call and kept."""
         return self._grid
 
     @cached_property
@@ -266,9 +266,9 @@ class Farm:
     def cell_of(self, x_m: Any, y_m: Any) -> tuple[Any, Any]:
         """Return the cell of a point in metres: ints for scalars, int64 arrays for arrays.
 
-        The cell may be outside the grid; the cell of a non-finite point is -1. A point up to 1e-9 cells below
-        an edge belongs to the cell above the edge, so that rounding does not move a multiple of the cell
-        size.
+        The cell may be outside the grid; a coordinate that is not finite gives index -1. A point up to 1e-9
+        cells below an edge belongs to the cell above it, so that rounding never puts a multiple of the cell
+        size into the cell below.
         """
         return self._index(x_m), self._index(y_m)
 

@@ -1,4 +1,4 @@
-"""Reading of farm files of all formats, with the same checks; see docs/farm-files.md."""
+"""Reads farm files of all formats and checks them in the same way; see docs/farm-files.md."""
 
 from __future__ import annotations
 
@@ -35,23 +35,23 @@ from geo.imports import entry_points, load_named
 from geo.texts import FOOT_M, one_line
 
 FORMATS_GROUP = "wbf_mission.farm_formats"
-"""Group of entry points. Each is named by a suffix without the dot and is a function of a path, a layer and a
-coordinate system (both may be None). It returns a `geo.features.Document`, or raises FarmError."""
+"""Group of entry points, each named by a file suffix without the dot. Its function takes a path, an optional
+layer and an optional coordinate system, and returns a `geo.features.Document`."""
 REPAIRS_GROUP = "wbf_mission.farm_repairs"
-"""Group of entry points; ``mended`` returns the repaired parts of a feature, and adds notes to a list."""
+"""Group of entry points. ``mended`` returns the repaired parts of a feature and adds notes on the repair."""
 _GEOJSON = (".geojson", ".json", ".geojsonl", ".geojsons", ".ndjson", ".jsonl")
-_ADDED = (".kml", ".kmz", ".shp", ".zip", ".gpkg", ".gpx", ".poly")  # By the add-on `formats`
+_ADDED = (".kml", ".kmz", ".shp", ".zip", ".gpkg", ".gpx", ".poly")  # The add-on `formats` reads these
 _MAX_RALLY = 100
-_MAX_RASTER_STEPS = 20_000_000  # Crossings of polygon edges and cell columns; more take minutes to paint
-_MAX_GAP = 2.0  # Largest ratio of the closing side to the longest side
-_MAX_SPAN_M = 20_000.0  # Features farther apart belong to several farms, or have wrong coordinates
-_SENSIBLE_CELLS = 4_000_000  # Larger farms get larger cells, unless the file gives the cell size
+_MAX_RASTER_STEPS = 20_000_000  # Painting more crossings of edges and cell columns takes minutes.
+_MAX_GAP = 2.0  # A ring's closing side may be at most twice as long as its longest side.
+_MAX_SPAN_M = 20_000.0  # Features farther apart are of several farms or have wrong coordinates.
+_SENSIBLE_CELLS = 4_000_000  # Farms with more cells get larger cells, unless the file gives the size.
 _ROUND_CELLS_M = (FOOT_M, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 _MIN_CELL_M = 0.01
 _MAX_CELL_M = 1000.0
-_COUNT_SLACK = 1e-6  # Cells by which a border may exceed the grid's edge, for rounding errors
-_ORIGIN_SLACK_M = 1e-3  # PROJ snaps positions within 1e-10 earth radii to the origin
-_THIN_M = 1e-3  # A polygon with a smaller ratio of area to perimeter is refused
+_COUNT_SLACK = 1e-6  # Rounding errors may move a border by this part of a cell.
+_ORIGIN_SLACK_M = 1e-3  # PROJ moves positions within 1e-10 earth radii onto the origin.
+_THIN_M = 1e-3  # A polygon with a smaller ratio of area to perimeter is refused.
 
 
 def load_farm(
@@ -61,16 +61,16 @@ def load_farm(
     crs: str | None = None,
     repair: bool = False,
 ) -> Farm:
-    """Read a farm from a file: GeoJSON, or a format of an installed package (`FORMATS_GROUP`).
+    """Read a farm from a file in GeoJSON or a format that an installed package reads (`FORMATS_GROUP`).
 
     Parameters
     ----------
     path : path-like
         The file; ``FILE|layername=LAYER`` reads only this layer.
     crop : str, optional
-        Crop of the patches for which the file gives none.
+        Crop of each patch for which the file gives no crop.
     crs : str, optional
-        Coordinate system, such as ``EPSG:32617``, for a file that gives none.
+        Coordinate system, such as ``EPSG:32617``, for a file that names no coordinate system.
     repair : bool
         Whether invalid geometry is repaired where that is safe, by an add-on (`REPAIRS_GROUP`);
         `Farm.notes` lists the repairs.
@@ -104,7 +104,7 @@ def _document(file: Path, layer: str | None, crs: str | None) -> Document:
 
 
 def farm_suffixes() -> tuple[str, ...]:
-    """Return the suffixes of farm files: first those of GeoJSON, then those of packages.
+    """Return the suffixes of farm files: GeoJSON suffixes, then suffixes that packages read.
 
     >>> farm_suffixes()[:2]
     ('.geojson', '.json')
@@ -115,7 +115,7 @@ def farm_suffixes() -> tuple[str, ...]:
 
 
 def split_layer(text: str) -> tuple[Path, str | None]:
-    """Split QGIS's ``FILE|layername=LAYER`` into file and layer; the layer is None if `text` names none.
+    """Split QGIS's ``FILE|layername=LAYER`` into file and layer; without a layer, None.
 
     >>> split_layer("farm.gpkg|layername=fields 2026"), split_layer("farm.gpkg")
     ((PosixPath('farm.gpkg'), 'fields 2026'), (PosixPath('farm.gpkg'), None))
@@ -136,7 +136,7 @@ def _farm_of(document: Document, default_name: str, crop: str | None, *, repair:
         mended = load_named(REPAIRS_GROUP, "mended", "repairs farms, as", "farms", FarmError)
         features = [part for feature in features for part in mended(feature, notes)]
     systems = dict.fromkeys(entry.crs for entry in document.entries if entry.crs is not None)
-    # Each layer has a Coordinates object; layers of one coordinate system give the same note.
+    # Each layer has its own Coordinates object, so layers of one coordinate system repeat the same note.
     notes.extend(filter(None, dict.fromkeys(crs.accuracy_note() for crs in systems)))
     features = _completed(features, crop, notes)
     fields = [feature for feature in features if not feature.obstacle]
@@ -180,10 +180,10 @@ def _farm_of(document: Document, default_name: str, crop: str | None, *, repair:
 
 
 def _closed(feature: Feature, notes: list[str]) -> Feature:
-    """Return a feature with closed rings; FarmError if part of a ring is missing.
+    """Return a feature with closed rings; raise FarmError if part of a ring is missing.
 
-    Many programs (DJI Pilot 2, scripts) leave out the last position, which repeats the first. Part of the
-    ring is missing if the closing side is more than twice as long as the longest side.
+    Many programs (DJI Pilot 2, scripts) leave out the last position, which repeats the first. A part is
+    missing if the side that closes a ring is more than twice as long as the ring's longest side.
     """
     if all(np.array_equal(ring[0], ring[-1]) for ring in feature.rings):
         return feature
@@ -195,18 +195,18 @@ def _closed(feature: Feature, notes: list[str]) -> Feature:
         gap_m, longest_m = steps_m[-1], steps_m[:-1].max()
         if gap_m > _MAX_GAP * longest_m:
             raise FarmError(
-                f"{feature.where}: a ring is open over {gap_m:.1f} m, and its longest side has "
-                f"{longest_m:.1f} m: part of it is missing; draw it anew"
+                f"{feature.where}: a ring is open over {gap_m:.1f} m, but its longest side is only "
+                f"{longest_m:.1f} m long: part of the ring is missing; draw it anew"
             )
         is_open = not np.array_equal(ring[0], ring[-1])
         if is_open:
-            notes.append(f"{feature.where}: a ring was open, closed over {gap_m:.2f} m")
+            notes.append(f"{feature.where}: an open ring was closed over {gap_m:.2f} m")
         rings.append(np.vstack([ring, ring[:1]]) if is_open else ring)
     return replace(feature, rings=tuple(rings))
 
 
 def _contents(document: Document, *, repair: bool) -> tuple[list[Feature], list[Place]]:
-    """Return the features and places of a file; add notes on entries that are left out."""
+    """Return the features and places of a file; add a note for each reason to leave out entries."""
     features: list[Feature] = []
     places: list[Place] = []
     vertices = 0
@@ -236,15 +236,15 @@ def _contents(document: Document, *, repair: bool) -> tuple[list[Feature], list[
 
 
 def _completed(features: list[Feature], crop: str | None, notes: list[str]) -> list[Feature]:
-    """Return the features with the default crop or owner if no patch names any; FarmError if only some do."""
+    """Fill in a crop or owner that no patch names; raise FarmError if only some patches name it."""
     patches = [feature for feature in features if not feature.obstacle]
     given = {"crop": crop, "owner": None}
     for key, default in (("crop", DEFAULT_CROP), ("owner", DEFAULT_OWNER)):
         without = [feature for feature in patches if getattr(feature, key) is None]
         if given[key] is None and 0 < len(without) < len(patches):
-            advice = ", or name the crop of those that have none with --crop" if key == "crop" else ""
+            advice = ", or give --crop for patches without a crop" if key == "crop" else ""
             raise FarmError(
-                f'{without[0].where}: property "{key}" is missing; give one to each patch{advice}'
+                f'{without[0].where}: property "{key}" is missing; give each patch its {key}{advice}'
             )
         if given[key] is None and without:
             given[key] = default
@@ -264,14 +264,14 @@ def _home(document: Document, places: list[Place]) -> tuple[float, float] | None
     given = document.members.get("home")
     found = [place for place in places if place.kind == "home"]
     if len(found) + (given is not None) > 1:
-        raise FarmError(f"{found[-1].where}: is a second home; give one")
+        raise FarmError(f"{found[-1].where}: is a second home; give only one home")
     if found:
         return found[0].position
     return None if given is None else position_of(given, 'member "home"', document.crs)
 
 
 def _cell_size(members: dict[str, Any], bounds: Any, notes: list[str]) -> float:
-    """Return the file's cell size (m); by default one foot, or more if one foot makes too many cells."""
+    """Return the file's cell size (m), or by default one foot, or more if that makes too many cells."""
     if members.get("cell_size_m") is not None or members.get("size_cells") is not None:
         return number_member(members, "cell_size_m", FOOT_M, _MIN_CELL_M, _MAX_CELL_M)
     area_m2 = float(bounds[2] * bounds[3])
@@ -285,7 +285,7 @@ def _cell_size(members: dict[str, Any], bounds: Any, notes: list[str]) -> float:
 
 
 def _rally(document: Document, places: list[Place], frame: LocalFrame) -> list[tuple[float, float]]:
-    """Return longitude and latitude of the rally points."""
+    """Return longitude and latitude of each rally point in the file."""
     given = document.members.get("rally", [])
     points = [place for place in places if place.kind == "rally"]
     if not isinstance(given, list) or len(given) + len(points) > _MAX_RALLY:
@@ -305,8 +305,8 @@ def _near(
 ) -> list[Feature]:
     """Return the features if all are near `home` (default: near the first feature); else raise FarmError.
 
-    With `repair`, swapped latitudes and longitudes are exchanged. If there is no home either, the features
-    must be near the feature that is closest to the median position.
+    With `repair`, latitudes and longitudes given in the wrong order are exchanged. With `repair` and without
+    a home, all must be near the feature that is closest to the median position.
     """
     anchor, is_sure = ('the farm\'s "home"', True) if home is not None else ("the first feature", False)
     longitude_deg, latitude_deg = features[0].rings[0][0] if home is None else home
@@ -346,7 +346,7 @@ def _reach_m(frame: LocalFrame, latitude_deg: Any, longitude_deg: Any) -> float:
 
 
 def _frame(document: Document, patches: list[Feature]) -> tuple[LocalFrame, bool]:
-    """Return the frame, and whether the file gives its origin (default: the corner of the patches)."""
+    """Return the local frame, and whether the file gives the origin (default: the corner of the patches)."""
     members = document.members
     altitude_m = number_member(members, "ground_altitude_m", 0.0, -1000.0, 9000.0)
     rotation_deg = number_member(members, "rotation_deg", 0.0, -360.0, 360.0)
@@ -359,7 +359,7 @@ def _frame(document: Document, patches: list[Feature]) -> tuple[LocalFrame, bool
         return frame, True
     points = np.concatenate([patch.rings[0] for patch in patches])
     frame = LocalFrame(float(points[0, 1]), float(points[0, 0]), altitude_m, rotation_deg)
-    # The corner depends on north, and north on the origin (meridian convergence): four iterations converge.
+    # Iterations are needed, as corner and direction of north depend on each other (meridian convergence).
     for _ in range(4):
         x_m, y_m = frame.from_wgs84(points[:, 1], points[:, 0])
         latitude_deg, longitude_deg = frame.to_wgs84(float(x_m.min()), float(y_m.min()))
@@ -412,7 +412,7 @@ def _size(members: dict[str, Any], right: float, top: float, cell_size_m: float)
 
 
 def _check_detail(polygons: list[shapely.Polygon], cell_size_m: float) -> None:
-    """Refuse polygons whose edges cross too many columns of cells: painting them would take minutes."""
+    """Refuse polygons with edges that cross too many columns of cells, as painting them takes minutes."""
     columns = (np.abs(np.diff(shapely.get_coordinates(polygon)[:, 0])).sum() for polygon in polygons)
     steps = float(sum(columns)) / cell_size_m
     if steps > _MAX_RASTER_STEPS:

@@ -1,8 +1,7 @@
-"""Built-in farms: those of the Waterberry Farms benchmark, placed near Plant City, Florida.
+"""Built-in farms: the farms of the Waterberry Farms benchmark, placed near Plant City, Florida.
 
-Sizes and patches are those of the benchmark, in feet: one cell is one square foot. The south-west corner of a
-farm is at the position below, the x axis points east (rotation 0), and the ground is 30 m above mean sea
-level.
+Sizes and patches are as in the benchmark, in feet; a cell is one square foot. The table gives the position of
+a farm's south-west corner. The x axis points east (rotation 0), and the ground is 30 m above mean sea level.
 
 ================  ==========  ===========  =====================
 farm              latitude    longitude    size in cells
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
     from geo.farm import Farm
 
 _Corners = list[tuple[float, float]]
-_Patches = list[tuple[str, str, str, _Corners]]  # Name, crop, owner, corners in feet; painting order
+_Patches = list[tuple[str, str, str, _Corners]]  # In painting order: name, crop, owner, corners in feet.
 
 _GROUND_ALTITUDE_M = 30.0
 _LONGITUDE_DEG = -82.1500
@@ -44,7 +43,7 @@ def _box(left: float, bottom: float, right: float, top: float) -> _Corners:
 
 
 def _arc(x: float, y: float, radius: float, steps: range) -> _Corners:
-    """Return corners 15 degrees apart, clockwise from north."""
+    """Return the corners of a circular arc, 15 degrees apart; steps count clockwise from north."""
     angles = [math.pi * step / 12 for step in steps]
     return [(x + radius * math.sin(angle), y + radius * math.cos(angle)) for angle in angles]
 
@@ -67,7 +66,7 @@ _WATERBERRY: _Patches = [
     ("N4-tomatoes", "tomato", "N4", _box(0, 1000, 1000, 4000)),
 ]
 
-# Latitude; width and height in cells; cell of home along both axes; patches
+# A farm's latitude; width and height in cells; index of home's cell, equal in x and y; patches
 _FARMS: dict[str, tuple[float, tuple[int, int], int, _Patches]] = {
     "miniberry-10": (28.0370, (10, 10), 0, _miniberry(10)),
     "miniberry-30": (28.0380, (30, 30), 0, _miniberry(30)),
@@ -92,8 +91,8 @@ def get_farm(
 ) -> Farm:
     """Return a built-in farm by name (in any case), or read a farm file by path.
 
-    The other parameters are those of `geo.load_farm` and are ignored for a built-in farm. FarmError if there
-    is no farm of that name, or the file cannot be used.
+    The other parameters are as in `geo.load_farm`; a built-in farm ignores them. Raise FarmError if there is
+    no farm of that name, or the file cannot be used.
 
     Examples
     --------
@@ -123,7 +122,7 @@ def _built_in(name: str) -> Farm:
     latitude_deg, (width, height), home, patches = _FARMS[name]
     made = []
     for patch, crop, owner, corners in patches:
-        # C libraries differ in the last bits of sines; rounding makes the corners equal.
+        # C libraries differ in the last bits of a sine; rounding makes the corners equal on every machine.
         corners_m = [(round(x, 6) * FOOT_M, round(y, 6) * FOOT_M) for x, y in corners]
         made.append(Patch(patch, Crop(crop), owner, shapely.Polygon(corners_m)))
     return Farm(

@@ -17,7 +17,7 @@ from geo.grid import Crop, is_crop_name
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-# Limits against hostile files; a usual farm has tens of features and thousands of vertices.
+# These limits protect against hostile files; a usual farm has tens of features and thousands of vertices.
 MAX_FEATURES = 10_000
 MAX_VERTICES = 100_000
 MAX_LATITUDE_DEG = 75.0  # Crops do not grow at higher latitudes
@@ -38,13 +38,13 @@ ATTRIBUTES: Mapping[str, tuple[str, ...]] = {
     "height_m": ("height_m", "height"),
     "margin_m": ("margin_m", "margin"),
 }
-"""Each property of a farm file with its names in other files, in order of preference; case is ignored."""
+"""Names of each property in other files, in order of preference; upper and lower case are equal."""
 LATITUDES = ("latitude", "lat", "latitude_deg", "lat_deg", "gps_latitude", "gpslatitude", "gps_lat")
 LONGITUDES = (
     *("longitude", "lon", "lng", "long", "longitude_deg", "lon_deg", "gps_longitude", "gpslongitude"),
     *("gps_lon", "gps_lng", "gps_long"),
 )
-"""Names of longitude columns in tables, as `column_name` returns them; `LATITUDES` has those of latitude."""
+"""Names of longitude columns as `column_name` returns them; `LATITUDES` has those of latitude columns."""
 DEGREES = ("", "deg", "degrees", "°")
 """Units of position columns."""
 KNOWN = frozenset(name for names in ATTRIBUTES.values() for name in names)
@@ -59,7 +59,7 @@ _MAX_TEXT = 200  # Characters
 
 
 def column_name(text: str) -> tuple[str, str]:
-    """Return a table column's name as one lower-case word, and its unit.
+    """Split the heading of a table column into a name, as one lower-case word, and a unit.
 
     >>> column_name(" Rel Alt (m)"), column_name("Lat")
     (('rel_alt', 'm'), ('lat', ''))
@@ -70,7 +70,7 @@ def column_name(text: str) -> tuple[str, str]:
 
 
 def kind_of(text: object) -> str:
-    """Return the kind of feature named by a property, a layer or a point; empty if `text` names none.
+    """Return the kind of feature that a text names, such as a layer's name; empty if it names no kind.
 
     >>> [kind_of(text) for text in ("No-fly zones", "Rally 2", "obstacle", "maize", None)]
     ['no-fly', 'rally', 'obstacle', '', '']
@@ -82,10 +82,10 @@ def kind_of(text: object) -> str:
 
 
 def farm_properties(properties: Mapping[str, Any], *, literal: bool) -> dict[str, Any]:
-    """Return the non-empty properties of a feature, renamed as in farm files.
+    """Return the non-empty properties of a feature under the names that farm files use.
 
     Values are converted, because other formats have no booleans and write numbers as text. With `literal`, a
-    property that has the name used in farm files keeps its value.
+    property that already has the name used in farm files keeps its value.
 
     >>> farm_properties({"CROP_NAME": "Maize (silage)", "Height": "6.5", "id": 4}, literal=True)
     {'crop': 'maize silage', 'height_m': 6.5}
@@ -119,7 +119,7 @@ def _converted(key: str, value: Any) -> Any:
 
 
 def crop_of(text: str) -> str:
-    """Return a valid crop name for a crop's name in another program.
+    """Turn a crop's name from another program into a valid crop name.
 
     >>> crop_of("Mais/Silomais"), crop_of("115")
     ('mais silomais', 'crop 115')
@@ -130,14 +130,14 @@ def crop_of(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """An unchecked feature of a file."""
+    """A feature as read from a file, not yet checked."""
 
-    number: int  # Number within the layer, from 1
+    number: int  # Number of the feature within its layer, from 1.
     properties: dict[str, Any]
-    geometry: object  # GeoJSON geometry; None if the feature has none
-    crs: Coordinates | None = None  # None for WGS 84
-    layer: str = ""  # Prefix of messages that names the layer
-    useless: str = ""  # Reason to leave the feature out, found by the file's reader
+    geometry: object  # GeoJSON geometry; None if the feature has no geometry.
+    crs: Coordinates | None = None  # Coordinate system; None is WGS 84.
+    layer: str = ""  # Names the layer at the beginning of messages.
+    useless: str = ""  # Reason of the file's reader to leave the feature out.
 
     @property
     def where(self) -> str:
@@ -157,11 +157,11 @@ class Document:
 
 @dataclass(frozen=True, slots=True)
 class Feature:
-    """A patch or an obstacle: rings of float64[n, 2] longitude, latitude."""
+    """A patch or an obstacle; each of its rings is float64[n, 2] longitude, latitude."""
 
     where: str
     name: str
-    crop: str | None  # None if the file gives no crop
+    crop: str | None  # None: the file gives no crop
     owner: str | None
     obstacle: bool
     height_m: float | None
@@ -188,10 +188,10 @@ GEOMETRIES = (*_NO_AREA, *_AREAS, "GeometryCollection")
 
 
 def read_entry(entry: Entry, notes: list[str], *, repair: bool) -> list[Feature] | Place | str:
-    """Return the polygons or the point of an entry, or the reason to leave the entry out.
+    """Return an entry's polygons or point, or a text with the reason to leave the entry out.
 
-    FarmError, with the feature's name, if the feature cannot be read. With `repair`, swapped latitudes and
-    longitudes are exchanged. Rings may still be open (`geo.farm_file` closes them).
+    If the feature cannot be read, raise FarmError with the feature's name. With `repair`, latitudes and
+    longitudes in the wrong order are exchanged. Rings may still be open; `geo.farm_file` closes them.
     """
     if entry.useless or entry.geometry is None:
         return entry.useless or _WITHOUT
@@ -210,7 +210,7 @@ def read_entry(entry: Entry, notes: list[str], *, repair: bool) -> list[Feature]
     height_m = number_member(properties, "height_m", None, 0.0, 1000.0, f"{where}: property")
     margin_m = number_member(properties, "margin_m", None, 0.0, 1000.0, f"{where}: property")
     if no_fly and height_m is not None:
-        raise FarmError(f'{where}: is a no-fly zone, of any height; leave "height_m" out, or "no_fly"')
+        raise FarmError(f'{where}: is a no-fly zone, which has no height; leave out "height_m" or "no_fly"')
     obstacle = obstacle or no_fly
     crop: str | None = str(Crop.NONE) if obstacle else None
     owner: str | None = "" if obstacle else None
@@ -243,7 +243,7 @@ def _flag(properties: dict[str, Any], key: str, kind: str, where: str) -> bool:
 
 
 def _members(geometry: dict[str, Any]) -> list[dict[str, Any]] | None:
-    """Return the geometries of a collection and of nested collections; None for another geometry."""
+    """Return the geometries in a collection, nested ones too; None if `geometry` is no collection."""
     found, left = [], [geometry]
     while left:
         member = left.pop()
@@ -258,7 +258,7 @@ def _members(geometry: dict[str, Any]) -> list[dict[str, Any]] | None:
 
 
 def _no_area(geometry: dict[str, Any]) -> str:
-    """Return the reason to leave out a geometry without area; empty for polygons and invalid geometry."""
+    """Return the reason to leave out a geometry that has no area; empty for other and invalid geometry."""
     inner = _members(geometry)
     if inner is not None:
         reasons = [_NO_AREA.get(str(member.get("type")), "") for member in inner]
@@ -269,7 +269,7 @@ def _no_area(geometry: dict[str, Any]) -> str:
 
 
 def _parts(geometry: dict[str, Any], where: str) -> list[list[Any]]:
-    """Return the coordinates of each polygon of a geometry; points and lines of a collection are left out."""
+    """Return the coordinates of each polygon of a geometry, without a collection's points and lines."""
     kind, inner = geometry.get("type"), _members(geometry)
     parts: list[Any]
     if inner is not None:
@@ -302,13 +302,13 @@ def _ring(ring: object, where: str, crs: Coordinates | None) -> NDArray[np.float
 
 
 def _only_swapped(rings: list[NDArray[np.float64]]) -> bool:
-    """Return whether positions are valid only if read as latitude, longitude."""
+    """Return whether the positions are valid only with latitude and longitude exchanged."""
     first, second = np.abs(np.concatenate(rings)).T
     return bool((second > MAX_LATITUDE_DEG).any() and (first <= MAX_LATITUDE_DEG).all())
 
 
 def position_of(position: object, where: str, crs: Coordinates | None = None) -> tuple[float, float]:
-    """Return the longitude and latitude of a GeoJSON position; FarmError if the value is no position."""
+    """Return longitude and latitude of a GeoJSON position; raise FarmError if `position` is no position."""
     place = np.array([_numbers(position, where)])
     if crs is not None:
         place = _in_degrees(place, where, crs)
@@ -338,7 +338,7 @@ def _in_degrees(xy: NDArray[np.float64], where: str, crs: Coordinates) -> NDArra
 
 
 def check_degrees(longitude_deg: float, latitude_deg: float, where: str) -> None:
-    """Raise FarmError for a position off the globe, or too far north or south for crops."""
+    """Raise FarmError if degrees are out of range, or the latitude is too high for crops."""
     if abs(latitude_deg) > 90.0:
         msg = f"{where}: latitude {latitude_deg:g} is outside -90..90; positions are [longitude, latitude]"
         raise FarmError(msg)
@@ -352,7 +352,7 @@ def check_degrees(longitude_deg: float, latitude_deg: float, where: str) -> None
 
 
 def text_member(members: dict[str, Any], key: str, default: str, where: str) -> str:
-    """Return a member that is a short line of text, or `default` if it is missing; else FarmError."""
+    """Return the member `key`, a short line of text, or else `default`; raise FarmError for other values."""
     value = members.get(key)
     if value is None:
         return default
@@ -367,7 +367,7 @@ T = TypeVar("T", float, None)
 def number_member(
     members: dict[str, Any], key: str, default: T, low: float, high: float, what: str = "member"
 ) -> float | T:
-    """Return a member that is a number in low..high, or `default` if it is missing; else FarmError."""
+    """Return the member `key`, a number in low..high, or else `default`; raise FarmError for other values."""
     value = members.get(key)
     if value is None:
         return default
@@ -377,6 +377,6 @@ def number_member(
 
 
 def shortened(value: object) -> str:
-    """Return a value as text of at most 60 characters, for errors."""
+    """Return a value as text of at most 60 characters, for the text of an error."""
     text = value if isinstance(value, str) else repr(value)[:200]
     return text if len(text) <= 60 else text[:57] + "..."

@@ -1,4 +1,4 @@
-"""Local frames of farms, coordinate systems of files, and attitudes as angles and quaternions."""
+"""The local frame of a farm, the coordinate systems of files, and attitudes as angles and quaternions."""
 
 from __future__ import annotations
 
@@ -36,11 +36,10 @@ def _projection(latitude_deg: float, longitude_deg: float) -> Transformer:
 
 @dataclass(frozen=True, slots=True)
 class LocalFrame:
-    """A plane in metres around an origin on the WGS84 ellipsoid.
+    """A flat coordinate system in metres around an origin on the WGS84 ellipsoid.
 
     The projection is azimuthal equidistant on the ellipsoid (PROJ ``aeqd``): distances and azimuths from the
-    origin are those of the geodesic. Within 2 km of the origin, all other distances have a relative error
-    below 2e-8.
+    origin are exact. Other distances within 2 km of the origin have a relative error below 2e-8.
 
     Parameters
     ----------
@@ -49,7 +48,7 @@ class LocalFrame:
     altitude_m : float
         Height of the ground above mean sea level, metres.
     rotation_deg : float
-        Direction of the x axis, degrees anticlockwise from east. With 0 the frame is east, north.
+        Direction of the x axis, degrees anticlockwise from east. With 0, x is east and y is north.
 
     Raises
     ------
@@ -90,7 +89,7 @@ class LocalFrame:
             object.__setattr__(self, "_sin", math.sin(math.radians(self.rotation_deg)))
 
     def to_wgs84(self, x_m: Values, y_m: Values) -> tuple[Values, Values]:
-        """Return the latitude and longitude (degrees) of points in the frame (m); scalars or arrays."""
+        """Convert x and y in the frame (m) to latitude and longitude (degrees); scalars or arrays."""
         if self._sin:
             x_m, y_m = x_m * self._cos - y_m * self._sin, x_m * self._sin + y_m * self._cos
         longitude_deg, latitude_deg = _projection(self.latitude_deg, self.longitude_deg).transform(
@@ -99,9 +98,9 @@ class LocalFrame:
         return latitude_deg, _within_date_line(longitude_deg)
 
     def from_wgs84(self, latitude_deg: Values, longitude_deg: Values) -> tuple[Values, Values]:
-        """Return the x and y (m) in the frame of positions in degrees; scalars or arrays.
+        """Convert latitude and longitude (degrees) to x and y in the frame (m); scalars or arrays.
 
-        Coordinates of an impossible position are not finite.
+        For an impossible position, x and y are not finite.
         """
         east_m, north_m = _projection(self.latitude_deg, self.longitude_deg).transform(
             longitude_deg, latitude_deg
@@ -109,7 +108,7 @@ class LocalFrame:
         return self.from_east_north(east_m, north_m)
 
     def from_east_north(self, east: Values, north: Values) -> tuple[Values, Values]:
-        """Convert east and north components at the origin to x and y of the frame (scalars or arrays).
+        """Convert a vector's east and north components to x and y components of the frame; scalars or arrays.
 
         Examples
         --------
@@ -118,7 +117,7 @@ class LocalFrame:
         (4.0, -3.0)
         """
         if self._sin:
-            # Non-finite components are allowed; numpy would warn about them.
+            # Components may be infinite or NaN; numpy would warn about such values.
             with np.errstate(invalid="ignore"):
                 return east * self._cos + north * self._sin, north * self._cos - east * self._sin
         return east, north
@@ -131,26 +130,26 @@ def _within_date_line(longitude_deg: Any) -> Any:
     return min(max(longitude_deg, -180.0), 180.0)
 
 
-EXAMPLE_CRS = "EPSG:32617"  # UTM zone 17N, the zone of the benchmark's farms
+EXAMPLE_CRS = "EPSG:32617"  # This is UTM zone 17N, in which the benchmark's farms lie
 _CODE = re.compile(
     r"(?:urn:ogc:def:crs:|https?://www\.opengis\.net/def/crs/)?"
     r"(EPSG|ESRI|IGNF|OGC)[:/]+(?:[\d.]*[:/])?([A-Za-z0-9_]+)",
     re.IGNORECASE,
 )
 _WGS84 = re.compile(r"(OGC:CRS84|EPSG:4326)|WGS ?84", re.IGNORECASE)
-# Borders drawn from aerial pictures have errors of this size, so smaller conversion errors are not reported.
+# Borders drawn from aerial pictures have errors of this size; smaller conversion errors are not reported.
 _BORDER_ACCURACY_M = 1.5
 
 
 class Coordinates:
-    """A coordinate reference system known to PROJ, used without network access.
+    """A coordinate reference system that PROJ knows; PROJ uses no network here.
 
-    The axis order is x, y: east, north or longitude, latitude.
+    The first coordinate is x (east or longitude), the second is y (north or latitude).
 
     Parameters
     ----------
     name : str
-        A code such as ``EPSG:32617``, its URN, or the text of a .prj file (WKT).
+        A code such as ``EPSG:32617``, the URN of a code, or the text of a .prj file (WKT).
 
     Raises
     ------
@@ -163,20 +162,20 @@ class Coordinates:
         try:
             crs = pyproj.CRS.from_user_input(name)
             self.name = crs.name
-            self._accuracy_m = -1.0  # Accuracy of the last conversion; -1 if unknown
+            self._accuracy_m = -1.0  # -1: the last conversion's accuracy is unknown
             self._transformer = Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
         except pyproj.exceptions.ProjError as error:
             problem = " ".join(str(error).split())[:120]
             raise FarmError(f"coordinate system {name[:60]!r} cannot be used: {problem}") from None
 
     def to_wgs84(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return longitude, latitude of x, y as float64[n, 2]; not finite for points outside the system."""
+        """Convert x, y to longitude, latitude, float64[n, 2]; not finite for points outside the system."""
         positions = np.column_stack(self._transformer.transform(xy[:, 0], xy[:, 1]))
         self._accuracy_m = self._transformer.get_last_used_operation().accuracy
         return positions
 
     def accuracy_note(self) -> str:
-        """Return a note on the accuracy of the last conversion; empty if it is within 1.5 m."""
+        """Return a note on the error of the last conversion; empty if the error is at most 1.5 m."""
         if self._accuracy_m <= _BORDER_ACCURACY_M:
             return ""
         return f"{self.name} is converted to WGS 84 to within {self._accuracy_m:g} m"
@@ -184,7 +183,7 @@ class Coordinates:
 
 @lru_cache(maxsize=32)
 def coordinates_of(name: str) -> Coordinates | None:
-    """Return the coordinate system of a code; None for WGS 84 longitude and latitude.
+    """Return the coordinate system that a code names; None for WGS 84 longitude and latitude.
 
     >>> coordinates_of("urn:ogc:def:crs:OGC:1.3:CRS84"), coordinates_of("EPSG:32617").name
     (None, 'WGS 84 / UTM zone 17N')
@@ -194,7 +193,7 @@ def coordinates_of(name: str) -> Coordinates | None:
     if _WGS84.fullmatch(code):
         return None
     if found is None:
-        raise FarmError(f"{name[:60]!r} is no code of a coordinate system; give one such as {EXAMPLE_CRS}")
+        raise FarmError(f"{name[:60]!r} is no code of a coordinate system; give a code such as {EXAMPLE_CRS}")
     return Coordinates(code)
 
 
@@ -202,7 +201,7 @@ Quaternion = tuple[float, float, float, float]  # w, x, y, z
 
 
 def quaternion_of(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
-    """Return the quaternion (w, x, y, z) of an attitude.
+    """Return the quaternion (w, x, y, z) of an attitude given by roll, pitch and yaw.
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""Reading and writing of farm files as GeoJSON (RFC 7946); see docs/farm-files.md.
+"""Reads and writes farm files in GeoJSON (RFC 7946); see docs/farm-files.md.
 
-A file holds a feature collection, a feature or a geometry, or several of these: one per line, or divided by
-record separators (RFC 8142; GDAL's GeoJSONSeq, ``.geojsonl``).
+A file holds a feature collection, a feature or a geometry. It may hold several of these, one per line or
+divided by record separators (RFC 8142; GDAL's GeoJSONSeq, ``.geojsonl``).
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from geo.features import GEOMETRIES, MAX_FEATURES, Document, Entry, shortened
 from geo.frame import EXAMPLE_CRS, Coordinates, coordinates_of
 from geo.reading import UnreadableError, json_texts, not_json, read_text
 
-MAX_FILE_BYTES = 32 * 2**20  # Enough for MAX_VERTICES vertices with properties
+MAX_FILE_BYTES = 32 * 2**20  # MAX_VERTICES vertices with their properties fit in
 
 
 def read_geojson(path: Path, crs: str | None = None) -> Document:
-    """Return the content of a GeoJSON file; `crs` is the coordinate system if the file gives none.
+    """Return the content of a GeoJSON file; `crs` names the coordinate system if the file does not.
 
-    FarmError if the file is no GeoJSON, or both the file and `crs` give a coordinate system.
+    Raise FarmError if the file is no GeoJSON, or both the file and `crs` give a coordinate system.
     """
     given = None if crs is None else coordinates_of(crs)
     members: dict[str, Any] = {}
@@ -37,7 +37,7 @@ def read_geojson(path: Path, crs: str | None = None) -> Document:
     own = None
     for document in _documents(path):
         if crs is not None and document.get("crs") is not None:
-            raise FarmError(f"has a coordinate system of its own; leave out {crs!r:.60}")
+            raise FarmError(f"names a coordinate system; leave out {crs!r:.60}")
         features = _features(document)
         own = given if features is None else _crs(document, "the file", given)
         if features is not None:
@@ -45,13 +45,13 @@ def read_geojson(path: Path, crs: str | None = None) -> Document:
         is_geometry = document["type"] in GEOMETRIES
         found = features or [{"type": "Feature", "geometry": document} if is_geometry else document]
         if len(entries) + len(found) > MAX_FEATURES:
-            raise FarmError(f"has more than {MAX_FEATURES} features; take those of one farm")
+            raise FarmError(f"has more than {MAX_FEATURES} features; take only the features of one farm")
         entries += [_entry(feature, number, own) for number, feature in enumerate(found, len(entries) + 1)]
     return Document(members, entries, own)
 
 
 def _features(document: dict[str, Any]) -> list[Any] | None:
-    """Remove and return the features of a collection; None if the document is no collection."""
+    """Take the features out of a collection; return None if the document is no feature collection."""
     if document.get("type") != "FeatureCollection":
         return None
     features = document.pop("features", None)
@@ -68,7 +68,7 @@ def _entry(feature: Any, number: int, own: Coordinates | None) -> Entry:
     if not isinstance(properties, dict | None):
         raise FarmError(f'{where}: its "properties" are {shortened(properties)}, not an object')
     if "geometry" not in feature:
-        raise FarmError(f'{where}: has no "geometry"; write null where there is none')
+        raise FarmError(f'{where}: has no "geometry"; write null for a feature without geometry')
     properties = properties or {}
     name = properties.get("name")
     named = f"{where} ({name!r:.60})" if isinstance(name, str) else where
@@ -79,7 +79,7 @@ def _entry(feature: Any, number: int, own: Coordinates | None) -> Entry:
 
 
 def _crs(holder: dict[str, Any], where: str, default: Coordinates | None) -> Coordinates | None:
-    """Return the coordinate system of the member "crs" (in GeoJSON 2008, not in RFC 7946), or the default."""
+    """Return the coordinate system of the member "crs" (GeoJSON 2008, not RFC 7946), or else `default`."""
     crs = holder.get("crs")
     if crs is None:
         return default
@@ -120,7 +120,7 @@ def _documents(path: Path) -> Iterator[dict[str, Any]]:
 def save_farm(farm: Farm, path: str | os.PathLike[str]) -> None:
     """Write a farm atomically as a GeoJSON file that `load_farm` reads back.
 
-    FarmError if the file cannot be written.
+    Raise FarmError if the file cannot be written.
     """
     try:
         with atomic_write(path, "wb") as file:
@@ -164,10 +164,9 @@ def farm_document(farm: Farm) -> dict[str, Any]:
 
 
 class _DegreesOf:
-    """Conversion of a farm's points to degrees, which returns points of the farm's file unchanged.
+    """Converts a farm's points to degrees; points read from the farm's file get their original degrees.
 
-    A projection and its inverse move a point by a nanometre, which can change the result of a comparison in a
-    planner.
+    Projecting a point and back moves it by a nanometre, which can decide a comparison in a planner.
     """
 
     def __init__(self, farm: Farm) -> None:
@@ -184,7 +183,7 @@ class _DegreesOf:
 
 
 def _feature(degrees_of: _DegreesOf, polygon: shapely.Polygon, **properties: object) -> dict[str, object]:
-    # Right-hand rule of RFC 7946: the exterior anticlockwise, holes clockwise.
+    # By the right-hand rule of RFC 7946 the exterior is anticlockwise, and holes are clockwise.
     oriented = orient(polygon)
     rings = [degrees_of(*ring.coords) for ring in (oriented.exterior, *oriented.interiors)]
     return {

@@ -1,4 +1,4 @@
-"""Crop maps of farms: crop and ownership of each cell."""
+"""The crop map of a farm: the crop of each cell, and whether the cell is the owner's."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Crop(StrEnum):
-    """Crops of the benchmark; `NONE` is unpainted land. A farm may have other crops too."""
+    """Kinds of land in the benchmark; `NONE` is unpainted land. A farm may have other crops too."""
 
     NONE = "none"
     STRAWBERRY = "strawberry"
@@ -30,9 +30,9 @@ class Crop(StrEnum):
 
 
 NOT_GROWN = frozenset({Crop.NONE, Crop.POND, Crop.WETLAND})
-"""Kinds of land without a crop, which are not scouted."""
+"""Kinds of land that bear no crop and are not scouted."""
 _CELLS_AT_ONCE = 320_000
-MAX_CROPS = 100  # Crop indices are int8
+MAX_CROPS = 100  # A crop index has to fit into int8
 CROP_NAMES = "names of crops are up to 40 lower-case letters, digits, spaces, hyphens and underscores"
 _CROP_NAME = re.compile(r"[^\W\d_][\w -]{0,39}")
 
@@ -83,7 +83,7 @@ class FarmGrid:
 
     @cached_property
     def tomato(self) -> NDArray[np.bool_]:
-        """Mask of the owner's tomato cells, bool[W, H]."""
+        """Mask bool[W, H] of the owner's tomato cells."""
         return self._owned([Crop.TOMATO])
 
     @cached_property
@@ -98,11 +98,11 @@ class FarmGrid:
 
     @property
     def further_crops(self) -> str:
-        """Names of this farm's crops that the benchmark does not have, as a text for digests."""
+        """Names of this farm's crops that are not in the benchmark, as one text for digests."""
         return "".join(f"{name};" for name in self.crops[len(Crop) :])
 
     def of_crops(self, names: Iterable[str], where: Any = ...) -> NDArray[np.bool_]:
-        """Return a new mask, bool[W, H] or its part `where`, of all owners' cells with one of these crops."""
+        """Return a new mask of cells with these crops, of any owner, as bool[W, H] or its part `where`."""
         crop = self.crop[where]
         mask = np.zeros(crop.shape, np.bool_)
         numbers = [self.crops.index(name) for name in names if name in self.crops]
@@ -130,10 +130,10 @@ def rasterise(
     """Paint patches in order onto a grid of cells.
 
     A cell belongs to the last patch that covers its centre. Vertices are rounded to a millionth of a cell, so
-    that a cell with its centre on a border belongs to the same patch on every machine.
+    that every machine gives a cell whose centre is on a border to the same patch.
 
-    A patch is (polygon, index of `crops`, owned). Polygons are in metres from the grid's corner and may have
-    holes.
+    A patch is the tuple (polygon, index of the crop in `crops`, whether the owner owns it). Polygons are in
+    metres from the grid's corner and may have holes.
     """
     crop_map = np.zeros(shape, np.int8)
     owned_map = np.zeros(shape, np.bool_)
@@ -145,14 +145,14 @@ def rasterise(
     return FarmGrid(shape, cell_size_m, crop_map, owned_map, crops)
 
 
-_TIE_CELLS = 1e-9  # Tolerance for a cell's centre on an edge; rounding errors are below 1e-11
-_CROSSINGS_AT_ONCE = 2_000_000  # Crossings per batch, with about 200 MB of arrays
+_TIE_CELLS = 1e-9  # A centre this close to an edge is on it; rounding errors are below 1e-11.
+_CROSSINGS_AT_ONCE = 2_000_000  # Arrays for a batch of this many crossings take 200 MB.
 
 Runs = tuple["NDArray[np.int64]", "NDArray[np.int64]", "NDArray[np.int64]"]
 
 
 def _edges(polygon: shapely.Polygon, cell_size_m: float) -> NDArray[np.float64]:
-    """Return the edges of all rings as float64[n, 4] x1 y1 x2 y2, in cells, rounded to 1e-6."""
+    """Return the edges of a polygon's rings, float64[n, 4] x1, y1, x2, y2 in cells, rounded to 1e-6."""
     edges = []
     for ring in (polygon.exterior, *polygon.interiors):
         xy = np.round(shapely.get_coordinates(ring) / cell_size_m, 6)
@@ -161,14 +161,14 @@ def _edges(polygon: shapely.Polygon, cell_size_m: float) -> NDArray[np.float64]:
 
 
 def _cell_runs(edges: NDArray[np.float64], width: int, height: int) -> Iterator[Runs]:
-    """Yield the cells with centres inside a polygon, as runs ``first <= y < stop`` of column x.
+    """Yield the cells whose centre is inside a polygon, as runs ``first <= y < stop`` in a column x.
 
-    The fill rule is even-odd over all rings. Boundaries, also of holes, belong to the polygon. Runs of a
-    column may overlap. Parts outside the grid are cut off.
+    The fill rule is even-odd over all rings. Outer boundaries and boundaries of holes belong to the polygon.
+    Runs in one column may overlap. Parts outside the grid are cut off.
     """
     flip = edges[:, 0] > edges[:, 2]
     edges = np.where(flip[:, None], edges[:, [2, 3, 0, 1]], edges)
-    # Columns whose centre line meets the edge, ends included.
+    # An edge crosses the columns first..stop-1, the columns at its two ends included.
     first = np.clip(np.ceil(edges[:, 0] - 0.5 - _TIE_CELLS), 0, width).astype(np.int64)
     stop = np.clip(np.floor(edges[:, 2] - 0.5 + _TIE_CELLS) + 1, first, width).astype(np.int64)
     yield from _runs_between(edges, first, stop, 0, width, height)
@@ -200,10 +200,10 @@ def _runs_between(
     upright = x1 == x2
     slope = np.divide(y2 - y1, x2 - x1, out=np.zeros(total), where=~upright)
     y = np.clip(y1 + (centre - x1) * slope, low_y, high_y)
-    # The boundary: the cell with its centre on an edge, or all cells of an edge along the centre line.
+    # The boundary has the cells with centres on an edge; an edge along a centre line has a run of such cells.
     reach = np.where(upright, np.inf, _TIE_CELLS * np.abs(slope))
     yield _clipped(x, np.maximum(y - reach, low_y), np.minimum(y + reach, high_y), height)
-    # The interior: the half-open interval counts a vertex on the centre line once.
+    # The interior is between pairs of crossings; the half-open interval counts a vertex once.
     inside = (centre >= x1) & (centre < x2)
     x, y = x[inside], y[inside]
     order = np.lexsort((y, x))

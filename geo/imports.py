@@ -1,7 +1,7 @@
-"""Lazy imports: public names of packages (PEP 562), entry points, and optional libraries.
+"""Lazy imports of public names of packages (PEP 562), of entry points and of optional libraries.
 
-Importing a light module of a package then imports neither numpy nor shapely. A package lists its public names
-for the type checker, one per line, and `attach` reads these lines::
+Because of this, importing a light module of a package imports neither numpy nor shapely. A package lists its
+public names for the type checker, one per line, and `attach` reads these lines::
 
     if TYPE_CHECKING:
         from geo.farm import Farm as Farm
@@ -27,14 +27,14 @@ _PUBLIC = re.compile(r"^    from ([\w.]+) import (\w+) as \2$", re.MULTILINE)
 
 
 def attach(package: str) -> tuple[Callable[[str], object], Callable[[], list[str]], list[str]]:
-    """Return ``__getattr__``, ``__dir__`` and ``__all__`` for the public names in a package's source."""
+    """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package for the public names that it lists."""
     source = Path(str(sys.modules[package].__file__)).read_text(encoding="utf-8")
     homes = {name: module for module, name in _PUBLIC.findall(source)}
     public = sorted(homes)
 
     def load(name: str) -> object:
         value = getattr(importlib.import_module(homes[name]), name)
-        # Python calls __getattr__ only for names that are not set yet.
+        # Once the name is set, Python does not call __getattr__ for it again.
         setattr(sys.modules[package], name, value)
         return value
 
@@ -45,7 +45,7 @@ def attach(package: str) -> tuple[Callable[[str], object], Callable[[], list[str
 
 
 def loader_of(module: str, names: Collection[str], load: Callable[[str], object]) -> Callable[[str], object]:
-    """Return ``__getattr__`` of a module (PEP 562): `names` are loaded when they are used."""
+    """Return ``__getattr__`` of a module (PEP 562), which loads each of `names` at its first use."""
 
     def __getattr__(name: str) -> object:  # noqa: N807 (assigned in the module)
         if name not in names:
@@ -57,7 +57,7 @@ def loader_of(module: str, names: Collection[str], load: Callable[[str], object]
 
 
 def entry_points(group: str) -> metadata.EntryPoints:
-    """Return the entry points of a group, cached until ``sys.path`` or one of its folders changes.
+    """Return the entry points of a group; they are cached until ``sys.path`` or a folder in it changes.
 
     Examples
     --------
@@ -68,12 +68,12 @@ def entry_points(group: str) -> metadata.EntryPoints:
 
 
 def entry_named(group: str, name: str) -> metadata.EntryPoint | None:
-    """Return the entry point of a group with this name; None if no installed package has it."""
+    """Return the group's entry point with this name, or None if no installed package has it."""
     return next((entry for entry in entry_points(group) if entry.name == name), None)
 
 
 def load_extra(module: str, extra: str, what: str, error: type[Exception]) -> Any:
-    """Import an optional library; raise `error` if it is missing. `what` begins its text ("maps need").
+    """Import an optional library, or raise `error` with a text that begins with `what` ("maps need").
 
     Examples
     --------
@@ -90,16 +90,16 @@ def load_extra(module: str, extra: str, what: str, error: type[Exception]) -> An
 
 
 def load_entry(entry: metadata.EntryPoint, what: str, error: type[Exception]) -> Any:
-    """Return the object of an entry point; raise `error` if the import fails. `what` begins its text."""
+    """Return an entry point's object, or raise `error` with a text that begins with `what`."""
     try:
         return entry.load()
-    except Exception as problem:  # The imported code may raise anything
+    except Exception as problem:  # Imported code may raise any exception
         raise error(f"{what} ({entry.value}) cannot be loaded: {problem}") from problem
 
 
 @lru_cache(maxsize=16)
 def _entry_points(group: str, _path: tuple[tuple[str, int], ...]) -> metadata.EntryPoints:
-    # This import takes longer than the rest of the module.
+    # The import is here because it takes longer than importing the rest of this module.
     from importlib import metadata
 
     return metadata.entry_points(group=group)
@@ -113,7 +113,7 @@ def _changed_ns(folder: str) -> int:
 
 
 def load_named(group: str, name: str, verb: str, what: str, error: type[Exception]) -> Any:
-    """Return the object of the entry point `name`; `error` if no package has it, or it cannot be imported.
+    """Return the object of the entry point `name`, or raise `error` if it is missing or importing fails.
 
     Examples
     --------

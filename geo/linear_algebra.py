@@ -1,9 +1,9 @@
-"""Linear algebra and elementary functions that are equal to the last bit on every processor.
+"""Linear algebra and elementary functions with the same results to the last bit on every processor.
 
-OpenBLAS and numpy choose code by the processor, so sums and rounding differ between processors. Here terms
-are added in the order of the index, and elementary functions are those of the C library. Processing in blocks
-for the cache does not change the results: a product of selected rows equals these rows of the full product.
-Code whose results are recorded uses these functions.
+OpenBLAS and numpy choose code by the processor, so their sums are rounded differently on different
+processors. Here terms are added in the order of the index, and elementary functions come from the C library.
+Work is done in blocks that fit the cache, which does not change a result: a product of some rows equals these
+rows of the full product. Use these functions wherever results are recorded.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[Any]
 _Values = TypeVar("_Values", bound=NDArray[Any])
 
-# Small products and arrays run in numpy or Python, as importing the compiled code takes a second.
-_SHALLOW = 4  # Largest number of terms per sum for numpy
-_LIGHT = 100_000  # Largest number of multiplications for which compiled code is not loaded
-_FEW = 64  # Largest number of arguments for elementary functions in Python
+# Small problems are left to numpy or Python, since importing the compiled code takes a second.
+_SHALLOW = 4  # numpy computes products with at most this many terms per sum.
+_LIGHT = 100_000  # Products with more multiplications load the compiled code.
+_FEW = 64  # Elementary functions take up to this many numbers in Python.
 
 
 def _kernels() -> Any:
@@ -36,9 +36,9 @@ def _are_loaded() -> bool:
 
 
 def product(a: Floats, b: Floats, out: _Values | None = None) -> Any:
-    """Return ``a @ b`` in float32 or float64 for a stack of vectors `a` and a vector or matrix `b`.
+    """Return ``a @ b`` in float32 or float64; `a` is a stack of vectors, and `b` is a vector or matrix.
 
-    `out`: an array [n, m] in C order that receives the product.
+    If `out` is given, the product is written to this array [n, m] in C order.
 
     Examples
     --------
@@ -73,7 +73,7 @@ def cholesky(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def solve_lower(factor: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Solve ``factor x = right`` in place; `factor` is lower triangular, `right` float64[n, k] in C order."""
+    """Solve ``factor x = right`` in `right`, float64[n, k] in C order, for a lower triangular `factor`."""
     _kernels().substitute_forward(factor, right, right.shape[1])
     return right
 
@@ -81,25 +81,25 @@ def solve_lower(factor: NDArray[np.float64], right: NDArray[np.float64]) -> NDAr
 def solve_positive(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
     """Solve ``matrix x = right`` for a symmetric `matrix`; `right` is a vector or matrix.
 
-    numpy.linalg.LinAlgError if the matrix is not positive definite.
+    Raise `numpy.linalg.LinAlgError` if the matrix is not positive definite.
     """
     factor = cholesky(matrix)
     columns = np.array(right[:, None] if right.ndim == 1 else right, np.float64, order="C")
     solve_lower(factor, columns)
-    # The transposed factor in reversed order is again lower triangular.
+    # The transposed factor becomes lower triangular when its rows and columns are reversed.
     turned = np.ascontiguousarray(factor.T[::-1, ::-1])
     found = solve_lower(turned, np.ascontiguousarray(columns[::-1]))[::-1]
     return np.ascontiguousarray(found).reshape(right.shape)
 
 
 def inverse_of_factor(factor: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the inverse of the matrix with the lower Cholesky factor `factor`."""
+    """Return the inverse of a matrix, given the matrix's lower Cholesky factor."""
     inverse: NDArray[np.float64] = _kernels().inverse_of_factor(factor)
     return inverse
 
 
 def _elementwise(function: Callable[[float], float], kernel: str = "") -> Callable[..., Any]:
-    """Return the array version of a function of `math`; `kernel` is its compiled loop for many numbers."""
+    """Turn a function of `math` into a function of arrays; `kernel` names its compiled loop."""
 
     def of_arrays(x: ArrayLike, out: NDArray[Any] | None = None) -> Any:
         values = np.asarray(x)
@@ -121,12 +121,12 @@ def _elementwise(function: Callable[[float], float], kernel: str = "") -> Callab
 
 
 def _is_tame(values: Floats) -> bool:
-    """Return whether `exp` and `log` can take all values: `exp` overflows above 709, `log` fails at 0."""
+    """Return whether `math.exp` and `math.log` accept all values: exp overflows above 709, log fails at 0."""
     return bool((np.abs(values) < 700.0).all()) and bool((values != 0.0).all())
 
 
 def arctan2(y: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ``math.atan2`` of two vectors, element by element."""
+    """Return ``math.atan2`` of each pair of elements of two vectors."""
     return np.array([math.atan2(*pair) for pair in zip(y.tolist(), x.tolist(), strict=True)])
 
 

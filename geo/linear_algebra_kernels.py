@@ -1,4 +1,4 @@
-"""Compiled kernels of `geo.linear_algebra`: sums in the order of the index, in blocks that fit the cache."""
+"""Compiled kernels of `geo.linear_algebra`; they add in index order, in blocks that fit the cache."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from geo.compiled import compiled
 
 Floats = NDArray[Any]
 
-# Rows and columns per block, chosen by measurements so that a block stays in the cache.
+# Rows and columns per block; measurements showed that a block of this size stays in the cache.
 _BLOCK = 48
 _PANEL = 512
 
@@ -23,8 +23,8 @@ def add_product(
 ) -> None:
     """Add ``scale a[i, k] b[k, j]`` to ``out[i, j]`` in the order of k; `scale` is 1 or -1.
 
-    `scale` has the type of the arrays. Rows and terms are processed four at a time, so that a number loaded
-    once is used in four sums.
+    `scale` has the type of the arrays. Four rows and four terms are processed at a time, so that each number
+    that is loaded serves in four sums.
     """
     for first in range(j0, j1, _PANEL):
         last = min(first + _PANEL, j1)
@@ -85,9 +85,9 @@ def add_product(
 
 @compiled(nogil=True, allocates=False)
 def substitute_forward(factor: Floats, right: Floats, columns: int, triangular: bool = False) -> None:
-    """Solve ``factor x = right`` in place for the first `columns` columns; `factor` is lower triangular.
+    """Solve ``factor x = right`` in `right` for its first `columns` columns; `factor` is lower triangular.
 
-    `triangular`: `right` is a lower triangular matrix of the size of `factor`.
+    `triangular` says that `right` is itself a lower triangular matrix of the size of `factor`.
     """
     n, minus = len(factor), right.dtype.type(-1.0)
     for first in range(0, n, _BLOCK):
@@ -103,7 +103,7 @@ def substitute_forward(factor: Floats, right: Floats, columns: int, triangular: 
 
 @compiled(nogil=True)
 def factor_of(matrix: Floats) -> Floats:
-    """Return the lower Cholesky factor of a symmetric matrix; all NaN if it is not positive definite."""
+    """Return the lower Cholesky factor of a symmetric matrix; all NaN if none exists."""
     n = len(matrix)
     upper = matrix.copy()
     turned = upper.T
@@ -130,7 +130,7 @@ def factor_of(matrix: Floats) -> Floats:
 
 @compiled(nogil=True)
 def inverse_of_factor(factor: Floats) -> Floats:
-    """Return the inverse of the matrix with the lower Cholesky factor `factor`."""
+    """Return the inverse of a matrix, given the matrix's lower Cholesky factor."""
     n = len(factor)
     half, inverse = np.eye(n), np.zeros((n, n))
     substitute_forward(factor, half, n, True)

@@ -1,11 +1,11 @@
-"""Names with parameters, such as ``lawnmower:direction=0.3``.
+"""Parses and formats names with parameters, such as ``lawnmower:direction=0.3``.
 
-A colon and comma-separated ``key=value`` pairs follow the name. A value is
+The name is followed by a colon and by ``key=value`` pairs with commas between them. A value is
 
 - a number: ``3``, ``0.3``, ``-1e-3``;
 - ``true``, ``false`` or ``none``;
 - a list of values in brackets, ``[1, 10]``, which becomes a tuple;
-- any other text, in double quotes if it contains a comma or bracket or looks like one of the above.
+- any other text, with double quotes if the text has a comma or bracket or looks like a value above.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ _HINT = "write NAME or NAME:key=value,key=value"
 
 
 class ParameterError(WbfMissionError, ValueError):
-    """Parameters that cannot be parsed, or that a planner, policy or estimator does not have."""
+    """Error of parameters that cannot be parsed, or that a planner, policy or estimator does not have."""
 
 
 def parse_named(text: str) -> tuple[str, dict[str, Parameter]]:
     """Parse a name and its parameters.
 
-    Spaces around names, keys and values are ignored. ParameterError if the name is missing, a pair is no
-    ``key=value``, a key is repeated, or a value is not finite.
+    Spaces around names, keys and values are ignored. Raise ParameterError if the name is missing, a pair is
+    not ``key=value``, a key is repeated, or a value is not finite.
 
     Examples
     --------
@@ -62,10 +62,10 @@ def parse_named(text: str) -> tuple[str, dict[str, Parameter]]:
 
 
 def format_named(name: str, parameters: Mapping[str, object]) -> str:
-    """Return a name and its parameters as one text for `parse_named`.
+    """Return a name and its parameters as one text that `parse_named` reads.
 
-    Reading the text again gives equal values for everything `parse_named` can return: finite numbers, true,
-    false and none, texts without quotation marks, and sequences of these.
+    `parse_named` gets equal values back from the text for all values that it can return: finite numbers,
+    true, false and none, texts without quotation marks, and sequences of these.
 
     Examples
     --------
@@ -79,9 +79,9 @@ def format_named(name: str, parameters: Mapping[str, object]) -> str:
 
 
 def split_named(text: str) -> list[str]:
-    """Split a comma-separated list of names with parameters; commas within parameters do not split.
+    """Split a comma-separated list of names with parameters; commas between a name's parameters do not split.
 
-    ParameterError if a quotation mark or bracket is not closed.
+    Raise ParameterError if a quotation mark or bracket is not closed.
 
     Examples
     --------
@@ -90,7 +90,7 @@ def split_named(text: str) -> list[str]:
     """
     found: list[str] = []
     for part in (piece.strip() for piece in _split(text, text)):
-        # key=value without a name and a colon is another parameter of the preceding name.
+        # A key=value without a name and colon before it is one more parameter of the preceding name.
         if found and "=" in part and ":" not in part.partition("=")[0]:
             found[-1] += f",{part}"
         elif part:
@@ -99,7 +99,7 @@ def split_named(text: str) -> list[str]:
 
 
 def check_parameters(owner: str, given: Iterable[str], known: Collection[str]) -> None:
-    """Raise ParameterError for unknown names in `given`; `owner` names their object (``planner spiral``)."""
+    """Raise ParameterError for parameters that `owner`, such as ``planner spiral``, does not have."""
     wrong = sorted(set(given).difference(known))
     if wrong:
         raise ParameterError(f"{owner}: {unknown('parameter', wrong[0], sorted(known))}")

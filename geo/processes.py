@@ -1,6 +1,6 @@
-"""Worker processes that can be stopped at any time, and the signals that interrupt a command.
+"""Worker processes that can be stopped at any time, and handling of the signals that interrupt a command.
 
-Ctrl-C may arrive at any moment, and the terminal sends it to all processes of the command.
+Ctrl-C may arrive at any moment, and the terminal sends its signal to all processes of the command.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ _T = TypeVar("_T")
 
 # Windows has no SIGHUP.
 INTERRUPTS = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else ()))
-# GNU `timeout` sends its two signals within a second; a user takes longer for a second Ctrl-C.
+# GNU `timeout` sends two signals within a second. A user takes longer to press Ctrl-C a second time.
 _REPEATED_S = 1.0
 _POLL_S = 0.01
-_HAND_OVER_S = 5.0  # loky passes a call to a process within milliseconds
+_HAND_OVER_S = 5.0  # loky needs only milliseconds to hand a call to a process
 _PARENT_POLL_S = 2.0
 
 
 class Repeats:
-    """Detection of repeated signals: GNU `timeout` sends one to the process and one to its group."""
+    """Detects a repeated signal: GNU `timeout` sends one signal to the process and one to its group."""
 
     def __init__(self) -> None:
         self._counted_s = -math.inf
 
     def is_repeat(self) -> bool:
-        """Return whether another signal arrived within the second before the present one."""
+        """Return whether this signal repeats a signal that was counted less than a second ago."""
         now_s = time.monotonic()
         if now_s < self._counted_s + _REPEATED_S:
             return True
@@ -47,7 +47,7 @@ class Repeats:
 
 
 def ignore_interrupts() -> None:
-    """Ignore interrupts in a worker process: the whole group receives them, and the parent handles them."""
+    """Ignore interrupts in a worker process: all processes get them, and the parent handles them."""
     for number in INTERRUPTS:
         signal.signal(number, signal.SIG_IGN)
 
@@ -58,17 +58,17 @@ def interrupts_noted(
 ) -> Iterator[Callable[[], None]]:
     """Defer the KeyboardInterrupt of the first signal to the end of the block.
 
-    The yielded function raises a deferred interrupt before the end. An exception raised in a signal handler
-    may be lost: compiled extensions drop some, for example in `hasattr` of the C API. The second signal
-    raises immediately; signals within a second count as one. Outside the main thread nothing is deferred.
+    The yielded function raises a deferred interrupt before the end. A signal handler should not raise:
+    compiled extensions drop some exceptions, for example in `hasattr` of the C API. The second signal raises
+    immediately; signals within a second count as one. Outside the main thread nothing is deferred.
 
     Parameters
     ----------
     wake : callable, optional
-        Called after a signal, to end a wait.
+        Called after a signal, to end a wait of the block.
     at_once : bool
-        Whether the first signal raises immediately. The interrupt is deferred too, in case the exception is
-        lost.
+        Whether the first signal raises immediately. The interrupt is deferred as well, in case the exception
+        that was raised is lost.
     """
     noted: list[KeyboardInterrupt] = []
     before: dict[int, Callable[[int, FrameType | None], object]] = {}
@@ -101,7 +101,7 @@ def interrupts_noted(
         yield answer
     finally:
         for number, handler in before.items():
-            # The handler of a second signal may have restored the system's default handler.
+            # At a second signal the previous handler may have restored the system's default handler.
             if signal.getsignal(number) is note:
                 signal.signal(number, handler)
     answer()
@@ -109,9 +109,9 @@ def interrupts_noted(
 
 @contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Block signals while processes start; the new processes inherit the mask.
+    """Block signals while processes start; a new process inherits the signal mask.
 
-    Without the mask a signal would end a process that has not called `ignore_interrupts` yet. Signals of this
+    Without the mask a signal would end a new process before it calls `ignore_interrupts`. Signals to this
     process are handled after the block.
     """
     # Windows has no signal masks.
@@ -119,9 +119,9 @@ def interrupts_held() -> Iterator[None]:
         with interrupts_noted():
             yield
         return
-    # The resource tracker would start with the first worker and unblock the signals.
+    # The resource tracker is started now; if the first worker started it, it would unblock the signals.
     resource_tracker.ensure_running()
-    # The mask holds for this thread and its processes only: another thread may receive the signal.
+    # The mask applies only to this thread and processes that it starts; another thread may get the signal.
     with interrupts_noted():
         before = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTS)
         try:
@@ -133,10 +133,10 @@ def interrupts_held() -> Iterator[None]:
 class Processes:
     """A pool of worker processes.
 
-    The workers ignore Ctrl-C, end soon after this process is killed, and do not run the caller's script
-    again, unlike workers of the standard library.
+    Workers ignore Ctrl-C and end soon after this process is killed. Unlike workers of the standard library,
+    they do not run the caller's script again.
 
-    At most `most` calls may be pending: with more, loky prints a traceback when the pool is closed.
+    At most `most` calls may be pending: with more calls loky prints a traceback when the pool is closed.
     """
 
     def __init__(self, workers: int) -> None:
@@ -147,7 +147,7 @@ class Processes:
         self._open: set[Future[Any]] = set()
 
     def submit(self, function: Callable[..., _T], *arguments: Any) -> Future[_T]:
-        """Submit a call, pickled by cloudpickle; BrokenProcessPool if a worker has been killed."""
+        """Submit a call, pickled by cloudpickle; raise BrokenProcessPool if a worker has been killed."""
         with interrupts_held():
             future: Future[_T] = self._pool.submit(function, *arguments)
             self._open.add(future)
@@ -165,7 +165,7 @@ class Processes:
 
 
 class CallsAhead(Generic[_T]):
-    """Calls that run in worker processes (by default one per core) before their results are needed.
+    """Runs calls in worker processes (by default one per core) before the results are needed.
 
     If Ctrl-C arrives while the processes start, the constructor ends them and raises KeyboardInterrupt.
     """
@@ -187,10 +187,10 @@ class CallsAhead(Generic[_T]):
             raise
 
     def result(self, number: int) -> _T:
-        """Wait for call `number`, and return its result or raise its exception.
+        """Wait for the call `number`, counted from 0, and return the call's result or raise its exception.
 
-        Calls count from 0. Each result is returned once, in increasing order; skipped results are discarded.
-        BrokenProcessPool if a worker was killed.
+        Results can be fetched only once and in increasing order; results that are skipped are discarded.
+        Raise BrokenProcessPool if a worker was killed.
         """
         while True:
             for skipped in [earlier for earlier in self._futures if earlier < number]:
@@ -208,7 +208,7 @@ class CallsAhead(Generic[_T]):
         self._futures = {}
 
     def _submit(self) -> None:
-        """Submit calls until `most` are pending."""
+        """Submit calls until as many calls are pending as the pool allows."""
         ahead = sum(not future.done() for future in self._futures.values())
         for arguments in self._arguments[self._submitted :][: self._processes.most - ahead]:
             self._futures[self._submitted] = self._processes.submit(self._function, *arguments)
@@ -221,7 +221,7 @@ def _begin(parent: int) -> None:
 
 
 def _end_with(parent: int) -> None:
-    """End this process soon after its parent: the parent id changes when the parent dies."""
+    """End this process soon after its parent process dies, when the parent's process id changes."""
     while os.getppid() == parent:
         time.sleep(_PARENT_POLL_S)
     os._exit(1)

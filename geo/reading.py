@@ -1,4 +1,4 @@
-"""Size-limited reading of users' files, and readable errors of JSON and TOML."""
+"""Reads users' files up to a size limit, and words the errors of JSON and TOML for users."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from geo.texts import one_line
 if TYPE_CHECKING:
     import msgspec
 
-MAX_TEXT_BYTES = 1 << 20  # Far larger than texts written by hand
+MAX_TEXT_BYTES = 1 << 20  # No text written by hand is as large
 
 
 class UnreadableError(WbfMissionError, ValueError):
-    """A file that cannot be read. The text is the reason, without the file's name."""
+    """Error of a file that cannot be read. The error's text is the reason, without the file's name."""
 
 
 def read_file(path: Path, max_bytes: int) -> bytes:
-    """Return the bytes of a regular file; UnreadableError for a pipe, a device or a larger file.
+    """Return the bytes of a regular file; raise UnreadableError for other or larger files.
 
     Examples
     --------
@@ -40,7 +40,7 @@ def read_file(path: Path, max_bytes: int) -> bytes:
         raise UnreadableError((error.strerror or str(error)).lower()) from error
     except UnreadableError:
         raise
-    except ValueError as error:  # The name contains a NUL character
+    except ValueError as error:  # The file's name contains a NUL character
         raise UnreadableError("there is a NUL character in its name") from error
     if len(data) > max_bytes:
         raise UnreadableError(f"it is larger than {max_bytes / 2**20:g} MiB")
@@ -48,7 +48,7 @@ def read_file(path: Path, max_bytes: int) -> bytes:
 
 
 def read_text(path: Path, max_bytes: int = MAX_TEXT_BYTES) -> str:
-    """Return the text of a regular file; UnreadableError as in `read_file`, or if the file is not UTF-8."""
+    """Return a regular file's text; raise UnreadableError as `read_file` does, or if it is not UTF-8."""
     try:
         return read_file(path, max_bytes).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -56,7 +56,7 @@ def read_text(path: Path, max_bytes: int = MAX_TEXT_BYTES) -> str:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the table of a TOML file; UnreadableError as in `read_text`, or if the file is not TOML."""
+    """Return the table of a TOML file; raise UnreadableError as `read_text` does, or if it is not TOML."""
     text = read_text(path)
     try:
         return tomllib.loads(text)
@@ -84,15 +84,15 @@ _SYNTAX = {
     "trailing comma in object": "a comma stands before a closing brace",
     "trailing comma in array": "a comma stands before a closing bracket",
     "object keys must be strings": "a name has to stand in double quotes",
-    "invalid escape character in string": "a backslash stands before a character that takes none",
+    "invalid escape character in string": "a backslash stands before a character that cannot follow it",
     "invalid number": "JSON has no such number",
 }
 
 
 def place_in_words(path: str) -> str:
-    """Return a path in a document as readable text, with list entries counted from 1.
+    """Return the path of a document's part as readable text, with list entries counted from 1.
 
-    `path` consists of names joined by dots and of indices from 0 in brackets.
+    `path` is made of names joined by dots and of list indices, counted from 0, in brackets.
 
     Examples
     --------
@@ -113,9 +113,9 @@ def place_in_words(path: str) -> str:
 
 
 def misfit(error: msgspec.ValidationError, path: str = "") -> str:
-    """Return msgspec's validation error as readable text with the place of the fault.
+    """Return msgspec's validation error as readable text that begins with the place of the fault.
 
-    `path` is the path of the converted part in the document, in the notation of `place_in_words`.
+    `path` is the path from the document to the part that msgspec converted, written as for `place_in_words`.
 
     Examples
     --------
@@ -138,9 +138,9 @@ def misfit(error: msgspec.ValidationError, path: str = "") -> str:
 
 
 def not_json(error: msgspec.DecodeError | ValueError, data: bytes, line: int = 1) -> str:
-    r"""Return an error of `msgspec.json.decode` as readable text with line and column.
+    r"""Return an error of `msgspec.json.decode` as readable text with the fault's line and column.
 
-    `line` is the line of the file on which the document begins.
+    `line` is the number of the file's line on which the document begins.
 
     Examples
     --------
@@ -162,7 +162,7 @@ def not_json(error: msgspec.DecodeError | ValueError, data: bytes, line: int = 1
     at = int(found[1])
     message = str(error).removeprefix("JSON is malformed: ").removesuffix(found[0]).strip()
     if message == "trailing characters" or data[at - 1 : at] == b"-":
-        at -= 1  # msgspec gives the position of the following byte
+        at -= 1  # msgspec names the byte after the fault
     line, column = data.count(b"\n", 0, at) + line, at - data.rfind(b"\n", 0, at)
     number = _NO_NUMBER.match(data, at)
     if number is not None:
@@ -176,7 +176,7 @@ def not_json(error: msgspec.DecodeError | ValueError, data: bytes, line: int = 1
 
 
 def not_toml(error: tomllib.TOMLDecodeError) -> str:
-    """Return an error of `tomllib` as readable text, with the place first.
+    """Return an error of `tomllib` as readable text that begins with the place of the fault.
 
     Examples
     --------
@@ -194,7 +194,7 @@ def not_toml(error: tomllib.TOMLDecodeError) -> str:
 
 
 def _in_words(text: str) -> str:
-    """Return a message of msgspec, without the place, as readable text."""
+    """Return a message of msgspec, from which the place is cut off, as readable text."""
     if found := re.fullmatch(r"Object missing required field `(.*)`", text):
         return f"{found[1]} is missing"
     if found := re.fullmatch(r"Object contains unknown field `(.*)`", text):
@@ -219,10 +219,10 @@ def _in_words(text: str) -> str:
 
 
 def json_texts(data: bytes) -> Iterator[tuple[int, bytes]]:
-    r"""Yield the JSON texts of a file, usually one, each with the number of its first line.
+    r"""Yield each JSON text of a file with the number of the text's first line.
 
-    A file has several texts if the first line is a complete text, or if record separators (RFC 8142) divide
-    it.
+    A file has several texts if its first line is already a complete text, or if record separators (RFC 8142)
+    divide the file.
 
     Examples
     --------

@@ -1,19 +1,19 @@
 """Named random streams: one seed per run, one independent stream per purpose.
 
-A run has one `numpy.random.SeedSequence`. Each consumer of randomness has a named stream of its own, so that
-additional consumers, or additional draws from a stream, do not change the numbers of other streams::
+A run has one `numpy.random.SeedSequence`. Each consumer of random numbers draws from its own named stream. A
+further consumer, or further draws from a stream, then leave the numbers of other streams unchanged::
 
     child_seed(7, "environment")                  the environment's seed
     stream(7, "environment", "tylcv")             a generator for one of its parts
     stream(child_seed(7, "environment"), "tylcv") the same generator
 
-A name appends two little-endian 32-bit words to the spawn key of the seed: the first eight bytes of the
-SHA-256 of the name in UTF-8. As each name adds exactly two words, different paths of names have different
-keys, and the words do not collide with the small counters of ``SeedSequence.spawn``. The streams do not
-depend on the machine, ``PYTHONHASHSEED`` or the order of calls.
+A name appends two little-endian 32-bit words to the spawn key of the seed, namely the first eight bytes of
+the SHA-256 of the name in UTF-8. Since each name adds exactly two words, different paths of names have
+different keys. Such words do not collide with the small counters of ``SeedSequence.spawn``. The streams do
+not depend on the machine, ``PYTHONHASHSEED`` or the order of calls.
 
-A child seed contains the run's seed (``entropy``), which opens all streams of the run. Planners and
-estimators must not know the truth, so they get a `sealed_seed`.
+A child seed contains the run's seed (``entropy``), from which every stream of the run can be computed.
+Planners and estimators must not know the true field, so they get a `sealed_seed`.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from numpy.random import PCG64, Generator, SeedSequence
 
 from geo.errors import WbfMissionError
 
-_SEALED_WORDS = 8  # 512 bits, more than the entropy of a seed
+_SEALED_WORDS = 8  # 512 bits exceed the entropy of a seed
 _HINT = "give a non-negative integer or a numpy.random.SeedSequence"
 
 
 class SeedError(WbfMissionError, ValueError):
-    """A seed that is not a non-negative integer or a ``SeedSequence``."""
+    """Error of a seed that is neither a non-negative integer nor a ``SeedSequence``."""
 
 
 def root_seed(seed: SeedSequence | int) -> SeedSequence:
-    """Return the seed sequence of a seed; SeedError if the seed is negative or not an integer."""
+    """Return the seed sequence of a seed; raise SeedError if the seed is negative or not an integer."""
     if isinstance(seed, SeedSequence):
         return seed
     try:
@@ -48,10 +48,10 @@ def root_seed(seed: SeedSequence | int) -> SeedSequence:
 
 
 def child_seed(seed: SeedSequence | int, *names: str) -> SeedSequence:
-    """Derive the seed of a named part from `seed` and `names` alone; SeedError as in `root_seed`.
+    """Derive the seed of a named part from `seed` and `names` alone; raise SeedError as `root_seed` does.
 
-    `seed` belongs to the run or to an enclosing part; its spawn counter does not change. `names` is the path
-    to the part, for example ``"vehicle-1", "wind"``; without names the result is `seed` itself.
+    `seed` belongs to the run or to an enclosing part; the seed's spawn counter does not change. `names` is
+    the path to the part, for example ``"vehicle-1", "wind"``. Without names, the result is `seed` itself.
 
     >>> a = child_seed(7, "environment", "soil")
     >>> b = child_seed(child_seed(7, "environment"), "soil")
@@ -69,9 +69,9 @@ def child_seed(seed: SeedSequence | int, *names: str) -> SeedSequence:
 
 
 def stream(seed: SeedSequence | int, *names: str) -> Generator:
-    """Return a new generator at the beginning of a named part's stream; parameters as in `child_seed`.
+    """Return a new generator at the start of a named part's stream; parameters as in `child_seed`.
 
-    The bit generator is PCG64, even if numpy's default changes.
+    The bit generator stays PCG64 even if numpy's default changes.
 
     >>> float(stream(7, "wind").random()) == float(stream(7, "wind").random())
     True
@@ -84,9 +84,9 @@ def stream(seed: SeedSequence | int, *names: str) -> Generator:
 def sealed_seed(seed: SeedSequence | int, *names: str) -> SeedSequence:
     """Derive a seed for code that must not know the run's seed; parameters as in `child_seed`.
 
-    The entropy of the result is the SHA-256 of the child seed's state, read as a little-endian integer, and
-    the spawn key is empty. The run's seed and other streams thus cannot be computed from the result. A small
-    seed (0, 1, 2, ...) can still be found by trial: use 128 random bits where that matters.
+    The result's entropy is the SHA-256 of the child seed's state, read as a little-endian integer, and its
+    spawn key is empty. The run's seed and its other streams thus cannot be computed from the result. A small
+    seed (0, 1, 2, ...) can still be found by trial; if that matters, use a seed of 128 random bits.
 
     >>> sealed = sealed_seed(7, "planner")
     >>> sealed.entropy == sealed_seed(7, "planner").entropy, sealed.entropy == 7

@@ -1,8 +1,8 @@
-"""The operating system: clocks, open files, available memory, and the user's cache folder.
+"""Access to the operating system: clocks, open files, available memory, and the user's cache folder.
 
 Available memory is checked before a task begins, so that the system does not kill the process halfway. The
-smallest limit applies: free memory of the machine, control groups of this process (containers, batch systems;
-versions 1 and 2), and the address space limit (``ulimit -v``).
+smallest of three limits applies: the machine's free memory, the memory of this process's control groups
+(containers, batch systems; versions 1 and 2), and the address space limit (``ulimit -v``).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Closing(ABC):
 
 
 def steady_s() -> float:
-    """Return the time of a clock (s) that is never set and that also runs while the machine sleeps."""
+    """Return the time (s) of a clock that nobody can set and that runs on while the machine sleeps."""
     if sys.platform == "linux" and hasattr(time, "CLOCK_BOOTTIME"):
         return time.clock_gettime(time.CLOCK_BOOTTIME)
     if sys.platform == "darwin":  # On macOS time.monotonic stops during sleep
@@ -48,18 +48,18 @@ def steady_s() -> float:
 
 
 def process_age_s() -> float:
-    """Return the time since the start of this process (s), to a hundredth of a second.
+    """Return the seconds since this process started, to a hundredth of a second.
 
-    If the start time is unknown, the time since the import of this module is returned.
+    If the start time is unknown, return the seconds since this module was imported.
     """
     import psutil
 
     try:
         if sys.platform != "linux":
             return time.time() - float(psutil.Process().create_time())
-        # psutil's start time on Linux is exact to a second only, as it adds the boot time from /proc/stat.
+        # On Linux psutil's start time is exact only to a second, as psutil adds the boot time of /proc/stat.
         status = Path("/proc/self/stat").read_text(encoding="ascii", errors="replace")
-        # Field 22 is the start time; fields are counted after the name, which may contain spaces.
+        # Field 22 is the start time. Counting begins after the name, field 2, which may contain spaces.
         started_s = int(status.rpartition(")")[2].split()[19]) / os.sysconf("SC_CLK_TCK")
         return time.clock_gettime(time.CLOCK_BOOTTIME) - started_s
     except (OSError, ValueError, IndexError, AttributeError, psutil.Error):
@@ -67,26 +67,26 @@ def process_age_s() -> float:
 
 
 def use_memory_again() -> None:
-    """Keep free memory in this process until `free_unused_memory`, and collect garbage less often.
+    """Keep freed memory for reuse until `free_unused_memory` is called; collect garbage less often.
 
-    Zeroing fresh pages took a tenth of the CPU time of a run over Waterberry, garbage collection a thirtieth.
+    In a run over Waterberry, zeroing fresh pages took a tenth of the CPU time, and garbage collection 3 %.
     """
     gc.set_threshold(100_000, 20, 20)
     _call_c(
         "mallopt",
-        (-8, 2),  # M_ARENA_MAX: arenas that threads share; each keeps memory of its own
-        (-3, 32 * 2**20),  # M_MMAP_THRESHOLD, the largest that is allowed: chunks of maps
-        (-1, 2**31 - 1),  # M_TRIM_THRESHOLD
+        (-8, 2),  # M_ARENA_MAX: threads share two arenas; each arena keeps its freed memory.
+        (-3, 32 * 2**20),  # M_MMAP_THRESHOLD: this is the largest value; chunks of maps are smaller.
+        (-1, 2**31 - 1),  # M_TRIM_THRESHOLD: freed memory is not returned.
     )
 
 
 def free_unused_memory() -> None:
-    """Return free memory to the system; on Linux the C library keeps the free memory of threads."""
+    """Return freed memory to the system; on Linux the C library keeps memory that threads freed."""
     _call_c("malloc_trim", (0,))
 
 
 def _call_c(function: str, *calls: tuple[int, ...]) -> None:
-    """Call a function of Linux's C library, if it has the function."""
+    """On Linux, call a function of the C library if the library has this function."""
     if sys.platform == "linux":
         import ctypes
 
@@ -96,7 +96,7 @@ def _call_c(function: str, *calls: tuple[int, ...]) -> None:
 
 
 def allow_open_files(number: int) -> None:
-    """Raise the limit of open files of this process to `number`, as far as the system allows."""
+    """Raise this process's limit of open files to `number`, or to the system's maximum if that is less."""
     if sys.platform == "win32":
         return
     with contextlib.suppress(ImportError, OSError, ValueError):
@@ -109,7 +109,7 @@ def allow_open_files(number: int) -> None:
 
 
 class NotEnoughMemoryError(WbfMissionError, MemoryError):
-    """A task that needs more memory than is available; the text gives the memory it needs."""
+    """Error of a task that needs more memory than is available; the text gives the memory needed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +123,7 @@ class AvailableMemory:
 def available_memory(root: Path = Path("/")) -> AvailableMemory | None:
     """Return the memory that this process may still allocate, or None if it is unknown.
 
-    `root`: folder below which the files of control groups are read.
+    The files of control groups are read below the folder `root`.
     """
     limits = [*_machine(), *_control_groups(root), *_address_space()]
     return min(limits, key=lambda limit: limit.bytes, default=None)
@@ -131,10 +131,10 @@ def available_memory(root: Path = Path("/")) -> AvailableMemory | None:
 
 @contextlib.contextmanager
 def memory_bounded(more: int) -> Iterator[None]:
-    """Limit later allocations of this process to `more` bytes in total; MemoryError if they exceed the limit.
+    """Limit this process's allocations in the block to `more` bytes; further allocations raise MemoryError.
 
-    The limit is meant for reading untrusted files, which may declare any size. Systems other than Linux and
-    FreeBSD have no such limit.
+    The limit is meant for reading untrusted files, which may claim any size. On systems other than Linux and
+    FreeBSD there is no limit.
     """
     import psutil
 
@@ -155,8 +155,8 @@ def memory_bounded(more: int) -> Iterator[None]:
 def require_memory(what: str, parts: Mapping[str, int], *, available: AvailableMemory | None = None) -> None:
     """Raise NotEnoughMemoryError if the sum of `parts` (bytes) exceeds the available memory.
 
-    The error's text begins with `what`, and lists the parts of at least a tenth of the sum. If the available
-    memory is unknown, nothing is checked.
+    The error's text begins with `what` and lists the parts that make up at least a tenth of the sum. If the
+    available memory is unknown, nothing is checked.
 
     Examples
     --------
@@ -213,11 +213,11 @@ def _control_groups(root: Path) -> Iterator[AvailableMemory]:
 def _groups(
     base: Path, path: str, limit_file: str, usage_file: str, reclaimable: str
 ) -> Iterator[AvailableMemory]:
-    # Limits of parent groups apply too; in a container the process's group is mounted as the root.
+    # The limits of parent groups apply too. In a container, the process's own group is mounted as the root.
     own = PurePosixPath(path.lstrip("/"))
     for group in (own, *own.parents):
         limit, usage = _text(base / group / limit_file).strip(), _text(base / group / usage_file).strip()
-        if not (limit.isdecimal() and usage.isdecimal()):  # The limit is "max", or the group does not exist
+        if not (limit.isdecimal() and usage.isdecimal()):  # No limit ("max"), or no such group
             continue
         statistics = dict(line.split() for line in _text(base / group / "memory.stat").splitlines())
         free = int(limit) - max(0, int(usage) - int(statistics.get(reclaimable, 0)))
@@ -235,7 +235,7 @@ def _address_space() -> Iterator[AvailableMemory]:
 
 
 def _address_space_taken() -> int | None:
-    """Return the address space of this process (bytes); None if it is unknown or cannot be limited."""
+    """Return the bytes of this process's address space; None if it is unknown or cannot be limited."""
     import psutil
 
     with contextlib.suppress(OSError, psutil.Error):  # /proc may not be mounted
@@ -255,7 +255,7 @@ _warned_of: set[Path] = set()
 
 
 class CacheWarning(UserWarning):
-    """Warning that a cache cannot be written, so that every run has to make its content again."""
+    """Warning that a cache cannot be written; every run then has to make the cached content again."""
 
 
 def user_cache_folder(name: str) -> Path:
@@ -272,14 +272,14 @@ def user_cache_folder(name: str) -> Path:
     import platformdirs
 
     root = platformdirs.user_cache_path("wbf-mission", appauthor=False)
-    # The XDG standard: a relative path in XDG_CACHE_HOME is ignored.
+    # By the XDG standard, a relative path in XDG_CACHE_HOME is ignored.
     if not root.is_absolute():
         root = Path.home() / ".cache" / "wbf-mission"
     return root / name
 
 
 def warn_of_cache(folder: Path, error: Exception) -> None:
-    """Warn that a cache folder cannot be written, and why; once per folder and process."""
+    """Warn why a cache folder cannot be written; warn once per folder and process."""
     if folder in _warned_of:
         return
     _warned_of.add(folder)

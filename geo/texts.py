@@ -1,4 +1,4 @@
-"""Escaping of untrusted text, strict parsing of numbers, formatting of times and lengths, and the foot."""
+"""Functions that escape text, parse numbers and format times and lengths; also the length of a foot."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import TypeVar
 
 FOOT_M = 0.3048
 """Metres in one international foot (exact); a cell of the Waterberry Farms benchmark is one square foot."""
-MAX_SHOWN = 500  # Characters, about five lines of a terminal
-# Windows opens a device under these names, whatever the suffix:
+MAX_SHOWN = 500  # This many characters fill about five lines of a terminal.
+# Windows opens a device when a file has one of these names with any suffix:
 # https://learn.microsoft.com/windows/win32/fileio/naming-a-file
 _DEVICES = {"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in "0123456789¹²³")}
 
@@ -55,10 +55,10 @@ def one_line(text: str, max_characters: int = MAX_SHOWN) -> str:
 
 
 def file_stem(text: str, default: str, kept: str = r"\w") -> str:
-    """Return a text as a file's name without suffix, possible on Linux, macOS and Windows.
+    """Turn a text into a file name without suffix that Linux, macOS and Windows accept.
 
-    ``kept`` is the class of the characters that are kept, as in a regular expression. If the text has none of
-    these characters, the name is ``default``.
+    ``kept`` lists the characters that are kept, as in the brackets of a regular expression. If the text has
+    none of these characters, the name is ``default``.
 
     >>> file_stem("../[bold]x[/nope]", "farm"), file_stem("Con", "farm"), file_stem("?", "farm")
     ('bold-x-nope', '_Con', 'farm')
@@ -68,10 +68,10 @@ def file_stem(text: str, default: str, kept: str = r"\w") -> str:
 
 
 def parse_number(text: str) -> float:
-    """Return the number that a text holds, also infinity or NaN; ValueError if the text is no number.
+    """Return a text as a number, which may be infinity or NaN; raise ValueError if the text is no number.
 
-    Unlike ``float``, grouped digits (``1_000``) and digits of other scripts are refused: no ground station or
-    autopilot reads them, so they are typing errors.
+    Unlike ``float``, this refuses grouped digits (``1_000``) and digits of other scripts. No ground station
+    or autopilot reads such digits, so they are typing errors.
 
     >>> parse_number(" 2.5e3 ")
     2500.0
@@ -84,7 +84,7 @@ def parse_number(text: str) -> float:
 
 
 def decimal_point(text: str) -> str:
-    """Return a number with its decimal comma replaced by a point; other texts are unchanged.
+    """Replace the decimal comma of a number by a point; return any other text unchanged.
 
     >>> decimal_point("-33,508"), decimal_point("1,5,2")
     ('-33.508', '1,5,2')
@@ -95,7 +95,7 @@ def decimal_point(text: str) -> str:
 
 
 def parse_whole(text: str) -> int:
-    """Return the whole number that a text holds; ValueError as in `parse_number`.
+    """Return a text as a whole number; raise ValueError as `parse_number` does.
 
     >>> parse_whole("-12")
     -12
@@ -113,7 +113,7 @@ def _parsed(text: str, kind: Callable[[str], _Number], what: str) -> _Number:
 
 
 def duration(seconds: float) -> str:
-    """Return seconds as readable text.
+    """Return a duration in seconds as readable text.
 
     >>> duration(75.4)
     '1 min 15 s'
@@ -128,7 +128,7 @@ def duration(seconds: float) -> str:
 
 
 def distance(metres: float) -> str:
-    """Return metres as readable text.
+    """Return a distance in metres as readable text.
 
     >>> distance(12345)
     '12.35 km'

@@ -1,1 +1,1 @@
-"""Sensing: environment, leaf camera, estimators and score."""
+"""Sensing: the environment, the leaf camera, the estimators and the score."""

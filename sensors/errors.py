@@ -4,20 +4,20 @@ from geo.errors import WbfMissionError
 
 
 class FieldError(WbfMissionError, ValueError):
-    """A field, a set of fields or a field file that cannot be used."""
+    """Error of a field, a set of fields or a field file that cannot be used."""
 
 
 class CameraError(WbfMissionError, ValueError):
-    """A camera that is unknown or has impossible values, or a camera file that cannot be used."""
+    """Error of a camera that is unknown or has impossible values, or of an unusable camera file."""
 
 
 class EnvironmentDataError(WbfMissionError, ValueError):
-    """An environment that cannot be generated, stored or read."""
+    """Error of an environment that cannot be generated, stored or read."""
 
 
 class ObservationError(WbfMissionError, ValueError):
-    """Observations that do not fit the farm, or an observation file that cannot be read."""
+    """Error of observations that do not fit the farm, or of an observation file that cannot be read."""
 
 
 class EstimatorError(WbfMissionError, ValueError):
-    """An estimator that is unknown, wrongly configured or used before ``fit``."""
+    """Error of an estimator that is unknown, wrongly configured or used before ``fit``."""

@@ -1,4 +1,4 @@
-"""Estimation and scoring of a run while its observations arrive."""
+"""Estimates and scores a run while the observations arrive."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from sensors.scoring.score import RunningScore, Score
 
 @dataclass(slots=True)
 class ScoreHistory:
-    """Scores of a run; each scored time has an entry in every list. Times are seconds since the run began."""
+    """Scores of a run. Every list has an entry for each scored time, in seconds since the run began."""
 
     times_s: list[float] = field(default_factory=list)
     observations: list[int] = field(default_factory=list)
@@ -37,12 +37,12 @@ class ScoreHistory:
 
     @property
     def scores(self) -> list[float]:
-        """The paper's score at each scored time."""
+        """The score of the Waterberry Farms paper at each scored time."""
         return [entry.score for entry in self.entries]
 
     @property
     def field_losses(self) -> NDArray[np.float64]:
-        """Mean loss per cell of each field at each scored time, float64[times, n]."""
+        """Each field's mean loss per cell at each scored time, float64[times, n]."""
         losses = [entry.field_loss for entry in self.entries]
         return np.array(losses, dtype=np.float64) if losses else np.empty((0, 0))
 
@@ -52,30 +52,30 @@ class ScoreHistory:
         return float(np.mean(self.scores)) if self.entries else None
 
     def of_day(self, day: int) -> ScoreHistory:
-        """Return the entries of one day."""
+        """Return the scores of one day."""
         at = [k for k, scored in enumerate(self.days) if scored == day]
         columns = (self.times_s, self.observations, self.entries, self.days)
         return ScoreHistory(*([column[k] for k in at] for column in columns))  # type: ignore[arg-type]
 
 
 class RunEstimate:
-    """Estimate and scores of a run, computed in a separate thread during the flight.
+    """Computes the estimate and the scores of a run in a separate thread during the flight.
 
-    Observations between two scored times are learned together, in the order in which they were added. The
-    results depend neither on the speed of the threads nor on the parts in which observations arrive. An error
-    of the estimator is raised by a later call. The caller ends the thread with `close`.
+    The estimator learns the observations between two scored times together, in the order in which they were
+    added. The results depend neither on the speed of the threads nor on the parts in which observations
+    arrive. If the estimator fails, a later call raises the error. The caller ends the thread with `close`.
 
-    The estimate is scored after every `every` observations of a flight and at the flight's end, on later days
-    also before the first observation. For a cancelled flight, `hold` scores the present estimate as often as
-    the flight would have been scored. The thread calls `ready`, which may wait, before it learns.
+    The estimate is scored after each `every` observations of a flight and at the flight's end, and on later
+    days also before the first observation. If a flight is cancelled, `hold` scores the present estimate as
+    often as the flight would have been scored. Before it learns, the thread calls `ready`, which may wait.
 
     Attributes
     ----------
     history : ScoreHistory
         The scores, complete after `end_flight`.
     model : InformationModel or None
-        The latest scored estimate, valid after `end_flight`. Its arrays may belong to the estimator, which
-        changes them with the next observations.
+        The estimate that was scored last, valid after `end_flight`. The model's arrays may belong to the
+        estimator, which changes them when it learns.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class RunEstimate:
         self.every = max(1, every)
         self.day = day
         self._ready = ready
-        # Callback for each scored time, with the time and the model.
+        # This callback gets the time and the model at each scored time.
         self.on_score: Callable[[float, InformationModel], None] = lambda _time_s, _model: None
         self._seen = 0
         self._seen_before = 0
@@ -105,7 +105,7 @@ class RunEstimate:
         self._waiting: deque[Future[Any]] = deque()
 
     def add(self, parts: Sequence[Observations], offset_s: float = 0.0) -> None:
-        """Add observations; they are learned once all those up to the next scored time have arrived."""
+        """Add observations; the estimator learns them when all up to the next scored time have arrived."""
         while self._waiting and self._waiting[0].done():
             self._waiting.popleft().result()
         for part in parts:
@@ -120,14 +120,14 @@ class RunEstimate:
                     self._submit(offset_s + float(self._held[-1].time_s[-1]))
 
     def current(self) -> InformationModel:
-        """Wait until all observations are learned, and return the estimate without copying its arrays."""
+        """Wait until all observations are learned; return the estimate, with arrays of the estimator."""
         self._wait()
         return self._predict()
 
     def snapshot(self) -> Future[InformationModel]:
-        """Return a future for a copy of the estimate after all observations added before this call.
+        """Return a future for a copy of the estimate that includes all observations added so far.
 
-        The copy is made in the estimate's thread, so a waiting thread shares no arrays with the estimator.
+        The thread of the estimate makes the copy, so the caller's thread shares no arrays with the estimator.
         """
         self._submit()
         before = tuple(self._waiting)
@@ -142,7 +142,7 @@ class RunEstimate:
         return taken
 
     def begin_day(self, day: int, truth: NDArray[np.float32], time_s: float) -> None:
-        """Advance to a later day, and score the estimate against its `truth` before the first observation."""
+        """Advance to a later day, whose truth is `truth`, and score the estimate before any observation."""
         self._wait()
         self.day = day
         self._score.advance(truth)
@@ -151,7 +151,7 @@ class RunEstimate:
         self._evaluate(time_s)
 
     def end_flight(self, time_s: float) -> None:
-        """Wait until all observations are learned, and score the estimate unless it is scored already."""
+        """Wait until all observations are learned, then score the estimate unless that was done."""
         self._wait()
         history = self.history
         if self._seen and (history.observations[-1:], history.days[-1:]) != ([self._seen], [self.day]):
@@ -159,7 +159,7 @@ class RunEstimate:
         self._seen_before = self._seen
 
     def hold(self, times: int, time_s: float) -> None:
-        """Add the score of the present estimate `times` times, for a cancelled flight."""
+        """Record the score of the present estimate `times` times, in place of a cancelled flight's scores."""
         self._wait()
         self._evaluate(time_s)
         history, again = self.history, times - 1
@@ -169,7 +169,7 @@ class RunEstimate:
         history.days += again * [self.day]
 
     def _submit(self, score_at_s: float | None = None) -> None:
-        """Submit the held observations to the thread; then score the estimate if `score_at_s` is given."""
+        """Let the thread learn the held observations, and score the estimate if `score_at_s` is given."""
         if self._held:
             held = Observations.concatenate(self._held, self._held[0].fields)
             self._held = []
@@ -181,7 +181,7 @@ class RunEstimate:
             self._waiting.popleft().result()
 
     def close(self) -> None:
-        """End the thread; pending observations are discarded."""
+        """End the thread and discard observations that it has not learned yet."""
         self._worker.shutdown(wait=False, cancel_futures=True)
 
     def _learn(self, observations: Observations, score_at_s: float | None) -> None:
@@ -215,7 +215,7 @@ class RunEstimate:
 
 @contextmanager
 def attribute_errors_to(estimator: Estimator) -> Iterator[None]:
-    """Turn an unexpected error of an estimator into an EstimatorError with its name; the cause is kept."""
+    """Turn an estimator's unexpected error into an EstimatorError with the estimator's name."""
     try:
         yield
     except (WbfMissionError, MemoryError):
@@ -230,7 +230,7 @@ def attribute_errors_to(estimator: Estimator) -> Iterator[None]:
 
 
 def checked_prediction(estimator: Estimator) -> InformationModel:
-    """Return an estimator's prediction, checked if the estimator is not part of this project."""
+    """Return an estimator's prediction; check it if the estimator comes from outside this project."""
     with attribute_errors_to(estimator):
         model = estimator.predict()
     if type(estimator).__module__.partition(".")[0] not in PACKAGES:
@@ -243,7 +243,7 @@ def checked_prediction(estimator: Estimator) -> InformationModel:
 
 @dataclass(slots=True)
 class Evidence:
-    """The observations of all flights of a run, and its estimate."""
+    """The observations of all flights of a run, and the run's estimate."""
 
     farm: Farm
     fields: FieldSet
@@ -255,7 +255,7 @@ class Evidence:
         return self._count
 
     def add(self, *parts: Observations, offset_s: float) -> None:
-        """Add observations with times relative to `offset_s` seconds after the beginning of the run."""
+        """Add observations with times that count from `offset_s` seconds after the run began."""
         filled = [part for part in parts if len(part)]
         if not filled:
             return
@@ -266,23 +266,23 @@ class Evidence:
 
     @property
     def parts(self) -> tuple[Observations, ...]:
-        """All observations as separate parts, in the order of arrival."""
+        """All observations, in the parts and in the order in which they arrived."""
         return tuple(part for part in self._parts if len(part))
 
     def observations(self) -> Observations:
-        """Return all observations joined, in the order of arrival."""
+        """Join all observations in the order of arrival."""
         if len(self._parts) != 1:
             self._parts = [Observations.concatenate(self._parts, self.fields.names)]
         return self._parts[0]
 
     def model(self) -> InformationModel:
-        """Return the estimate after all observations; without an estimator, the fields' defaults."""
+        """Return the estimate after all observations, or the fields' defaults if no estimator runs."""
         if self.estimate is not None:
             return self.estimate.current()
         return InformationModel.unknown(self.farm.grid().shape, self.fields)
 
     def snapshot(self) -> Callable[[], InformationModel]:
-        """Return a function that returns the present estimate, callable later and in any thread."""
+        """Return a function that returns the present estimate, even if called later or in another thread."""
         return self.model if self.estimate is None else self.estimate.snapshot().result
 
 

@@ -1,9 +1,9 @@
-"""Field sets by name and from files.
+"""Makes field sets from names of fields and from field files.
 
-A field file is TOML with one or more tables ``[[field]]``, which `field_from_table` describes. Field names
-are those of the benchmark and those that packages register under the entry point group ``wbf_mission.fields``
-(each entry is a `sensors.fields.Field`). The key ``kind`` is "disease", "continuous", "smooth", "measured"
-(the default) or the `ContinuousDynamics.kind` of a class registered under ``wbf_mission.dynamics``.
+A field file is TOML with one or more tables ``[[field]]``, which `field_from_table` describes. Named fields
+are the benchmark's fields and each `sensors.fields.Field` that a package registers in the entry point group
+``wbf_mission.fields``. The key ``kind`` is "disease", "continuous", "smooth", "measured" (the default) or the
+`ContinuousDynamics.kind` of a class registered in the group ``wbf_mission.dynamics``.
 
 >>> load_field_set(["soil", "tylcv"])
 FieldSet(soil, tylcv)
@@ -35,11 +35,11 @@ _DYNAMICS: dict[str, type[Dynamics]] = {
     dynamics.kind: dynamics for dynamics in (EpidemicParameters, SoilParameters, SmoothParameters, Measured)
 }
 _REQUIRED = ("name", "kind", "crops", "default")
-"""Keys that a simulated field needs; a field that is only measured needs ``name``."""
+"""Keys that a simulated field needs; a field that is only measured needs only ``name``."""
 
 
 class _Table(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
-    """A field as plain values."""
+    """The table of a field, as plain values."""
 
     name: str
     kind: str = Measured.kind
@@ -56,12 +56,12 @@ class _Table(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
 
 
 def load_field_set(names_or_paths: Iterable[str], folder: str | Path = ".") -> FieldSet:
-    """Return a field set from names and field files.
+    """Make a field set from names of fields and from field files.
 
     Parameters
     ----------
     names_or_paths : iterable of str
-        Names of fields (`field_names`), and field files, which end in ``.toml``.
+        Names of fields (`field_names`), and paths of field files, which end in ``.toml``.
     folder : path-like
         Folder to which relative paths refer.
 
@@ -78,7 +78,7 @@ def load_field_set(names_or_paths: Iterable[str], folder: str | Path = ".") -> F
 
 
 def field_names() -> tuple[str, ...]:
-    """Return the names of all fields: those of the benchmark, then the registered ones, sorted."""
+    """Return the names of all fields: the benchmark's fields, then registered fields, sorted."""
     others = {point.name for point in entry_points(group=ENTRY_POINT_GROUP)} - set(PAPER_FIELDS.names)
     return (*PAPER_FIELDS.names, *sorted(others))
 
@@ -86,7 +86,7 @@ def field_names() -> tuple[str, ...]:
 def read_fields(path: str | Path) -> tuple[Field, ...]:
     """Read the fields of a field file.
 
-    Raises FieldError, which names the file and the field, if the file or one of its fields cannot be used.
+    If the file or a field in it cannot be used, raise FieldError, which names the file and the field.
     """
     path = Path(path)
     try:
@@ -107,15 +107,15 @@ def field_from_table(table: Mapping[str, Any], where: str) -> Field:
     Parameters
     ----------
     table : mapping
-        Required keys: ``name``, ``kind`` (of the dynamics), ``crops`` and ``default``; a field without a
-        ``kind`` is only measured and needs only ``name``. Optional keys, as in `sensors.fields.Field`:
-        ``weight``, ``cost_above``, ``cost_below``, ``title``, ``unit``, ``range`` and ``colours``. The table
-        ``dynamics`` has the parameters of the dynamics, for example of
+        The keys ``name``, ``kind`` (of the dynamics), ``crops`` and ``default`` are required, but a field
+        without ``kind`` is only measured and needs only ``name``. The keys ``weight``, ``cost_above``,
+        ``cost_below``, ``title``, ``unit``, ``range`` and ``colours`` are optional and as in
+        `sensors.fields.Field`. The table ``dynamics`` has the parameters of the dynamics, such as
         `sensors.dynamics.epidemic.EpidemicParameters` (a disease needs ``likelihood`` and ``duration_days``)
-        or `sensors.dynamics.soil.SoilParameters`. ``default`` is in the field's unit; if missing, it is the
-        middle of the range.
+        or `sensors.dynamics.soil.SoilParameters`. ``default`` is in the field's unit; the middle of the range
+        if missing.
     where : str
-        File and position in the file; the text of an error begins with it.
+        File and position in the file, with which error texts begin.
 
     Raises
     ------
@@ -147,14 +147,14 @@ def field_from_table(table: Mapping[str, Any], where: str) -> Field:
 
 
 def field_to_table(field: Field) -> dict[str, Any]:
-    """Return a field as a table of plain values; `field_from_table` is the inverse.
+    """Return a field as a table of plain values, which `field_from_table` reads.
 
-    Parameters of the dynamics that are None are left out, as TOML has no null.
+    A parameter of the dynamics that is None is left out, as TOML has no null.
     """
     table = {key.name: getattr(field, key.name) for key in fields(field)}
     table["kind"] = field.dynamics.kind
     table["crops"], table["colours"] = list(field.crops), list(field.colours)
-    # Rounding removes the error of the unit conversion, so that the file gives an equal field again.
+    # Rounding removes the error of the unit conversion, so that an equal field is read back.
     table["default"] = float(f"{field.to_unit(field.default):.12g}")
     table["range"] = list(field.range)
     if field.range == (0.0, 1.0):
@@ -165,7 +165,7 @@ def field_to_table(field: Field) -> dict[str, Any]:
 
 
 def _part(default: float | None, limits: tuple[float, float]) -> float:
-    """Return a default value, in the field's unit, as a fraction of the range."""
+    """Convert a default value from the field's unit to a fraction of the field's range."""
     low, high = limits
     if default is None or not low < high:
         return 0.5
@@ -193,7 +193,7 @@ def _registered(name: str) -> Field:
     if not where:
         raise FieldError(unknown("field", name, field_names(), ", or give a file (.toml)"))
     if not isinstance(found, Field) or found.name != name:
-        raise FieldError(f"{where} is not a sensors.fields.Field of this name")
+        raise FieldError(f"{where} is not a sensors.fields.Field with this name")
     return found
 
 
@@ -209,7 +209,7 @@ def _registered_dynamics(kind: str) -> type[Dynamics]:
 
 
 def _load(group: str, name: str, what: str) -> tuple[Any, str]:
-    """Return a registered object and its description for errors; (None, "") if no object has this name."""
+    """Return a registered object and its description for errors, or (None, "") if there is none."""
     points = [point for point in entry_points(group=group) if point.name == name]
     if not points:
         return None, ""

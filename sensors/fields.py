@@ -3,9 +3,9 @@
 Arrays, columns and readings have the order of a `FieldSet`. `PAPER_FIELDS` are the three fields of the
 benchmark; `sensors.field_files` reads other fields from files.
 
-All values are in 0..1. A disease is 1 where plants are healthy, 0.5 where they are infected and 0 where they
-are lost. A continuous field is scaled from its minimum (0) to its maximum (1), which `Field.range` gives in
-its unit.
+All values are in 0..1. A disease has the value 1 for a healthy, 0.5 for an infected and 0 for a lost plant. A
+continuous field is scaled so that its minimum is 0 and its maximum is 1; `Field.range` gives both in the
+field's unit.
 
 >>> PAPER_FIELDS.names, PAPER_FIELDS["ccr"].kind, PAPER_FIELDS["soil"].kind
 (('tylcv', 'ccr', 'soil'), 'disease', 'continuous')
@@ -38,16 +38,16 @@ Kind = Literal["disease", "continuous"]
 Dynamics = EpidemicParameters | ContinuousDynamics
 
 ALL_CROPS = "all"
-"""Stands for all crops of a farm in `Field.crops`."""
+"""In `Field.crops`, this stands for all crops of a farm."""
 MAX_FIELDS = 16
-"""Largest number of fields: a cell's readings of all fields fit into one MAVLink message."""
+"""Largest number of fields, so that a cell's readings of all fields fit into one MAVLink message."""
 HEALTH_COLOURS = ("#5a0f14", "#f08a24", "#4f9d5d")
-"""Colours for lost, infected and healthy plants."""
+"""Colours of lost, infected and healthy plants."""
 WATER_COLOURS = (
     *("#ffffd9", "#edf8b1", "#c7e9b4", "#7fcdbb", "#41b6c4"),
     *("#1d91c0", "#225ea8", "#253494", "#081d58"),
 )
-"""Colours from dry to wet: ColorBrewer's YlGnBu."""
+"""Colours from dry to wet (YlGnBu of ColorBrewer)."""
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,23}")
 _RESERVED = ("x", "y", "day", "time_s")
@@ -62,28 +62,28 @@ class Field:
     Parameters
     ----------
     name : str
-        Name of columns, arrays and random streams: at most 24 lower-case letters, digits and underscores.
+        Name, also of columns, arrays and random streams: up to 24 lower-case letters, digits and underscores.
     dynamics : EpidemicParameters or ContinuousDynamics
-        The dynamics; their class decides the kind of the field. `Measured` is for fields that are not
-        simulated.
+        The dynamics; the class of the dynamics decides the kind of the field. `Measured` is for fields that
+        are not simulated.
     crops : tuple of str
         Crops that have this field: names of the benchmark's crops (`geo.Crop`) or of a farm's crops, or
-        `ALL_CROPS`. A disease infects these crops on the land of all owners; errors are scored on the owner's
-        cells with these crops.
+        `ALL_CROPS`. A disease infects these crops on any owner's land. Errors are scored in the owner's cells
+        with these crops.
     default : float
-        Value assumed without observations, 0..1.
+        Value (0..1) assumed for cells without observations.
     weight : float
         Weight of the field's errors in the score, >= 0.
     cost_above, cost_below : float
-        Factor of the squared error of an estimate above, and of one below, the truth; >= 0.
+        Factors of the squared error of an estimate above the truth and of an estimate below it, >= 0.
     title : str
-        Name in pictures and tables; `name` if empty.
+        Name in pictures and tables; if empty, `name` is used.
     unit : str
         Unit of the values, for pictures.
     colours : tuple of str
-        Two or more colours ``#rrggbb`` for values from 0 to 1; if empty, the colours of the field's kind.
+        Two or more colours ``#rrggbb`` for values from 0 to 1; if empty, those usual for the kind.
     range : tuple of float
-        Values in `unit` that are stored as 0 and 1, the lower first; always (0, 1) for a disease.
+        Values in `unit` that are stored as 0 and as 1, the lower first; for a disease always (0, 1).
 
     Raises
     ------
@@ -122,7 +122,7 @@ class Field:
         if strange:
             raise self._error(f"crop {strange[0]!r:.60} is no name of a crop; {CROP_NAMES}")
         if not self.crops or len(set(self.crops)) < len(self.crops):
-            raise self._error(f"crops {', '.join(self.crops) or 'empty'}; give one or more, and each once")
+            raise self._error(f"crops {', '.join(self.crops) or 'empty'}; give one or more crops, each once")
         if not 0.0 <= self.default <= 1.0:
             raise self._error(f"default {self.default} is not in 0..1")
         for name in ("weight", "cost_above", "cost_below"):
@@ -150,46 +150,46 @@ class Field:
 
     @property
     def kind(self) -> Kind:
-        """Kind of the field: a disease, with three values, or a continuous field."""
+        """Kind of the field, either a disease (with three values) or a continuous field."""
         return "disease" if isinstance(self.dynamics, EpidemicParameters) else "continuous"
 
     @property
     def epidemic(self) -> EpidemicParameters:
-        """The epidemic parameters of a disease; FieldError for continuous fields."""
+        """The epidemic parameters of a disease; a continuous field raises FieldError."""
         if not isinstance(self.dynamics, EpidemicParameters):
             raise self._error("is no disease")
         return self.dynamics
 
     @property
     def continuous(self) -> ContinuousDynamics:
-        """The dynamics of a continuous field; FieldError for diseases."""
+        """The dynamics of a continuous field; a disease raises FieldError."""
         if not isinstance(self.dynamics, ContinuousDynamics):
             raise self._error("is a disease, not a continuous field")
         return self.dynamics
 
     @property
     def is_simulated(self) -> bool:
-        """Whether the field is simulated; otherwise it is only measured."""
+        """Whether the field can be simulated; otherwise it can only be measured."""
         return not isinstance(self.dynamics, Measured)
 
     def to_unit(self, values: Any) -> Any:
-        """Convert values of 0..1 (scalar or array) to the field's unit."""
+        """Convert values in 0..1 (scalar or array) to the field's unit."""
         low, high = self.range
         return low + values * (high - low)
 
     def from_unit(self, values: Any) -> Any:
-        """Convert values in the field's unit (scalar or array) to 0..1, clipped; NaN is kept."""
+        """Convert values in the field's unit (scalar or array) to 0..1, with clipping; NaN stays NaN."""
         low, high = self.range
         return np.clip((np.asarray(values, np.float64) - low) / (high - low), 0.0, 1.0)
 
     def hosts(self, grid: FarmGrid, where: Any = ...) -> NDArray[np.bool_]:
-        """Return a new mask of all owners' cells that have the field's crops, bool[W, H] or `where`."""
+        """Return a new mask, bool[W, H] or its part `where`, of cells of any owner with the field's crops."""
         every = ALL_CROPS in self.crops
         names = [crop for crop in grid.crops if crop not in NOT_GROWN] if every else self.crops
         return grid.of_crops(names, where)
 
     def mask(self, grid: FarmGrid, where: Any = ...) -> NDArray[np.bool_]:
-        """Return a new mask of the scored cells (the owner's cells with the crops), bool[W, H] or `where`."""
+        """Return a new mask, bool[W, H] or its part `where`, of the owner's cells with the field's crops."""
         cells = self.hosts(grid, where)
         cells &= grid.owned[where]
         return cells
@@ -197,7 +197,7 @@ class Field:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class FieldSet:
-    """Fields in the order of all arrays: 1 to `MAX_FIELDS` fields with different names.
+    """Between 1 and `MAX_FIELDS` fields with different names, in the order that all arrays have.
 
     Raises
     ------
@@ -237,25 +237,25 @@ class FieldSet:
         return self.fields[self.index(key) if isinstance(key, str) else key]
 
     def index(self, name: str) -> int:
-        """Return the index of a field; raises FieldError if no field has this name."""
+        """Return the index of a field; raise FieldError if no field has this name."""
         if name not in self.names:
             raise FieldError(unknown("field", name, self.names))
         return self.names.index(name)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the fields, in order."""
+        """Names of the fields, in the order of the fields."""
         return tuple(field.name for field in self.fields)
 
     @property
     def crops(self) -> tuple[str, ...]:
-        """Crops of all fields without repetitions; empty if a field has `ALL_CROPS`."""
+        """Crops that have any of the fields, each once; empty if a field has `ALL_CROPS`."""
         named = tuple(dict.fromkeys(crop for field in self.fields for crop in field.crops))
         return () if ALL_CROPS in named else named
 
     @property
     def defaults(self) -> tuple[float, ...]:
-        """Value that is assumed for each field without observations."""
+        """Values that are assumed for cells without observations, one for each field."""
         return tuple(field.default for field in self.fields)
 
     @property
@@ -269,7 +269,7 @@ class FieldSet:
         return tuple(field for field in self.fields if field.kind == "continuous")
 
     def require_simulated(self) -> None:
-        """Raise FieldError if a field is only measured: a simulated camera cannot read it."""
+        """Raise FieldError if a field is only measured, as a simulated camera cannot read such a field."""
         measured = ", ".join(field.name for field in self.fields if not field.is_simulated)
         if measured:
             raise FieldError(
@@ -278,7 +278,7 @@ class FieldSet:
             )
 
     def scored(self, grid: FarmGrid) -> NDArray[np.bool_]:
-        """Return `masks`, or on a large farm a `LazyFields`, which takes no memory."""
+        """Return `masks`; on a large farm return a `LazyFields`, which takes no memory."""
         if grid.crop.size < LARGE_FROM_CELLS:
             return self.masks(grid)
 
@@ -288,14 +288,14 @@ class FieldSet:
         return cast("NDArray[np.bool_]", LazyFields((len(self.fields), *grid.shape), read, np.bool_))
 
     def masks(self, grid: FarmGrid) -> NDArray[np.bool_]:
-        """Return the mask of each field's scored cells, without the neighbours' cells: bool[n, W, H]."""
+        """Return the mask of each field's scored cells, which are the owner's, as bool[n, W, H]."""
         masks = np.empty((len(self.fields), *grid.shape), np.bool_)
         for field, mask in zip(self.fields, masks, strict=True):
             mask[...] = field.mask(grid)
         return masks
 
     def with_dynamics(self, **dynamics: Dynamics) -> FieldSet:
-        """Return the fields with new dynamics for the fields that are given as keywords.
+        """Return the same fields, with other dynamics for fields that are given as keywords.
 
         Examples
         --------
@@ -328,4 +328,4 @@ PAPER_FIELDS = FieldSet(
         ),
     )
 )
-"""The benchmark's fields: tomato yellow leaf curl virus, charcoal rot of strawberries and soil humidity."""
+"""The benchmark's fields: tomato yellow leaf curl virus, charcoal rot of strawberries, soil humidity."""

@@ -1,4 +1,4 @@
-"""Fields of a large farm that are read at each access and take no memory in between."""
+"""Fields of a large farm, which are read at each access and take no memory in between."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from numpy.typing import NDArray
 
 Read = Callable[[int, slice], NDArray[Any]]
 LARGE_FROM_CELLS = 1_000_000
-"""Smallest farm on which truth and masks are read at each access."""
+"""Number of cells from which a farm's truth and masks are read at each access."""
 
 
 class LazyFields(NDArrayOperatorsMixin):
-    """A read-only array [n, W, H] that is read at each access.
+    """A read-only array [n, W, H] whose values are read anew at each access.
 
     Parameters
     ----------
     shape : tuple of int
         Number of fields, width and height of the farm.
     read : callable
-        Takes the number of a field and a slice of the farm's columns, and returns an array [columns, H]. The
+        Function of a field's number and a slice of the farm's columns that returns an array [columns, H]. The
         slice has a start, a stop and no step.
     dtype : type
         Type of the elements.
@@ -67,7 +67,7 @@ class LazyFields(NDArrayOperatorsMixin):
         return getattr(ufunc, method)(*arrays, **kwargs)
 
     def __getattr__(self, name: str) -> Any:
-        # Other attributes of arrays, such as mean()
+        # Any other attribute, such as mean(), is taken from the array that is read
         if name.startswith("_"):
             raise AttributeError(name)
         return getattr(np.asarray(self), name)

@@ -1,4 +1,4 @@
-"""Observations of the leaf camera as a struct of arrays, their files, and arrays that grow by rows."""
+"""Observations of the leaf camera as a struct of arrays, files of observations, and growing arrays."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sensors.errors import ObservationError
 from sensors.fields import PAPER_FIELDS
 
 COLUMNS = ("x", "y", "time_s", "day")
-"""First columns of an observation file; a column for each field, with the field's name, follows."""
+"""First columns of an observation file; after them, each field has a column with the field's name."""
 MAX_FILE_ROWS = 100_000_000
 _ARRAYS = (*COLUMNS, "values")
 _INT32 = np.iinfo(np.int32)
@@ -27,7 +27,7 @@ _INT32 = np.iinfo(np.int32)
 class Observations:
     """Observations in the order in which they were made.
 
-    Array-likes of the right shape are accepted; the stored arrays are read-only.
+    Anything that numpy turns into an array of the right shape is accepted. The stored arrays are read-only.
 
     Parameters
     ----------
@@ -38,9 +38,9 @@ class Observations:
     day : int32[n]
         Day of the environment.
     values : float32[n, k]
-        Measured value of each field; NaN where the field was not sensed.
+        Measured value of each field, or NaN if the field was not sensed.
     fields : tuple of str
-        Names of the k fields; by default those of the benchmark.
+        Names of the k fields; by default the benchmark's fields.
 
     Raises
     ------
@@ -100,7 +100,7 @@ class Observations:
 
     @property
     def sensed(self) -> NDArray[np.bool_]:
-        """Mask of the sensed fields, bool[n, k]."""
+        """Mask of the fields that were sensed, bool[n, k]."""
         return ~np.isnan(self.values)
 
     @classmethod
@@ -114,9 +114,9 @@ class Observations:
     def concatenate(
         cls, parts: Iterable[Observations], fields: tuple[str, ...] = PAPER_FIELDS.names
     ) -> Observations:
-        """Join parts of observations, in order; all must have the fields `fields`.
+        """Join parts of observations, in the given order.
 
-        Raises ObservationError if a part has other fields.
+        Raise ObservationError if a part has other fields than `fields`.
         """
         kept = []
         for part in parts:
@@ -133,13 +133,13 @@ class Observations:
         return cls(x, y, time_s, day, values, fields)
 
     def check_fields(self, fields: tuple[str, ...]) -> None:
-        """Raise ObservationError unless the observations have exactly these fields, in this order."""
+        """Raise ObservationError unless these are the fields of the observations, in the same order."""
         if self.fields != fields:
             msg = f"observations: they have {', '.join(self.fields)}, expected {', '.join(fields)}"
             raise ObservationError(msg)
 
     def check_inside(self, shape: tuple[int, int]) -> None:
-        """Raise ObservationError, with the first cell at fault, unless all cells are on a farm of `shape`."""
+        """Raise ObservationError, which names the first cell at fault, if a cell is off a farm of `shape`."""
         width, height = shape
         outside = (self.x < 0) | (self.x >= width) | (self.y < 0) | (self.y >= height)
         if outside.any():
@@ -153,15 +153,15 @@ class Observations:
         import pyarrow as pa
 
         arrays = [pa.array(column) for column in (self.x, self.y, self.time_s, self.day)]
-        # from_pandas turns NaN into null, so that other tools do not take "not sensed" for a number.
+        # from_pandas turns NaN ("not sensed") into null, so that other tools do not take it for a number.
         arrays += [pa.array(column, from_pandas=True) for column in np.ascontiguousarray(self.values.T)]
         return pa.table(dict(zip((*COLUMNS, *self.fields), arrays, strict=True)))
 
     def save(self, path: str | Path) -> None:
         """Write a `.parquet` or `.csv` file atomically.
 
-        The columns are x, y, time_s, day and a column for each field, with the field's name. A field that was
-        not sensed is null (in CSV: empty).
+        The columns are x, y, time_s, day and a column for each field, which has the field's name. The value
+        of a field that was not sensed is null (in CSV: empty).
         """
         path = Path(path)
         save, _ = _format_of(path)
@@ -202,7 +202,7 @@ class Observations:
 
 
 class GrowingArray:
-    """An array to which rows are appended in amortised constant time.
+    """An array that grows: rows are appended in amortised constant time.
 
     Examples
     --------
@@ -221,7 +221,7 @@ class GrowingArray:
 
     @property
     def array(self) -> NDArray[Any]:
-        """View of the current rows, without rows appended later."""
+        """View of the present rows; rows that are appended later are not in it."""
         return self._buffer[: self._rows]
 
     def append(self, rows: ArrayLike) -> None:
@@ -289,7 +289,7 @@ def _first_line(error: BaseException) -> str:
 
 def _save_csv(observations: Observations, path: Path) -> None:
     columns = [observations.x, observations.y, observations.time_s, observations.day, *observations.values.T]
-    # str() of a numpy scalar is its shortest exact form, so that float32 values are read back unchanged.
+    # str() of a numpy scalar is the shortest exact text, so float32 values are read back unchanged.
     texts = [["" if v != v else str(v) for v in column] for column in columns]
 
     with atomic_write(path, newline="\n") as stream:

@@ -39,13 +39,13 @@ SYSTEMS = {
 HEAD = """\
 # Wheels of the dependencies
 
-Where `pip install -c requirements.lock .` needs no compiler: for each core dependency, and each package that
-these need, the Pythons of 3.11 to 3.14 for which the version in `requirements.lock` has a wheel. Linux means
-glibc 2.28 or newer. Written by `python tools/write_wheel_table.py` from the names of the wheels; nothing was
-installed on macOS and Windows.
+This table shows where `pip install -c requirements.lock .` needs no compiler. For each core dependency, and
+each package that these need, it names the versions of Python from 3.11 to 3.14 for which the version in
+`requirements.lock` has a wheel. Linux means glibc 2.28 or newer. `python tools/write_wheel_table.py` made it
+from the names of the wheels; nothing was installed on macOS and Windows.
 
-numba has no wheel of this version for Macs with Intel processors. Without the lock file pip takes numba
-0.62.1 there, for Python 3.11 to 3.13, which lies in the range of `pyproject.toml`; for 3.14 there is none.
+numba has no wheel of this version for Macs with Intel processors. Without the lock file, pip installs numba
+0.62.1 there for Python 3.11 to 3.13, which `pyproject.toml` allows; for 3.14 there is no wheel.
 """
 
 
@@ -95,7 +95,7 @@ def main() -> None:
             rows.append(f"| {name} {locked[name]} | {' | '.join(cells)} |\n")
     head = f"| | {' | '.join(SYSTEMS)} |\n|{'---|' * (len(SYSTEMS) + 1)}\n"
     others = fill(", ".join(pure), 110, break_on_hyphens=False)
-    rest = f"\nThe other {len(pure)} are the same for all systems:\n{others}.\n"
+    rest = f"\nThe other {len(pure)} packages have the same wheel for all systems:\n{others}.\n"
     PAGE.write_text(HEAD + "\n" + head + "".join(rows) + rest, encoding="utf-8")
 
 

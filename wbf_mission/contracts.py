@@ -1,4 +1,4 @@
-"""Contract checks of planners, policies and estimators, provided by an add-on: entry points of one group."""
+"""Contract checks of planners, policies and estimators; an add-on provides them as entry points."""
 
 from __future__ import annotations
 

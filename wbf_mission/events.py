@@ -1,9 +1,9 @@
-"""Events of a run, in one stream to which the terminal, files and pages listen.
+"""Events of a run, and the stream that passes them to the terminal, files and pages.
 
-The run publishes each event once, with `EventStream.tell`. Listeners are called in the thread that published
-the event (`Estimated` in the thread of the estimate). A listener must therefore be quick, copy the arrays
-that it keeps, and lock its shared state. Times are seconds since the start of the run; positions are metres
-in the farm frame.
+The run publishes each event once, with `EventStream.tell`. Listeners are called in the thread that publishes
+the event (for `Estimated`, the estimate's thread). A listener must therefore be quick, copy the arrays that
+it keeps, and lock its shared state. Times are seconds since the start of the run; positions are metres in the
+farm frame.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class RunBegun:
     """Description of the run: the first event, repeated when another vehicle is discovered."""
 
     title: str
-    farm: Farm | None  # None if the farm of the watched vehicles is unknown
+    farm: Farm | None  # None if it is unknown over which farm the watched vehicles fly
     fields: FieldSet | None
     vehicles: tuple[VehicleInfo, ...] = ()
     simulated: bool = True
@@ -53,7 +53,7 @@ class RunBegun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DayBegun:
-    """Start of a day of the environment; `truth`, float32[n, W, H], is known only in a simulation."""
+    """Start of a day of the environment; only a simulation knows the `truth`, float32[n, W, H]."""
 
     time_s: float
     day: int
@@ -72,12 +72,12 @@ class Planned:
     path_m: NDArray[np.float64]  # float64[n, 2]
     duration_s: float | None = None  # Predicted
     length_m: float | None = None
-    coverage: float | None = None  # Predicted share of the land that the images cover
+    coverage: float | None = None  # Predicted fraction of the land that the images cover
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleMoved:
-    """State of a vehicle from its telemetry; None for values missing from the telemetry."""
+    """State of a vehicle from its telemetry; values missing from the telemetry are None."""
 
     time_s: float
     day: int
@@ -94,14 +94,14 @@ class VehicleMoved:
     item: int | None = None  # Index of the current item in `Mission.items`
     items: int | None = None
     phase: str = ""  # Phase of the ground station (`mission.outcome.Phase`), in words
-    link_quality: float | None = None  # Fraction of the frames that arrived
+    link_quality: float | None = None  # Fraction of the MAVLink frames that arrived
     silent_s: float = 0.0  # Time since the last message
 
     @classmethod
     def of(
         cls, state: VehicleState, frame: LocalFrame, number: tuple[float, int, int, int], **known: Any
     ) -> VehicleMoved:
-        """Return the event of a state in a farm's frame; `number` is (time_s, day, flight, system_id)."""
+        """Return the event for a vehicle's state; `number` is (time_s, day, flight, system_id)."""
         x_m, y_m = state.position_m(frame)
         return cls(
             *number,
@@ -130,7 +130,7 @@ class VehicleSaid:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """New readings of cells; their time 0 is `offset_s` after the start of the run."""
+    """New readings of cells; the times of `observations` count from `offset_s` after the start of the run."""
 
     offset_s: float
     observations: Observations
@@ -140,7 +140,7 @@ class Seen:
 class Estimated:
     """Estimate at a scored time; its arrays may be shared with the estimator.
 
-    A finished run keeps `model` for few of its scored times.
+    A finished run keeps the `model` of only a few scored times.
     """
 
     time_s: float
@@ -152,11 +152,11 @@ class Estimated:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Decided:
-    """Decision of a policy; the outcome in `record` changes while the decision is carried out."""
+    """Decision of a policy; `record` is updated while the decision is carried out."""
 
     time_s: float
     record: DecisionRecord
-    acquisition: AcquisitionMap | None = None  # Map by which the policy decided
+    acquisition: AcquisitionMap | None = None  # Map on which the policy based its decision
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,11 +201,11 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Question to the operator with its valid answers; an empty question once it is answered."""
+    """Question to the operator with its valid answers; the question is empty once it has been answered."""
 
     question: str
     answers: tuple[str, ...] = ()
-    # An answer names the number of its question, so a late answer to an older question is ignored.
+    # An answer carries the number of its question, so a late answer to an earlier question is ignored.
     number: int = field(default=0, compare=False)
 
 
@@ -264,7 +264,7 @@ class EventStream:
         self._listeners: list[tuple[Listener, tuple[type, ...]]] = []
 
     def __reduce__(self) -> tuple[type[EventStream], tuple[()]]:
-        """A copy in another process has no listeners."""
+        """Pickle the stream without its listeners, which belong to this process."""
         return EventStream, ()
 
     def listen(self, listener: Callable[[Any], None], *kinds: type) -> None:
@@ -272,7 +272,7 @@ class EventStream:
         self._listeners.append((listener, kinds))
 
     def wants(self, kind: type) -> bool:
-        """Return whether any listener takes events of `kind`; other events need not be made."""
+        """Return whether any listener takes events of `kind`; if none does, such events need not be made."""
         return any(not kinds or issubclass(kind, kinds) for _, kinds in self._listeners)
 
     def tell(self, event: Event) -> None:
@@ -282,7 +282,7 @@ class EventStream:
                 listener(event)
 
     def progress(self, what: str, done: float, total: float) -> None:
-        """Publish the progress of a task, as a `wbf_mission.progress.Progress`."""
+        """Publish the progress of a task; this method is a `wbf_mission.progress.Progress` callback."""
         self.tell(Progressed(what, done, total))
 
     def note(self, text: str) -> None:

@@ -11,8 +11,8 @@ class ExitCode(IntEnum):
     """Exit code of a command; a code above 128 is 128 plus the number of a signal."""
 
     GOOD = 0
-    NOT_GOOD = 1  # Done, but the outcome is not good; the result states the reason
-    BAD_INPUT = 2  # Or user code that failed; the cause is in one line on stderr; nothing was written
+    NOT_GOOD = 1  # The command ended, but the outcome is not good; the result states the reason
+    BAD_INPUT = 2  # Wrong input or failed user code; nothing was written, and stderr states the cause
     NO_VEHICLE = 3  # No vehicle was heard
     LINK_LOST = 4  # The link dropped, or the vehicle stopped answering
     REFUSED = 5  # The vehicle refused, or its mission differed from the uploaded one
@@ -62,7 +62,7 @@ _OF_OUTCOMES = {
 
 
 def exit_code_of_flight(outcome: Outcome) -> ExitCode:
-    """Return the exit code of a command by the outcome of its flight.
+    """Return the exit code of a command whose flight had this outcome.
 
     Examples
     --------

@@ -36,9 +36,9 @@ from wbf_mission.scenario.scenario import require_scenario
 
 
 def check_flight(scenario: Scenario) -> None:
-    """Check the fields, camera and estimator of a scenario, which planning does not use.
+    """Check the parts of a scenario that planning does not use: fields, camera, world and estimator.
 
-    WbfMissionError if `fly` would refuse the scenario.
+    WbfMissionError if `fly` would refuse one of these parts.
     """
     fields = load_field_set(scenario.farm.fields)
     cameras_of(scenario, fields)
@@ -52,7 +52,7 @@ class Way(Protocol):
 
     @property
     def faults(self) -> Sequence[AnyFault | str]:
-        """Faults of each flight of simulated vehicles."""
+        """Faults injected into each flight of simulated vehicles."""
 
     @property
     def full(self) -> float:
@@ -64,7 +64,7 @@ class Way(Protocol):
 
     @property
     def force(self) -> bool:
-        """Whether to fly plans with errors, and not to cut a mission longer than a battery into sorties."""
+        """Whether to fly plans with errors, and missions longer than one battery without cutting them."""
 
     @property
     def console(self) -> OperatorConsole | None:
@@ -80,10 +80,10 @@ class Way(Protocol):
         """Raise PreflightError before take-off if a plan has errors."""
 
     def sorties(self, cut: SortiePlan, vehicle: Vehicle, footprint: int) -> RealSorties | None:
-        """Return the progress of a real vehicle through its sorties; None in simulation."""
+        """Return the object that tracks a real vehicle's sorties, or None in simulation."""
 
     def hosting(self, faults: Sequence[AnyFault]) -> Hosting:
-        """Return the hosting of the flights: a simulation, or the links to real vehicles."""
+        """Return the host of the flights: a simulation, or the links to real vehicles."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,16 +97,16 @@ class Simulated:
     impairment : Impairment, optional
         Disturbances of the radio between the ground station and the vehicles.
     pace : float, optional
-        Simulated seconds per wall second; as fast as possible by default.
+        Simulated seconds per wall second; by default as many as possible.
     tlog : Path, optional
         File for all MAVLink frames of the run; its folder is made when the flight begins.
     orders : Orders, optional
-        Orders of an operator in flight; a run with orders cannot be repeated by its seed.
+        Orders of an operator in flight; the seed alone cannot repeat a run in which orders were given.
     change_s : float
         Time to change a battery (s). A mission of one vehicle that is longer than a battery is flown in
         sorties (`wbf_mission.planning.sorties`).
     force : bool
-        Fly plans with preflight errors, and do not cut a mission longer than a battery into sorties.
+        Fly plans with preflight errors, and missions longer than one battery without sorties.
     """
 
     faults: Sequence[AnyFault | str] = ()
@@ -154,7 +154,7 @@ class Simulated:
 if TYPE_CHECKING:
 
     class _LiveLink(Protocol):
-        """Class of flights of real vehicles; its own docstring lists the parameters."""
+        """Signature of `wbf_mission.LiveLink`; the docstring of that class lists the parameters."""
 
         def __call__(
             self,
@@ -236,13 +236,13 @@ def fly(
             watch.lap("preflight")
 
         if not run.decider.steers:
-            # Planners need no estimate, so planning errors are raised before any slow step.
+            # Planners need no estimate, so errors of the plan are raised before any slow step.
             plan()
         require_run_memory(run.farm, run.estimator, round(campaign.expected_readings))
         environments = None if memory is None else memory.environments
         environment, cached = run.environment(progress, use_cache=use_cache, memory=environments)
         watch.lap("environment")
-        # With one BLAS thread, sums in user code do not depend on the number of cores.
+        # With several BLAS threads, the last bits of sums in user code would depend on the number of cores.
         with threadpool_limits(1, user_api="blas"):
             campaign.learn_from(environment, ready)
             if run.decider.steers:
@@ -282,7 +282,7 @@ def _begun(run: Run, *, simulated: bool) -> RunBegun:
 
 def rehearse(estimator: str) -> None:
     """Fly a small run that compiles all functions that `estimator` uses on a large farm."""
-    # Without the parameter, `gp` would choose its method for small farms here.
+    # Without a method, `gp` would choose its method for small farms here.
     chosen = "gp:method=local" if estimator == "gp" else estimator
     fly(Scenario(farm=REHEARSED_ON, planner="spiral", vehicle="ideal", estimator=chosen, budget="300steps"))
 

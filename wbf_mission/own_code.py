@@ -28,7 +28,7 @@ _OWN = re.compile(r"(?P<file>.+\.py):(?P<name>[^\W\d]\w*)(?::(?P<parameters>.*))
 
 
 def own_choice(text: str, what: str) -> Choice | None:
-    """Return the planner, policy or estimator of a user's file; None if `text` names no file.
+    """Return the planner, policy or estimator that a user's file defines, or None if `text` names no file.
 
     `text` is ``FILE.py:NAME`` or ``FILE.py:NAME:key=value,...``. NAME is a planner (a function) or a class,
     which is called with the parameters. `what` is ``planner``, ``policy`` or ``estimator``.
@@ -39,7 +39,7 @@ def own_choice(text: str, what: str) -> Choice | None:
     found = _OWN.fullmatch(text.strip())
     if found is None:
         if text.strip().endswith(".py"):
-            raise ScenarioError(f"{what}: {text} names a file alone; give FILE.py:NAME")
+            raise ScenarioError(f"{what}: {text} names a file, but nothing in it; give FILE.py:NAME")
         return None
     path, name, given = Path(found["file"]), found["name"], found["parameters"]
     try:
@@ -94,7 +94,7 @@ def _run(path: Path, what: str) -> ModuleType:
 
 
 def below_own_code(path: str) -> str:
-    """Return a path in the user's code folder relative to that folder, which may move; others unchanged."""
+    """Return a path relative to the user's code folder, which may move; else return the path unchanged."""
     files = (
         getattr(module, "__file__", None)
         for name, module in list(sys.modules.items())
@@ -114,7 +114,7 @@ def _find_neighbours(path: Path, what: str) -> None:
     """Let a file import the modules in its folder; ScenarioError if a module's name is already taken."""
     file = path.resolve()
     if (folder := str(file.parent)) not in sys.path:
-        sys.path.append(folder)  # last, so that no file in the folder hides a library
+        sys.path.append(folder)  # at the end of the path, so that no file in the folder hides a library
     importlib.invalidate_caches()
     for name, beside in neighbours(file).items():
         known = sys.modules.get(name)
@@ -164,9 +164,9 @@ def neighbours(file: Path) -> dict[str, Path]:
 def files_beside(file: Path) -> list[Path]:
     """Return the files that a user's code file uses from its folder, sorted.
 
-    These are the modules that it imports directly or indirectly (of a package, all modules), and data files.
-    A data file counts if a string in the code is its name or a matching pattern, such as ``weights-*.npz``.
-    Data files are searched in the folder of the code and in subfolders that the code names.
+    These are modules that the code imports, directly or indirectly (of a package, all modules), and data
+    files. A data file counts if a string in the code is its name, or a matching pattern such as
+    ``weights-*.npz``. Data files are searched in the code's folder and in subfolders that the code names.
     """
     code, waiting = {file}, [file]
     while waiting:
@@ -216,7 +216,7 @@ def _may_name(text: str) -> bool:
 
 
 def _tree(file: Path) -> ast.AST:
-    """Return the syntax tree of a file; an empty one if the file is not valid Python."""
+    """Return the syntax tree of a file, or an empty tree if the file is not valid Python."""
     try:
         return ast.parse(file.read_bytes())
     except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):

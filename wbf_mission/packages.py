@@ -1,7 +1,7 @@
-"""Check that Python imports this project's packages and not files of the same names.
+"""Check that Python imports the packages of this project, and not other files with the same names.
 
-A user's file or folder may be called ``mission`` or ``sensors``. If it comes first on the path, imports would
-fail later with a misleading error.
+A user's file or folder may be called ``mission`` or ``sensors``. If such a file comes first on the path, a
+later import would fail with a misleading error.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ _HERE = Path(__file__).resolve().parent.parent
 
 
 def require_packages() -> None:
-    """Raise ImportError, naming the file or folder, if one hides a package of this project."""
+    """Raise ImportError if a file or folder hides a package of this project; the error names it."""
     for name in PACKAGES:
         try:
             spec = importlib.util.find_spec(name)

@@ -221,9 +221,7 @@ def make_policy(policy: str | Policy, /, **parameters: Any) -> Policy:
             msg = f"policy {what} {fault}: a policy has triggers, start() and decide(observation)"
             raise PlanningError(msg)
         if parameters:
-            msg = (
-                f"parameter {sorted(parameters)[0]!r}: a policy that is an object has its parameters already"
-            )
+            msg = f"parameter {sorted(parameters)[0]!r}: a policy object already has its parameters"
             raise ParameterError(msg)
         return policy
     name, what, factory, given = load_registered("policy", ENTRY_POINT_GROUP, policy, parameters)

@@ -1,1 +1,1 @@
-"""The leaf camera, and its messages on MAVLink."""
+"""The leaf camera, and the MAVLink messages that carry its readings."""

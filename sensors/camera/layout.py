@@ -1,6 +1,6 @@
-"""Layout of an image's readings, and of the announcement of field names, in DEBUG_FLOAT_ARRAY messages.
+"""Layout of DEBUG_FLOAT_ARRAY messages that carry the readings of an image, or announce the field names.
 
-There are two versions. Version 1, with the name ``WBF_LEAF``, carries the benchmark's three fields:
+Readings have two layouts. Messages of version 1, ``WBF_LEAF``, carry the benchmark's three fields:
 
 ====== ===============================================================================
 0      image index (exact up to 2^24; beyond, ``array_id`` and the time identify the image)
@@ -9,7 +9,7 @@ There are two versions. Version 1, with the name ``WBF_LEAF``, carries the bench
 3 ...  the values cell by cell, each in the order of the fields; NaN where not sensed
 ====== ===============================================================================
 
-Version 2, with the name ``WBF_LEAF2``, carries any other set of fields. Two floats more precede the values:
+Messages of version 2, ``WBF_LEAF2``, carry any other fields, with two more floats before the values:
 
 ====== ===============================================================================
 3      number of fields
@@ -17,8 +17,8 @@ Version 2, with the name ``WBF_LEAF2``, carries any other set of fields. Two flo
 5 ...  the values
 ====== ===============================================================================
 
-A camera of version 2 also announces the field names, with its first image and then every `ANNOUNCED_EVERY`
-images, in DEBUG_FLOAT_ARRAY messages ``WBF_FIELDS`` (``array_id`` is the number of the part, from 0):
+A camera of version 2 also announces the field names with its first image and then every `ANNOUNCED_EVERY`
+images. Each message ``WBF_FIELDS`` carries a part of the names, numbered from 0 by ``array_id``:
 
 ====== ===============================================================================
 0      version of the layout, 2
@@ -44,7 +44,7 @@ LEAF_NAME = "WBF_LEAF"
 FURTHER_NAME = "WBF_LEAF2"
 FIELDS_NAME = "WBF_FIELDS"
 ANNOUNCED_EVERY = 64
-"""Number of images between two announcements of the field names, repeated for receivers that join late."""
+"""Number of images after which the field names are announced again, for receivers that join late."""
 
 _VERSION = 2
 _NAMES_HEADER = 3
@@ -54,7 +54,7 @@ _MAX_NAMES = 25 * MAX_FIELDS
 
 @dataclass(frozen=True, slots=True)
 class Readings:
-    """The part of an image's readings that one message carries."""
+    """Readings of one message, which may be only a part of an image's readings."""
 
     footprint_cells: int
     first: int
@@ -64,9 +64,9 @@ class Readings:
 
 @dataclass(frozen=True, slots=True)
 class LeafLayout:
-    """Layout of the readings of a set of fields.
+    """Layout of messages with readings of a set of fields.
 
-    `header` follows the first three floats of a message; `cells_per_array` cells fit into a message.
+    `header` follows the first three floats of a message. A message holds up to `cells_per_array` cells.
 
     Examples
     --------
@@ -85,7 +85,7 @@ class LeafLayout:
     @staticmethod
     @lru_cache(maxsize=16)
     def of(fields: tuple[str, ...]) -> LeafLayout:
-        """Return the layout for these fields."""
+        """Return the layout of messages with readings of these fields."""
         header: tuple[float, ...] = ()
         name = LEAF_NAME
         if fields != PAPER_FIELDS.names:
@@ -95,7 +95,7 @@ class LeafLayout:
     def pack(
         self, image_index: int, footprint_cells: int, values: Sequence[Sequence[float]]
     ) -> list[list[float]]:
-        """Return the data of each message for the readings of an image, one row of values per cell."""
+        """Return the data of each message for an image; `values` has one row per cell."""
         parts = []
         for first in range(0, len(values), self.cells_per_array):
             data = [float(image_index), float(footprint_cells), float(first), *self.header]
@@ -105,7 +105,7 @@ class LeafLayout:
         return parts
 
     def unpack(self, data: Sequence[float]) -> Readings | None:
-        """Return the readings in the data of a message; None if the data are invalid."""
+        """Return the readings in a message's data, or None if the data are invalid."""
         side, first = data[1], data[2]
         if not (1.0 <= side <= MAX_FOOTPRINT_CELLS and side % 1.0 == 0.0 and 0.0 <= first < side * side):
             return None
@@ -118,11 +118,11 @@ class LeafLayout:
         return Readings(n, start, cells, values)
 
     def fits(self, data: Sequence[float]) -> bool:
-        """Return whether the header in the data of a message is the header of these fields."""
+        """Return whether a message's data have the header of these fields."""
         return tuple(data[3 : 3 + len(self.header)]) == self.header
 
     def announcement(self) -> list[list[float]]:
-        """Return the data of each message that announces the field names; none for version 1."""
+        """Return the data of each message that announces the field names; version 1 has no such message."""
         if not self.header:
             return []
         text = ",".join(self.fields)
@@ -134,7 +134,7 @@ class LeafLayout:
 
 
 class Announcement:
-    """Assembly of the field names from the parts of an announcement, in any order.
+    """Assembles the field names from the parts of an announcement, which may arrive in any order.
 
     Examples
     --------
@@ -151,7 +151,7 @@ class Announcement:
         self.fields: tuple[str, ...] | None = None
 
     def add(self, number: int, data: Sequence[float]) -> bool:
-        """Add the data of a message; return False if the data are invalid."""
+        """Add a message's data, part `number` of the announcement; return False if the data are invalid."""
         header = tuple(data[:_NAMES_HEADER])
         version, check, length = header
         start = number * _NAMES_FLOATS

@@ -1,4 +1,4 @@
-"""The leaf camera: readings of the fields under its footprint, and the footprint's position."""
+"""The leaf camera, which reads the fields in its footprint, and the footprint's place on the ground."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ HEALTHY = 1.0
 INFECTED = 0.5
 MAX_FOOTPRINT_CELLS = 64
 NOWHERE_M = 1e7
-"""East and north offset of an image that shows no ground; this offset places the image off every farm."""
+"""East and north offset given to an image that shows no ground; no farm reaches as far as this."""
 MOST_READINGS = 1 << 24
-"""Limit of reading numbers: 32-bit floats hold all whole numbers up to this limit exactly."""
+"""Limit of the numbers of readings: 32-bit floats hold all whole numbers up to this limit exactly."""
 _FARTHEST_M = 10_000.0
-# A vertical axis in single precision is tilted by at most this angle (rad, less than 0.01 degrees).
+# Rounding to single precision tilts a vertical axis by at most this angle (rad, less than 0.01 degrees).
 _STRAIGHT = 5e-5
-_UNIT = 0.01  # Tolerance for the squared norm of a quaternion that is a rotation
+_UNIT = 0.01  # The squared norm of a rotation differs from 1 by less than this
 
 
 class Sampled(Protocol):
-    """Source of field values for a leaf camera, such as a `sensors.environment.Environment`."""
+    """Source of the field values that a leaf camera reads, such as a `sensors.environment.Environment`."""
 
     def sample(self, day: int, ix: NDArray[np.int64], iy: NDArray[np.int64], /) -> NDArray[np.float32]:
         """Return the values of k fields at n cells on the farm, float32[n, k]."""
@@ -44,25 +44,25 @@ class Camera(Protocol):
     options: LeafCameraOptions
 
     def capture(self, ix: Sequence[int], iy: Sequence[int]) -> NDArray[np.float32]:
-        """Take an image centred on each of the cells: float32[images, cells, fields]."""
+        """Take an image centred on each cell (ix, iy), and return float32[images, cells, fields]."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class LeafCameraOptions:
-    """Footprint and errors of a leaf camera; by default all fields of one cell are read without error.
+    """Footprint and errors of a leaf camera. By default the camera reads one cell, all fields, without error.
 
     Parameters
     ----------
     footprint_cells : int
         Side of the square of cells that an image covers.
     noise_std : float or sequence of float
-        Standard deviation of Gaussian noise: one number for all fields, or one number for each field.
-        Readings are not clipped to 0..1, as clipping would bias them.
+        Standard deviation of Gaussian noise: one number for all fields, or one number for each field. Noisy
+        readings are not clipped to 0..1, because clipping would bias them.
     false_positive_rate : float
-        Probability that a healthy leaf reads as infected (1.0 as 0.5), in each disease field.
+        Probability that a healthy leaf (1.0) is read as infected (0.5), for each disease field.
     false_negative_rate : float
-        Probability that a diseased or lost leaf (below 1.0) reads as healthy (1.0), in each disease field.
+        Probability that a diseased or lost leaf (below 1.0) is read as healthy (1.0), for each disease field.
     sensed : sequence of str, optional
         Names of the measured fields, without repetitions; readings of other fields are NaN. Default: all.
     fields : FieldSet
@@ -116,16 +116,16 @@ class LeafCameraOptions:
 
     @property
     def random(self) -> bool:
-        """Whether readings have random errors."""
+        """Whether the camera's readings have random errors."""
         return any(self._per_field()) or self.false_positive_rate > 0.0 or self.false_negative_rate > 0.0
 
 
 class LeafCamera:
-    """A camera that reads the fields of an environment under its footprint.
+    """A camera that reads the fields of an environment in the cells of its footprint.
 
     Readings depend on the cells, the generator and the order of the images, but not on the number of images
-    per call. Readings of cells outside the farm's `shape` are NaN. `rng` is the source of random errors;
-    without it, options with random errors raise ObservationError.
+    per call. Readings of cells outside the farm's `shape` are NaN. `rng` generates random errors; options
+    with random errors but no `rng` raise ObservationError.
 
     Examples
     --------
@@ -166,10 +166,10 @@ class LeafCamera:
             self._noise_rng, self._flip_rng = rng.spawn(2)
 
     def capture(self, ix: Sequence[int], iy: Sequence[int]) -> NDArray[np.float32]:
-        """Take an image centred on each of n cells, which may be off the farm: float32[n, k, fields].
+        """Take an image centred on each of n cells, on the farm or off it; return float32[n, k, fields].
 
-        The k cells of a footprint are in the order of `footprint_offsets`. A value is NaN if the field is not
-        sensed or the cell is off the farm.
+        The k cells of a footprint are in the order of `footprint_offsets`. A reading is NaN if the camera
+        does not sense the field or the cell is off the farm.
         """
         width, height = self.shape
         x, y = np.array(ix, np.int64), np.array(iy, np.int64)
@@ -177,7 +177,7 @@ class LeafCamera:
         if cells > 1:
             x, y = (x[:, None] + self._dx).ravel(), (y[:, None] + self._dy).ravel()
         low, right, top = self._low, width - self._high, height - self._high
-        # This is a hot path, and comparing Python ints takes a quarter of the time of array comparisons.
+        # On this hot path Python ints are compared, which is four times as fast as comparing arrays.
         if images and low <= min(ix) and max(ix) < right and low <= min(iy) and max(iy) < top:
             values = self._read(x, y)
         else:
@@ -214,7 +214,7 @@ class LeafCamera:
 
 @lru_cache(maxsize=MAX_FOOTPRINT_CELLS)
 def footprint_offsets(footprint_cells: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return read-only offsets of a footprint's cells from the cell under the camera, column by column.
+    """Return the offsets (x, y) of a footprint's cells from its centre cell, column by column, read-only.
 
     Examples
     --------
@@ -231,11 +231,11 @@ def footprint_offsets(footprint_cells: int) -> tuple[NDArray[np.int64], NDArray[
 def ground_offset(quaternion: Sequence[float], height_m: float) -> tuple[float, float]:
     """Return the east and north offset (m) of the point where the optical axis meets flat ground.
 
-    The distance is the height times the tangent of the angle from straight down. Beyond 10 km (ArduPilot's
-    ``AP_MOUNT_POI_DIST_M_MAX``), and at or above the horizon, both offsets are `NOWHERE_M`.
+    The distance is the height times the tangent of the angle from straight down. If it exceeds 10 km
+    (ArduPilot's ``AP_MOUNT_POI_DIST_M_MAX``) or the axis does not point down, both offsets are `NOWHERE_M`.
 
     The quaternion (w, x, y, z) is from CAMERA_IMAGE_CAPTURED; it turns the forward axis into the optical
-    axis. A quaternion that is not a rotation (zeros, NaN) is taken as straight down.
+    axis. A quaternion that is no rotation (zeros, NaN) means straight down.
 
     Examples
     --------
@@ -260,7 +260,7 @@ def ground_offset(quaternion: Sequence[float], height_m: float) -> tuple[float, 
 
 @dataclass(slots=True)
 class ImageList:
-    """Images of a flight's cameras in the order of capture; each image has `cells` cells."""
+    """Images that a flight's cameras take, in the order of capture; an image has `cells` cells."""
 
     cells: int
     _x: list[int] = field(default_factory=list)
@@ -272,19 +272,19 @@ class ImageList:
 
     @property
     def is_exact(self) -> bool:
-        """Whether the numbers of all readings are exact in 32-bit floats."""
+        """Whether 32-bit floats hold the numbers of all readings exactly."""
         return len(self) * self.cells <= MOST_READINGS
 
     def add(self, ix: Sequence[int], iy: Sequence[int], camera: int) -> None:
-        """Add images of a camera, given by the cells at the image centres."""
+        """Add images that a camera takes; (ix, iy) are the cells at the image centres."""
         self._x += ix
         self._y += iy
         self._camera += [camera] * len(ix)
 
     def read(self, cameras: Sequence[Camera]) -> NDArray[np.float32]:
-        """Return the readings of all images in order of their numbers, float32[images * cells, fields].
+        """Take all images of the list, and return their readings by number, float32[images * cells, fields].
 
-        `cameras` are in the order of their numbers; each camera takes its images in the order of the list.
+        `cameras` are in the order of the camera numbers. A camera takes its images in list order.
         """
         x, y, by = (np.array(column, np.int64) for column in (self._x, self._y, self._camera))
         fields = len(cameras[0].options.fields)
@@ -296,11 +296,11 @@ class ImageList:
 
 
 class NumberingCamera:
-    """A leaf camera that returns the number of each reading within the flight in place of its value.
+    """A leaf camera that returns, in place of each value, the number of the reading within the flight.
 
     `ImageList.read` replaces the numbers by readings of an environment, so that a flight can be reused for
     several environments. Readings of cells outside the farm's `shape` are NaN. The cameras of a fleet share
-    one list; `number` is the camera's number in that list.
+    one image list, in which `number` identifies the camera.
     """
 
     def __init__(
@@ -312,7 +312,7 @@ class NumberingCamera:
         self._shape = shape
 
     def capture(self, ix: Sequence[int], iy: Sequence[int]) -> NDArray[np.float32]:
-        """Take an image centred on each of the cells; see `LeafCamera.capture`."""
+        """Take an image centred on each cell, and return numbers of readings; see `LeafCamera.capture`."""
         images = self._images
         first, fields = len(images) * images.cells, len(self.options.fields)
         images.add(ix, iy, self._number)

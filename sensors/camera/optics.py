@@ -17,7 +17,7 @@ from sensors.errors import CameraError
 
 MOST_OVERLAP = 0.95
 BLUR_PX = 1.0
-"""Default limit of motion blur: movement of the ground on the sensor during an exposure (pixels)."""
+"""Default limit of motion blur, which is how many pixels the ground moves in the image during an exposure."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +29,9 @@ class CameraModel:
     name : str
         Name in tables and errors.
     sensor_width_mm, sensor_height_mm : float
-        Sides of the part of the sensor that is used; usually the width is the longer side.
+        Sides of the sensor area in use; usually the width is the longer side.
     focal_length_mm : float
-        Focal length of the lens, not its 35 mm equivalent.
+        True focal length of the lens, not the 35 mm equivalent.
     image_width_px, image_height_px : int
         Width and height of an image.
     min_interval_s : float
@@ -72,26 +72,26 @@ class CameraModel:
 
     @property
     def pitch_mm(self) -> float:
-        """Longer side of a pixel on the sensor (mm)."""
+        """Length of the longer side of a sensor pixel (mm)."""
         return max(self.sensor_width_mm / self.image_width_px, self.sensor_height_mm / self.image_height_px)
 
     def gsd_m(self, height_m: float) -> float:
-        """Return the ground sampling distance: the side of a pixel (m) on flat ground `height_m` below."""
+        """Return the ground sampling distance, the side of a pixel (m) on flat ground `height_m` below."""
         return self.pitch_mm * height_m / self.focal_length_mm
 
     def height_m(self, gsd_m: float) -> float:
-        """Return the height above the ground (m) with this ground sampling distance."""
+        """Return the height above the ground (m) that gives this ground sampling distance (m)."""
         return gsd_m * self.focal_length_mm / self.pitch_mm
 
     def footprint_m(self, height_m: float) -> tuple[float, float]:
-        """Return width and height of an image (m) on flat ground `height_m` below."""
+        """Return the width and height (m) that an image covers on flat ground `height_m` below."""
         scale = height_m / self.focal_length_mm
         return self.sensor_width_mm * scale, self.sensor_height_mm * scale
 
 
 @dataclass(frozen=True, slots=True)
 class Imaging:
-    """A camera at a height above the ground, with the overlap of its images.
+    """Images taken by a camera at a height above the ground, with an overlap.
 
     Parameters
     ----------
@@ -100,9 +100,9 @@ class Imaging:
     height_m : float
         Height above the ground, metres.
     front_overlap, side_overlap : float
-        Overlap of consecutive images of a row, and of neighbouring rows, as a fraction of an image, 0..0.95.
+        Overlap of consecutive images of a row, and overlap of neighbouring rows, as a fraction 0..0.95.
     portrait : bool
-        True if the width of an image lies along the flight, False if it lies across the flight.
+        True if the width of an image lies along the flight direction, False if it lies across.
     blur_px : float
         Largest movement of the ground during an exposure, pixels.
 
@@ -145,12 +145,12 @@ class Imaging:
 
     @property
     def across_m(self) -> float:
-        """Length of an image on the ground across the flight (m)."""
+        """Length (m) that an image covers on the ground across the flight direction."""
         return self.camera.footprint_m(self.height_m)[1 if self.portrait else 0]
 
     @property
     def along_m(self) -> float:
-        """Length of an image on the ground along the flight (m)."""
+        """Length (m) that an image covers on the ground along the flight direction."""
         return self.camera.footprint_m(self.height_m)[0 if self.portrait else 1]
 
     @property
@@ -165,23 +165,23 @@ class Imaging:
 
     @property
     def sure_along_m(self) -> float:
-        """Length (m) that an image shows even if its centre is off by `image_distance_m` either way."""
+        """Length (m) along the flight that is in an image even if it is shifted by `image_distance_m`."""
         return max(self.along_m - 2.0 * self.image_distance_m, 0.0)
 
     @property
     def interval_speed_m_s(self) -> float:
-        """Largest ground speed (m/s) at which the camera keeps the distance between images."""
+        """Largest ground speed (m/s) at which the camera can keep the distance between images."""
         interval = self.camera.min_interval_s
         return self.image_distance_m / interval if interval > 0.0 else math.inf
 
     @property
     def blur_speed_m_s(self) -> float:
-        """Largest ground speed (m/s) at which motion blur stays within `blur_px`."""
+        """Largest ground speed (m/s) at which motion blur is at most `blur_px` pixels."""
         return self.blur_px * self.gsd_m / self.camera.shutter_s
 
     @property
     def top_speed_m_s(self) -> float:
-        """The smaller of `interval_speed_m_s` and `blur_speed_m_s`."""
+        """Largest ground speed (m/s) that satisfies both `interval_speed_m_s` and `blur_speed_m_s`."""
         return min(self.interval_speed_m_s, self.blur_speed_m_s)
 
 
@@ -195,9 +195,9 @@ def camera_names() -> tuple[str, ...]:
 
 
 def get_camera(name: str) -> CameraModel:
-    """Return a built-in camera by name, or read one from a TOML file with the fields of `CameraModel`.
+    """Return a built-in camera by name, or read a camera from a TOML file with the keys of `CameraModel`.
 
-    Raises CameraError if no camera has this name, or the file is not a camera file.
+    Raise CameraError if no camera has this name, or the file is not a camera file.
     """
     if name.lower().endswith(".toml"):
         return read_camera(Path(name))
@@ -208,7 +208,7 @@ def get_camera(name: str) -> CameraModel:
 
 
 def read_camera(path: Path) -> CameraModel:
-    """Read a camera from a TOML file; a camera without the key ``name`` gets the name of the file."""
+    """Read a camera from a TOML file; without the key ``name``, the camera is named after the file."""
     where = f"camera file {path}"
     try:
         return _camera(path.stem, read_toml(path))

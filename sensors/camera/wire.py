@@ -1,12 +1,13 @@
-"""Observations from the MAVLink messages of a leaf camera.
+"""Turns the MAVLink messages of a leaf camera into observations.
 
-An image takes two standard messages: CAMERA_IMAGE_CAPTURED has its time and position, DEBUG_FLOAT_ARRAY its
-readings (`sensors.camera.layout`). A large footprint takes several DEBUG_FLOAT_ARRAY messages. Messages are
-paired by image index (``array_id`` is its low 16 bits) and time since boot. The image's cell is the cell in
-which the optical axis meets flat ground (`ground_offset`), computed from the reported position, which has a
-resolution of 1e-7 degree. The cells of the footprint follow in the order of `footprint_offsets`.
+An image is sent in two standard messages: CAMERA_IMAGE_CAPTURED has the image's time and position, and
+DEBUG_FLOAT_ARRAY has the readings (`sensors.camera.layout`). A large footprint needs several
+DEBUG_FLOAT_ARRAY messages. Messages of an image share the time since boot and the image index, of which
+``array_id`` has the low 16 bits. An image's cell is where the optical axis meets flat ground
+(`ground_offset`), seen from the reported position (resolution 1e-7 degree). Other cells are in the order of
+`footprint_offsets`.
 
-No MAVLink library is imported: messages are recognised by their ``id`` and read by their fields.
+No MAVLink library is imported: a message is recognised by its ``id``, and its fields are read as attributes.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ DEBUG_FLOAT_ARRAY = 350
 _ID_MASK = 0xFFFF
 _MAX_PENDING = 1024
 _MAX_KNOWN = 131_072
-_MOST_BEFORE = 8  # A link with 50 % loss drops as many images in a row in 1 of 256 cases
+_MOST_BEFORE = 8  # With a loss of 50 %, the chance of losing 8 images in a row is 1/256
 _MAX_MISSING = 65_536
 _MOST_IMAGES = 1 << 24
 _E7 = 1e7
@@ -41,28 +42,28 @@ _Key = tuple[int, int]
 
 @dataclass(slots=True)
 class AssemblerStatistics:
-    """Counts of received images and messages.
+    """Counts of images and messages that were received, lost or discarded.
 
     Parameters
     ----------
     off_farm : int
-        Cells outside the farm (for example all cells of an image of the sky), or without any reading.
+        Cells that are outside the farm (such as all cells of an image of the sky) or have no reading.
     """
 
-    images: int = 0  # Complete images
-    observations: int = 0  # Cells with at least one reading
-    duplicates: int = 0  # Repeated messages
-    lost: int = 0  # Images that are still missing, counted by gaps in the image index
-    unpaired: int = 0  # Incomplete images that were discarded
-    failed: int = 0  # Images that the camera reported as failed
-    malformed: int = 0  # Messages with invalid content
+    images: int = 0  # Complete images.
+    observations: int = 0  # Cells with at least one reading.
+    duplicates: int = 0  # Messages received more than once.
+    lost: int = 0  # Images that are still missing, by gaps in the image index.
+    unpaired: int = 0  # Incomplete images that were discarded.
+    failed: int = 0  # Images that the camera reported as failed.
+    malformed: int = 0  # Messages with invalid content.
     off_farm: int = 0
-    other_fields: int = 0  # Messages with readings of unexpected fields
+    other_fields: int = 0  # Messages with readings of unexpected fields.
 
 
 @dataclass(slots=True)
 class _Image:
-    """An image with at least one received message."""
+    """An image of which at least one message was received."""
 
     index: int = -1
     latitude_e7: int = 0
@@ -79,25 +80,25 @@ def _place(image: _Image) -> tuple[float, ...]:
 
 
 class ObservationAssembler:
-    """Assembly of observations from the camera's messages, which may arrive in any order.
+    """Assembles observations from the camera's messages, which may arrive in any order.
 
     Parameters
     ----------
     farm : Farm
         The farm, which converts positions to cells.
     day : int
-        Day of the flight, stored with each observation.
+        Day of the flight, which is stored with each observation.
     system_id, component_id : int, optional
-        System and component of the camera whose messages are used; None accepts any.
+        System and component id of the camera whose messages are used; None accepts any id.
     start_s : float
-        Start of the run on the vehicle's clock (seconds since boot); times of observations count from it.
+        Start of the run on the vehicle's clock (seconds since boot); observation times count from it.
     fields : tuple of str
         Names of the expected fields, in order.
 
     Notes
     -----
-    Incomplete images give no observations; at most 1024 are kept. Duplicates and invalid messages are counted
-    and raise no error.
+    An incomplete image gives no observation; at most 1024 incomplete images are kept. Duplicate and invalid
+    messages are counted and raise no error.
     """
 
     def __init__(
@@ -123,7 +124,7 @@ class ObservationAssembler:
         self._missing: dict[int, None] = {}
         self._highest = -1
         self._highest_ms = 0
-        self._first = 0  # index of the first received image; 0 once the images before it count as missing
+        self._first = 0  # First image index received; 0 once earlier images count as missing
         self._from_first = False
         self._moved_us = 0.0
         self._since_us = -math.inf
@@ -131,7 +132,7 @@ class ObservationAssembler:
         self._wide: list[_Image] = []
 
     def add(self, message: Any) -> None:
-        """Add a MAVLink message; messages that do not come from the camera are ignored."""
+        """Add a MAVLink message; a message of another kind or sender is ignored."""
         kind = type(message).id
         if kind != DEBUG_FLOAT_ARRAY and kind != CAMERA_IMAGE_CAPTURED:
             return
@@ -151,7 +152,7 @@ class ObservationAssembler:
             self.statistics.malformed += 1
 
     def mismatch(self) -> str | None:
-        """Return a message if the camera senses other fields than expected; else None."""
+        """Return an error text if the camera senses other fields than expected, or else None."""
         if not self.statistics.other_fields:
             return None
         sensed = self._announcement.fields
@@ -247,51 +248,51 @@ class ObservationAssembler:
             self._highest, self._highest_ms = index, key[1]
         elif index in self._missing:
             del self._missing[index]
-        elif key[1] > self._highest_ms:  # The camera restarted its count
+        elif key[1] > self._highest_ms:  # The camera began to count anew
             self._highest, self._highest_ms = index, key[1]
         self.statistics.lost = len(self._missing)
 
     def _miss(self, begin: int, end: int) -> None:
-        """Record the image indices from `begin` to `end` as missing; the latest `_MAX_MISSING` are kept."""
+        """Record the image indices from `begin` to `end` - 1 as missing; keep the latest `_MAX_MISSING`."""
         self._missing.update(dict.fromkeys(range(max(begin, end - _MAX_MISSING), end)))
         while len(self._missing) > _MAX_MISSING:
             del self._missing[next(iter(self._missing))]
 
     def expect_from_first(self, since_s: float = 0.0) -> None:
-        """Count the images before the first received image as missing: the link was down at that time.
+        """Count the images before the first received image as missing, since the link was down then.
 
-        Images before `since_s` on the vehicle's clock belong to earlier flights and are ignored.
+        Images taken before `since_s` on the vehicle's clock belong to earlier flights and are ignored.
         """
         self._from_first = True
         self._since_us = 1e6 * since_s
-        # A lossy link may have lost some images just before the first image that arrived.
+        # A lossy link may also have lost a few images just before the first image that arrived.
         self._miss(max(0, self._first - _MOST_BEFORE), self._first)
         self._first = 0
         self.statistics.lost = len(self._missing)
 
     def move_clock(self, seconds: float) -> None:
-        """Add `seconds` to the times of later images, after a restart of the vehicle's clock."""
+        """Add `seconds` to the time of each further image, because the vehicle's clock restarted."""
         self._moved_us = 1e6 * seconds
 
     def expect(self, count: int) -> None:
-        """Record all images that have not arrived as missing; `count` is the camera's count of its images."""
+        """Record as missing all images that have not arrived; the camera has taken `count` images."""
         if self._highest + 1 < count < _MOST_IMAGES:
             self._miss(self._highest + 1, count)
             self._highest = count - 1
             self.statistics.lost = len(self._missing)
 
     def missing(self, most: int | None = None) -> list[int]:
-        """Return at most `most` indices of missing or incomplete images, for a request to resend them."""
+        """Return up to `most` indices of missing or incomplete images, for a request to resend them."""
         waiting = (image.index for image in self._pending.values() if image.index >= 0)
         return sorted({*islice(self._missing, most), *waiting})[:most]
 
     @property
     def waiting(self) -> int:
-        """Number of cells read in the images that `take` would return."""
+        """Number of cells in the complete images that `take` would turn into observations."""
         return len(self._single) + sum(image.footprint_cells**2 for image in self._wide)
 
     def take(self) -> Observations:
-        """Return the observations completed since the last call, in order of time."""
+        """Return the observations that were completed since the last call, in order of time."""
         single, wide = self._single, self._wide
         self._single, self._wide = [], []
         if not single and not wide:
@@ -310,7 +311,7 @@ class ObservationAssembler:
         return observations[np.argsort(observations.time_s, kind="stable")]
 
     def _observe(self, places: Any, values: Any, footprint_cells: int) -> Observations:
-        """Return the observations of n images from places[5, n] (see `_place`) and values[n, k, fields]."""
+        """Return the observations of n images with places[5, n] (see `_place`) and values[n, k, fields]."""
         dx, dy = footprint_offsets(footprint_cells)
         time_us, latitude_e7, longitude_e7, east_m, north_m = places
         x_m, y_m = self._farm.frame.from_wgs84(latitude_e7 / _E7, longitude_e7 / _E7)

@@ -1,1 +1,1 @@
-"""Dynamics of fields from day to day: epidemics, soil humidity and other continuous fields."""
+"""Dynamics of fields, which change from day to day: epidemics, soil humidity, other continuous fields."""

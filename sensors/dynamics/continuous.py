@@ -1,4 +1,4 @@
-"""Dynamics of continuous fields: the base class, measured fields, and smooth static fields."""
+"""Dynamics of continuous fields: base class, fields that are only measured, and smooth static fields."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _LEAST_COARSE_CELLS = 8
 
 
 class Course(Protocol):
-    """Time course of a continuous field on a farm, day by day."""
+    """Computes a continuous field on a farm day by day."""
 
     @property
     def pieces(self) -> int:
-        """Number of pieces into which the computation of a day is divided."""
+        """Number of pieces in which the field of a day is computed."""
 
     def compute(
         self,
@@ -33,23 +33,23 @@ class Course(Protocol):
         earlier: tuple[int, _Level] | None = None,
         on_piece: Callable[[], None] = lambda: None,
     ) -> None:
-        """Compute the field of a day; day 0 is the state before the first step.
+        """Compute the field of a day; day 0 is the initial state, before any daily step.
 
         Parameters
         ----------
         out : float32[W, H]
             Array that receives the field.
         earlier : (int, float32[W, H]), optional
-            An earlier day and its field, from which the computation starts.
+            An earlier day and the field of that day, from which the computation starts.
         on_piece : callable
             Called after each piece.
         """
 
 
 class ContinuousDynamics(ABC):
-    """Base class of the dynamics of continuous fields; a subclass is a frozen dataclass of parameters.
+    """Base class of the dynamics of continuous fields. A subclass is a frozen dataclass of parameters.
 
-    A subclass defines `kind` and `days`, and is registered under its `kind` as an entry point of the group
+    A subclass defines `kind` and `days`. It is registered as an entry point named by `kind` in the group
     ``wbf_mission.dynamics`` (``docs/fields.md`` has an example).
     """
 
@@ -58,10 +58,10 @@ class ContinuousDynamics(ABC):
     """Name of the dynamics in field files."""
 
     def days(self, shape: tuple[int, int], rng: Generator) -> Iterator[NDArray[np.floating]]:
-        """Yield the fields of days 0, 1, 2, ... without end, float[W, H] with values in 0..1.
+        """Yield the field of day 0, 1, 2, ... without end, as float[W, H] with values in 0..1.
 
-        Length parameters are fractions of the farm's sides, because estimators simulate the field on a coarse
-        grid with the proportions of the farm.
+        A parameter that is a length has to be a fraction of the farm's sides, because estimators also
+        simulate the field on a coarse grid with the farm's proportions.
 
         Parameters
         ----------
@@ -73,7 +73,7 @@ class ContinuousDynamics(ABC):
         raise NotImplementedError
 
     def course(self, shape: tuple[int, int], last_day: int, rng: Generator) -> Course:  # noqa: ARG002
-        """Return the course up to `last_day`; subclasses that compute days in pieces override this method."""
+        """Return the field's course up to `last_day`; a subclass that computes in pieces overrides this."""
         return _DailyCourse(self.kind, shape, self.days(shape, rng))
 
     def simulate_coarse(
@@ -81,9 +81,9 @@ class ContinuousDynamics(ABC):
     ) -> NDArray[np.float64]:
         """Simulate the field on a coarse grid with the proportions of a farm.
 
-        The longer side has `side` cells, the shorter side at least 8. `days` are ascending. The result is
-        float64[days, n, w, h], with one simulation for each of the n generators; the field of a day is the
-        same whichever other days are given.
+        The longer side has `side` cells, the shorter side at least 8 cells. `days` are ascending. The result
+        is float64[days, n, w, h], with one simulation for each of the n generators. The field of a day does
+        not depend on the other days given.
         """
         scale = side / max(shape)
         width, height = (max(_LEAST_COARSE_CELLS, round(cells * scale)) for cells in shape)
@@ -101,7 +101,7 @@ class ContinuousDynamics(ABC):
 
 @dataclass(slots=True)
 class _DailyCourse:
-    """Course that checks the fields of `ContinuousDynamics.days`; days are computed in ascending order."""
+    """Course that takes and checks the fields of `ContinuousDynamics.days`, in ascending order of days."""
 
     kind: str
     shape: tuple[int, int]
@@ -132,20 +132,18 @@ class _DailyCourse:
 
 @dataclass(frozen=True, slots=True)
 class Measured(ContinuousDynamics):
-    """Prior of a field without a model, which is only measured and cannot be simulated.
+    """Prior of a field that is only measured: without a model, the field cannot be simulated.
 
-    Values are normally distributed about the mean of the readings. Readings of earlier days have the same
-    weight as those of the present day.
+    Values are normally distributed about the mean of the readings. Readings of all days count equally.
 
     Parameters
     ----------
     correlation_length_m : float
-        Lengthscale of the squared exponential kernel, metres: at this distance the correlation is
-        ``exp(-1/2)``, 0.61.
+        Lengthscale of the squared exponential kernel, metres. The correlation at this distance is 0.61.
     spread : float
-        Standard deviation of the latent function (the field without noise), as a fraction of the range.
+        Standard deviation of the latent function (field without noise), as a fraction of the range.
     noise : float
-        Standard deviation of a cell's value about the latent function, as a fraction of the range.
+        Standard deviation of a cell's value from the latent function, as a fraction of the field's range.
 
     Raises
     ------
@@ -168,13 +166,13 @@ class Measured(ContinuousDynamics):
                 raise EnvironmentDataError(f"measured: {name} {getattr(self, name)} is not in 0.001..1")
 
     def days(self, shape: tuple[int, int], rng: Generator) -> Iterator[NDArray[np.floating]]:  # noqa: ARG002
-        """Raise EnvironmentDataError: the field cannot be simulated."""
+        """Raise EnvironmentDataError, because the field cannot be simulated."""
         raise EnvironmentDataError(
             'a field that is only measured cannot be simulated; give it a kind such as "continuous"'
         )
 
 
-# Standard deviations at which the smoothing Gaussian is cut: less than 1e-4 of its weight is beyond.
+# The smoothing Gaussian is cut at this many standard deviations; beyond lies less than 1e-4 of its weight.
 _TRUNCATED_AT = 4.0
 
 
@@ -182,18 +180,18 @@ _TRUNCATED_AT = 4.0
 class SmoothParameters(ContinuousDynamics):
     """Smooth static fields: Gaussian random fields that do not change from day to day.
 
-    Smooth fields are the usual test case of informative path planning; a Gaussian process with a squared
-    exponential kernel is their exact model. White noise smoothed by a Gaussian of standard deviation l /
+    Smooth fields are the usual test case of informative path planning. Their exact model is a Gaussian
+    process with a squared exponential kernel. White noise smoothed by a Gaussian of standard deviation l /
     sqrt(2) has the correlation exp(-d^2 / (2 l^2)) (process convolution: D. Higdon, *Space and Space-Time
     Modeling using Process Convolutions*, 2002).
 
     Parameters
     ----------
     correlation_length : float
-        Lengthscale of the squared exponential covariance, as a fraction of each side of the farm: at this
-        distance the correlation is exp(-1/2), 0.61.
+        Lengthscale of the squared exponential covariance, as a fraction of each side of the farm. At this
+        distance the correlation is 0.61, exp(-1/2).
     mean, spread : float
-        Mean and standard deviation of the values before they are clipped to 0..1.
+        Mean and standard deviation of the values, before values are clipped to 0..1.
 
     Raises
     ------
@@ -234,7 +232,7 @@ class SmoothParameters(ContinuousDynamics):
         for axis, width in enumerate(widths):
             smoothed = correlate1d(smoothed, _weights(width), axis, mode="constant")
         inner = smoothed[tuple(slice(m, m + n) for m, n in zip(margins, shape, strict=True))]
-        # Variance of the smoothed noise; the white noise has variance 1.
+        # `left` is the variance of the smoothed noise; the white noise has variance 1.
         left = math.prod(float(np.square(_weights(width)).sum()) for width in widths)
         field = np.clip(self.mean + self.spread / math.sqrt(left) * inner, 0.0, 1.0)
         while True:
@@ -242,7 +240,7 @@ class SmoothParameters(ContinuousDynamics):
 
 
 def _weights(width: float) -> NDArray[np.float64]:
-    """Return the smoothing weights along an axis; `width` is the standard deviation in cells."""
+    """Return the weights of a smoothing Gaussian along an axis; `width` is its deviation in cells."""
     reach = int(_TRUNCATED_AT * width + 0.5)
     weights: NDArray[np.float64] = exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
     weights /= weights.sum()

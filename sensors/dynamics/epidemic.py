@@ -1,18 +1,18 @@
-"""The epidemic of a disease: the SIRV status of cells, a step of one day, and whole outbreaks.
+"""The epidemic of a disease: the SIRV status of cells, the step of one day, and whole outbreaks.
 
-Status of a cell: 0 susceptible (S), k > 0 infected (I) with k days remaining, -1 removed (R), -2 immune (V:
-another crop, or no plants). A day has three steps:
+The status of a cell is 0 if the cell is susceptible (S), k > 0 if infected (I) with k days remaining, -1 if
+removed (R) and -2 if immune (V: another crop, or no plants). A day has three steps:
 
 1. The remaining days of infected cells decrease by one; cells with no remaining day become removed.
 2. The infected neighbours of each susceptible cell are counted, weighted by a distance kernel.
 3. Each susceptible cell becomes infected with a probability that depends on its count.
 
-An infection lasts a fixed number of days. The onset, the day on which a cell was infected, thus determines
-the cell's status on every day: one byte per cell stores the whole history of a disease.
+An infection lasts a fixed number of days. Thus a cell's status on every day follows from its onset, the day
+on which the cell was infected. One byte per cell stores the whole history of a disease.
 
-There are two infection rules. ``"count"`` is the rule of the Waterberry Farms code: the count is rounded down
-to n, and p = 1 - (1 - p_t)^n. ``"kernel"`` is the rule in the text of the paper (the convolution of infected
-cells with a distance kernel, times a likelihood): p = min(1, p_t * count), without rounding.
+There are two rules for the infection probability p. The rule ``"count"`` of the Waterberry Farms code rounds
+the count down to n, and p = 1 - (1 - p_t)^n. The rule ``"kernel"`` of the paper's text does not round the
+count, and p = min(1, p_t * count): infected cells, convolved with a distance kernel, times a likelihood.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ SUSCEPTIBLE = 0
 REMOVED = -1
 IMMUNE = -2
 MAX_DAYS = 126
-"""Longest duration of an infection and of an environment: status and onset are stored as int8."""
+"""Most days of an infection and of an environment, since status and onset are stored as int8."""
 NEVER = -1
 """Onset of a cell that was never infected."""
 NO_HOST = -2
 """Onset of a cell that cannot be infected."""
-_STRIP_ROWS = 64  # Rows whose hosts are listed at once; the list takes 2.5 MB on Waterberry
+_STRIP_ROWS = 64  # The hosts of this many rows are listed at once, in 2.5 MB on Waterberry
 _VALUES = {SUSCEPTIBLE: 1.0, REMOVED: 0.0, IMMUNE: 1.0}
 
 Draws = Callable[[NDArray[np.intp]], NDArray[np.float64]] | NDArray[np.float64]
@@ -51,14 +51,14 @@ Draws = Callable[[NDArray[np.intp]], NDArray[np.float64]] | NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class InfectionRule:
-    """Infection rule: a kernel, and the infection probability for each weighted count of neighbours.
+    """Rule that gives the infection probability of a cell for its weighted count of infected neighbours.
 
     Parameters
     ----------
     likelihood : float
-        p_t: infection probability for a count of one.
+        p_t, the infection probability of a cell whose count is 1.
     rounded : bool
-        True for the rule ``"count"``, which rounds counts down; False for ``"kernel"``.
+        True for the rule ``"count"``, which rounds counts down; False for the rule ``"kernel"``.
     """
 
     kernel: DistanceKernel
@@ -67,10 +67,10 @@ class InfectionRule:
     rounded: bool = True
 
     def probability(self, total: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return the infection probabilities for counts in units of the kernel.
+        """Return the infection probabilities of cells from their counts, in units of the kernel.
 
-        Only additions, multiplications and divisions are used, which IEEE 754 defines to the last bit.
-        Comparisons with random draws thus have the same result on every machine.
+        The computation only adds, multiplies and divides, which IEEE 754 defines to the last bit. Comparisons
+        with random draws thus have the same result on every machine.
         """
         if not self.rounded:
             probability: NDArray[np.float64] = np.minimum(total / self.kernel.unit * self.likelihood, 1.0)
@@ -89,16 +89,16 @@ class EpidemicParameters:
     Parameters
     ----------
     likelihood : float
-        p_t, probability in 0..1 that an orthogonal neighbour infects a cell within a day.
+        p_t, probability in 0..1 that one infected orthogonal neighbour infects a cell within a day.
     duration_days : int
         Duration of an infection.
     seed_duration_days : int
         Duration of the infections that begin on day 0.
     seeds : int, optional
-        Number of infected cells on day 0. Default: 3 for each full 30 cells of the farm's width, at least 3.
+        Number of infected cells on day 0. The default is 3 per 30 cells of the farm's width, at least 3.
     kernel_size : int, optional
-        Side of the square of neighbours, an odd number of cells. Default: ``2 * int(sqrt(width) / 6) + 3``,
-        at most 11.
+        Side of the square of neighbours, an odd number of cells. The default is ``2 * int(sqrt(width) / 6) +
+        3``, at most 11.
     kernel_shape : {"inverse-square", "exponential", "gaussian"}
         See `sensors.dynamics.infection.make_kernel`.
     kernel_length_cells : float
@@ -107,7 +107,7 @@ class EpidemicParameters:
         Infection rule; see the module's docstring.
     seed_spread_cells : float, optional
         Standard deviation (cells) of the seeds about the first seed, for a disease introduced at one point.
-        Default: seeds are uniform over the farm.
+        By default seeds are uniform over the farm.
 
     Raises
     ------
@@ -145,7 +145,7 @@ class EpidemicParameters:
         make_kernel(self.kernel_shape, size, self.kernel_length_cells)
 
     def seed_count(self, shape: tuple[int, int]) -> int:
-        """Return the number of infections on day 0 for a farm of this shape (cells).
+        """Return the number of seeds, the cells infected on day 0, on a farm of this shape (cells).
 
         >>> [TYLCV.seed_count((w, w)) for w in (10, 30, 100, 6000)]
         [3, 3, 9, 600]
@@ -165,10 +165,9 @@ class EpidemicParameters:
         return InfectionRule(kernel, self.likelihood, self.duration_days, self.rule == "count")
 
     def on_window(self, shape: tuple[int, int], seeds: int) -> EpidemicParameters:
-        """Return the parameters for a window of a farm of this shape (cells).
+        """Return the parameters for simulating only a window of a farm of this shape (cells).
 
-        The kernel keeps the size of the farm's kernel; the default size for the smaller width of a window
-        would be smaller.
+        The kernel keeps its size on the farm; the default size for the window's width may be smaller.
 
         >>> TYLCV.on_window((100, 100), seeds=2).kernel_size
         5
@@ -177,13 +176,13 @@ class EpidemicParameters:
 
 
 TYLCV = EpidemicParameters(likelihood=0.25, duration_days=5)
-"""Tomato yellow leaf curl virus, on tomatoes (parameters of the Waterberry Farms code)."""
+"""Tomato yellow leaf curl virus on tomatoes, with the parameters of the Waterberry Farms code."""
 CCR = EpidemicParameters(likelihood=0.15, duration_days=10)
-"""Charcoal rot, on strawberries (parameters of the Waterberry Farms code)."""
+"""Charcoal rot on strawberries, with the parameters of the Waterberry Farms code."""
 
 
 def age(status: NDArray[np.int8]) -> NDArray[np.int8]:
-    """Return the status of all cells a day later, without new infections.
+    """Return the status of all cells a day later if no cell becomes infected.
 
     Examples
     --------
@@ -197,11 +196,12 @@ def age(status: NDArray[np.int8]) -> NDArray[np.int8]:
 
 
 def step(status: NDArray[np.int8], draws: Draws, rule: InfectionRule) -> NDArray[np.int8]:
-    """Return the status of an epidemic a day later; `status` is not changed.
+    """Return the status of all cells a day later in a new array.
 
-    `draws` are uniform in [0, 1): an array with a number for each cell, or a function that is called once
-    with the flat indices (C order, ascending) of the cells that may become infected. A cell with probability
-    p and draw u becomes infected if p > u. Infected cells on immune land infect their neighbours too.
+    `draws` are random numbers in [0, 1). They are an array with a number for each cell, or a function that
+    returns a number for each given flat index; it is called once, with the cells that may become infected
+    (ascending, C order). A cell with probability p and draw u becomes infected if p > u. Cells that are
+    infected on immune land infect their neighbours too.
 
     Examples
     --------
@@ -231,10 +231,10 @@ def _newly_infected(front: InfectionFront, draws: Draws, rule: InfectionRule) ->
 def draw_seeds(
     susceptible: NDArray[np.bool_], count: int, rng: Generator, spread_cells: float | None = None
 ) -> NDArray[np.intp]:
-    """Draw the infected cells of day 0, as ascending flat indices in C order.
+    """Draw the seeds, the cells infected on day 0, as ascending flat indices in C order.
 
-    Seeds are uniform over the susceptible cells. With `spread_cells`, only the first seed is uniform; the
-    other seeds are normally distributed about it. Seeds may coincide: there may be fewer than `count` cells.
+    Seeds are uniform over the susceptible cells. With `spread_cells`, only the first seed is uniform, and the
+    other seeds are normally distributed about the first. Seeds may coincide.
     """
     if spread_cells is not None:
         return _draw_cluster(susceptible, count, rng, spread_cells)
@@ -279,9 +279,9 @@ def simulate_outbreak(
 ) -> NDArray[np.int8]:
     """Simulate an outbreak for `days` days, and return the onset of each cell, int8[W, H].
 
-    The onset is the day of infection (0 for seeds), `NEVER` or `NO_HOST`. The result equals repeated calls of
-    `step`, but the cost is proportional to the number of infected cells. The generator draws the seeds,
-    then on each day a uniform number for each cell that may become infected, in C order.
+    The onset is the day of infection (0 for seeds), `NEVER` or `NO_HOST`. The result is as if `step` were
+    called every day, but the cost is proportional to the number of infected cells. The generator draws the
+    seeds, then on each day a uniform number for each cell that may become infected, in C order.
     """
     rule = parameters.infection_rule(susceptible.shape)
     onset = np.where(susceptible, np.int8(NEVER), np.int8(NO_HOST))
@@ -304,7 +304,7 @@ def simulate_outbreak(
 
 
 def status_table(parameters: EpidemicParameters, day: int) -> NDArray[np.int8]:
-    """Return a table from onset to status on a day, int8[256], indexed by the onset as an unsigned byte.
+    """Return the status on a day for each onset, int8[256]; the index is the onset as an unsigned byte.
 
     Examples
     --------
@@ -322,30 +322,30 @@ def status_table(parameters: EpidemicParameters, day: int) -> NDArray[np.int8]:
 
 
 def value_table(parameters: EpidemicParameters, day: int) -> NDArray[np.float32]:
-    """Return a table from onset to value on a day, float32[256], indexed as `status_table`.
+    """Return the field's value on a day for each onset, float32[256], indexed like `status_table`.
 
-    Values are S 1.0, I 0.5, R 0.0 and V 1.0; cells with status V are not scored.
+    The value of status S is 1.0, of I 0.5, of R 0.0 and of V 1.0; cells with status V are not scored.
     """
     return np.array([_VALUES.get(int(status), 0.5) for status in status_table(parameters, day)], np.float32)
 
 
 _OUTBREAKS = 100
 _SIDE_CELLS = 64
-_SHARED_DAYS = 4  # Consecutive days that use the same simulation, to save time in campaigns
+_SHARED_DAYS = 4  # This many consecutive days share a simulation, to save time in campaigns
 
 
 @dataclass(frozen=True, slots=True)
 class Outbreak:
-    """Statistics of outbreaks of a disease on a given day; each outbreak was started by a single plant.
+    """Statistics of simulated outbreaks of a disease on a day; each outbreak began with a single sick plant.
 
     Parameters
     ----------
     together : float
-        Sum of the squared sizes of outbreaks divided by the sum of the sizes; sizes are numbers of sick
-        plants. If outbreaks start at random points and do not meet, this is the ratio of variance to mean of
-        the number of sick plants on a farm.
+        Sum of the squared sizes of outbreaks divided by the sum of the sizes, in sick plants. If outbreaks
+        start at random points and do not meet, this is the ratio of variance to mean of the number of sick
+        plants.
     illness : float
-        Mean of 1 minus the value of a sick plant.
+        Mean of (1 - value) over all sick plants.
     """
 
     together: float
@@ -354,7 +354,7 @@ class Outbreak:
 
 @lru_cache(maxsize=64)
 def outbreak_of(parameters: EpidemicParameters, shape: tuple[int, int], day: int) -> Outbreak:
-    """Return the outbreak statistics for a farm of this shape (cells), from simulations on host plants only.
+    """Return outbreak statistics for a farm of this shape (cells), simulated on land full of host plants.
 
     Examples
     --------
@@ -366,7 +366,7 @@ def outbreak_of(parameters: EpidemicParameters, shape: tuple[int, int], day: int
     counts, illness = np.zeros(_OUTBREAKS), 0.0
     last_day = max(day, min(_SHARED_DAYS * math.ceil(day / _SHARED_DAYS), MAX_DAYS))
     for number, onset in enumerate(_onsets(parameters, shape, last_day)):
-        # In the table of the day, plants with a later onset are healthy.
+        # The table of a day counts plants with a later onset as healthy.
         ill = illness_by_onset[onset.view(np.uint8)]
         counts[number] = np.count_nonzero(ill > 0.0)
         illness += float(ill.sum())
@@ -380,7 +380,7 @@ def outbreak_of(parameters: EpidemicParameters, shape: tuple[int, int], day: int
 def _onsets(
     parameters: EpidemicParameters, shape: tuple[int, int], last_day: int
 ) -> tuple[NDArray[np.int8], ...]:
-    """Return the onsets of outbreaks up to `last_day`, each started by a single plant."""
+    """Return the onsets of simulated outbreaks up to `last_day`; each begins with a single sick plant."""
     from_one_plant = parameters.on_window(shape, 1)
     side = min(max(shape), _SIDE_CELLS)
     land = np.ones((side, side), np.bool_)

@@ -1,12 +1,11 @@
-"""Infection by distance: kernels with exact integer weights, and the front of an epidemic.
+"""Infection by distance: distance kernels with exact integer weights, and the front of an epidemic.
 
-The epidemic compares the weighted number of infected neighbours with whole numbers. Floating-point sums of
-1/d^2 depend on the order of summation: five neighbours of weight 0.2 may give 1 or slightly less. Therefore
-weights are integers, in units of ``1 / unit``, so that sums, floors and comparisons are exact on every
-machine.
+An epidemic compares the weighted number of infected neighbours with whole numbers. A floating-point sum of
+1/d^2 depends on the order of summation: five neighbours of weight 0.2 may give 1 or slightly less. Therefore
+a weight is a whole number of units ``1 / unit``, and sums, floors and comparisons are exact on every machine.
 
-Only cells near infected cells can change. The weighted number of infected neighbours is stored for every cell
-and updated around cells that become infected or removed. The cost of a day is proportional to the number of
+Only cells near infected cells can change. Every cell's weighted number of infected neighbours is stored, and
+is updated around cells that become infected or removed. The cost of a day is proportional to the number of
 newly infected and removed cells, not to the size of the front or of the farm.
 """
 
@@ -26,7 +25,7 @@ from sensors.errors import EnvironmentDataError
 Cells = NDArray[np.intp]
 
 FRONT_BYTES_A_CELL = 9
-"""Memory of a front per cell of the farm (bytes)."""
+"""Memory that a front takes for each cell of the farm (bytes)."""
 
 KERNEL_SHAPES = ("inverse-square", "exponential", "gaussian")
 MAX_KERNEL_SIZE = 51
@@ -36,16 +35,17 @@ _CENTRES_AT_ONCE = 1024
 
 @dataclass(frozen=True, slots=True)
 class DistanceKernel:
-    """Weights of the neighbours of a cell, grouped by equal weight.
+    """Weights of a cell's neighbours; neighbours of equal weight form a group.
 
-    The neighbourhood is a square of `size` cells on a side; `size` is odd.
+    The neighbourhood is a square of `size` x `size` cells; `size` is odd.
     """
 
     size: int
     unit: int
     """Integer that represents the weight 1."""
     rings: tuple[tuple[int, tuple[tuple[int, int], ...]], ...]
-    """Pairs of a positive integer weight and its offsets ``(dx, dy)``; the centre has no weight."""
+    """Pairs of a positive integer weight and the offsets ``(dx, dy)`` with this weight; (0, 0) has no
+    weight."""
 
     @property
     def radius(self) -> int:
@@ -54,12 +54,12 @@ class DistanceKernel:
 
     @property
     def total(self) -> int:
-        """Sum of all weights in units: the count of a cell with all neighbours infected."""
+        """Sum of all weights, in units; this is the count of a cell whose neighbours are all infected."""
         return sum(weight * len(offsets) for weight, offsets in self.rings)
 
     @property
     def offsets(self) -> tuple[tuple[int, int], ...]:
-        """All offsets ``(dx, dy)`` with a weight."""
+        """All offsets ``(dx, dy)`` that have a weight."""
         return tuple(offset for _, ring in self.rings for offset in ring)
 
     def weights(self) -> NDArray[np.float64]:
@@ -86,18 +86,18 @@ def _rings(size: int) -> dict[int, list[tuple[int, int]]]:
 
 @lru_cache(maxsize=64)
 def make_kernel(shape: str, size: int, length_cells: float = 1.0) -> DistanceKernel:
-    """Return the kernel of a shape.
+    """Return the distance kernel of a given shape and size.
 
     Parameters
     ----------
     shape : {"inverse-square", "exponential", "gaussian"}
-        Weight at distance d (cells): ``1/d^2``; ``exp(-d/length)``; ``exp(-d^2/(2 length^2))``.
-        Inverse-square weights are exact up to size 11 (the unit is the least common multiple of all d^2);
-        other weights are rounded to multiples of 2^-32.
+        Weight at a distance of d cells: ``1/d^2``, ``exp(-d/length)`` or ``exp(-d^2/(2 length^2))``.
+        Inverse-square weights are exact up to size 11, as the unit is the least common multiple of all d^2.
+        Other weights are rounded to multiples of 2^-32.
     size : int
         Side of the square of neighbours, an odd number of cells.
     length_cells : float
-        Length of the exponential and the Gaussian shape, cells.
+        Length of the exponential and the Gaussian shapes, cells.
 
     Raises
     ------
@@ -131,7 +131,7 @@ def make_kernel(shape: str, size: int, length_cells: float = 1.0) -> DistanceKer
 
 
 class InfectionFront:
-    """Susceptible cells near infected cells; cells are flat indices of the farm in C order."""
+    """The front: susceptible cells near infected cells. A cell is a flat index of the farm in C order."""
 
     def __init__(self, susceptible: NDArray[np.bool_], kernel: DistanceKernel) -> None:
         width, height = susceptible.shape
@@ -159,17 +159,17 @@ class InfectionFront:
         return cells
 
     def infect(self, cells: Cells) -> None:
-        """Infect the given cells, which must be distinct, and add their neighbours to the front."""
+        """Infect the given cells, all different, and add their susceptible neighbours to the front."""
         centres = self._pad(cells)
         self._susceptible[centres] = False
         self._front = np.concatenate([self._front, *self._add(centres, 1)])
 
     def remove(self, cells: Cells) -> None:
-        """Mark infected cells as removed, so that they no longer infect their neighbours."""
+        """Remove infected cells: from now on they do not infect their neighbours."""
         self._add(self._pad(cells), -1)
 
     def _add(self, centres: Cells, sign: int) -> list[Cells]:
-        """Add the weights around infected cells, or subtract them; return the cells whose sum was zero."""
+        """Add (or subtract) the kernel's weights around cells; return neighbours whose sum was zero."""
         joining = []
         for first in range(0, len(centres), _CENTRES_AT_ONCE):
             part = centres[first : first + _CENTRES_AT_ONCE]
@@ -179,14 +179,14 @@ class InfectionFront:
         return joining
 
     def exposed(self) -> tuple[Cells, NDArray[np.int64]]:
-        """Return the susceptible cells with infected neighbours, and their counts of these neighbours.
+        """Return the susceptible cells with infected neighbours, and each cell's count of these neighbours.
 
-        Cells are ascending flat indices. Counts are weighted, in units of the kernel, and at least 1.
+        Cells are ascending flat indices. A count is weighted, in units of the kernel, and at least 1.
         """
         front = np.sort(self._front[self._susceptible[self._front]])
         total = self._total.take(front)
         kept = total > 0
-        # Cells that lost all infected neighbours and later got new infected neighbours are listed twice.
+        # A cell is listed twice if it lost all its infected neighbours and later got new infected neighbours.
         kept[1:] &= front[1:] != front[:-1]
         self._front = front[kept]
         return self._unpad(self._front), total[kept]

@@ -1,12 +1,12 @@
-"""Soil humidity with daily evaporation and random showers: the model of the Waterberry Farms benchmark.
+"""The Waterberry Farms benchmark's model of soil humidity, with daily evaporation and random showers.
 
-A hump is a two-dimensional normal density in the centre of a rectangle of cells; the rectangle overlaps the
-farm at a random position. The initial field is a sum of humps. On each day the field is multiplied by ``1 -
-evaporation``. On a rainy day a sum P of humps is scaled to a mean rainfall q over the farm, ``q * W * H * P /
-sum(P)``, and added, and the humidity is clipped at 1. Ten days of warm-up precede day 0.
+A hump is a two-dimensional normal density, cut to a rectangle of cells around its centre; the rectangle
+overlaps the farm at a random position. The initial field is a sum of humps. Each day the field is multiplied
+by ``1 - evaporation``. On a rainy day, a sum P of humps is scaled to a mean rain q over the farm, ``q * W * H
+* P / sum(P)``, and added; then the humidity is clipped at 1. Ten days of warm-up precede day 0.
 
 A hump is the product of a profile along x and a profile along y. A sum of k humps is thus the product of a
-(W, k) and a (k, H) matrix, and its sum over the farm needs only the sums of columns and rows.
+(W, k) and a (k, H) matrix; its sum over the farm follows from the sums of their columns and rows.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from geo.linear_algebra import exp, product
 from sensors.dynamics.continuous import ContinuousDynamics
 from sensors.errors import EnvironmentDataError
 
-# Cells per block, so that a block and its rain fit into a core's second-level cache.
+# A block of this many cells and its rain fit into a core's second-level cache.
 _BLOCK_CELLS = 1 << 17
 
 
@@ -41,18 +41,18 @@ class SoilParameters(ContinuousDynamics):
     rain_probability : float
         Probability of rain on a day.
     mean_rain : float
-        Expected humidity that a rainy day adds, averaged over the farm; the average of a given day is
-        uniform in 0..2 * mean_rain.
+        Expected humidity that a rainy day adds, averaged over the farm. A given day's average is drawn
+        uniformly from 0..2 * mean_rain.
     start_humps, shower_humps : int
-        Number of humps of the initial field and of a shower.
+        Number of humps in the initial field, and number of humps in a shower.
     warm_up_days : int
         Days before day 0.
     spread : float
-        Standard deviation of a hump, as a fraction of its side.
+        Standard deviation of a hump along an axis, as a fraction of the hump's side.
     square_humps : bool
-        False: a hump has the sides of the farm, thus the covariance diag((W/8)^2, (H/8)^2), as in the paper.
-        True: a hump is a square with the farm's shorter side, as in the authors' code. On a square farm both
-        are equal.
+        If False, a hump has the sides of the farm, thus the covariance diag((W/8)^2, (H/8)^2), as in the
+        paper. If True, a hump is a square with the farm's shorter side, as in the authors' code. On a square
+        farm there is no difference.
 
     Raises
     ------
@@ -88,28 +88,28 @@ class SoilParameters(ContinuousDynamics):
         return (min(shape), min(shape)) if self.square_humps else shape
 
     def course(self, shape: tuple[int, int], last_day: int, rng: Generator) -> SoilCourse:
-        """Draw the weather up to `last_day`, and return the course; see `ContinuousDynamics.course`."""
+        """Draw the weather up to `last_day`; return the field's course (see `ContinuousDynamics.course`)."""
         return SoilCourse(shape, draw_weather(shape, last_day, self, rng), self, last_day)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shower:
-    """The rain of a day."""
+    """The shower of a rainy day."""
 
     mean_rain: float
-    """Humidity added by the shower: the mean over the farm before clipping at 1."""
+    """Mean humidity over the farm that the shower adds, before clipping at 1."""
     corners: NDArray[np.int64]
-    """Lower corners of the humps, int64[k, 2], cells; may be negative."""
+    """Lower corners of the humps, int64[k, 2], in cells; a corner may be negative."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Weather:
-    """Random part of the soil model: positions of the initial humps, and showers."""
+    """Random part of the soil model: the positions of the initial humps, and the showers."""
 
     start_corners: NDArray[np.int64]
-    """Lower corners of the initial field's humps, int64[k, 2], cells."""
+    """Lower corners of the humps of the initial field, int64[k, 2], in cells."""
     showers: tuple[Shower | None, ...]
-    """Rain of each day, beginning with the warm-up; None for a dry day."""
+    """The shower of each day from the first warm-up day on, or None for a dry day."""
 
 
 def _draw_corners(
@@ -126,8 +126,8 @@ def _draw_corners(
 def draw_weather(shape: tuple[int, int], days: int, parameters: SoilParameters, rng: Generator) -> Weather:
     """Draw the weather of the warm-up and of `days` days.
 
-    The order of draws is as in the authors' code: x and y of each initial hump; then for each day whether
-    it rains, and on a rainy day the mean rain, and x and y of each hump.
+    The order of draws is as in the authors' code. First come x and y of each initial hump. Then comes for
+    each day whether it rains, and for a rainy day the mean rain, and x and y of each hump.
     """
     sides = parameters.hump_sides(shape)
     start = _draw_corners(shape, sides, parameters.start_humps, rng)
@@ -142,7 +142,7 @@ def draw_weather(shape: tuple[int, int], days: int, parameters: SoilParameters, 
 
 
 def _profiles(corners: NDArray[np.int64], cells: int, side: int, spread: float) -> NDArray[np.float64]:
-    """Return the normal density of each hump along an axis, clipped to the farm: float64[cells, k]."""
+    """Return each hump's normal density along an axis, cut to the farm, as float64[cells, k]."""
     deviation = side * spread
     offset = np.linspace(0.0, side, side) - side / 2.0
     density = exp(-0.5 * (offset / deviation) ** 2) / (math.sqrt(2.0 * math.pi) * deviation)
@@ -157,7 +157,7 @@ def _profiles(corners: NDArray[np.int64], cells: int, side: int, spread: float) 
 def hump_factors(
     corners: NDArray[np.int64], shape: tuple[int, int], parameters: SoilParameters
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return matrices float64[W, k] and float64[k, H] whose product is the sum of all humps."""
+    """Return two matrices, float64[W, k] and float64[k, H], with the sum of all humps as their product."""
     sides = parameters.hump_sides(shape)
     along_x = _profiles(corners[:, 0], shape[0], sides[0], parameters.spread)
     along_y = _profiles(corners[:, 1], shape[1], sides[1], parameters.spread)
@@ -167,12 +167,12 @@ def hump_factors(
 def rain_factors(
     shower: Shower, shape: tuple[int, int], parameters: SoilParameters
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Return matrices whose product is the rain of a shower, scaled to the shower's mean.
+    """Return two matrices with a shower's rain as their product, scaled to the shower's mean.
 
-    Returns None if all humps are off the farm, so that no rain falls.
+    Return None if all humps are off the farm, so that no rain falls.
     """
     along_x, along_y = hump_factors(shower.corners, shape, parameters)
-    # Not `sum`: its result differs since Python 3.12, which compensates rounding errors.
+    # `sum` is not used, because since Python 3.12 it compensates rounding errors and gives other results.
     terms = map(operator.mul, along_x.sum(axis=0).tolist(), along_y.sum(axis=1).tolist())
     fallen = reduce(operator.add, terms, 0.0)
     if fallen <= 0.0:
@@ -181,11 +181,11 @@ def rain_factors(
 
 
 class SoilCourse:
-    """Time course of a farm's soil humidity, computed in blocks of rows.
+    """Computes the soil humidity of a farm day by day, in blocks of rows.
 
-    The humidity of a cell does not depend on its neighbours, so a block can be advanced by many days while it
-    is in the processor's cache. The result is equal to the last bit for any order of blocks and any split of
-    the days.
+    A cell's humidity does not depend on neighbouring cells, so a block can be advanced by many days while it
+    is in the processor's cache. Any order of blocks and any split of the days give the same result to the
+    last bit.
     """
 
     def __init__(
@@ -208,14 +208,14 @@ class SoilCourse:
         return len(self.blocks)
 
     def begin(self, rows: slice, out: NDArray[np.float32]) -> None:
-        """Compute a block's humidity on `first_day`, before the warm-up."""
+        """Compute the humidity of a block of rows on `first_day`, before the warm-up."""
         assert self._start is not None
         product(self._start[0][rows], self._start[1], out=out)
 
     def advance(
         self, rows: slice, block: NDArray[np.float32], day: int, until: int, out: NDArray[np.float32]
     ) -> None:
-        """Advance a block from `day` to `until` into `out`, which may be `block` itself."""
+        """Advance a block from `day` to `until`, and write it to `out`, which may be `block` itself."""
         if until == day:
             out[...] = block
             return

@@ -1,4 +1,4 @@
-"""The environment: the true state of a farm's diseases and continuous fields over days."""
+"""The environment: the true state of a farm's diseases and continuous fields on each day."""
 
 from sensors.dynamics.epidemic import CCR, TYLCV, EpidemicParameters
 from sensors.dynamics.soil import SoilParameters

@@ -1,8 +1,8 @@
-"""Caches of environments: on disk between runs, and in memory within a process.
+"""Two caches of environments, on disk between runs and in memory within a process.
 
-The name of a disk entry is a digest of the crop map, the fields, the seed, the days and the format's version.
-Entries are written atomically, so processes may share a cache. Damaged entries are generated again. The least
-recently used entries are removed when the cache exceeds its limit.
+An entry on disk is named by a digest of crop map, fields, seed, days and format version. Entries are written
+atomically, so processes may share a cache. A damaged entry is generated again. The least recently used
+entries are removed when the cache exceeds its limit.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 LIMIT_VARIABLE = "WBF_MISSION_ENVIRONMENT_CACHE_MB"
 DEFAULT_LIMIT_MB = 2000
 CACHED_FROM_CELLS = 1_000_000
-"""Smallest farm that is cached; smaller farms are generated faster than they are read."""
+"""Number of cells from which farms are cached; smaller farms are generated faster than read."""
 
 _ENTRY = re.compile(r"[0-9a-f]{32}")
 _LEFTOVER = re.compile(r"\.[0-9a-f]{32}\.(partial|older)")
@@ -44,11 +44,11 @@ _LEFTOVER_AFTER_S = 3600.0
 
 @dataclass(frozen=True, slots=True)
 class EnvironmentCache:
-    """A cache on disk; files in its folder that are not entries are ignored."""
+    """A cache on disk; files in the cache's folder that are not cache entries are ignored."""
 
     folder: Path
     limit_bytes: int
-    """Limit of the total size of all entries; 0 turns the cache off."""
+    """Limit of the total size of all entries together; 0 turns the cache off."""
 
     @classmethod
     def of_user(cls) -> EnvironmentCache:
@@ -64,7 +64,7 @@ class EnvironmentCache:
 
     @classmethod
     def off(cls) -> EnvironmentCache:
-        """Return a cache that stores no entries."""
+        """Return a cache that is turned off and stores nothing."""
         return cls(user_cache_folder("environments"), 0)
 
     def environment(
@@ -80,8 +80,8 @@ class EnvironmentCache:
     ) -> tuple[Environment, bool]:
         """Return the environment of days `day` to `last_day` (default: `day`), and whether it was cached.
 
-        An environment that is not cached is generated and saved. If the folder cannot be written, a
-        `geo.system.CacheWarning` is given. Raises the errors of `generate_environment`.
+        An environment that is not cached is generated and saved. If the folder cannot be written, warn with
+        `geo.system.CacheWarning`. Raise the errors of `generate_environment`.
         """
         last = day if last_day is None else last_day
         kept = range(day, last + 1)
@@ -117,14 +117,14 @@ class EnvironmentCache:
             self._shrink()
         except (EnvironmentDataError, OSError) as error:
             cause = error.__cause__ or error
-            # If another process is writing the same entry, its files must not be removed.
+            # Files that another process is writing for the same entry must not be removed.
             if isinstance(cause, OSError) and not isinstance(cause, BlockingIOError):
                 shutil.rmtree(path.with_name(f".{path.name}.partial"), ignore_errors=True)
                 warn_of_cache(self.folder, cause)
         return environment, False
 
     def _shrink(self) -> None:
-        """Remove the least recently used entries until the total size is within the limit."""
+        """Remove least recently used entries until all entries together are within the limit."""
         entries: list[tuple[float, int, Path]] = []
         for path in self.folder.iterdir():
             if _ENTRY.fullmatch(path.name):
@@ -157,11 +157,11 @@ def _size(path: Path) -> int:
 
 MOST_ENVIRONMENTS = 2
 MOST_CELLS = 100_000
-"""Largest farm kept in memory; on larger farms a run takes much longer than generating its environment."""
+"""Largest number of cells kept in memory. On larger farms, generating is short compared with a run."""
 
 
 class EnvironmentMemory:
-    """In-memory cache of the most recently used small environments.
+    """Cache in memory of the small environments that were used last.
 
     Examples
     --------
@@ -186,9 +186,9 @@ class EnvironmentMemory:
         fields: FieldSet = PAPER_FIELDS,
         progress: Progress | None = None,
     ) -> tuple[Environment, bool]:
-        """Return an environment from memory, else from `cache`, and whether it was read from the disk.
+        """Return an environment from memory or else from `cache`, and whether it was read from disk.
 
-        The environment is shared with other callers and must not be changed.
+        Other callers get the same environment, so it must not be changed.
         """
         key = b""
         if grid.crop.size <= MOST_CELLS:

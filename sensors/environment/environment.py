@@ -1,4 +1,4 @@
-"""The environment E: the true state of the fields over days, hidden from planners and estimators."""
+"""The environment E, the true state of the fields on each day, which planners and estimators cannot see."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ if TYPE_CHECKING:
 
     from geo.grid import FarmGrid
 
-_FEW = 8  # Most cells for which a loop is faster than array operations
+_FEW = 8  # Up to this many cells, a loop is faster than array operations
 
 T = TypeVar("T", bound=np.generic)
 S_co = TypeVar("S_co", bound=np.generic, covariant=True)
 
 
 class Layer(Protocol[S_co]):
-    """An array over the farm, ``[x, y]``."""
+    """Values of the farm's cells, as an array ``[x, y]``."""
 
     def whole(self) -> NDArray[S_co]:
         """Return the array, read-only."""
 
     def window(self, x: slice, y: slice) -> NDArray[S_co]:
-        """Return a window; both slices have a start and a stop on the farm and no step."""
+        """Return a window of the array; both slices have a start and a stop on the farm and no step."""
 
     def cells(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> NDArray[S_co]:
         """Return the values of n cells on the farm, [n]."""
@@ -46,7 +46,7 @@ class Layer(Protocol[S_co]):
 
 
 class ArrayLayer(Generic[T]):
-    """A layer in memory, or memory-mapped from a file."""
+    """A layer whose array is in memory or memory-mapped from a file."""
 
     __slots__ = ("_array",)
 
@@ -59,7 +59,7 @@ class ArrayLayer(Generic[T]):
         return self._array
 
     def window(self, x: slice, y: slice) -> NDArray[T]:
-        """Return a view of the window."""
+        """Return a view of a window of the array."""
         part: NDArray[T] = self._array[x, y]
         return part
 
@@ -75,16 +75,16 @@ class ArrayLayer(Generic[T]):
 
 @dataclass(frozen=True, slots=True)
 class Provenance:
-    """Origin of an environment: farm and seed.
+    """Origin of an environment: the farm and the seed.
 
     Parameters
     ----------
     farm : str
-        Name of the farm, or empty.
+        Name of the farm; may be empty.
     grid_sha256 : str
-        Digest of the crop map (`grid_digest`), or empty.
+        Digest of the crop map (`grid_digest`); may be empty.
     entropy : tuple of str
-        Entropy of the seed sequence, decimal integers.
+        Entropy of the seed sequence, as decimal integers.
     spawn_key : tuple of int
         Spawn key of the seed sequence.
     """
@@ -96,7 +96,7 @@ class Provenance:
 
     @classmethod
     def of(cls, grid: FarmGrid, seed: SeedSequence, farm_name: str) -> Provenance:
-        """Return the provenance of an environment of this farm and seed."""
+        """Return the provenance of an environment with this farm and seed."""
         entropy = np.atleast_1d(np.asarray(seed.entropy, dtype=object)).tolist()
         return cls(
             farm_name,
@@ -107,11 +107,11 @@ class Provenance:
 
 
 class Environment:
-    """The state of a farm's fields on the kept days; see `generate_environment` and `load_environment`.
+    """The state of a farm's fields on the days that were kept.
 
-    Day d is the state after d steps; day 0 is the initial state. All arrays are read-only and in the order of
-    `fields`. Each disease has a layer of onsets, each continuous field a layer of levels for each kept day.
-    `days` are ascending.
+    `generate_environment` and `load_environment` make environments. Day d is the state after d daily steps;
+    day 0 is the initial state. Arrays are read-only and in the order of `fields`. A disease has a layer of
+    onsets, and a continuous field has a layer of levels for each of `days`, which ascend.
     """
 
     __slots__ = ("_diseases", "_layers", "_levels", "_onset", "days", "fields", "provenance", "shape")
@@ -131,7 +131,7 @@ class Environment:
         self.days = days
         self._onset = onset
         self._levels = levels
-        # For each day: index, layer and value table of each disease; index and layer of other fields.
+        # For each day: index, layer and value table of each disease, index and layer of each other field.
         self._diseases = {
             day: [
                 (fields.index(field.name), onset[field.name], value_table(field.epidemic, day))
@@ -153,13 +153,13 @@ class Environment:
         levels: Mapping[str, Mapping[int, NDArray[np.float32]]],
         provenance: Provenance | None = None,
     ) -> Environment:
-        """Return an environment with these arrays, in the form in which `onset` and `level` return them.
+        """Return an environment with these arrays, which have the form that `onset` and `level` return.
 
-        Raises EnvironmentDataError if the shapes or types of arrays are wrong, or there is no day.
+        Raise EnvironmentDataError if the shape or type of an array is wrong, or there is no day.
         """
         kept = tuple(sorted(days))
         if not kept:
-            raise EnvironmentDataError("environment: it has no day; keep at least one")
+            raise EnvironmentDataError("environment: it has no day; keep at least one day")
         first_name = fields.names[0]
         first = onset[first_name] if first_name in onset else levels[first_name][kept[0]]
         if first.ndim != 2:
@@ -191,14 +191,14 @@ class Environment:
     def onset(self, disease: str) -> NDArray[np.int8]:
         """Return the day of infection of each cell, int8[W, H], read-only.
 
-        Seeds have 0, cells that were never infected -1, and cells without the crop -2.
+        The day is 0 for a seed, -1 for a cell never infected, and -2 for a cell without the crop.
         """
         return self._onset_of(disease).whole()
 
     def status(self, disease: str, day: int) -> NDArray[np.int8]:
-        """Return the SIRV status on a kept day, int8[W, H], a new array.
+        """Return the SIRV status of each cell on a kept day, a new array int8[W, H].
 
-        0 is susceptible, k > 0 infected with k days remaining, -1 removed, -2 immune. Raises
+        Status 0 is susceptible, k > 0 infected with k days remaining, -1 removed, and -2 immune. Raise
         EnvironmentDataError if the disease is unknown or the day is not kept.
         """
         layer = self._onset_of(disease)
@@ -219,10 +219,10 @@ class Environment:
         return self._levels[name, day].whole()
 
     def values(self, day: int, out: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
-        """Return E on a kept day, float32[n, W, H]; `out` is an array that receives the values.
+        """Return E on a kept day, float32[n, W, H], in the array `out` if it is given.
 
-        A disease is 1.0 where plants are healthy or there is no host plant, 0.5 where plants are infected and
-        0.0 where they are lost. Raises EnvironmentDataError if the day is not kept.
+        The value of a disease is 1.0 for healthy plants and land without host plants, 0.5 for infected plants
+        and 0.0 for lost plants. Raise EnvironmentDataError if the day is not kept.
         """
         self._check_day(day)
         values = np.empty((len(self.fields), *self.shape), np.float32) if out is None else out
@@ -230,7 +230,7 @@ class Environment:
         return values
 
     def truth(self, day: int) -> NDArray[np.float32]:
-        """Return `values` of a kept day, or on a large farm a `LazyFields`, which takes no memory."""
+        """Return `values` of a kept day; on a large farm return a `LazyFields`, which takes no memory."""
         if self.shape[0] * self.shape[1] < LARGE_FROM_CELLS:
             return self.values(day)
         self._check_day(day)
@@ -238,7 +238,7 @@ class Environment:
         return cast("NDArray[np.float32]", lazy)
 
     def _columns(self, day: int, field: int, columns: slice) -> NDArray[np.float32]:
-        """Return E of a field on a kept day in some columns of the farm, float32[columns, H]."""
+        """Return E of one field on a kept day in some columns of the farm, float32[columns, H]."""
         part = columns, slice(0, self.shape[1])
         values = np.empty((columns.stop - columns.start, self.shape[1]), np.float32)
         for index, layer, table in self._diseases[day]:
@@ -250,10 +250,10 @@ class Environment:
         return values
 
     def window(self, day: int, x: slice, y: slice) -> NDArray[np.float32]:
-        """Return `values` of a window of the farm, float32[n, w, h], a new array.
+        """Return `values` of a window of the farm, a new array float32[n, w, h].
 
-        The slices have no step; a missing start or stop is the farm's border. Only chunks that the window
-        touches are decoded. Raises EnvironmentDataError if the day is not kept or the window is off the farm.
+        The slices have no step; a missing start or stop means the farm's border. Only chunks in the window
+        are decoded. Raise EnvironmentDataError if the day is not kept or the window is off the farm.
 
         Examples
         --------
@@ -283,17 +283,17 @@ class Environment:
             values[index] = read(level)
 
     def sample(self, day: int, ix: ArrayLike, iy: ArrayLike) -> NDArray[np.float32]:
-        """Return the n fields at k cells on a kept day, float32[k, n], without decoding the whole day.
+        """Return E of n fields at k cells on a kept day, float32[k, n], without decoding the whole day.
 
-        Raises EnvironmentDataError if the day is not kept, a cell is off the farm, or an index is no integer.
+        Raise EnvironmentDataError if the day is not kept, a cell is off the farm, or an index is no integer.
         """
         self._check_day(day)
         few = _few_cells(ix, iy, self.shape)
-        if few:  # The usual case: images of a camera between two positions
+        if few:  # A camera takes few images between two positions
             return self._sample_few(day, few)
         x, y = np.broadcast_arrays(np.atleast_1d(ix), np.atleast_1d(iy))
         if x.ndim != 1 or x.dtype.kind not in "iu" or y.dtype.kind not in "iu":
-            raise EnvironmentDataError("environment: cells to sample are not integers or lists of integers")
+            raise EnvironmentDataError("environment: cells to sample must be integers or lists of integers")
         samples = np.empty((x.size, len(self.fields)), np.float32)
         if x.size == 0:
             return samples
@@ -304,14 +304,14 @@ class Environment:
             msg = f"environment: cell {cell} is outside the farm of {width} x {height} cells"
             raise EnvironmentDataError(msg)
         for index, layer, table in self._diseases[day]:
-            # As unsigned bytes, the negative onsets NEVER and NO_HOST are indices at the table's end.
+            # Read as unsigned bytes, the negative onsets NEVER and NO_HOST index the end of the table.
             samples[:, index] = table[layer.cells(x, y).view(np.uint8)]
         for index, level in self._layers[day]:
             samples[:, index] = level.cells(x, y)
         return samples
 
     def _sample_few(self, day: int, cells: list[tuple[int, int]]) -> NDArray[np.float32]:
-        """Return E at a few cells on the farm, float32[k, n]; a loop is faster here than array operations."""
+        """Return E at a few cells on the farm, float32[k, n]; a loop is faster than array operations here."""
         samples = np.empty((len(cells), len(self.fields)), np.float32)
         diseases, layers = self._diseases[day], self._layers[day]
         for k, (x, y) in enumerate(cells):
@@ -323,9 +323,9 @@ class Environment:
 
 
 def _fill_disease(field: NDArray[np.float32], onset: NDArray[np.int8], table: NDArray[np.float32]) -> None:
-    """Write E of a disease, float32[w, h], from the onsets and a table of values by onset."""
+    """Fill `field`, float32[w, h], with E of a disease; `table` gives the value for each onset."""
     field.fill(1.0)
-    # Few cells are ever infected: setting only these is several times faster than a table for all cells.
+    # Few cells are ever infected, so setting only these is several times faster than looking up all cells.
     if onset.flags.c_contiguous and field.flags.c_contiguous:
         once_infected = np.flatnonzero(onset >= 0)
         field.reshape(-1)[once_infected] = table[onset.reshape(-1)[once_infected]]
@@ -366,7 +366,7 @@ def _part(name: str, cells: slice, size: int) -> slice:
 
 
 def grid_digest(grid: FarmGrid) -> str:
-    """Return the hexadecimal SHA-256 of a crop map: shape, cells, and crops that the benchmark lacks."""
+    """Return a hexadecimal SHA-256 of a crop map's shape, cells, and crops that the benchmark lacks."""
     digest = hashlib.sha256(f"{grid.shape[0]}x{grid.shape[1]};{grid.further_crops}".encode())
     digest.update(np.ascontiguousarray(grid.crop, np.int8).data)
     return digest.hexdigest()

@@ -1,4 +1,4 @@
-"""Generation of environments: in memory, or day by day into a folder, which can be resumed."""
+"""Generates environments in memory, or day by day into a folder; the latter can be resumed."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 Progress = Callable[[int, int], None]
 
-# For smaller farms the generation is faster than the start of threads.
+# Environments of smaller farms are generated faster than threads start.
 _THREADS_FROM_CELLS = 1_000_000
 _POLL_S = 0.05
 _OUTBREAKS_AT_ONCE = 2
 
 
 class StoppedError(Exception):
-    """Raised in a thread of a stopped generation, to end the thread."""
+    """Ends a thread after the generation has been stopped."""
 
 
 class _Steps:
-    """Progress counter: pieces are counted in any thread and reported in the caller's thread."""
+    """Progress counter; any thread counts finished pieces, and the caller's thread reports the count."""
 
     def __init__(self, total: int, progress: Progress | None) -> None:
         self._done, self._reported, self._total, self._progress = 0, 0, total, progress
@@ -59,14 +59,14 @@ class _Steps:
             self.report()
 
     def report(self) -> None:
-        """Call the caller's progress function if pieces were finished since the last report."""
+        """Call the caller's progress function if more pieces are finished than at the last report."""
         done = self._done
         if self._progress is not None and done > self._reported:
             self._reported = done
             self._progress(done, self._total)
 
     def wait(self, future: Future[T]) -> T:
-        """Wait for a future while reporting progress, and return its result."""
+        """Report progress while waiting for a future, and return the future's result."""
         while not future.done():
             wait([future], timeout=_POLL_S)
             self.report()
@@ -75,11 +75,11 @@ class _Steps:
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """The inputs of a generation: equal tasks give equal environments."""
+    """The inputs from which an environment is generated; equal tasks give equal environments."""
 
     grid: FarmGrid
     days: tuple[int, ...]
-    """Kept days, ascending."""
+    """The days to keep, ascending."""
     seed: SeedSequence
     fields: FieldSet
     farm_name: str = ""
@@ -90,11 +90,11 @@ class Task:
         return int(self.grid.shape[0]), int(self.grid.shape[1])
 
     def header(self) -> Header:
-        """Return the header of the environment's store."""
+        """Return the header that the store of the environment gets."""
         return Header.of(self.shape, self.days, self.fields, self.provenance())
 
     def provenance(self) -> Provenance:
-        """Return the provenance of the environment."""
+        """Return the provenance that the environment gets."""
         return Provenance.of(self.grid, self.seed, self.farm_name)
 
 
@@ -107,12 +107,12 @@ def make_task(
     keep_days: Iterable[int] | None = None,
     farm_name: str = "",
 ) -> Task:
-    """Return a checked task; the parameters are those of `generate_environment`."""
+    """Return a task after checking it; parameters as in `generate_environment`."""
     return Task(grid, kept_days(days, keep_days), root_seed(seed), fields, farm_name)
 
 
 def kept_days(days: int, keep_days: Iterable[int] | None) -> tuple[int, ...]:
-    """Return the checked days to keep, ascending; all of 0..days if `keep_days` is None."""
+    """Check the days to keep and return them, ascending; None stands for all of 0..days."""
     if not 0 <= days <= MAX_DAYS:
         raise EnvironmentDataError(f"environment: day {days} is not in 0..{MAX_DAYS}; give an earlier day")
     kept = tuple(range(days + 1)) if keep_days is None else tuple(sorted({int(day) for day in keep_days}))
@@ -131,7 +131,7 @@ def memory_needed(
     on_disk: bool = False,
     threads: int | None = None,
 ) -> dict[str, int]:
-    """Return the estimated peak memory of a generation: bytes by purpose.
+    """Return an estimate of the peak memory that a generation needs, in bytes by purpose.
 
     Examples
     --------
@@ -141,15 +141,15 @@ def memory_needed(
     cells = shape[0] * shape[1]
     diseases, continuous = len(fields.diseases), len(fields.continuous)
     at_once = min(diseases, _OUTBREAKS_AT_ONCE if _thread_count(cells, threads) > 1 else 1)
-    # Memory for two alternating days, and for a day's compressed chunks before and after joining.
+    # Two alternating days need memory, and so do a day's compressed chunks before and after joining.
     levels = cells * (2 * 4 + 2 * 4) * min(continuous, 1) if on_disk else cells * 4 * days * continuous
-    # Memory for a disease: onsets, host mask, front, and lists of the cells near infected cells.
+    # A disease needs memory for onsets, host mask, front, and lists of the cells near infected cells.
     outbreaks = cells * (diseases + at_once * (1 + FRONT_BYTES_A_CELL + 4))
     return {"continuous fields": levels, "diseases": outbreaks}
 
 
 def check_memory(task: Task, *, on_disk: bool, threads: int | None = None) -> None:
-    """Raise NotEnoughMemoryError, with advice, if a generation needs more memory than is available."""
+    """Raise NotEnoughMemoryError with advice if generating needs more memory than is available."""
     shape, days = task.shape, len(task.days)
     try:
         require_memory(
@@ -185,10 +185,10 @@ def generate_environment(
 ) -> Environment:
     """Generate the environment of a farm.
 
-    Each field has its own random stream (`geo.seeds`), so the fields are independent and an additional field
-    does not change the others. Diseases are equal to the last bit on every machine; continuous fields may
-    differ by a rounding error of float32. The state of a day does not depend on the number of later days, on
-    the kept days or on the number of threads.
+    Each field has its own random stream (`geo.seeds`), so fields are independent, and a further field does
+    not change the others. On every machine diseases are equal to the last bit; continuous fields may differ
+    by a rounding error of float32. The state of a day does not depend on the number of later days, on the
+    kept days or on the number of threads.
 
     Parameters
     ----------
@@ -197,21 +197,21 @@ def generate_environment(
     days : int
         Number of steps, 0..126.
     fields : FieldSet
-        The fields and their dynamics; by default those of the benchmark.
+        The fields and their dynamics; by default the benchmark's fields.
     progress : callable, optional
-        Called as ``progress(done, total)`` after each piece of work, in the calling thread. An exception that
-        it raises stops the generation.
+        Called in the calling thread as ``progress(done, total)`` after each piece of work. If it raises an
+        exception, the generation stops.
     keep_days : iterable of int, optional
-        Days to keep; by default all of 0..days. A kept day takes four bytes per cell and continuous field; a
-        disease takes one byte per cell for all days together.
+        Days to keep; by default all of 0..days. A kept day takes four bytes per cell for each continuous
+        field. A disease takes one byte per cell for all days together.
     farm_name : str
         Name of the farm for the provenance.
     directory : path-like, optional
-        Folder to which the days are written while they are computed, so that they take no memory. The folder
-        appears when it is complete. After an error or Ctrl-C, finished days are kept beside it, and the same
-        call resumes the generation. If the folder already holds this environment, nothing is computed.
+        Folder to which each day is written when it is computed, so that days take no memory. The folder
+        appears when it is complete. After an error or Ctrl-C, finished days are kept beside the folder, and
+        the same call continues from them. If the folder already holds this environment, nothing is computed.
     threads : int, optional
-        Number of threads on large farms; by default one for each processor that this process may use.
+        Number of threads for large farms; by default one thread per processor that this process may use.
 
     Raises
     ------
@@ -251,7 +251,7 @@ def generate_environment(
 
 
 class _Work:
-    """Threads of a task, and the courses of its fields; leaving the ``with`` block waits for the threads."""
+    """Threads and courses that compute a task's fields; leaving the ``with`` block waits for the threads."""
 
     def __init__(self, task: Task, progress: Progress | None, threads: int | None) -> None:
         self._task = task
@@ -270,7 +270,7 @@ class _Work:
             self._pool: Executor | None = None
             if self._threads > 1 and self._task.fields.diseases:
                 self._pool = self._stack.enter_context(ThreadPoolExecutor(_OUTBREAKS_AT_ONCE))
-            # The stack is closed in reverse order: the writer has to end before the outbreaks.
+            # The writer has to end before the outbreaks; the stack closes in reverse order.
             self._writer = self._stack.enter_context(ThreadPoolExecutor(1))
             self._stack = self._stack.pop_all()
         return self
@@ -280,7 +280,7 @@ class _Work:
         self._stack.close()
 
     def start_outbreak(self, field: Field) -> Future[NDArray[np.int8]]:
-        """Start the simulation of a disease; without threads it is finished on return."""
+        """Start to simulate a disease; without threads the simulation is finished on return."""
         if self._pool is not None:
             return self._pool.submit(self._outbreak, field)
         future: Future[NDArray[np.int8]] = Future()
@@ -295,7 +295,7 @@ class _Work:
     def start_writing(
         self, store: EnvironmentStore, name: str, day: int, level: NDArray[np.float32]
     ) -> Future[None]:
-        """Start writing a day of a continuous field; without threads it is written on return."""
+        """Start to write a day of a continuous field; without threads the day is written on return."""
         future = self._writer.submit(store.write_level, name, day, level)
         if self._threads <= 1:
             future.result()
@@ -331,7 +331,7 @@ def _generate_into(
 
 
 def _write_levels(store: EnvironmentStore, work: _Work, task: Task, before_day: Callable[[], None]) -> None:
-    """Compute the continuous fields; each day is written while the next day is computed."""
+    """Compute the days of the continuous fields; write each day while the next day is computed."""
     spare = [np.empty(task.shape, np.float32) for _ in range(2 if work.courses else 0)]
     writing: Future[None] | None = None
     for name, course in work.courses.items():
@@ -343,7 +343,7 @@ def _write_levels(store: EnvironmentStore, work: _Work, task: Task, before_day: 
                 earlier = day, saved
                 work.step(course.pieces)
                 continue
-            # The other array may still be in use by the writer.
+            # The writer may still be using the other array.
             level = spare[0]
             course.compute(day, level, earlier, work.step)
             if writing is not None:

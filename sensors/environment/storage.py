@@ -1,4 +1,4 @@
-"""Saving and loading of environments in folders, which appear complete or not at all."""
+"""Saves and loads environments in folders, which appear complete or not at all."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from sensors.errors import EnvironmentDataError
 def save_environment(environment: Environment, path: str | os.PathLike[str]) -> None:
     """Save an environment atomically to a folder (`docs/environment.md`).
 
-    An older environment in the folder is replaced; other content is not. Raises EnvironmentDataError if the
-    folder has other content or cannot be written.
+    An older environment in the folder is replaced. Raise EnvironmentDataError if the folder has other content
+    or cannot be written.
     """
     header = Header.of(environment.shape, environment.days, environment.fields, environment.provenance)
     with unfinished_store(path, header) as store:
@@ -32,8 +32,8 @@ def save_environment(environment: Environment, path: str | os.PathLike[str]) -> 
 def load_environment(path: str | os.PathLike[str], *, lazy: bool = True) -> Environment:
     """Load an environment from a folder that `save_environment` or `generate_environment` wrote.
 
-    With `lazy`, data are decoded on demand, not all at once. Raises EnvironmentDataError, which names the
-    file, if a file is missing or invalid. Data that are decoded later are checked then, with the same error.
+    With `lazy`, data are decoded on demand, not all at once. If a file is missing or invalid, raise
+    EnvironmentDataError, which names the file. Data decoded on demand are checked then, and may raise it too.
     """
     store = open_store(path)
     store.check()
@@ -41,7 +41,7 @@ def load_environment(path: str | os.PathLike[str], *, lazy: bool = True) -> Envi
 
 
 def stored_environment(path: str | os.PathLike[str], header: Header) -> Environment | None:
-    """Return the environment at `path` if it is complete and has this header; else None."""
+    """Return the environment at `path` if it is complete and has this header, or else None."""
     try:
         store = open_store(path)
         if store.header != header:
@@ -56,11 +56,11 @@ def stored_environment(path: str | os.PathLike[str], header: Header) -> Environm
 def unfinished_store(
     path: str | os.PathLike[str], header: Header, *, resume: bool = False
 ) -> Iterator[EnvironmentStore]:
-    """Yield a store beside `path` that is moved to `path` when the block ends without an exception.
+    """Yield a store beside `path`, which is moved to `path` when the block ends without an exception.
 
     After an exception, Ctrl-C included, an older environment at `path` is unchanged, and finished parts of
-    the new environment are kept. With `resume`, a later call with the same header continues with these parts.
-    Raises EnvironmentDataError if the folder `path` holds anything but an older environment, cannot be
+    the new environment are kept. A later call with `resume` and the same header continues with these parts.
+    Raise EnvironmentDataError if the folder `path` holds anything but an older environment, cannot be
     written, or is being written by another process.
     """
     target = Path(path).resolve()
@@ -93,11 +93,11 @@ def _check_target(target: Path) -> None:
             msg = f"{target}: this folder holds something other than an environment; give another folder"
             raise EnvironmentDataError(msg) from error
     elif target.exists() and not target.is_dir():
-        raise NotADirectoryError(20, "a file of this name is in the way")
+        raise NotADirectoryError(20, "a file has this name; remove it")
 
 
 def _looks_like_ours(target: Path) -> bool:
-    """Return whether a folder without a valid header is an environment of an older version, or damaged."""
+    """Return whether a folder without a valid header holds an older version's or a damaged environment."""
     if (target / "environment.json").is_file() and (target / "tylcv.npy").is_file():
         return True
     arrays = [path.parent.name for path in target.glob(f"*/{HEADER}")]

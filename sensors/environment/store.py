@@ -1,9 +1,9 @@
 """The store of an environment: a Zarr 3 group that is written day by day and read chunk by chunk.
 
-Array names are field names. A disease is an array ``[x, y]`` of onsets (days of infection), a continuous
-field is an array ``[day, x, y]``. A disease, or a day of a continuous field, is one file (a shard), written
-atomically. A shard has chunks of `CHUNK_CELLS` squared, each compressed with a checksum, so that a window can
-be read without decoding the whole farm.
+Arrays are named after fields. A disease is an array ``[x, y]`` of onsets (days of infection), and a
+continuous field is an array ``[day, x, y]``. One file (a shard), written atomically, holds a disease or a day
+of a continuous field. A shard has chunks of `CHUNK_CELLS` squared, each compressed and with a checksum, so
+that a window can be read without decoding the whole farm.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ FORMAT = "wbf-mission environment"
 VERSION = 3
 CHUNK_CELLS = 500
 CACHED_BYTES = 64_000_000
-"""Most bytes of decoded chunks that a stored environment keeps in its cache."""
+"""Largest size in bytes of the decoded chunks that a stored environment caches."""
 
-# Fill values that never occur in data, so that a missing file cannot be taken for data.
+# These fill values never occur in data, so a missing file cannot be taken for data.
 _NO_ONSET = -128
 _NO_LEVEL = float("nan")
 
@@ -59,7 +59,7 @@ class Header(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def of(
         cls, shape: tuple[int, int], days: tuple[int, ...], fields: FieldSet, provenance: Provenance
     ) -> Header:
-        """Return the header of an environment, in the present version of the format."""
+        """Return the header of an environment in the format's present version."""
         return cls(FORMAT, VERSION, shape, days, fields_to_tables(fields), provenance)
 
 
@@ -70,7 +70,7 @@ class _Group(msgspec.Struct, frozen=True):
 
 
 class FormatVersion(msgspec.Struct, frozen=True):
-    """Keys that the headers of all versions have."""
+    """Keys that the header of every version of the format has."""
 
     format: str
     version: int
@@ -81,12 +81,12 @@ class _AnyGroup(msgspec.Struct, frozen=True):
 
 
 def fields_to_tables(fields: FieldSet) -> tuple[dict[str, Any], ...]:
-    """Return the tables of plain values that represent fields in a header."""
+    """Return the tables of plain values that stand for the fields in a header."""
     return tuple(field_to_table(field) for field in fields)
 
 
 def fields_from_tables(tables: tuple[dict[str, Any], ...], where: str) -> FieldSet:
-    """Return the fields of a header; raises EnvironmentDataError, which names `where`, if one is invalid."""
+    """Return a header's fields; raise EnvironmentDataError, which names `where`, for an invalid field."""
     try:
         return FieldSet(tuple(field_from_table(table, where) for table in tables))
     except FieldError as error:
@@ -95,7 +95,7 @@ def fields_from_tables(tables: tuple[dict[str, Any], ...], where: str) -> FieldS
 
 
 class ChunkCache:
-    """Cache of the most recently used chunks, for cameras that move from cell to cell; thread-safe."""
+    """Thread-safe cache of the chunks used last, for cameras that move from cell to cell."""
 
     __slots__ = ("_bytes", "_chunks", "_limit", "_lock")
 
@@ -106,7 +106,7 @@ class ChunkCache:
         self._lock = threading.Lock()
 
     def get(self, key: tuple[str, int, int], decode: Callable[[], NDArray[Any]]) -> NDArray[Any]:
-        """Return a chunk from the cache, or decode it."""
+        """Return a chunk from the cache, or decode the chunk and cache it."""
         with self._lock:
             chunk = self._chunks.get(key)
             if chunk is not None:
@@ -124,7 +124,7 @@ class ChunkCache:
 
 @dataclass(eq=False, slots=True)
 class ChunkedLayer(Generic[T]):
-    """A layer on disk that is decoded on demand, chunk by chunk."""
+    """A layer that is on disk; its chunks are decoded on demand."""
 
     _name: str
     _shape: tuple[int, int]
@@ -133,7 +133,7 @@ class ChunkedLayer(Generic[T]):
     _cache: ChunkCache
 
     def whole(self) -> NDArray[T]:
-        """Decode and return the whole array, without caching."""
+        """Decode and return the whole array, without caching its chunks."""
         array = self._read(slice(0, self._shape[0]), slice(0, self._shape[1]))
         array.flags.writeable = False
         return array
@@ -159,7 +159,7 @@ class ChunkedLayer(Generic[T]):
         return self._decoded(column, row).item(at_x, at_y)
 
     def cells(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> NDArray[T]:
-        """Return the values of n cells, [n], decoded chunk by chunk."""
+        """Return the values of n cells, [n]; chunks are decoded one by one."""
         width, height = self._chunk
         column, row = x // width, y // height
         at_x, at_y = int(column[0]), int(row[0])
@@ -180,7 +180,7 @@ class ChunkedLayer(Generic[T]):
 
 
 class EnvironmentStore:
-    """The Zarr group of an environment, complete or not."""
+    """The Zarr group that holds an environment, complete or not."""
 
     def __init__(self, folder: Path, header: Header, *, writable: bool = False) -> None:
         self.folder = folder
@@ -190,7 +190,7 @@ class EnvironmentStore:
         self._arrays: dict[str, zarr.Array[Any]] = {}
 
     def create(self) -> None:
-        """Write the group with empty arrays."""
+        """Write the group, with arrays that are still empty."""
         import zarr
         from zarr.codecs import BloscCodec, Crc32cCodec
 
@@ -232,13 +232,13 @@ class EnvironmentStore:
         days[:] = np.array(header.days, np.int16)
 
     def file(self, name: str, day: int | None = None) -> Path:
-        """Return the file of a disease, or of a day of a continuous field."""
+        """Return the path of a disease's file or, given a day, of a continuous field's file."""
         if day is None:
             return self.folder / name / "c" / "0" / "0"
         return self.folder / name / "c" / str(self.header.days.index(day)) / "0" / "0"
 
     def array(self, name: str) -> zarr.Array[Any]:
-        """Open an array, and check that it has the form of this version."""
+        """Open a field's array, and check its shape, type and codecs."""
         if name in self._arrays:
             return self._arrays[name]
         import zarr
@@ -271,7 +271,7 @@ class EnvironmentStore:
 
     def write_onset(self, disease: str, onset: NDArray[np.int8]) -> None:
         """Write the onsets of a disease."""
-        # zarr would read an older file in order to change it, and the older file may be damaged.
+        # zarr would read an older file in order to change it, but the older file may be damaged.
         self.file(disease).unlink(missing_ok=True)
         self.array(disease)[:] = onset
 
@@ -281,7 +281,7 @@ class EnvironmentStore:
         self.array(name)[self.header.days.index(day)] = level
 
     def read_onset(self, disease: str, x: slice, y: slice) -> NDArray[np.int8]:
-        """Read the onsets of a disease in a window; raises EnvironmentDataError if they are damaged."""
+        """Read the onsets of a disease in a window; raise EnvironmentDataError if they are damaged."""
         path = self.file(disease)
         onset: NDArray[np.int8] = self._read(path, disease, (x, y))
         if onset.min() < NO_HOST:
@@ -289,7 +289,7 @@ class EnvironmentStore:
         return onset
 
     def read_level(self, name: str, day: int, x: slice, y: slice) -> NDArray[np.float32]:
-        """Read a window of a continuous field on a day; raises EnvironmentDataError if it is damaged."""
+        """Read a window of a continuous field on a day; raise EnvironmentDataError if data are damaged."""
         path = self.file(name, day)
         level: NDArray[np.float32] = self._read(path, name, (self.header.days.index(day), x, y))
         if not (level.min() >= 0.0 and level.max() < math.inf):
@@ -297,14 +297,14 @@ class EnvironmentStore:
         return level
 
     def saved_onset(self, disease: str) -> NDArray[np.int8] | None:
-        """Return the onsets of a disease if they were written and are not damaged; else None."""
+        """Return the onsets of a disease if they are stored undamaged, or else None."""
         width, height = self.header.shape
         with contextlib.suppress(EnvironmentDataError):
             return self.read_onset(disease, slice(0, width), slice(0, height))
         return None
 
     def saved_level(self, name: str, day: int) -> NDArray[np.float32] | None:
-        """Return a day of a continuous field if it was written and is not damaged; else None."""
+        """Return a day of a continuous field if it is stored undamaged, or else None."""
         width, height = self.header.shape
         with contextlib.suppress(EnvironmentDataError):
             return self.read_level(name, day, slice(0, width), slice(0, height))
@@ -327,7 +327,7 @@ class EnvironmentStore:
     def check(self) -> None:
         """Check that all files exist and are not truncated, by decoding one chunk of each file.
 
-        EnvironmentDataError names the first missing or damaged file.
+        If a file is missing or damaged, raise EnvironmentDataError, which names the file.
         """
         corner = slice(0, 1), slice(0, 1)
         for field in self.fields.diseases:
@@ -337,7 +337,7 @@ class EnvironmentStore:
                 self.read_level(field.name, day, *corner)
 
     def environment(self, *, lazy: bool = True) -> Environment:
-        """Return the environment of a complete group; with `lazy`, data are decoded on demand."""
+        """Return the environment in a complete group; with `lazy`, data are decoded on demand."""
         header = self.header
         cache = ChunkCache(CACHED_BYTES)
         shape, chunk = header.shape, self._chunk()
@@ -369,11 +369,11 @@ class EnvironmentStore:
 
 
 def read_header(folder: Path) -> Header:
-    """Read the header of an environment; raises EnvironmentDataError if it is missing or invalid."""
+    """Read the header of an environment; raise EnvironmentDataError if it is missing or invalid."""
     path = folder / HEADER
     try:
         data = path.read_bytes()
-        # Headers of other versions have other keys, so the version is checked first.
+        # The version is checked first, because headers of other versions have other keys.
         found = msgspec.json.decode(data, type=_AnyGroup).attributes
         if found.format != FORMAT:
             raise EnvironmentDataError(f"{path}: format is {found.format!r} instead of {FORMAT!r}")
@@ -398,7 +398,7 @@ def read_header(folder: Path) -> Header:
 
 
 def open_store(path: str | os.PathLike[str]) -> EnvironmentStore:
-    """Open a complete environment, and check that its arrays match its header."""
+    """Open the store of a complete environment, and check that arrays match the header."""
     folder = Path(path)
     if not folder.is_dir():
         raise EnvironmentDataError(f"{folder}: no such folder; an environment is a folder with {HEADER}")

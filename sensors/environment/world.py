@@ -1,16 +1,16 @@
 """Worlds: true dynamics of an environment that differ from the published dynamics.
 
-Planners, estimators and policies know the fields of a scenario and their published dynamics. In the true
-environment, a world gives parameters of the dynamics a fixed value, or a value drawn for each seed. A world
-is a TOML file with a table for each changed field::
+Planners, estimators and policies know a scenario's fields and the published dynamics of the fields. A world
+changes the dynamics of the true environment: some parameters get a fixed value, or a value drawn for each
+seed. A world is a TOML file with a table for each changed field::
 
     [tylcv]
     likelihood = { factor = [0.5, 2.0] }    # published value times a factor, log-uniform, drawn for each seed
     seeds = { one_of = [1, 6, 12] }         # one of these values, with equal probabilities
     kernel_shape = "exponential"            # this value
 
-A drawn value uses the random stream ``"world", field, parameter`` of the run's seed, so drawing one
-more value changes neither the other values nor other draws of the environment.
+Each value is drawn from its own random stream ``"world", field, parameter`` of the run's seed. A further
+drawn value thus changes neither the other values nor other draws of the environment.
 
 >>> world_names()
 ('wrong-kernel', 'wrong-rates', 'wrong-seeds', 'wrong-soil')
@@ -43,7 +43,7 @@ Value = bool | int | float | str
 
 
 class Drawn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """Distribution of a parameter over seeds: the published value times a factor, or an entry of a list."""
+    """Distribution of a parameter: the published value times a factor, or an entry of a list."""
 
     factor: tuple[float, float] | None = None
     one_of: tuple[Value, ...] | None = None
@@ -60,12 +60,12 @@ class Drawn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
             raise ValueError(f"one_of has {len(self.one_of)} values: give 1 to {_MOST_CHOICES}")
 
     def value(self, published: Any, rng: Generator) -> Value:
-        """Draw a value; raises ValueError if there is a factor but no published number."""
+        """Draw a value; raise ValueError if a factor is given but no published number."""
         if self.one_of is not None:
             return self.one_of[int(rng.integers(len(self.one_of)))]
         assert self.factor is not None
         if isinstance(published, bool) or not isinstance(published, int | float):
-            raise ValueError("a factor needs a published number: give a value, or one_of")
+            raise ValueError("a factor needs a published number; give a value or one_of")
         low, high = map(math.log, self.factor)
         drawn = published * math.exp(rng.uniform(low, high))
         return max(1, round(drawn)) if isinstance(published, int) else drawn
@@ -82,7 +82,7 @@ def _law(given: Any, where: str) -> Value | Drawn:
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """True parameters of dynamics that differ from the published parameters, by field and name.
+    """True parameters of dynamics, by field and parameter name, that differ from published parameters.
 
     Examples
     --------
@@ -93,14 +93,14 @@ class World:
     True
     """
 
-    where: str  # Name of the world; the texts of errors begin with it
+    where: str  # Name of the world, with which error texts begin
     laws: Mapping[str, Mapping[str, Value | Drawn]]
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> World:
-        """Return a built-in world by name, or read one from a ``.toml`` file.
+        """Return a built-in world by name, or read a world from a ``.toml`` file.
 
-        Raises EnvironmentDataError if there is no world of this name, or the file cannot be used.
+        Raise EnvironmentDataError if there is no world of this name, or the file cannot be used.
         """
         given = str(name_or_path)
         if given in world_names():
@@ -118,7 +118,7 @@ class World:
 
     @classmethod
     def of_table(cls, table: Mapping[str, Any], where: str) -> World:
-        """Return the world of a table; raises EnvironmentDataError, which names `where`, if it is invalid."""
+        """Make a world of a table; raise EnvironmentDataError, which names `where`, for an invalid table."""
         laws: dict[str, dict[str, Value | Drawn]] = {}
         for name, given in table.items():
             if not isinstance(given, Mapping):
@@ -131,15 +131,15 @@ class World:
         return cls(where, laws)
 
     def to_table(self) -> dict[str, Any]:
-        """Return the world as a table of plain values, as taken by `of_table`."""
+        """Return the world as a table of plain values, which `of_table` reads."""
         table: dict[str, Any] = msgspec.to_builtins(self.laws)
         return table
 
     def fields(self, fields: FieldSet, seed: SeedSequence | int) -> FieldSet:
-        """Return the fields with their true dynamics in the run of a seed.
+        """Return the fields with the true dynamics of a run with this seed.
 
         Names, crops, weights and costs do not change. Tables of benchmark fields that the run does not have
-        are ignored. Raises EnvironmentDataError if a table names an unknown field, no table names a field of
+        are ignored. Raise EnvironmentDataError if a table names an unknown field, no table names a field of
         the run, or a value is invalid for its field.
         """
         strange = [name for name in self.laws if name not in fields and name not in PAPER_FIELDS]
@@ -170,5 +170,5 @@ class World:
 
 
 def world_names() -> tuple[str, ...]:
-    """Return the names of the built-in worlds, sorted."""
+    """Return the sorted names of the built-in worlds."""
     return tuple(sorted(path.stem for path in _FOLDER.glob("*.toml")))

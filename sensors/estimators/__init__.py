@@ -1,4 +1,4 @@
-"""Estimators: turn observations into an information model of the whole farm."""
+"""Estimators, which turn observations into an information model of the whole farm."""
 
 from sensors.estimators.base import (
     Estimator,

@@ -1,4 +1,4 @@
-"""The estimator adaptive-disk: each observation sets the value of a disk around it."""
+"""The estimator adaptive-disk, in which each observation sets the value of a disk of cells."""
 
 from __future__ import annotations
 
@@ -25,36 +25,36 @@ _NOTHING = np.empty(0, np.float32), np.empty(0, np.float32)
 
 
 class AdaptiveDiskEstimator(BaseEstimator):
-    """The paper's adaptive disk: a cell has the value of the latest observation whose disk covers the cell.
+    """The paper's adaptive disk. A cell has the value of the latest observation whose disk covers the cell.
 
     The radius shrinks as observations arrive, so that all disks together have about twice the farm's area
-    (`sensors.estimators.disks.adaptive_radius`). A field has the disks of the observations that sensed it.
-    The uncertainty is 0 inside disks and 1 elsewhere.
+    (`sensors.estimators.disks.adaptive_radius`). A field's disks are those of observations that sensed the
+    field. The uncertainty is 0 inside disks and 1 elsewhere.
 
     The model is changed in place. While the radius is constant, an update writes only the cells of the new
-    disks. When the radius shrinks, an update writes all cells of old and new disks. Readings outside 0..1,
-    which are noise, are clipped.
+    disks. When the radius shrinks, an update writes all cells of old and new disks. Readings beyond 0..1 can
+    only be noise and are clipped.
 
-    Readings of earlier days are carried forward by the field's dynamics (`sensors.estimators.days`), with the
-    remaining fraction of the variance as their uncertainty.
+    Readings of earlier days are carried forward by the field's dynamics (`sensors.estimators.days`). The
+    uncertainty of a carried reading is the remaining fraction of the variance.
 
     Parameters
     ----------
     default_values : sequence of float, optional
-        Value of each field outside all disks. Default: the fields' defaults (healthy, healthy and dry).
+        Value of each field outside all disks; by default the field's default (healthy, healthy and dry).
     radius : int, optional
-        Fixed radius in cells. None: the adaptive radius.
+        Fixed radius in cells; None selects the adaptive radius.
     fields : FieldSet
         The observed fields.
 
     Attributes
     ----------
     maps_ : list of DiskMap
-        Disks of each field. Fields that were always sensed together share a map.
+        Disks of each field. Fields that were always sensed together share one map.
     values_ : list of GrowingArray
         Sensed values of each field in order.
     revision_ : int
-        Number of the last model, -1 before the first.
+        Number of the last model; -1 before the first model.
 
     Examples
     --------
@@ -110,7 +110,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
         sensed = observations.sensed
         for disks in list(dict.fromkeys(self.maps_)):
             sharing = [k for k in range(len(self.fields)) if self.maps_[k] is disks]
-            # Fields sensed by different observations can no longer share a map.
+            # Fields that different observations have sensed can no longer share a map.
             groups: dict[bytes, list[int]] = {}
             for k in sharing:
                 groups.setdefault(sensed[:, k].tobytes(), []).append(k)
@@ -126,7 +126,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
             self._days[k].append(observations.day[sensed[:, k]])
 
     def _carry_forward(self, day: int) -> None:
-        """Carry the readings of earlier days forward to `day`."""
+        """Carry readings of earlier days forward to `day`."""
         self._carried_to = day
         for k, field in enumerate(self.fields):
             values, days = self.values_[k].array, self._days[k].array
@@ -139,7 +139,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
             self.maps_[k].repaint()
 
     def _readings(self, k: int, start: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return values and uncertainty of a field's disks, starting with disk `start`."""
+        """Return values and uncertainties of field `k`'s disks from disk number `start` on."""
         value, doubt = self._carried[k]
         fresh = self.values_[k].array[max(start, len(value)) :]
         known = np.concatenate([value[start:], fresh])
@@ -157,7 +157,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
         maps = list(dict.fromkeys(self.maps_))
         if len(maps) > 1 and len(self._uncertainty) == 1:
             self._uncertainty = np.repeat(self._uncertainty, len(self.fields), axis=0)
-        from sensors.estimators.painting import Strokes, paint  # Loading compiled code is slow
+        from sensors.estimators.painting import Strokes, paint  # Compiled code loads slowly
 
         for disks in maps:
             painting = disks.outstanding()
@@ -180,8 +180,8 @@ class AdaptiveDiskEstimator(BaseEstimator):
             )
             paint(strokes, self._value, self._uncertainty, changed)
         self.revision_ += 1
-        # The arrays are new after a fit, in a copy, and when fields no longer share a map. Fields that share
-        # a map share a plane of uncertainty, too.
+        # After a fit, in a copy, and when fields no longer share a map, the arrays are new. Fields that share
+        # a map also share a plane of uncertainty.
         self._published = published_views(self._published, (self._value, self._uncertainty))
         return InformationModel(
             *self._published, None if everything else changed, self.revision_, self.fields.names

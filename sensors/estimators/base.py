@@ -1,4 +1,4 @@
-"""The estimator interface, a common base class, and the registry of estimators.
+"""The interface of estimators, a base class for them, and their registry.
 
 Estimators follow the conventions of scikit-learn:
 
@@ -8,8 +8,8 @@ Estimators follow the conventions of scikit-learn:
   further observations. ``fit`` and ``partial_fit`` return the estimator.
 - Names of learned attributes end in ``_``.
 
-An estimator with a parameter ``fields`` works with any fields, others only with the benchmark's. Packages
-register estimators under the entry point group ``wbf_mission.estimators``.
+An estimator with a parameter ``fields`` works with any fields; other estimators work only with the fields of
+the benchmark. Packages register estimators in the entry point group ``wbf_mission.estimators``.
 
 >>> "adaptive-disk" in estimator_names()
 True
@@ -46,14 +46,14 @@ LEARNING = "training the estimator"
 
 Progress = Callable[[str, float, float], None]
 Step = Callable[[float], None]
-"""Progress callback: takes the finished fraction, 0..1. It is not called if there is nothing to learn."""
+"""Progress callback, which takes the finished fraction, 0..1; not called if there is nothing to learn."""
 Views = tuple[NDArray[np.float32], NDArray[np.float32]]
 """Value and uncertainty of an estimate."""
 RandomState = np.random.Generator | np.random.SeedSequence | int | None
 
 
 def no_step(_part: float) -> None:
-    """Ignore progress: the default for `Step` callbacks."""
+    """Ignore progress; this is the default `Step` callback."""
 
 
 @runtime_checkable
@@ -71,19 +71,19 @@ class Estimator(Protocol):
     def predict(self) -> InformationModel:
         """Return the current estimate.
 
-        The estimator may return its own arrays as read-only views and change them in place. The arrays are
-        valid until the next ``fit`` or ``partial_fit``; make an `InformationModel.copy` to keep them. An
-        estimator may report changed tiles in `InformationModel.changed`, which saves scores and views from
-        processing the whole farm.
+        The estimator may return read-only views of its own arrays and change them later. The arrays are valid
+        until the next ``fit`` or ``partial_fit``; make an `InformationModel.copy` to keep them. If an
+        estimator reports changed tiles in `InformationModel.changed`, scores and views need not process the
+        whole farm.
         """
         ...
 
 
-_OUTSIDE = 1e-4  # Tolerance beyond 0..1, for rounding
+_OUTSIDE = 1e-4  # Rounding may move values out of 0..1 by this
 
 
 def model_fault(estimator: object, model: object) -> str | None:
-    """Return the first fault of a result of ``predict``, in one line; None if there is no fault."""
+    """Return, in one line, the first fault of a model that ``predict`` returned; None without fault."""
     if not isinstance(model, InformationModel):
         what = _KINDS.get(type(model), f"a {type(model).__name__}")
         return f"predict returned {what}, not an InformationModel"
@@ -103,28 +103,28 @@ _KINDS = {type(None): "None", np.ndarray: "an array"}
 
 
 class BaseEstimator(ABC):
-    """Base class that stores the farm, validates observations, and handles parameters by name.
+    """Base class of estimators that stores the farm, validates observations, and names parameters.
 
-    A subclass stores its parameters in ``__init__``. Subclasses implement ``_start`` (validate the
-    parameters, start over on a new farm), ``_learn`` (learn from at least one validated observation) and
-    ``_estimate``. Before `fit`, the other methods raise EstimatorError.
+    A subclass stores its parameters in ``__init__``. It implements three methods: ``_start`` validates the
+    parameters and starts over on a new farm, ``_learn`` learns from at least one validated observation, and
+    ``_estimate`` returns the model. Before `fit`, the other public methods raise EstimatorError.
     """
 
     incremental: ClassVar[bool] = False
-    """Whether updates with a few further observations are fast on a farm of any size."""
+    """Whether learning a few further observations is fast on a farm of any size."""
     states_deviation: ClassVar[bool] = False
-    """Whether the model's uncertainty is the standard deviation of the true values. If not, reports count the
+    """Whether the model's uncertainty is the standard deviation of the true values. If not, reports count
     observed cells instead."""
     knows_only_seen: ClassVar[bool] = False
-    """Whether only observed cells are estimated: maps omit all other cells."""
+    """Whether the estimator estimates observed cells only; maps then omit all other cells."""
     unbounded: ClassVar[bool] = False
-    """Whether values may lie outside 0 to 1, such as extrapolations of a Gaussian process."""
+    """Whether values may be below 0 or above 1, as extrapolations of a Gaussian process may."""
 
     fields: FieldSet = PAPER_FIELDS
     grid_: FarmGrid
     n_observations_: int
     latest_day_: int | None
-    """Latest day observed or advanced to; None before the first such day."""
+    """Latest day that was observed or advanced to; None before any such day."""
 
     def fit(self, grid: FarmGrid, observations: Observations | None = None) -> Self:
         """Start over on the farm `grid`, and learn from the observations, if any.
@@ -153,10 +153,10 @@ class BaseEstimator(ABC):
         return self if observations is None else self.partial_fit(observations)
 
     def partial_fit(self, observations: Observations) -> Self:
-        """Learn from further observations, made after all earlier ones.
+        """Learn from further observations, which were made after all earlier observations.
 
-        Raises ObservationError if an observation lies outside the farm, or has other fields; the estimator
-        then learns none of the observations.
+        If an observation lies outside the farm or has other fields, raise ObservationError and learn none of
+        the observations.
         """
         self._check_fitted("partial_fit")
         observations.check_fields(self.fields.names)
@@ -170,8 +170,8 @@ class BaseEstimator(ABC):
     def advance(self, day: int) -> Self:
         """Switch to a later day, before any observation of this day.
 
-        An estimator with a model of time carries its estimate forward to the day; others keep their estimate.
-        Raises EstimatorError if the estimator has already reached a later day.
+        An estimator with a model of time carries its estimate forward to the day; another estimator keeps its
+        estimate. Raise EstimatorError if the estimator has already reached a later day.
         """
         self._check_fitted("advance")
         if self.latest_day_ is not None and day < self.latest_day_:
@@ -184,16 +184,16 @@ class BaseEstimator(ABC):
         self.latest_day_ = day if self.latest_day_ is None else max(day, self.latest_day_)
 
     def prepare(self, days: Sequence[int], progress: Progress | None = None) -> Self:  # noqa: ARG002
-        """Train in advance for estimates of some days. Most estimators need no training.
+        """Train in advance for estimates on some days. Most estimators need no training.
 
-        Without this call, the first `predict` trains. ``progress(what, done, total)`` is not called if there
-        is nothing to learn.
+        An estimator that needs training and was not prepared trains at the first `predict`. ``progress(what,
+        done, total)`` is not called if there is nothing to learn.
         """
         self._check_fitted("prepare")
         return self
 
     def predict(self) -> InformationModel:
-        """Return the current estimate, in arrays that are valid until the next `fit` or `partial_fit`."""
+        """Return the present estimate; the arrays are valid until the next `fit` or `partial_fit`."""
         self._check_fitted("predict")
         return self._estimate()
 
@@ -213,7 +213,7 @@ class BaseEstimator(ABC):
     def set_params(self, **params: Any) -> Self:
         """Change parameters by name. The next `fit` validates and applies them.
 
-        Raises EstimatorError if a name is unknown. No parameter is changed then.
+        If a name is unknown, raise EstimatorError and change no parameter.
         """
         known = self._param_names()
         wrong = sorted(set(params) - set(known))
@@ -229,11 +229,11 @@ class BaseEstimator(ABC):
 
     def _check_fitted(self, what: str) -> None:
         if not hasattr(self, "grid_"):
-            msg = f"{type(self).__name__}.{what} was called before fit: give it the farm by fit(grid) first"
+            msg = f"{type(self).__name__}.{what} was called before fit: call fit(grid) first"
             raise EstimatorError(msg)
 
     def _require(self, who: str, **fitting: bool) -> None:
-        """Raise EstimatorError for the first parameter whose condition is false."""
+        """Raise EstimatorError for the first parameter whose condition in `fitting` is false."""
         for name, fits in fitting.items():
             if not fits:
                 raise EstimatorError(f"{who}: {name} cannot be {getattr(self, name)!r}")
@@ -249,7 +249,7 @@ class BaseEstimator(ABC):
 
 
 def published_views(published: Views, own: Views) -> Views:
-    """Return read-only views of arrays; for the same arrays, the views of the last call (`published`).
+    """Return read-only views of the arrays `own`, or `published` if these are views of the same arrays.
 
     Both views have the shape of the first array.
     """
@@ -260,21 +260,21 @@ def published_views(published: Views, own: Views) -> Views:
 
 
 def prepare_estimator(estimator: Estimator, days: Sequence[int], progress: Progress | None = None) -> None:
-    """Call the estimator's `prepare` (see `BaseEstimator.prepare`), if it has this method."""
+    """If an estimator has a method `prepare` (see `BaseEstimator.prepare`), call this method."""
     prepare = getattr(estimator, "prepare", None)
     if prepare is not None:
         prepare(days, progress)
 
 
 def advance_estimator(estimator: Estimator, day: int) -> None:
-    """Call the estimator's `advance` (see `BaseEstimator.advance`), if it has this method."""
+    """If an estimator has a method `advance` (see `BaseEstimator.advance`), call this method."""
     advance = getattr(estimator, "advance", None)
     if advance is not None:
         advance(day)
 
 
 def estimator_memory(estimator: Estimator, shape: tuple[int, int], n_observations: int) -> int:
-    """Return an estimator's memory in bytes, from its `memory_bytes` method or else the size of its model."""
+    """Return the bytes that an estimator needs, by its method `memory_bytes` or else its model's size."""
     own = getattr(estimator, "memory_bytes", None)
     width, height = shape
     return (
@@ -285,13 +285,13 @@ def estimator_memory(estimator: Estimator, shape: tuple[int, int], n_observation
 
 
 def estimator_fields(estimator: Estimator) -> FieldSet:
-    """Return the fields of an estimator: its attribute `fields`, or else the benchmark's fields."""
+    """Return an estimator's attribute `fields`, or else the benchmark's fields."""
     fields = getattr(estimator, "fields", PAPER_FIELDS)
     return fields if isinstance(fields, FieldSet) else PAPER_FIELDS
 
 
 def check_default_values(default_values: Sequence[float] | None, fields: FieldSet) -> tuple[float, ...]:
-    """Return validated default values, one finite number per field; None selects the fields' defaults."""
+    """Validate default values, one finite number per field; None stands for the fields' defaults."""
     if default_values is None:
         return fields.defaults
     values = np.asarray(default_values, np.float64)
@@ -303,7 +303,7 @@ def check_default_values(default_values: Sequence[float] | None, fields: FieldSe
 
 
 def require_paper_fields(name: str, fields: FieldSet) -> None:
-    """Raise EstimatorError with the estimator's name unless the fields are the benchmark's."""
+    """Raise EstimatorError, which names the estimator, unless these are the benchmark's fields."""
     if fields.names != PAPER_FIELDS.names:
         raise EstimatorError(
             f"estimator {name!r} needs exactly the fields {', '.join(PAPER_FIELDS.names)}; this run has"
@@ -328,12 +328,12 @@ def make_estimator(
     Parameters
     ----------
     name : str or Estimator
-        One of `estimator_names`, or an estimator object. An object is returned unchanged and takes no
+        A name in `estimator_names`, or an estimator object, which is returned unchanged and takes no
         parameters here.
     fields : FieldSet
-        Observed fields, passed to the estimator if it has a parameter of this name.
+        Observed fields; passed on to an estimator that has a parameter ``fields``.
     random_state : Generator, SeedSequence, int or None
-        Random state, passed to the estimator if it has a parameter of this name.
+        Random state; passed on to an estimator that has a parameter ``random_state``.
     **params
         Further parameters of the estimator's ``__init__``.
 
@@ -377,12 +377,12 @@ def _given(estimator: Estimator, fields: FieldSet, params: dict[str, Any]) -> Es
             f"estimator of type {found}: give a registered name, or an object with fit, partial_fit, predict"
         )
     if params:
-        msg = f"parameter {sorted(params)[0]!r}: an estimator that is an object has its parameters already"
+        msg = f"parameter {sorted(params)[0]!r}: an estimator object already has its parameters"
         raise EstimatorError(msg)
     own = estimator_fields(estimator).names
     if own != fields.names:
         found = f"{type(estimator).__name__} is for the fields {', '.join(own)}"
-        msg = f"{found}, but the run has {', '.join(fields.names)}; set its parameter fields to these"
+        msg = f"{found}, but the run has {', '.join(fields.names)}; set the estimator's parameter fields"
         raise EstimatorError(msg)
     return estimator
 
@@ -397,11 +397,11 @@ def _registered() -> dict[str, EntryPoint]:
 
 
 def default_estimator(farm: Farm, fields: Sequence[str] = PAPER_FIELDS.names) -> str:
-    """Return the name of the estimator with the least loss at an acceptable cost.
+    """Return the name of the estimator with the least loss at an acceptable cost on a farm.
 
-    This is the first entry point (by name) of the group ``wbf_mission.default_estimators`` whose function
-    returns True for the farm and the names of the fields. If there is none, it is ``gp``.
-    ``docs/decisions/0013-default-estimator.md`` has the measurements.
+    Each entry point of the group ``wbf_mission.default_estimators`` is a function of the farm and the names
+    of the fields. The first entry point, by name, that returns True gives the estimator's name; the default
+    is ``gp``. ``docs/decisions/0013-default-estimator.md`` has the measurements.
 
     Examples
     --------

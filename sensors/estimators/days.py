@@ -1,17 +1,17 @@
-"""Prediction of later values from readings of earlier days.
+"""Predicts the values of a day from readings of earlier days.
 
-A reading is replaced by the conditional mean of the later value, with the conditional variance. This is the
-prediction step of a Kalman filter (Kalman 1960, "A new approach to linear filtering and prediction
-problems"). The transition is learned from simulated environments with separate seeds. A disease has
-transitions between its classes: infected plants age, and lost plants stay lost. For a continuous field, later
-values are predicted from earlier values by linear regression.
+A reading is replaced by the mean of the later value given the reading, with the variance given the reading.
+This is the prediction step of a Kalman filter (Kalman 1960, "A new approach to linear filtering and
+prediction problems"). The transition is learned from simulated environments with separate seeds. A disease
+has transitions between its classes: infected plants age, and lost plants stay lost. A continuous field's
+later values are predicted from earlier values by linear regression.
 
 A smooth field, such as soil humidity under rain, changes by a smooth increment per day. The errors of an
-earlier day's readings are therefore correlated, and averaging many readings does not remove them. Let the
-field be a sum of functions with weights w, standard normal a priori. The weights of the later day are
-``w' = r w + sqrt(1 - r^2) e``, with e standard normal and independent of w, and r the correlation of the two
-days (a first-order autoregressive process; Hartikainen & Särkkä 2010, "Kalman filtering and smoothing
-solutions to temporal Gaussian process regression models").
+earlier day's readings are therefore correlated, and an average of many readings does not remove these errors.
+Let the field be a sum of functions with weights w that are standard normal a priori. The weights of the later
+day are ``w' = r w + sqrt(1 - r^2) e``, where e is standard normal and independent of w, and r is the
+correlation of the two days (a first-order autoregressive process; Hartikainen & Särkkä 2010, "Kalman
+filtering and smoothing solutions to temporal Gaussian process regression models").
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ _OUTBREAKS = 100
 _WEATHERS = 64
 _SOIL_CELLS = 24
 _DAYS_AT_ONCE = 16
-_LEAST_CORRELATION = 1e-3  # Must be above zero, because readings are divided by the correlation
+_LEAST_CORRELATION = 1e-3  # Above zero, because readings are divided by the correlation
 _CLASSES = (0.0, 0.5, 1.0)
 _Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transition:
-    """Mean and variance of a field's value on a later day, given a reading.
+    """Gives the mean and variance of a cell's value on a later day from a reading.
 
     >>> half = Transition(np.array([0.0, 1.0]), np.array([0.2, 0.6]), np.array([0.1, 0.1]), 0.4)
     >>> [part.tolist() for part in half(np.array([0.5]))]
@@ -49,26 +49,26 @@ class Transition:
     """
 
     readings: _Floats
-    """Ascending values of a reading, float64[k]; means and variances are interpolated linearly."""
+    """Values of a reading, ascending, float64[k]; between them, means and variances are interpolated."""
     means: _Floats
-    """Mean of the later value, given each reading."""
+    """Mean of the later value for each of `readings`."""
     variances: _Floats
-    """Variance of the later value, given each reading."""
+    """Variance of the later value for each of `readings`."""
     spread: float
-    """Variance of the later value without a reading."""
+    """Variance of the later value of a cell that has no reading."""
 
     def __call__(self, values: NDArray[np.floating]) -> tuple[_Floats, _Floats]:
-        """Return mean and variance of the later values, given readings, float64[n] each."""
+        """Return mean and variance of the later values for these readings, each float64[n]."""
         return np.interp(values, self.readings, self.means), np.interp(values, self.readings, self.variances)
 
     @property
     def correlation(self) -> float:
-        """Correlation of earlier and later value, from the unexplained variance, 0.001..1."""
+        """Correlation (0.001..1) of earlier and later values, computed from the unexplained variance."""
         known = 1.0 - float(self.variances.mean()) / self.spread if self.spread > 0.0 else 1.0
         return float(np.sqrt(np.clip(known, _LEAST_CORRELATION**2, 1.0)))
 
     def doubt(self, variances: _Floats) -> _Floats:
-        """Return variances as fractions of the variance without a reading, 0..1."""
+        """Return each variance as a fraction (0..1) of `spread`, the variance without a reading."""
         return np.minimum(variances / self.spread, 1.0) if self.spread > 0.0 else np.zeros(len(variances))
 
 
@@ -80,7 +80,7 @@ def carried(
     day: int,
     seed: int = 0,
 ) -> tuple[_Floats, _Floats]:
-    """Return readings of several days carried forward to `day`, and their `Transition.doubt`."""
+    """Carry readings of several days forward to `day`; return values and their `Transition.doubt`."""
     value, doubt = np.asarray(values, np.float64).copy(), np.zeros(len(values))
     for earlier in np.unique(days[days < day]).tolist():
         of_day = days == earlier
@@ -91,7 +91,7 @@ def carried(
 
 
 def transition(field: Field, grid: FarmGrid, earlier: int, later: int, seed: int = 0) -> Transition:
-    """Return the transition of a field from an earlier to a later day."""
+    """Return a field's transition from an earlier to a later day."""
     if field.kind == "disease":
         hosts = int(np.count_nonzero(field.hosts(grid)))
         return _of_classes(field.epidemic, grid.shape, hosts, earlier, later, seed, field.name)
@@ -107,9 +107,9 @@ def _onsets(
 ) -> _Floats:
     """Return the number of plants with each onset in simulated outbreaks, float64[256].
 
-    The index is the onset read as an unsigned byte. Onsets up to a day do not depend on the length of a
-    simulation, so the same simulation serves many days. The simulated land is a window full of hosts, with
-    the farm's number of seeds per host.
+    The index is the onset read as an unsigned byte. Onsets do not depend on the days simulated after them, so
+    a long simulation serves many days. The simulated land is a window full of hosts, with as many seeds per
+    host as the farm.
     """
     land = np.ones((min(shape[0], _LAND_CELLS), min(shape[1], _LAND_CELLS)), np.bool_)
     seeds = max(1, round(parameters.seed_count(shape) * land.size / max(hosts, 1)))
@@ -153,7 +153,7 @@ def _moments(weights: _Floats, values: _Floats) -> tuple[float, float]:
 def _simulated(
     parameters: ContinuousDynamics, shape: tuple[int, int], day: int, seed: int, name: str
 ) -> _Floats:
-    """Return simulated values of a day. Equal seeds give the same weather on all days."""
+    """Return simulated values on a day. Equal seeds simulate the same weather for every day."""
     rngs = [stream(seed, "carrying", name, str(number)) for number in range(_WEATHERS)]
     fields = parameters.simulate_coarse(shape, (day,), _SOIL_CELLS, rngs).ravel()
     fields.flags.writeable = False
@@ -185,15 +185,15 @@ _ALIKE_LENGTHS = 0.25
 
 
 def pass_day(precision: _Floats, response: _Floats, correlation: float | _Floats) -> tuple[_Floats, _Floats]:
-    """Return `precision` and `response` of the weights on a later day.
+    """Return the `precision` and `response` that the weights have on a later day.
 
-    `precision` is the posterior precision of the weights, the identity before any observation. `response` is
-    the precision times the posterior mean. `correlation` is the correlation of each weight between the two
-    days, 0..1.
+    `precision` is the posterior precision of the weights; without observations it is the identity. `response`
+    is the precision times the posterior mean. `correlation` (0..1) is the correlation of each weight between
+    the two days.
     """
     kept = np.broadcast_to(np.asarray(correlation, np.float64), len(precision))
     change = np.maximum(1.0 - kept**2, _LEAST_CHANGE)
-    # Block of the earlier weights in the joint precision of both days. These weights are integrated out.
+    # `together` is the block of the earlier weights, which are integrated out, in both days' joint precision.
     together = precision.copy()
     together[np.diag_indices_from(together)] += kept**2 / change
     ratio = kept / change
@@ -204,11 +204,11 @@ def pass_day(precision: _Floats, response: _Floats, correlation: float | _Floats
 
 
 class Crowding:
-    """Reduced weights for readings close together.
+    """Reduces the weights of readings that are close together.
 
-    The k-th reading of a day in a box has the weight 1 / k. A box is a quarter of a lengthscale wide. Nearby
-    readings share the error of the smooth model, for example where soaked soil takes no more rain, so they
-    are not independent.
+    The k-th reading of a day in a box has the weight 1 / k; a box is a quarter of a lengthscale wide.
+    Readings close together are not independent: they share the error of the smooth model, for example where
+    soaked soil takes no more rain.
     """
 
     def __init__(self, shape: tuple[int, int], lengths: tuple[float, float]) -> None:
@@ -217,7 +217,7 @@ class Crowding:
         self._counts = np.zeros((int(shape[0] / self._box[0]) + 1) * self._rows, np.int64)
 
     def weights(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> _Floats:
-        """Return the weights of further readings in order, float64[n]."""
+        """Return the weights of further readings, float64[n], in the order of the readings."""
         box = (x / self._box[0]).astype(np.int64) * self._rows + (y / self._box[1]).astype(np.int64)
         order = np.argsort(box, kind="stable")
         first = np.searchsorted(box[order], box[order], side="left")

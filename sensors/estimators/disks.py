@@ -1,4 +1,4 @@
-"""Disks around observations: their radius and shape, and the disks that are not painted yet."""
+"""Disks of cells around observations: radius, shape, and a record of the disks still to paint."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class Disk:
 
 
 Stamp = Callable[[int], Disk]
-"""Function that returns the disk of a radius."""
+"""Function that returns the disk with a given radius."""
 
 
 def adaptive_radius(n_observations: int, shape: tuple[int, int]) -> int:
-    """Return the radius, in cells, at which all disks together have about twice the farm's area.
+    """Return the radius (cells) with which all disks together have about twice the farm's area.
 
     This is the paper's rule ``int(1 + sqrt(2 W H / (pi n)))``.
 
@@ -44,13 +44,13 @@ def adaptive_radius(n_observations: int, shape: tuple[int, int]) -> int:
 
 
 def half_widths(radius: int, steps: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Return the largest integer j with ``i^2 + j^2 <= radius^2`` for each step i."""
-    # Square roots of perfect squares below 2^53 are exact, so the floor is reliable.
+    """Return, for each i in `steps`, the largest whole j with ``i^2 + j^2 <= radius^2``."""
+    # The floor is reliable, because square roots of perfect squares below 2^53 are exact.
     return np.floor(np.sqrt(radius**2 - steps**2)).astype(np.int32)
 
 
 def centred_disk(radius: int) -> Disk:
-    """Return the disk of all cells at most `radius` from the observed cell.
+    """Return the disk of all cells that are at most `radius` away from the observed cell.
 
     Examples
     --------
@@ -64,23 +64,23 @@ def centred_disk(radius: int) -> Disk:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Painting:
-    """Disks that must be painted to update a map."""
+    """The disks that must be painted to bring a map up to date."""
 
     tiles: NDArray[np.bool_]
     reset: bool
-    """Whether older disks are removed, so that cells outside the disks to paint are reset."""
+    """Whether cells outside the disks to paint are reset, because older disks are removed."""
     start: int
-    """Index of the first observation to paint; earlier disks are painted already."""
+    """Index of the first observation to paint; disks of earlier observations are painted already."""
     x: NDArray[np.int32]
-    """Observed cells, starting with observation `start`."""
+    """Observed cells from observation `start` on."""
     y: NDArray[np.int32]
     disk: Disk
 
 
 class DiskMap:
-    """The disks of all observations, and a record of the painted disks.
+    """The disks of all observations, and a record of the disks that are painted.
 
-    The radius is `radius`, or `adaptive_radius` if `radius` is None.
+    The disks have the given radius, or by default `adaptive_radius`.
     """
 
     def __init__(self, shape: tuple[int, int], stamp: Stamp, radius: int | None) -> None:
@@ -97,7 +97,7 @@ class DiskMap:
         self._cells.append(np.stack([x, y], axis=1))
 
     def copy(self) -> DiskMap:
-        """Return an independent copy."""
+        """Return a copy that does not change with this map."""
         other = DiskMap(self.shape, self._stamp, self._fixed_radius)
         other._cells.append(self._cells.array)
         other._radius, other._painted = self._radius, self._painted
@@ -111,8 +111,8 @@ class DiskMap:
     def outstanding(self) -> Painting:
         """Return the disks to paint, and mark them as painted.
 
-        After a change of the radius, all disks must be painted; otherwise only the new disks. The tiles to
-        paint are covered by these disks or, after a change of the radius, by the disks of the old radius.
+        Only the new disks must be painted, but all disks if the radius has changed. The tiles to paint are
+        all tiles that these disks touch and, if the radius has changed, all tiles that the old disks touch.
         """
         n = len(self._cells)
         radius = 0 if n == 0 else self._fixed_radius or adaptive_radius(n, self.shape)

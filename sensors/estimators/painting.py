@@ -1,9 +1,9 @@
-"""Compiled painting of disks, tile by tile.
+"""Compiled code that paints disks of cells, tile by tile.
 
-Disks are painted newest first, so that each cell is written only once. In a tile of 64 x 64 cells, a row is a
-64-bit word with a bit for each cell that a newer disk has taken. A few bit operations per row find the cells
-that remain for an older disk. A full tile needs no older disks. The work is therefore proportional to the
-number of observations plus the number of cells, not to their product.
+The newest disk is painted first, so that each cell is written only once. In a tile of 64 x 64 cells, a row is
+a 64-bit word with a bit for each cell that a newer disk has taken. A few bit operations per row find the
+cells that remain for an older disk. A tile whose cells are all taken needs no older disks. The work is
+therefore proportional to the number of observations plus the number of cells, not to the product of the two.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ _ZERO = np.uint64(0)
 
 
 class Strokes(NamedTuple):
-    """Input of `paint`: disks of n observations, painted into some tiles, newer disks over older disks."""
+    """Input of `paint`: the disks of n observations, newer disks over older disks, and the tiles to paint."""
 
-    tiles: NDArray[np.bool_]  # Tiles to paint, bool[tiles along x, tiles along y]
-    reset: bool  # Whether cells outside all disks are reset to the default with uncertainty 1
-    x: NDArray[np.int32]  # Observed cells in order of time, int32[n]
+    tiles: NDArray[np.bool_]  # Tiles to paint, bool[tiles along x, tiles along y].
+    reset: bool  # Whether cells outside all disks get the default and uncertainty 1.
+    x: NDArray[np.int32]  # Observed cells in order of time, int32[n].
     y: NDArray[np.int32]
-    first: int  # Row i of a disk has the cells ``x + first + i`` by ``[y + low[i], y + high[i])``
+    first: int  # Row i of a disk is the cells (x + first + i, y + low[i]..y + high[i] - 1).
     low: NDArray[np.int32]
     high: NDArray[np.int32]
-    table: NDArray[np.float32]  # Value of each field in each disk, float32[fields, n]
-    doubts: NDArray[np.float32]  # Uncertainty in each disk, float32[planes, n]
-    defaults: NDArray[np.float32]  # Default of each field, float32[fields]
-    fields: NDArray[np.int64]  # Index of each field in the value array
-    planes: NDArray[np.int64]  # Indices of the planes in the uncertainty array
+    table: NDArray[np.float32]  # Value of each field in each disk, float32[fields, n].
+    doubts: NDArray[np.float32]  # Uncertainty in each disk, float32[planes, n].
+    defaults: NDArray[np.float32]  # Default value of each field, float32[fields].
+    fields: NDArray[np.int64]  # Index of each field in the array of values.
+    planes: NDArray[np.int64]  # Indices of the planes in the array of uncertainty.
 
 
 @compiled(nogil=True)
@@ -45,7 +45,7 @@ def paint(
     uncertainty: NDArray[np.float32],
     changed: NDArray[np.bool_],
 ) -> None:
-    """Paint disks into some tiles.
+    """Paint disks into the chosen tiles of the maps.
 
     Parameters
     ----------

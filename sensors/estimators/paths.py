@@ -1,4 +1,4 @@
-"""Random drone paths for the observation of simulated outbreaks in training."""
+"""Random drone paths along which simulated outbreaks are observed in training."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SHARES = (0.4, 0.15, 0.35, 0.1)
 def random_path(shape: tuple[int, int], longest: int, rng: Generator) -> Cells:
     """Draw a path over a field: rows, a spiral, straight legs between random points, or scattered cells.
 
-    The result is the cells in the order of observation, int[n, 2]. Cells may repeat.
+    Return the cells in the order of observation, int[n, 2]. A cell may be observed more than once.
     """
     kind = _KINDS[int(rng.choice(len(_KINDS), p=_SHARES))]
     width, height = shape
@@ -72,7 +72,7 @@ def _spiral(sides: tuple[int, int], rng: Generator) -> Cells:
 
 
 def _legs(points: list[tuple[float, float]]) -> Cells:
-    """Return the cells along straight legs, with about one step per cell of length."""
+    """Return the cells on straight legs between points, about one cell per step of one cell's length."""
     corners = np.array(points)
     parts = [np.floor(corners[:1])]
     for begin, end in itertools.pairwise(corners):

@@ -1,4 +1,4 @@
-"""The estimator point: knows observed cells only."""
+"""The estimator point, which estimates only the observed cells."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
 
 
 class PointEstimator(BaseEstimator):
-    """Estimates each cell by its last reading, and unobserved cells by the default.
+    """Estimates an observed cell by its last reading, and any other cell by the default.
 
     The uncertainty is 0 in observed cells and 1 elsewhere. Readings of earlier days are carried forward by
-    the field's dynamics (`sensors.estimators.days`); their uncertainty is the remaining fraction of the
-    variance. Readings outside 0..1, which are noise, are clipped.
+    the field's dynamics (`sensors.estimators.days`); the uncertainty of a carried reading is the remaining
+    fraction of the variance. Readings beyond 0..1 can only be noise and are clipped.
 
     Parameters
     ----------
     default_values : sequence of float, optional
-        Value of each field in unobserved cells. Default: the defaults of the fields.
+        Value of each field in unobserved cells; by default the field's default.
     fields : FieldSet
         The observed fields.
     """
@@ -55,7 +55,7 @@ class PointEstimator(BaseEstimator):
         readings = np.minimum(np.maximum(observations.values, 0.0), 1.0)
         cells = observations.x.astype(np.intp) * self.grid_.shape[1] + observations.y
         for k, sensed in enumerate(observations.sensed.T):
-            # Newest first, because np.unique returns the first index of equal cells.
+            # The newest readings come first, because np.unique returns the first index of equal cells.
             newest = np.concatenate([cells[sensed][::-1], self.cells_[k]])
             values = np.concatenate([readings[sensed, k][::-1], self.values_[k]])
             days = np.concatenate([observations.day[sensed][::-1], self.days_[k]])

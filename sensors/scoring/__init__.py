@@ -1,1 +1,1 @@
-"""Information model and score."""
+"""The information model, and the score of an estimate."""

@@ -1,21 +1,21 @@
-"""Expected losses of standard deviations, and the calibration of estimates.
+"""Expected losses from standard deviations, and the calibration of estimates.
 
 The calibration is measured on relevant cells that were not observed.
 
-For a disease it is measured on the probability that a plant is sick. This is the class probability or, if the
-estimate has none, it follows from the normal distribution of value and deviation.
+For a disease, the calibration concerns the probability that a plant is sick. This is the class probability if
+the estimate has one, or else follows from a normal distribution of value and deviation.
 
-- Brier score: the mean squared error of the probability (Brier 1950).
-- Log loss: the mean negative log likelihood.
-- Expected calibration error: the distance of the fraction of sick plants from the mean probability, in ten
-  bins of the probability, weighted by the number of plants (Naeini, Cooper and Hauskrecht 2015).
-- Fractions of the sick and of the healthy plants that are in the set of plants that may be sick
-  (`sensors.scoring.information.InformationModel.may_be_sick`). Of the sick plants, 90 % should be in the set;
-  the fraction of the healthy plants is the cost. The coverage is conditional on the class, as in
-  class-conditional conformal predictors (Vovk 2012): a set with 90 % of all plants may contain no sick plant.
+- The Brier score is the mean squared error of the probability (Brier 1950).
+- The log loss is the mean negative log likelihood.
+- The expected calibration error is the distance between the fraction of sick plants and the mean probability,
+averaged over ten bins of the probability by their numbers of plants (Naeini et al. 2015).
+- Two fractions concern the set of plants that may be sick
+(`sensors.scoring.information.InformationModel.may_be_sick`). The set should have 90 % of the sick plants; the
+fraction of the healthy plants in it is the cost. The coverage is conditional on the class, as in
+class-conditional conformal predictors (Vovk 2012): a set with 90 % of all plants may contain no sick plant.
 
-Continuous fields are measured by the fraction of cells within the 90 % interval of a normal distribution, and
-by the mean squared error divided by the mean variance.
+For a continuous field, the measures are the fraction of cells whose truth is in the 90 % interval of a normal
+distribution, and the mean squared error divided by the mean variance.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ def loss_of_deviation(
 ) -> NDArray[np.float32]:
     """Return the expected loss if the truth is distributed symmetrically about the estimate.
 
-    Half of the squared error s^2 is above the truth and half below::
+    Half of the expected squared error s^2 is from estimates above the truth, half from estimates below::
 
         E[c] = (c_above + c_below) / 2 * s^2
 
-    `first` is the index in `weights` of the first field of `uncertainty`. `out` receives the result: on a
-    large farm the allocation of a new array takes longer than the sums.
+    `first` is the index in `weights` of the first field of `uncertainty`. The result is written to `out` if
+    it is given, as allocating a new array for a large farm takes longer than the sums.
 
     Examples
     --------
@@ -61,7 +61,7 @@ def loss_of_deviation(
 
 
 SICK_BELOW = 0.75
-"""Threshold below which a value is closer to infected (0.5) than to healthy (1)."""
+"""A value below this threshold is closer to infected (0.5) than to healthy (1)."""
 _NORMAL_90 = 1.6449
 _BINS = 10
 _LEAST = 1e-6
@@ -76,7 +76,7 @@ def calibration(
     *,
     states_deviation: bool = True,
 ) -> dict[str, float]:
-    """Return calibration figures of a model, field by field.
+    """Return the calibration measures of a model, field by field.
 
     Parameters
     ----------
@@ -85,19 +85,18 @@ def calibration(
     truth : float[n, W, H]
         The true values.
     unseen : bool[n, W, H]
-        The measured cells: relevant cells that were not observed.
+        The cells on which to measure, which are relevant and were not observed.
     fields : FieldSet
         The fields, in the order of the arrays.
     states_deviation : bool
-        Whether the model's uncertainty is a standard deviation; if not, only diseases with class
-        probabilities are measured.
+        Whether the uncertainty is a standard deviation. If not, only diseases with class probabilities count.
 
     Returns
     -------
     dict of str to float
-        For a disease NAME: ``NAME_brier``, ``NAME_log_loss``, ``NAME_ece``, ``NAME_sick_held`` and
-        ``NAME_healthy_held``. For a continuous field: ``NAME_held`` and ``NAME_error`` (squared error over
-        variance). Undefined figures, such as those of a disease without sick plants, are left out.
+        A disease NAME has ``NAME_brier``, ``NAME_log_loss``, ``NAME_ece``, ``NAME_sick_held`` and
+        ``NAME_healthy_held``. A continuous field has ``NAME_held`` and ``NAME_error`` (squared error over
+        variance). An undefined measure is left out, such as ``NAME_sick_held`` if no plant is sick.
 
     Raises
     ------
@@ -124,7 +123,7 @@ def calibration(
 
 
 def probability_of_sick(model: InformationModel, k: int, cells: NDArray[np.bool_]) -> Floats:
-    """Return the probabilities that plants are sick (see the module's docstring), float64[n]."""
+    """Return the probability that each plant is sick (see the module's docstring), float64[n]."""
     name = model.fields[k]
     if model.probabilities is not None and name in model.probabilities:
         healthy = np.concatenate(
@@ -142,7 +141,7 @@ def probability_of_sick(model: InformationModel, k: int, cells: NDArray[np.bool_
 
 
 def of_classes(probability: NDArray[np.floating], sick: NDArray[np.bool_]) -> dict[str, float]:
-    """Return the calibration figures of probabilities that plants are sick, float[n].
+    """Return the calibration measures of float[n] probabilities that plants are sick.
 
     Examples
     --------
@@ -167,7 +166,7 @@ def of_classes(probability: NDArray[np.floating], sick: NDArray[np.bool_]) -> di
 def of_normal(
     truth: NDArray[np.floating], value: NDArray[np.floating], deviation: NDArray[np.floating]
 ) -> dict[str, float]:
-    """Return the calibration figures of normal distributions with these means and deviations, float[n].
+    """Return the calibration measures of float[n] normal distributions with these means and deviations.
 
     Examples
     --------

@@ -1,8 +1,8 @@
-"""The information model: value and uncertainty of every cell of the farm.
+"""The information model, with the value and uncertainty of every cell of the farm.
 
-Estimators report changes by square tiles, and the score stores a sum for each tile. Tile (i, j) has the cells
-``[64 i, 64 (i + 1)) x [64 j, 64 (j + 1))``, clipped to the farm. A set of tiles is a boolean array with an
-entry per tile.
+Estimators report in which square tiles they changed a cell, and the score stores sums for each tile. Tile (i,
+j) has the cells ``[64 i, 64 (i + 1)) x [64 j, 64 (j + 1))`` that are on the farm. A set of tiles is a boolean
+array with an entry for each tile.
 
 >>> tile_shape((6000, 5000))
 (94, 79)
@@ -21,22 +21,22 @@ from sensors.errors import EstimatorError
 from sensors.fields import PAPER_FIELDS, FieldSet
 
 CLASSES = ("healthy", "infected", "lost")
-"""Classes of a plant, in the order of the class probabilities."""
+"""Classes of plants, in the order that class probabilities have."""
 HELD = 0.9
-"""Fraction of the unobserved sick plants that `InformationModel.may_be_sick` should contain."""
-_CERTAIN = 1e-6  # Tolerance for rounding errors of a probability of 1
+"""Fraction of the unobserved sick plants that the set `InformationModel.may_be_sick` should contain."""
+_CERTAIN = 1e-6  # Rounding may move a probability of 1 by this
 
 TILE_CELLS = 64
 SQUARES, WORSE_SQUARES, ABSOLUTE, WORSE_ABSOLUTE = range(4)
 SUMS = 4
-"""Number of sums per tile: squared and absolute errors, over all cells and over overestimated cells."""
+"""Number of sums for each tile: squared and absolute errors, each over all and over overestimated cells."""
 
 
-_STRIP_COLUMNS = 100  # of 5000 cells and three classes: 6 MB
+_STRIP_COLUMNS = 100  # With 5000 rows and three classes, a strip takes 6 MB
 
 
 def column_strips(width: int, step: int = 1) -> Iterator[slice]:
-    """Yield slices of columns that cover a farm; all but the last have a multiple of `step` columns.
+    """Yield slices of columns that cover a farm; each but the last has a multiple of `step` columns.
 
     Examples
     --------
@@ -61,7 +61,7 @@ def tiles_of_boxes(
     y0: NDArray[np.integer],
     y1: NDArray[np.integer],
 ) -> NDArray[np.bool_]:
-    """Return the tiles that any of the boxes ``[x0, x1) x [y0, y1)`` touches.
+    """Return the tiles that at least one of the boxes ``[x0, x1) x [y0, y1)`` touches.
 
     Boxes are clipped to the farm; empty boxes touch no tile.
 
@@ -76,12 +76,12 @@ def tiles_of_boxes(
     y0, y1 = np.clip(y0, 0, height), np.clip(y1, 0, height)
     some = (x0 < x1) & (y0 < y1)
     if width <= TILE_CELLS and height <= TILE_CELLS:
-        # Small farms are updated after each observation, and the sums below take longer than an update.
+        # Small farms are updated after each observation, and an update is faster than the sums below.
         return np.array([[bool(some.any())]])
     left, low = x0[some] // TILE_CELLS, y0[some] // TILE_CELLS
     right, high = (x1[some] - 1) // TILE_CELLS + 1, (y1[some] - 1) // TILE_CELLS + 1
     columns, rows = tile_shape(shape)
-    # Signed corners of the boxes: cumulative sums along both axes count the boxes over each tile.
+    # Corners of boxes count +1 or -1, so that cumulative sums along both axes count the boxes over each tile.
     count = np.zeros((columns + 1, rows + 1), np.int64)
     np.add.at(count, (left, low), 1)
     np.add.at(count, (right, high), 1)
@@ -92,9 +92,9 @@ def tiles_of_boxes(
 
 
 def least_sick(sick: NDArray[np.floating], counts: NDArray[np.integer] | None = None) -> float:
-    """Return the smallest probability of a plant in the set `InformationModel.may_be_sick`.
+    """Return the least probability of being sick of any plant in `InformationModel.may_be_sick`.
 
-    `counts` is the number of plants with each probability in `sick`; by default 1.
+    `counts` is the number of plants with each probability in `sick`, by default 1.
 
     Examples
     --------
@@ -114,9 +114,9 @@ def least_sick(sick: NDArray[np.floating], counts: NDArray[np.integer] | None = 
 
 
 class LazyProbabilities(Mapping[str, NDArray[np.float32]]):
-    """Class probabilities that are computed at each access and not cached, for large farms.
+    """Class probabilities that are computed at each access and not kept, for large farms.
 
-    `compute` takes a disease and a slice of the farm's columns, and returns float32[3, columns, H].
+    `compute` takes a disease's name and a slice of the farm's columns, and returns float32[3, columns, H].
     """
 
     __slots__ = ("_compute", "_diseases")
@@ -128,17 +128,17 @@ class LazyProbabilities(Mapping[str, NDArray[np.float32]]):
         self._compute = compute
 
     def __getitem__(self, disease: str) -> NDArray[np.float32]:
-        """Compute the probabilities of a disease."""
+        """Compute the class probabilities of a disease."""
         return self.columns(disease, slice(None))
 
     def columns(self, disease: str, columns: slice) -> NDArray[np.float32]:
-        """Compute the probabilities of a disease in some columns of the farm, float32[3, columns, H]."""
+        """Compute the class probabilities of a disease in some columns, float32[3, columns, H]."""
         if disease not in self._diseases:
             raise KeyError(disease)
         return self._compute(disease, columns)
 
     def __contains__(self, disease: object) -> bool:
-        # `Mapping.__contains__` would compute the probabilities.
+        # Without this method, `Mapping.__contains__` would compute the probabilities.
         return disease in self._diseases
 
     def __iter__(self) -> Iterator[str]:
@@ -155,25 +155,25 @@ class InformationModel:
     Parameters
     ----------
     value : float32[n, W, H]
-        Estimate of each field in each cell (1 healthy, 0.5 infected, 0 lost; a continuous field 0 to 1).
+        Estimate of each field in each cell: 1 healthy, 0.5 infected, 0 lost; or 0 to 1 if continuous.
     uncertainty : float32[n, W, H]
-        Zero where the value is certain; the scale depends on the estimator.
+        Uncertainty of each value. It is zero if the value is certain; its scale depends on the estimator.
     changed : bool[tiles along x, tiles along y], optional
-        Tiles (see the module) in which values or uncertainties may differ from those of the preceding model
-        of the estimator; None if all may differ. An additional first axis of fields is allowed.
+        Tiles (see the module) in which values or uncertainties may differ from the estimator's preceding
+        model; None if all tiles may differ. The array may have a first axis of fields in addition.
     revision : int, optional
-        Number of models that the estimator returned before this one since its `fit`. `changed` refers to the
-        model of the preceding revision; a consumer that skipped a revision must treat all tiles as changed.
+        Number of models that the estimator returned between `fit` and this model. `changed` refers to the
+        model of the preceding revision; a reader that skipped a revision must treat all tiles as changed.
     fields : tuple of str
-        Names of the n fields; by default those of the benchmark.
+        Names of the n fields; by default the benchmark's fields.
     probabilities : mapping of str to float32[3, W, H], optional
-        Probabilities that plants are healthy, infected and lost (`CLASSES`), by the name of the disease; None
-        if the estimator has none. On large farms they may be computed at each access: this may take as long
-        as an estimate, and works only until the estimator learns more observations.
+        Probabilities that plants are healthy, infected and lost (`CLASSES`), by name of the disease; None if
+        the estimator gives no probabilities. On large farms they may be computed at each access. This may
+        take as long as an estimate, and works only until the estimator learns more observations.
     loss_map : float32[n, W, H] or callable, optional
-        See `expected_loss`; a callable returns the array and is called at each access.
+        The array `expected_loss`, or a callable that returns this array at each access.
     correlation_length : tuple of float, optional
-        Correlation length of each field in the estimator's model, cells; None if the model has none.
+        Correlation length (cells) of each field in the estimator's model; None if there is none.
 
     Raises
     ------
@@ -221,11 +221,11 @@ class InformationModel:
 
     @property
     def expected_loss(self) -> NDArray[np.float32] | None:
-        """Expected loss of `value` in each cell, float32[n, W, H]; None if the estimator gives none.
+        """Expected loss of `value` in each cell, float32[n, W, H]; None if the estimator gives no loss.
 
         The loss is the squared error times the cost of estimates that are too healthy or too sick, without
         the weights of the fields. Cells that are not scored have an expected loss too. The mean over a
-        field's mask is the expected loss of that field. The loss is valid for as long as `value` is. Raises
+        field's mask is the field's expected loss. The loss is valid as long as `value` is valid. Raise
         EstimatorError if the array has another shape or type, or the estimator has learned more observations.
         """
         if callable(self.loss_map):
@@ -245,7 +245,7 @@ class InformationModel:
         return int(self.value.shape[1]), int(self.value.shape[2])
 
     def of(self, field: str) -> NDArray[np.float32]:
-        """Return the values of a field by name, float32[W, H]."""
+        """Return the values of the field with this name, float32[W, H]."""
         if field not in self.fields:
             raise EstimatorError(f"information model: {unknown('field', field, self.fields)}")
         value: NDArray[np.float32] = self.value[self.fields.index(field)]
@@ -254,8 +254,8 @@ class InformationModel:
     def probabilities_in(self, disease: str, columns: slice) -> NDArray[np.float32]:
         """Return the class probabilities of a disease in some columns of the farm, float32[3, columns, H].
 
-        Lazy probabilities are computed in these columns alone. Raises EstimatorError if the disease has no
-        probabilities.
+        Lazy probabilities are computed in these columns alone. Raise EstimatorError if the disease has no
+        class probabilities.
         """
         known = self.probabilities
         if known is None or disease not in known:
@@ -265,19 +265,19 @@ class InformationModel:
         return known[disease][:, columns]
 
     def may_be_sick(self, disease: str, where: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
-        """Return the smallest set of plants that contains 90 % of the sick plants, bool[W, H].
+        """Return a mask of the smallest set of plants that has 90 % of the sick plants, bool[W, H].
 
-        Uncertain plants are taken in descending order of their probability to be sick, until the
-        probabilities add up to 90 % of their total. If the probabilities are calibrated, the set contains 90
-        % of the sick plants. The coverage is that of the sick plants: nearly all plants are healthy, so a
-        coverage of all plants would be meaningless. Plants that are certainly sick are in the set too.
+        Uncertain plants are added in descending order of the probability that they are sick, until the
+        probabilities in the set add up to 90 % of the total. If the probabilities are calibrated, the set has
+        90 % of the sick plants. As nearly all plants are healthy, only the coverage of sick plants says
+        something. Plants that are certainly sick are in the set too.
 
         Parameters
         ----------
         disease : str
             The name of a field with class probabilities.
         where : bool[W, H], optional
-            The plants to consider; by default all.
+            The plants to consider; by default all plants.
 
         Raises
         ------
@@ -291,7 +291,7 @@ class InformationModel:
         return found
 
     def changed_in(self, k: int) -> NDArray[np.bool_]:
-        """Return the tiles in which field `k` may have changed."""
+        """Return the tiles in which the field `k` may have changed."""
         if self.changed is None:
             return np.ones(tile_shape(self.shape), np.bool_)
         return self.changed if self.changed.ndim == 2 else self.changed[k]
@@ -313,7 +313,7 @@ class InformationModel:
 
     @classmethod
     def unknown(cls, shape: tuple[int, int], fields: FieldSet) -> InformationModel:
-        """Return the model without observations: the fields' defaults, in arrays that take no memory."""
+        """Return the model before any observation: the fields' defaults, in arrays that take no memory."""
         full = (len(fields), *shape)
         value = np.broadcast_to(np.array(fields.defaults, np.float32)[:, None, None], full)
         return cls(value, np.broadcast_to(np.float32(1.0), full), fields=fields.names)
@@ -327,7 +327,7 @@ class InformationModel:
         uncertainty: float,
         fields: tuple[str, ...] = PAPER_FIELDS.names,
     ) -> InformationModel:
-        """Return a model with equal cells; `value` has a number for each field."""
+        """Return a model in which all cells are equal; `value` has a number for each field."""
         values = np.empty((len(fields), *shape), np.float32)
         values[:] = np.asarray(value, np.float32)[:, None, None]
         return cls(values, np.full_like(values, uncertainty), fields=fields)

@@ -1,12 +1,12 @@
-"""The score of an estimate: the loss of the Waterberry Farms paper, and plain error metrics.
+"""The score of an estimate by the loss of the Waterberry Farms paper, and plain measures of errors.
 
-The paper's loss over c scored times, with the estimate I, the truth E and the relevance mask M of each field
+The paper's loss L over c scored times has the estimate I, the truth E and the relevance mask M of each field
 i::
 
     L = sum_i w_i sum_xy M_i sum_t AE_i / (c * sum_i w_i sum_xy M_i)
     AE = 10 (I - E)^2   where the estimate is too healthy (I > E: a missed disease), else (I - E)^2
 
-For soil humidity both costs are equal. The score is -L: 0 is perfect, lower is worse.
+For soil humidity both costs are 1. The score is -L; 0 is perfect, and less is worse.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _PerField = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True)
 class ScoreWeights:
-    """Weights of fields and costs of errors.
+    """Weights of the fields, and costs of errors.
 
     Parameters
     ----------
@@ -48,12 +48,12 @@ class ScoreWeights:
         if len({len(part) for part in costs}) != 1 or not all(
             0.0 <= cost < np.inf for part in costs for cost in part
         ):
-            msg = f"score weights: {self} are not three tuples of one finite number >= 0 for each field"
+            msg = f"score weights: {self} are not three tuples with a finite number >= 0 for each field"
             raise EstimatorError(msg)
 
     @classmethod
     def of(cls, fields: FieldSet) -> ScoreWeights:
-        """Return the weights and costs of a field set."""
+        """Return the weights and costs that a field set has."""
         return cls(
             tuple(field.weight for field in fields),
             tuple(field.cost_above for field in fields),
@@ -66,23 +66,23 @@ PAPER_WEIGHTS = ScoreWeights.of(PAPER_FIELDS)
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """The score of an estimate and its parts; tuples are in the order of the fields.
+    """The score of an estimate, and the parts of the score; tuples are in the order of the fields.
 
     Parameters
     ----------
     loss : float
         The paper's loss L of this estimate; 0 is perfect.
     field_loss : tuple of float
-        Mean asymmetric squared error over each field's mask. L is the mean of these losses, weighted by the
-        fields' weights and numbers of cells.
+        Mean asymmetric squared error over each field's mask. L is the mean of these losses, weighted by each
+        field's weight times its number of cells.
     field_mse, field_mae : tuple of float
         Mean squared and mean absolute error over each field's mask.
     field_weighted_mae : tuple of float
         Mean asymmetric absolute error over each field's mask.
     authors_axis_max : float
-        Score of the authors' code, which differs from the paper's formula: where a clip at zero was meant,
-        the maximum along x is taken. This score saturates, and can be positive for an estimate that is wrong
-        everywhere. Use it only for comparison with published figures, never for rankings.
+        Score by the authors' code, which differs from the paper's formula: it takes the maximum along x
+        instead of clipping at zero. This score saturates, and can be positive for an estimate that is wrong
+        everywhere. Use it only to compare with published figures, never for rankings.
     fields : tuple of str
         Names of the fields.
     """
@@ -107,11 +107,11 @@ class Score:
 
 
 class RunningScore:
-    """Scores of a run's estimates against the truth; masks and counts are prepared once.
+    """Scores the estimates of a run against the truth; masks and counts are prepared once.
 
-    The sums over cells are stored for each tile of the farm (`sensors.scoring.information`). If a model
-    reports its changes since the preceding model, only the changed tiles are summed again. The result equals
-    a sum over all cells to the bit, as nothing is subtracted.
+    Sums over cells are stored for each tile of the farm (`sensors.scoring.information`). If a model reports
+    its changes since the preceding model, only the changed tiles are summed again. The result equals a sum
+    over all cells to the bit, because nothing is subtracted.
 
     Parameters
     ----------
@@ -120,9 +120,9 @@ class RunningScore:
     masks : bool[n, W, H]
         The relevant cells of each field.
     weights : ScoreWeights, optional
-        The costs; by default those of the fields.
+        The weights and costs; by default those that `fields` have.
     fields : FieldSet
-        The fields; those of the benchmark by default.
+        The fields; by default the benchmark's fields.
 
     Attributes
     ----------
@@ -156,7 +156,7 @@ class RunningScore:
         self._weight = np.array(weights.field) * [part.cells for part in self._fields]
         if not self._weight.sum() > 0:
             crops = ", ".join(sorted({crop for field in fields for crop in field.crops}))
-            msg = f"score: no cell of the farm is relevant: its owner grows nothing of {crops}"
+            msg = f"score: no cell of the farm is relevant: its owner grows none of {crops}"
             raise EstimatorError(msg)
         self._shape = masks.shape
         self._tiles = tile_shape((masks.shape[1], masks.shape[2]))
@@ -166,24 +166,24 @@ class RunningScore:
         self.advance(truth)
 
     def advance(self, truth: NDArray[np.floating]) -> None:
-        """Use the truth of the next day for later estimates."""
+        """Compare later estimates with this truth, that of the next day."""
         self._check_shape(truth, "truth")
         self._truth = truth
         self._summed = None
 
     def add(self, estimate: NDArray[np.floating] | InformationModel) -> Score:
-        """Evaluate an estimate as `evaluate` does, and add its loss to `losses`."""
+        """Evaluate an estimate as `evaluate` does, and append the loss to `losses`."""
         result = self.evaluate(estimate)
         self.losses.append(result.loss)
         return result
 
     def evaluate(self, estimate: NDArray[np.floating] | InformationModel) -> Score:
-        """Return the score of an estimate, without adding it to `losses`.
+        """Return the score of an estimate without appending the loss to `losses`.
 
         Parameters
         ----------
         estimate : float[n, W, H] or InformationModel
-            The estimate. If it directly follows the model evaluated last, only changed tiles are summed.
+            The estimate. For the revision after the model evaluated last, only changed tiles are summed.
 
         Raises
         ------
@@ -228,11 +228,11 @@ class RunningScore:
 
     @property
     def score(self) -> float:
-        """The paper's score of the run over the scored times, -L."""
+        """The paper's score of the run, -L over all scored times."""
         return -self.loss
 
     def _follows(self, estimate: NDArray[np.floating] | InformationModel) -> bool:
-        """Return whether an estimate directly follows the model that was evaluated last."""
+        """Return whether an estimate is the next revision of the model that was evaluated last."""
         if self._summed is None or not isinstance(estimate, InformationModel):
             return False
         value, revision = self._summed
@@ -253,7 +253,7 @@ class _Errors:
 
 
 class _ScoredField:
-    """The relevant cells of a field, and the error sums of the estimate evaluated last."""
+    """The relevant cells of a field, and the sums of errors of the estimate evaluated last."""
 
     def __init__(self, k: int, masks: NDArray[np.bool_], weights: ScoreWeights) -> None:
         _, width, height = masks.shape
@@ -267,16 +267,16 @@ class _ScoredField:
         self.cells = int(self._tile_cells.sum())
         self._sums = np.zeros((columns, rows, SUMS))
         self._line_cells = strips.sum(axis=0)
-        # For soil, with equal costs on both sides, the authors take the mean absolute error.
+        # For soil, whose two costs are equal, the authors take the mean absolute error.
         lines = height if self.cells and self._low != self._high else 0
         self._above, self._below = np.zeros((columns, lines)), np.zeros((columns, lines))
 
     def errors(
         self, tiles: NDArray[np.bool_], truth: NDArray[np.floating], estimate: NDArray[np.floating]
     ) -> _Errors:
-        """Sum the errors in the given tiles, and return the figures over all tiles.
+        """Sum the errors in the given tiles, and return the mean errors over all tiles.
 
-        `truth` is float32[n, W, H] of all fields, `estimate` float32[W, H] of this field.
+        `truth` is float32[n, W, H] of all fields, and `estimate` is float32[W, H] of this field.
         """
         out = _Errors()
         if not self.cells:
@@ -292,7 +292,7 @@ class _ScoredField:
         out.axis_max = -out.mae
         if low != high:
             worst = low * self._below.max(axis=0) + high * self._above.max(axis=0)
-            # The extremes of a line without relevant cells may be NaN or infinite.
+            # If a line has no relevant cells, its extremes may be NaN or infinite.
             worst[self._line_cells == 0] = 0.0
             out.axis_max = -float(product(self._line_cells, worst)) / self.cells
         return out

@@ -1,7 +1,7 @@
-"""Compiled sums of the score, stored for each tile, so that only changed tiles are summed again.
+"""Compiled sums of the score. Each tile has its own sums, so that only changed tiles are summed again.
 
-Estimators report changed tiles. The errors of a tile are added cell by cell, along y and then along x, so
-that equal errors have equal sums to the last bit.
+Estimators report which tiles they changed. The errors of a tile are added cell by cell, along y and then
+along x, so that equal errors have equal sums to the last bit.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ def add_column(
     y1: int,
     sums: tuple[float, float, float, float],
 ) -> tuple[float, float, float, float]:
-    """Add the errors of the relevant cells of a column, from y0 to y1, to the sums; return the sums."""
+    """Add to the sums the errors of a column's relevant cells from y0 to y1, and return the sums."""
     squares, worse_squares, absolute, worse_absolute = sums
     for y in range(y0, y1):
         if mask[x, y]:
             error = np.float64(estimate[x, y]) - np.float64(truth[x, y])
-            # A NaN fails the comparison and is added to the sums over all cells.
+            # A NaN is not > 0, but it is added to the sums over all cells.
             worse = error if error > 0.0 else 0.0
             squares += error * error
             worse_squares += worse * worse
@@ -46,10 +46,10 @@ def sum_errors(
     estimate: NDArray[np.floating],
     sums: NDArray[np.float64],
 ) -> None:
-    """Sum the errors of a field in the given tiles, over the relevant cells (`mask`).
+    """Sum the errors of a field over the relevant cells (`mask`) in the given tiles.
 
-    `cells` is the number of relevant cells in each tile. The results are written to `sums`, float64[tiles
-    along x, tiles along y, SUMS].
+    `cells` is the number of relevant cells in each tile. The sums are written to `sums`, float64[tiles along
+    x, tiles along y, SUMS].
     """
     width, height = mask.shape
     for column in range(tiles.shape[0]):
@@ -76,15 +76,15 @@ def find_extremes(
     above: NDArray[np.float64],
     below: NDArray[np.float64],
 ) -> None:
-    """Find the largest errors above and below the truth on each line along x, in the given tiles.
+    """Find, in the given tiles, the largest errors above and below the truth on each line along x.
 
     Parameters
     ----------
     lines : int64[H]
-        Number of relevant cells on each line; tiles without such lines are skipped.
+        Number of relevant cells on each line; tiles without relevant lines are skipped.
     above, below : float64[tiles along x, H]
-        Output: the largest difference on each line within each tile; NaN if the difference of a relevant cell
-        is NaN. NaN in other cells is ignored.
+        Output, the largest difference on each line within each tile. It is NaN if a relevant cell has the
+        difference NaN; NaN in other cells is ignored.
     """
     width, height = truth.shape
     for row in range(tiles.shape[1]):

@@ -51,7 +51,7 @@ def areas(farm: Farm) -> list[tuple[str, str, float]]:
     ("name", "area_ha", "told"),
     [
         ("macos.zip", 3.00, CROP_NOTE),
-        ("dji_mapping.kmz", 4.12, "feature 1 ('patch 1'): a ring was open, closed over 221.83 m"),
+        ("dji_mapping.kmz", 4.12, "feature 1 ('patch 1'): an open ring was closed over 221.83 m"),
         ("label.geojson", 3.19, "1 left out, points that are neither home nor rally: Silo"),
         ("tramline.geojson", 3.19, "1 left out, lines: tramline"),
         ("bare_feature.geojson", 4.12, CROP_NOTE),

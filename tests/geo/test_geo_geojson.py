@@ -229,7 +229,7 @@ SWAPPED = [[[lat, lon] for lon, lat in ring()]]
         (feature([[*ring()[:2], ring()[0]]]), "fewer than three corners"),
         (
             feature([NARROW]),
-            "a ring is open over 98.3 m, and its longest side has 9.8 m: part of it is missing",
+            "a ring is open over 98.3 m, but its longest side is only 9.8 m long",
         ),
         (feature(FLAT), "the polygon"),
         (feature([[[LON, LAT]] * 4]), "the polygon"),
@@ -250,7 +250,7 @@ SWAPPED = [[[lat, lon] for lon, lat in ring()]]
         (feature(obstacle=True, height_m=-1), 'property "height_m": -1 is not a number in 0..1000'),
         (feature(obstacle=True, margin_m="2"), 'property "margin_m": 2 is not a number in 0..1000'),
         (feature(no_fly=1), 'property "no_fly" is not true or false'),
-        (feature(no_fly=True, height_m=3), "is a no-fly zone, of any height"),
+        (feature(no_fly=True, height_m=3), "is a no-fly zone, which has no height"),
         (feature(crop=None), 'property "crop" is missing'),
         (feature(owner=None), 'property "owner" is missing'),
         (feature(owner=""), '"owner" is , not a short line'),

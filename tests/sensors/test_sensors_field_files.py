@@ -114,7 +114,7 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
         ({"kind": "disease"}, "likelihood is missing"),
         ({"crops": []}, "crops empty"),
         ({"crops": ["Maize!"]}, "crop .Maize!. is no name of a crop; names of crops are up to 40"),
-        ({"crops": ["tomato", "tomato"]}, "and each once"),
+        ({"crops": ["tomato", "tomato"]}, "crops, each once"),
         ({"default": 2.0}, "default 2 is not in 0..1"),
         ({"default": float("nan")}, "default nan"),
         ({"weight": -1.0}, "weight -1.0"),
@@ -174,7 +174,7 @@ def test_packages_register_fields(monkeypatch: pytest.MonkeyPatch) -> None:
     assert field_names() == ("tylcv", "ccr", "soil", "rust")
     for points, message in (
         ([point("rust", "sensors.no_such:RUST")], "cannot be loaded"),
-        ([point("rust", "sensors.field_files:field_names")], "not a sensors.fields.Field of this name"),
+        ([point("rust", "sensors.field_files:field_names")], "not a sensors.fields.Field with this name"),
         ([point("rust", here), point("rust", "another:RUST")], "registered twice"),
         ([], "unknown field 'rust': choose tylcv, ccr, soil"),
     ):

@@ -134,7 +134,7 @@ def test_preflight_checks_the_plan_of_plan_over_the_same_farm(crop, folder, caps
 def test_how_a_farm_is_read_needs_one(name, how, folder, capsys):
     rest = [one.format(folder=folder) for one in READERS[name]]
     assert main([name, *rest, *how]) == 2
-    assert f"error: {how[0]} has an effect only with --farm: give that, too" in capsys.readouterr().err
+    assert f"error: {how[0]} has an effect only with --farm: give --farm, too" in capsys.readouterr().err
 
 
 def texts_of(module):
@@ -178,4 +178,4 @@ def test_what_is_left_out_of_a_farm_is_told(name, folder, capsys):
     assert main(words(name, folder / "fields.geojsonl", folder)) in (0, 1, 3)
     told = capsys.readouterr().err
     assert "1 left out, points that are neither home nor rally: Silo" in told
-    assert "feature 1 ('patch 1'): a ring was open, closed over " in told
+    assert "feature 1 ('patch 1'): an open ring was closed over " in told

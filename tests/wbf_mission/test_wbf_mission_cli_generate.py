@@ -116,7 +116,7 @@ def test_ctrl_c_keeps_what_is_finished(capsys: pytest.CaptureFixture[str], tmp_p
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130
     assert out == ""
-    assert "the same command makes the others" in err
+    assert "repeat the command for the others" in err
     assert "Traceback" not in err
     found = len(list((tmp_path / "e").glob("member-*")))
     assert 2 <= found < 400

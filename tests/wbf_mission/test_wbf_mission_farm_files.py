@@ -76,7 +76,7 @@ def test_a_farm_is_not_overwritten_by_a_mission(fields: Path, capsys: Any) -> No
     farm.write_text("<kml/>")
     for words in (("--farm", str(farm)), ("--farm", f"{farm}|Fields")):
         _, err = run(capsys, "plan", *words, "--out", str(farm), code=2)
-        assert "this is the file that is read" in err
+        assert "this is an input file" in err
     assert farm.read_text() == "<kml/>"
 
 

@@ -33,7 +33,7 @@ def test_ways_to_keep_apart_are_read():
     assert parse_separation("distance: 5 m") == Separation("distance", 5.0)
     assert parse_separation("NONE") == Separation("none")
     for bad in ("5m", "layers", "layers:", "layers:0m", "layers:nan", "distance:1e9m", "none:2m", "rows:2"):
-        with pytest.raises(ScenarioError, match=r"separation .* is not understood"):
+        with pytest.raises(ScenarioError, match=r"separation .* cannot be read"):
             Scenario(separation=bad)
 
 
@@ -192,9 +192,9 @@ def test_plans_of_a_fleet_are_those_that_it_flies(tmp_path, capsys):
     plans = plan_fleet(scenario)
     assert [one.mission for one in plans] == [one.plan.mission for one in fly(scenario).flights]
     assert plan_fleet(Scenario(**short))[0].mission == plan(Scenario(**short)).mission
-    with pytest.raises(ScenarioError, match="2 vehicles: a mission is one vehicle's"):
+    with pytest.raises(ScenarioError, match="2 vehicles: a mission is for one vehicle"):
         plan(scenario)
-    with pytest.raises(ScenarioError, match=r"mission x\.plan is one vehicle's, but 2 fly"):
+    with pytest.raises(ScenarioError, match=r"mission x\.plan is for one vehicle, but 2 fly"):
         plan_fleet(Scenario(vehicles=2, mission="x.plan"))
     out = tmp_path / "part.json"
     arguments = ["plan", "--farm", "miniberry-30", "--budget", "80m", "--vehicles", "2", "--json", "--out"]
@@ -236,7 +236,7 @@ def test_vehicles_of_a_fleet_may_see_different_fields():
     np.testing.assert_array_equal(fast.observations.values, result.observations.values)
     assert [one.sensed for one in SurveyTask(mixed).cameras] == [("tylcv", "ccr"), ("soil",)]
     for fields, text in (
-        (("tylcv;ccr;soil",), "vehicles 2, but camera fields are those of 3"),
+        (("tylcv;ccr;soil",), "vehicles 2, but camera fields are given for 3"),
         (("tylcv;",), "camera fields are empty"),
         (("tylcv;rust",), "unknown field 'rust'"),
     ):

@@ -50,7 +50,7 @@ def test_a_slow_camera_slows_the_flight_and_refuses_what_is_asked() -> None:
     assert done.camera["speed_m_s"] == pytest.approx(done.camera["interval_speed_m_s"])
     assert done.camera["speed_m_s"] < 3.0
     with pytest.raises(
-        ScenarioError, match=r"cruise speed 5 m/s: at 30\.0 m camera dji-mavic-3m-ms takes images"
+        ScenarioError, match=r"cruise speed 5 m/s: at 30\.0 m camera dji-mavic-3m-ms can trigger"
     ):
         plan(Scenario(**slow, cruise_speed_m_s=5.0))
 
@@ -68,7 +68,7 @@ def test_gsd_and_altitude_may_agree_but_not_contradict_each_other() -> None:
 
 
 def test_simulated_flights_have_the_leaf_camera(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(ScenarioError, match="flights here have the leaf camera"):
+    with pytest.raises(ScenarioError, match="a run flies with the leaf camera"):
         fly(Scenario(farm="miniberry-10", camera_model="sentera-6x"))
     assert main(["plan", "--farm", "miniberry-10", "--gsd", "3"]) == 2
     assert "--gsd has an effect only with --camera" in capsys.readouterr().err

@@ -264,7 +264,7 @@ def test_a_mission_over_an_obstacle_is_refused_before_the_take_off(farm, tmp_pat
     write_mission(across, file)
     words = ("fly", "--farm", farm, "--mission", str(file), "--estimator", "point", "--out", str(out), "-q")
     err = run(capsys, *words, code=2).err
-    assert "the path to it crosses an obstacle of the farm" in err and "nothing was flown, --force" in err
+    assert "this item crosses an obstacle of the farm" in err and "nothing was flown, --force" in err
     assert len(err.splitlines()) == 1 and not out.exists()
     assert "preflight error" in run(capsys, *words, "--force", "--no-plots", code=0).err
     assert (out / "result.json").is_file()
@@ -289,7 +289,7 @@ def test_gusts_that_no_margin_covers_are_told_with_a_plan_and_before_a_flight(fa
     assert result.outcome is Outcome.COMPLETED
     assert [(each.code, each.refuses) for each in told] == [("too-gusty", False)]
     words = ("plan", "--farm", farm, "--planner", "random-waypoint", "--budget", "300m", "--wind", "5,270,2")
-    assert "no margin to obstacles or a fence covers that" in run(capsys, *words, code=0).err
+    assert "no margin to obstacles or a fence allows for that" in run(capsys, *words, code=0).err
     assert "gusts" not in run(capsys, *words[:-1], "5,270,1", code=0).err
 
 

@@ -185,7 +185,7 @@ def test_a_page_holds_a_simulated_flight_and_lets_it_go_on(tmp_path):
         assert process.wait(LONG_S) == 0
     summary = json.loads((tmp_path / "held" / "summary.json").read_text())
     assert summary["outcome"] == "completed"
-    assert any("the seed does not give this flight again" in one for one in summary["warnings"])
+    assert any("the seed cannot repeat this flight" in one for one in summary["warnings"])
 
 
 @pytest.mark.parametrize(
@@ -197,7 +197,7 @@ def test_a_page_holds_a_simulated_flight_and_lets_it_go_on(tmp_path):
         ),
         (
             ("monitor", "tcp:127.0.0.1:1", "--crop", "peas", "--live", "0"),
-            "--crop has an effect only with --farm: give that, too",
+            "--crop has an effect only with --farm: give --farm, too",
         ),
         (("monitor", "tcp:127.0.0.1:1", "--farm", "nowhere", "--live", "0"), "nowhere"),
         (("monitor", "tcp:127.0.0.1:1", "--control"), "--control has an effect only with --live PORT"),

@@ -49,7 +49,7 @@ def test_budgets_of_all_units_are_flown_in_sorties_alike(small):
         taken["Wh"] = sum(one.prediction.energy_wh for one in plans)
         unit = budget.lstrip("0123456789.")
         is_over = taken[unit] > 1.05 * float(budget.removesuffix(unit))
-        assert ("that of the path before it is cut" in budget_left(plans)) is is_over
+        assert ("for the path before it is cut" in budget_left(plans)) is is_over
 
 
 @pytest.mark.parametrize("budget", ["2min", "5Wh", "150m"])

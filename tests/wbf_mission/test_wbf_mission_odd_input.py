@@ -219,7 +219,7 @@ def test_an_output_is_never_what_is_read(capsys, tmp_path, monkeypatch):
         ["farm", "save", "my.geojson", "--out", "my.geojson"],
         [*sim, "--farm", "my.geojson", "--overwrite", "--tlog", "my.geojson"],
     ):
-        assert "the file that is read" in refused(capsys, tmp_path, *arguments)
+        assert "this is an input file" in refused(capsys, tmp_path, *arguments)
     for option in ("--tlog", "--ready-file"):
         refused(capsys, tmp_path, *sim, option, "old.plan")
     assert (tmp_path / "my.geojson").read_bytes() == before

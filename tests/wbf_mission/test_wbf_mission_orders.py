@@ -85,7 +85,7 @@ def test_an_answer_to_the_question_before_does_not_answer_the_next_one():
     orders.ask("sortie 2 of 3?", ("battery changed", "no more"))
     orders.ask("sortie 3 of 3?", ("battery changed", "no more"))
     first, second = (one.number for one in heard)
-    assert orders.answer("battery changed", first) == ("the question is another one by now: look at the page")
+    assert orders.answer("battery changed", first) == ("the question has changed: look at the page")
     assert orders.answered() is None
     assert orders.answer("battery changed", second) == ""
 
@@ -171,7 +171,7 @@ def test_a_simulated_vehicle_holds_goes_on_and_finishes_its_mission(autopilot):
     assert result.outcome is Outcome.COMPLETED
     (warning,) = [one for one in result.warnings if "by hand" in one]
     assert warning.startswith("ordered by hand: hold at ")
-    assert warning.endswith("the seed does not give this flight again")
+    assert warning.endswith("the seed cannot repeat this flight")
 
 
 @pytest.mark.parametrize(

@@ -85,7 +85,7 @@ def test_the_first_flight_on_a_farm_tells_how_long_it_learns(capsys, monkeypatch
         for part in (0.0, 0.1, 0.25, 1.0):
             progress(LEARNING, part, 1.0)
     begun, left = capsys.readouterr().err.splitlines()
-    assert begun == "training the estimator for this farm and day; what it learns is kept for later runs ..."
+    assert begun == "training the estimator for this farm and day; later runs reuse the training ..."
     assert left == "training the estimator: 25%, about 0:01:00 left"
     with Output(quiet=True).progress() as progress:
         progress(LEARNING, 0.0, 1.0)

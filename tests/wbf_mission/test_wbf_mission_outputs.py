@@ -235,7 +235,7 @@ def test_a_folder_and_a_file_in_none_are_refused_before_anything_is_done(
     error = refused(capsys, *command, str(tmp_path))
     assert f"{tmp_path}: is a folder; give the name of a file" in error
     error = refused(capsys, *command, str(tmp_path / "new" / "file.plan"))
-    assert f"there is no folder {tmp_path / 'new'}; make it" in error
+    assert f"there is no folder {tmp_path / 'new'}; make the folder, or give another name" in error
     assert list(tmp_path.iterdir()) == []
 
 

@@ -332,9 +332,9 @@ def test_a_survey_beyond_a_battery_is_planned_with_an_unlimited_budget() -> None
     small = {"farm": "waterberry", "planner": "survey:spacing_m=40,angle=0"}
     with pytest.raises(PlanningError, match="with an unlimited budget it is planned for several flights"):
         plan(Scenario(**small))
-    with pytest.raises(ScenarioError, match="planner spiral uses up what it is given"):
+    with pytest.raises(ScenarioError, match="planner spiral uses up any budget"):
         Scenario(planner="spiral", budget="unlimited")
-    with pytest.raises(ScenarioError, match="policy greedy uses up what it is given"):
+    with pytest.raises(ScenarioError, match="policy greedy uses up any budget"):
         Scenario(policy="greedy", budget="Unlimited")
 
 

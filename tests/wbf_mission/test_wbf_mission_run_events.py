@@ -138,7 +138,7 @@ def test_a_policy_that_never_answers_is_left_behind(monkeypatch):
     flight = SimpleNamespace(_thinking=Future(), _events=stream, learn=lambda: learned.append(True))
     JointFlight._await_answer(flight)
     assert [event.text for event in seen] == [
-        "the policy has not answered within 0.05 s of the end: it is left behind"
+        "the policy did not answer within 0.05 s of the end: its answer is lost"
     ]
     assert (flight._thinking, learned) == (None, [True])
 

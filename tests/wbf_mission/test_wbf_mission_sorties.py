@@ -263,8 +263,8 @@ def test_it_is_gone_on_with_at_an_item(small, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        (("--resume", "12"), "give its file with --mission"),
-        (("--whole", "--overlap", "3"), "leave --overlap out"),
+        (("--resume", "12"), "give the mission file with --mission"),
+        (("--whole", "--overlap", "3"), "leave out --overlap"),
         (("--overlap", "-1"), "out of range"),
         (("--change-time", "1e9"), "out of range"),
         (("--home", "28.05"), "give latitude and longitude"),

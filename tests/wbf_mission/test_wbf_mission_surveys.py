@@ -79,7 +79,7 @@ def test_reasons_that_are_true(tmp_path: Path) -> None:
     none = {"altitude_m": None}
     base = scenario_with(Scenario(), {"farm": file, **SURVEY})
     for changes, reason in (
-        ({"gsd_cm": 1.0, "vehicles": 2}, "only one height has that"),
+        ({"gsd_cm": 1.0, "vehicles": 2}, "only one height has this gsd"),
         ({"altitude_m": 50.0, "vehicle": "rover"}, "takes images from the air"),
         ({"gsd_cm": 1.0, "vehicle": "quad,rover"}, "vehicle rover drives"),
         ({"gsd_cm": 1.0, "vehicle": "quad,rover,quad"}, "vehicle rover drives"),
@@ -169,7 +169,7 @@ def test_a_plan_that_shows_less_than_was_asked_warns(
     file = farm_file(tmp_path, (Crop.TOMATO, shapely.box(0, 0, 100, 80)))
     few = ["plan", "--farm", file, "--planner", "lawnmower", "--budget", "400m"]
     assert main([*few, "--camera", "dji-p1-35", "--altitude", "20"]) == 0
-    assert "and the whole was asked for" in capsys.readouterr().err
+    assert "but should show all of it" in capsys.readouterr().err
     assert main(few) == 0
     assert "whole" not in capsys.readouterr().err
 

@@ -20,7 +20,7 @@ class BenchmarkInterrupted(KeyboardInterrupt):
     Parameters
     ----------
     rows : list of BenchRow
-        Rows of the runs that ended before.
+        Rows of the runs that ended before the interrupt.
     total : int
         Number of runs of the benchmark.
     """

@@ -1,7 +1,7 @@
 """Digests of scenarios, and of a user's planners, policies and estimators.
 
 The digest of a user's object covers its state, its classes and functions, the user code that these refer to,
-and the source files of all of them. Notebook code has no file, so its bytecode is compared.
+and the source files of all of them. Notebook code has no source file, so only its bytecode is covered.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _LABELS = ("title", "unit", "colours")  # Keys of a field's table that change no
 
 
 def meaning_of(scenario: Scenario) -> str:
-    """Return the digest of a scenario's farm, fields, vehicles and options that are not at their defaults.
+    """Return the digest of a scenario: its farm, fields, vehicles, and options other than the defaults.
 
     Since defaults are left out, a new option changes no existing digest. A farm, field, world or vehicle file
     counts by its contents, not by its name.
@@ -78,7 +78,7 @@ def own_digest(made: Any) -> str:
 
 
 def is_own(module: str | None) -> bool:
-    """Return whether a module is the user's, that is neither part of this program nor installed."""
+    """Return whether a module is user code, and not part of this program, Python or an installed package."""
     name = module or "builtins"
     top = name.partition(".")[0]
     if name in ("__main__", "__mp_main__"):
@@ -102,13 +102,13 @@ def _of_file(path: Path) -> str:
 
 
 class _Plain:
-    """Converts objects to plain values that are equal for equal code and state, in any process."""
+    """Converts objects to plain values; in any process, equal code and state give equal values."""
 
     def __init__(self) -> None:
         self._open: set[int] = set()
         # Converted objects are kept alive, so that no other object gets their id.
         self._done: dict[int, tuple[Any, Any]] = {}
-        # Cached, because a file has many functions and its neighbours do not change meanwhile.
+        # Cached: a file has many functions, and the files beside it do not change during the digest.
         self._beside = cache(digest_beside)
 
     def of(self, value: Any) -> Any:
@@ -160,20 +160,21 @@ class _Plain:
         """Return the plain values of the parts that pickle would store."""
         try:
             reduced = value.__reduce_ex__(4)
-        except Exception:  # an object that cannot be pickled counts by its class
+        except Exception:  # the digest of an object that cannot be pickled covers only its class
             return self.of(type(value))
         if isinstance(reduced, str):
             return [self.of(type(value)), reduced]
         return [self._all(part) if isinstance(part, Iterator) else self.of(part) for part in reduced]
 
     def _where(self, module: str, name: str) -> list[str]:
-        """Return the name of code, with a digest of its file unless it belongs to this program."""
+        """Return the name of some code, with a digest of its file unless it belongs to this program."""
         top = module.partition(".")[0]
         file = None if top in PACKAGES or top in sys.stdlib_module_names else _file_of(module)
         if not is_own(module):
             return [f"{module}.{name}", "" if file is None else _of_file(file)]
-        # A user's file and its neighbours are covered, not the module's name: it depends on the folder.
-        # A script (``__main__``) counts without its neighbours, because it may write files there.
+        # The digest of a user's module covers its file and the files beside it, but not its name, which
+        # depends on the folder. For a script (``__main__``) the digest omits the files beside it, which the
+        # script may have written.
         beside = "" if file is None or module in ("__main__", "__mp_main__") else self._beside(file)
         return [name, "" if file is None else _of_file(file), *([beside] if beside else [])]
 
@@ -230,7 +231,7 @@ def _vehicle(name: str) -> dict[str, Any]:
 
 
 def _chosen(value: Any) -> Any:
-    """Return the fields of a dataclass that are not at their defaults, recursively."""
+    """Return the fields of a dataclass that differ from their defaults, recursively."""
     if not dataclasses.is_dataclass(value):
         return value
     held = {item.name: (getattr(value, item.name), item.default) for item in dataclasses.fields(value)}

@@ -47,7 +47,7 @@ def fly_run(run: BenchRun) -> BenchRow:
 
 
 def flown(run: BenchRun, **how: Any) -> tuple[BenchRow, Result]:
-    """Fly a run and return its row and its result; `how` are keywords of `wbf_mission.flight.fly`.
+    """Fly a run and return its row and its result; `how` goes to `wbf_mission.flight.fly`.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def _row_of(run: BenchRun, result: RunRecord, wall_s: float, cpu_s: float) -> Be
 
 
 def _predicted_time_s(result: RunRecord) -> float | None:
-    """Return the predicted time of the flights (s); for a policy, that of its last accepted paths.
+    """Return the predicted time of the flights (s); for a policy, the time that its last paths would take.
 
     A policy's paths are priced in the unit of the budget, so return None unless the unit is a time (a step
     takes a second).
@@ -138,7 +138,7 @@ def _predicted_time_s(result: RunRecord) -> float | None:
 
 
 def _calibration_of(result: RunRecord) -> dict[str, float]:
-    """Return the calibration of the last estimate, on the relevant cells not observed on its day."""
+    """Return the calibration of the last estimate on the fields' cells not observed on the last day."""
     if result.model is None or result.truth is None:
         return {}
     unseen = result.fields.masks(result.plan.farm.grid())
@@ -167,14 +167,14 @@ def _finite(value: float | None) -> float | None:
 
 
 class ClusterError(WbfMissionError):
-    """A cluster that cannot be reached, is unsuitable or was lost."""
+    """Raised when a cluster cannot be reached, is unsuitable or is lost."""
 
 
 _Flown: TypeAlias = BenchRow | str
 
 
 CLUSTERS = "wbf_mission.clusters"
-"""Group of entry points; ``dask`` makes a `Cluster` of an address and a number of workers."""
+"""Group of entry points; ``dask`` makes a `Cluster` from an address and a number of workers."""
 
 
 class Workers(Protocol):
@@ -185,16 +185,16 @@ class Workers(Protocol):
         """Greatest number of runs submitted at a time."""
 
     def submit(self, function: Callable[..., _Flown], /, *arguments: Any) -> Future[_Flown]:
-        """Submit a run; the function is sent by its name."""
+        """Submit a call of `function`, which is sent by its name."""
 
 
 class Cluster(Workers, Protocol):
     """Workers on other machines."""
 
     def result(self, future: Future[_Flown]) -> _Flown | None:
-        """Return the result of a finished future; None if the call killed several workers.
+        """Return the result of a finished future, or None if the call killed several workers.
 
-        ClusterError if the cluster is lost, or a worker has other code.
+        ClusterError if the cluster is lost, or a worker runs different code.
         """
 
     def close(self) -> None:
@@ -202,15 +202,15 @@ class Cluster(Workers, Protocol):
 
 
 def fly_all(runs: Sequence[BenchRun], *, jobs: int = 1, dask: str | None = None) -> Iterator[BenchRow]:
-    """Yield the row of each run when the run ends; only the costs depend on `jobs` and `dask`.
+    """Yield the row of each run when the run ends; only the costs in the rows depend on `jobs` and `dask`.
 
-    `dask` is the address of a scheduler, such as ``tcp://10.0.0.1:8786``; ``local`` starts one on this
-    machine with `jobs` workers.
+    `dask` is the address of a scheduler, such as ``tcp://10.0.0.1:8786``; ``local`` starts a scheduler on
+    this machine with `jobs` workers.
 
     Raises
     ------
     ClusterError
-        If the scheduler does not answer or is lost, or its workers are unsuitable.
+        If the scheduler does not answer, the connection is lost, or the workers are unsuitable.
     KeyboardInterrupt
         At Ctrl-C; unfinished runs are cancelled.
     """
@@ -228,11 +228,11 @@ def fly_all(runs: Sequence[BenchRun], *, jobs: int = 1, dask: str | None = None)
         yield from _in_processes(runs, jobs)
 
 
-_KILLED = "the process that flew it was killed; is there enough memory for it?"
+_KILLED = "the process that flew this run was killed; is there enough memory for the run?"
 
 
 def _ended(workers: Workers, runs: Sequence[BenchRun]) -> Iterator[tuple[BenchRun, Future[_Flown]]]:
-    """Submit all runs, and yield each when it ends."""
+    """Submit all runs, and yield each run with its future when the run ends."""
     waiting = iter(runs)
     flying: dict[Future[_Flown], BenchRun] = {}
     while True:
@@ -265,9 +265,9 @@ def _row(run: BenchRun, given: _Flown) -> BenchRow:
 
 
 def _packed(run: BenchRun) -> tuple[bytes, Mapping[str, str]]:
-    """Return the arguments of `_fly_packed`, with code that the other process cannot import.
+    """Return the arguments of `_fly_packed`, including user code that the other process cannot import.
 
-    Dask itself would send classes by their names.
+    Dask alone would send only the names of the classes.
     """
     import cloudpickle
 
@@ -289,12 +289,12 @@ def _packed(run: BenchRun) -> tuple[bytes, Mapping[str, str]]:
 def _fly_packed(sent: bytes, theirs: Mapping[str, str]) -> _Flown:
     """Fly a run packed by another process of the same user; return its row, or the cause of the failure.
 
-    ClusterError if this process runs another program than the sender: its row would differ.
+    ClusterError if this process runs a different program from the sender, because its row would differ.
     """
     if why := unlike(theirs):
         raise ClusterError(why)
     try:
-        function, run = pickle.loads(sent)  # noqa: S301 (of this command, over its own pool or scheduler)
+        function, run = pickle.loads(sent)  # noqa: S301 (sent by this command over its own pool or scheduler)
     except Exception as error:
         return f"{_UNSENT}: {type(error).__name__}: {error}"
     return cast("BenchRow", function(run))
@@ -312,7 +312,7 @@ def _in_processes(runs: Sequence[BenchRun], jobs: int) -> Iterator[BenchRow]:
                     yield row
         except BrokenProcessPool:
             remaining = [run for run in remaining if run.key not in done]
-            # One of the first `jobs` runs killed its process, so each is flown alone: only the culprit fails.
+            # One of the first `jobs` runs killed its process. Each is flown alone, so only the culprit fails.
             yield from map(_alone, remaining[:jobs])
             remaining = remaining[jobs:]
         else:

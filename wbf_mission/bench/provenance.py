@@ -1,6 +1,6 @@
-"""Provenance of a row: the program, its versions and commit, the machine, and parameters of objects.
+"""Provenance of a row: program versions and commit, the machine, and parameters of users' objects.
 
-A worker with another program would produce other rows, so `unlike` compares the programs of two processes.
+A worker with a different program would produce different rows, so `unlike` compares two programs.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def unlike(theirs: Mapping[str, str]) -> str:
     if keys[1:] and keys[-1] == _CODE:
         del keys[-1]  # the source digest differs whenever a version does
     texts = [f"{key} {ours.get(key, 'unknown')} in place of {theirs.get(key, 'unknown')}" for key in keys]
-    return f"it has {', '.join(texts)}; install the same there, and start the worker anew" if texts else ""
+    return f"it has {', '.join(texts)}; install the same there, and restart the worker" if texts else ""
 
 
 @functools.cache
@@ -120,7 +120,7 @@ def _installed() -> str:
 def hardware() -> dict[str, str]:
     """Return the processor model, number of cores, memory (GB), system and linear algebra kernels.
 
-    The last bits of results of numpy's linear algebra may depend on the kernels.
+    The kernels may change the last bits of what numpy's linear algebra computes.
     """
     found = {
         "processor": _processor(),
@@ -146,8 +146,9 @@ def _processor() -> str:
 def in_words(made: Any) -> str:
     """Return a description of a planner, policy or estimator given as an object, with its parameters.
 
-    An object's parameters are attributes named as its class's parameters (``beta`` or ``_beta``), else its
-    public attributes; a function's are the variables in its closure.
+    The parameters of an object are the attributes named after the parameters of its class (``beta`` or
+    ``_beta``); if there are none, its public attributes. A function's parameters are the variables in its
+    closure.
 
     Examples
     --------

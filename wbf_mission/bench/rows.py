@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     Floats: TypeAlias = array[float]
 else:
     Floats = array
-    """Array of type code ``d``: a list needs four times the memory, and tables have thousands of rows."""
+    """Array of type code ``d``, since lists of numbers would take four times the memory."""
 
 
 def as_floats(kind: type, value: Any) -> Floats:
@@ -46,7 +46,7 @@ def _no_floats() -> Floats:
 class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Result of a successful or failed run.
 
-    Losses are means per cell, by field name. Everything but the costs is determined by the run alone.
+    Losses are means per cell, by field name. Only the costs may differ when a run is flown again.
 
     Attributes
     ----------
@@ -61,12 +61,12 @@ class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     calibration : dict
         Calibration of the last estimate on cells not observed (`sensors.scoring.expected`).
     predicted_time_s : float or None
-        Predicted time of the flights; for a policy, of its last accepted paths, or None if its budget is no
-        time.
+        Predicted time of the flights; for a policy, the predicted time of its last accepted paths, or None if
+        its budget is not a time.
     budget : str or None
         Budget of a flight, in words.
     battery_used : float or None
-        Battery fraction used by the flight that used most.
+        Largest battery fraction used by a flight.
     wall_time_s, cpu_time_s : float
         Costs of the whole run; `timings_s` has the wall time of its parts.
     times_s, scores, history
@@ -80,7 +80,7 @@ class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     objects : dict
         Description, with parameters, of a ``planner`` (or policy) and an ``estimator`` given as objects.
     bad_answers : dict
-        Number of the policy's answers that were not flown or came too late, by fault.
+        Number of the policy's answers that were not flown or came too late, by kind of fault.
     """
 
     key: str
@@ -115,7 +115,7 @@ class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     bad_answers: dict[str, int] = {}
 
     def __post_init__(self) -> None:
-        # If a run without a score did not count as failed, its environment would not count for any other run.
+        # A run without a score counts as failed; else comparisons would drop its environment for all runs.
         known = (score is not None and np.isfinite(score) for score in (self.score, self.final_score))
         if self.error is None and not all(known):
             why = "no score" if self.observations else "no score: no cell of the farm was observed"
@@ -161,7 +161,7 @@ _encoder = msgspec.json.Encoder(enc_hook=list)
 
 
 def build_of(row: BenchRow) -> str:
-    """Return the version of wbf-mission that flew a row, with the commit, else with the behaviour numbers.
+    """Return the version that flew a row, with its commit or, if that is unknown, its behaviour numbers.
 
     >>> row = BenchRow(key="", scenario="", planner="", estimator="", seed=0)
     >>> made = {"wbf-mission": "0.1.0", "commit": "4622a3d6f0+changes"}
@@ -178,12 +178,12 @@ def commit_of(row: BenchRow) -> str:
 
 
 def digest_of(row: BenchRow, key: str) -> str:
-    """Return behaviour numbers, or the start of a digest; "unknown code" for rows of old folders."""
+    """Return behaviour numbers or the start of a row's digest; "unknown code" for rows of old folders."""
     return shown_digest(row.codes.get(key, "built in" if row.codes else "unknown code"), 12)
 
 
 def shown_digest(digest: str, digits: int = _SHORT) -> str:
-    """Return the start of a digest; behaviour numbers are not shortened."""
+    """Return the first digits of a digest; return behaviour numbers unchanged."""
     return digest if "." in digest else digest[:digits].strip()
 
 
@@ -271,7 +271,7 @@ def read_rows(folder: Path) -> list[BenchRow]:
             try:
                 row = _decoder.decode(line)
             except (msgspec.MsgspecError, UnicodeDecodeError):
-                msg = f"{folder / _JOURNAL}: line {number} is no row of a benchmark; remove it"
+                msg = f"{folder / _JOURNAL}: line {number} is not a row of a benchmark; remove it"
                 raise ResultError(msg) from None
             found[row.key] = common.of(row)
     return sorted(found.values(), key=lambda row: (row.scenario, row.planner, row.estimator, row.seed))
@@ -297,7 +297,7 @@ def _grouped(rows: Iterable[BenchRow], key: Callable[[BenchRow], Any]) -> dict[A
 
 
 def rows_table(rows: Sequence[BenchRow]) -> Any:
-    """Return a pyarrow table of rows: a column for each value (``loss_tylcv``), lists for histories."""
+    """Return rows as a pyarrow table with a column for each value (``loss_tylcv``); histories are lists."""
     import pyarrow as pa
 
     names = [name for name in BenchRow.__struct_fields__ if name not in _DICTS]
@@ -344,7 +344,7 @@ class _Common:
         self._times: dict[bytes, Floats] = {}
 
     def of(self, row: BenchRow) -> BenchRow:
-        """Return an equal row with shared values."""
+        """Return an equal row that uses the cached texts, dicts and times."""
         texts = {key: self._text(getattr(row, key)) for key in _SHARED_TEXTS}
         dicts = {key: self._dict(getattr(row, key)) for key in _SHARED_DICTS}
         times_s = self._times.setdefault(row.times_s.tobytes(), row.times_s)
@@ -377,7 +377,7 @@ def rows_of(path: Path, content: bytes | None = None) -> Iterator[BenchRow]:
 
 
 def _where(column: str) -> tuple[str | None, str]:
-    """Return the dict of a row to which a column belongs, or None, and its key."""
+    """Return the name of the row's dict that holds a column (None if no dict does), and the column's key."""
     for where, (prefix, _) in _DICTS.items():
         if column.startswith(prefix):
             return where, column.removeprefix(prefix)

@@ -77,7 +77,7 @@ class BenchSpec:
     scenarios : tuple of (str, Scenario)
         Scenarios with their ids or files.
     planners, estimators : tuple of Choice
-        Planners or policies, and estimators. A name that is no planner's is taken as a policy's.
+        Planners or policies, and estimators. A name that no planner has is taken as the name of a policy.
     seeds : tuple of int
         Seeds of the environments.
 
@@ -108,9 +108,9 @@ class BenchSpec:
             if twice:
                 raise ScenarioError(f"{key}: {twice[0]} is given twice; give it once")
         if len(set(self.seeds)) != len(self.seeds):
-            raise ScenarioError("seeds: one is given twice; give each once")
+            raise ScenarioError("seeds: a seed is given twice; give each seed once")
         if len(self) > _MOST_RUNS:
-            msg = f"these are {len(self)} runs; at most {_MOST_RUNS} can be kept together: make several"
+            msg = f"these are {len(self)} runs; at most {_MOST_RUNS} fit into a benchmark: make several"
             raise ScenarioError(msg)
         for choice in self.planners:
             require_mover(choice)
@@ -127,7 +127,7 @@ class BenchSpec:
         *,
         folder: Path | None = None,
     ) -> Self:
-        """Return a specification from ids, names and counts; defaults are those of the paper's experiment.
+        """Return a specification from ids, names and counts; the paper's experiment is the default.
 
         Parameters
         ----------
@@ -166,8 +166,8 @@ class BenchSpec:
         """Read a specification from a TOML file.
 
         The keys of the file are the parameters of `of`: ``scenarios`` (ids, or files in the same folder),
-        ``planners``, ``estimators`` and ``seeds``. Values of `changes` override those of the file unless
-        None.
+        ``planners``, ``estimators`` and ``seeds``. Values of `changes` other than None override the values of
+        the file.
 
         Raises
         ------
@@ -188,7 +188,7 @@ class BenchSpec:
         return len(self.scenarios) * len(self.planners) * len(self.estimators) * len(self.seeds)
 
     def runs(self) -> Iterator[BenchRun]:
-        """Yield all runs, those on the same environment in succession."""
+        """Yield all runs; runs on the same environment follow one another."""
         own = [_code_of(mover, "planner" if _is_planner(mover) else "policy") for mover in self.planners]
         movers = list(zip(self.planners, own, strict=True))
         estimators = [(estimator, _code_of(estimator, "estimator")) for estimator in self.estimators]
@@ -216,7 +216,7 @@ def _key(codes: Mapping[str, str], mover: str, planner: str, estimator: str, see
 
 
 def run_keys(row: BenchRow) -> tuple[str, ...]:
-    """Return the two possible keys of a row's run: with its mover as a planner, and as a policy."""
+    """Return the two possible keys of a row's run: its `planner` column may name a planner or a policy."""
     given = (row.planner, row.estimator, row.seed)
     return tuple(_key(row.codes, mover, *given) for mover in ("planner", "policy"))
 
@@ -226,12 +226,12 @@ def _objects(**choices: Choice) -> dict[str, str]:
 
 
 def _given(key: str, given: Any) -> Sequence[Any]:
-    """Return the given list, or the default for None; ScenarioError if it is no list or empty."""
+    """Return the given list, or the default for None; ScenarioError if the value is no list or is empty."""
     if given is None:
         return _DEFAULTS[key]
     if isinstance(given, (list, tuple)) and given:
         return given
-    msg = f"{key} {given!r} are no list with something in it; give one such as {list(_DEFAULTS[key])}"
+    msg = f"{key} {given!r} is not a list with entries; give a list such as {list(_DEFAULTS[key])}"
     raise ScenarioError(msg)
 
 
@@ -248,7 +248,7 @@ def _seeds(given: Any) -> tuple[int, ...]:
 
 
 def seeds_of(text: str) -> tuple[int, ...]:
-    """Return the seeds of a text: a number of seeds from 0 on, or a list of seeds and ranges.
+    """Return the seeds that a text names: a number of seeds, counted from 0, or a list of seeds and ranges.
 
     ScenarioError if the text is neither.
 
@@ -328,7 +328,7 @@ def _code_of(choice: Choice, what: str) -> str:
 
 
 def require_mover(choice: Choice) -> None:
-    """Raise an error if the planner or policy is unknown, or one of its parameters is."""
+    """Raise an error if the planner or policy, or one of its parameters, is unknown."""
     if _is_planner(choice):
         make_planner(choice.chosen, **choice.params)
         return

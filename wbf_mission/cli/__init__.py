@@ -1,1 +1,1 @@
-"""Command line of wbf-mission."""
+"""The command line of wbf-mission."""

@@ -1,4 +1,4 @@
-"""Entry of the command line ``wbf-mission COMMAND``; other modules of this package define the commands."""
+"""Runs the command line ``wbf-mission COMMAND``; other modules of this package define the commands."""
 
 from __future__ import annotations
 
@@ -39,10 +39,8 @@ app = typer.Typer(
 )
 _GROUPS = {
     "bench": "Fly many runs that can be compared.",
-    "farm": (
-        "Look at farms: list them, show one, draw one, save one as GeoJSON, generate environments of one."
-    ),
-    "vehicle": "Look at vehicles: list them, show one with its endurance.",
+    "farm": ("List farms; show a farm, draw it, save it as GeoJSON, or generate its environments."),
+    "vehicle": "List vehicles, or show a vehicle and its endurance.",
 }
 _COMMANDS = {
     "plan": Command(plan.plan_command, plan.EXAMPLES, plan.BEGINNERS),
@@ -50,7 +48,7 @@ _COMMANDS = {
     "bench.run": Command(bench.run_command, bench.RUN_EXAMPLES),
 }
 add_commands(app, _GROUPS, _COMMANDS)
-_built = cache(typer.main.get_command)  # typer would build all commands for every call
+_built = cache(typer.main.get_command)  # Without it, typer builds all commands for every call
 
 
 def _print_version(wanted: bool) -> None:
@@ -71,7 +69,7 @@ def _root(
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line and return its exit code; each error is one line on stderr."""
+    """Run the command line and return the exit code; print each error as one line on stderr."""
     warnings.formatwarning = _one_line_warning
     _silence_asyncio()
     try:
@@ -87,7 +85,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _silence_asyncio() -> None:
-    """Suppress tracebacks of library tasks that Ctrl-C left unfinished."""
+    """Suppress tracebacks of libraries' tasks that Ctrl-C leaves unfinished."""
     logger = logging.getLogger("asyncio")
     logger.propagate = False
     if not logger.handlers:
@@ -98,7 +96,7 @@ def _run(arguments: list[str]) -> int:
     try:
         os.getcwd()  # noqa: PTH109
     except FileNotFoundError:
-        return _complain("the working folder was removed: change to one that is there", ExitCode.BAD_INPUT)
+        return _complain("the working folder was removed: change to an existing folder", ExitCode.BAD_INPUT)
     try:
         code = _built(app)(args=arguments, standalone_mode=False, prog_name="wbf-mission", obj=arguments)
     except typer.TyperException as error:
@@ -111,14 +109,14 @@ def _run(arguments: list[str]) -> int:
         raise
     except SystemExit as error:
         if users_line(error) is not None:
-            return _complain(f"code of yours ended the program: {told_error(error)}", ExitCode.BAD_INPUT)
-        if isinstance(error.__context__, OSError):  # typer exits like this when its help cannot be written
+            return _complain(f"your own code ended the program: {told_error(error)}", ExitCode.BAD_INPUT)
+        if isinstance(error.__context__, OSError):  # typer could not write its help
             return ExitCode.OUTPUT_CLOSED
-        code = error.code  # shell completion exits like this
+        code = error.code  # Shell completion ends by SystemExit
     except MemoryError:
         return _complain("out of memory: choose a smaller farm or fewer days", ExitCode.BAD_INPUT)
     except OSError as error:
-        # An error without a file name is of stdout
+        # An error that names no file comes from stdout
         if error.filename is None and error.errno == errno.ENOSPC:
             raise StdoutError(error) from error
         where = f"{error.filename}: " if error.filename else ""
@@ -139,7 +137,7 @@ def _run(arguments: list[str]) -> int:
 
 
 def _usage(error: typer.TyperException) -> str:
-    """Return the message of a usage error, without the prefixes that libraries add."""
+    """Return the message of a usage error without prefixes that libraries add."""
     at: Any = getattr(error, "ctx", None)
     text = error.format_message().replace("Value error, ", "", 1).replace("\n\t", " ")
     return f"{text} (see '{'wbf-mission' if at is None else at.command_path} --help')"
@@ -158,7 +156,7 @@ def _complain(text: str, code: int) -> int:
 
 
 def _discard_output() -> None:
-    """Redirect stdout to the null device, so that the final flush of buffered output cannot fail."""
+    """Redirect stdout to the null device, so that flushing buffered output at the end cannot fail."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     with contextlib.suppress(OSError, ValueError):
         os.dup2(nowhere, sys.stdout.fileno())

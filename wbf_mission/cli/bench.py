@@ -1,4 +1,4 @@
-"""``wbf-mission bench run``, and the output of the commands of ``bench``."""
+"""The command ``wbf-mission bench run``, and output that all ``bench`` commands use."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _FAILURES_SHOWN = 5
 
 
 def _print_standings(output: Output, rows: Sequence[BenchRow], title: str) -> None:
-    """Print the standings; without an add-on that makes them, the number of rows and the failed runs."""
+    """Print the standings, or the numbers of rows and failed runs if no add-on makes standings."""
     from wbf_mission.cli.command import PAGES
 
     entry = entry_named(PAGES, "bench.standings")
@@ -39,7 +39,7 @@ def _print_standings(output: Output, rows: Sequence[BenchRow], title: str) -> No
 
 
 def warn_of_failures(output: Output, rows: Sequence[BenchRow]) -> None:
-    """Warn of failed runs, with the causes of the first `_FAILURES_SHOWN`."""
+    """Warn of failed runs; name the causes of the first `_FAILURES_SHOWN`."""
     failures = [row for row in rows if row.error is not None]
     for row in failures[:_FAILURES_SHOWN]:
         output.warn(f"{row.named}: {row.error}")
@@ -53,7 +53,7 @@ def warn_of_failures(output: Output, rows: Sequence[BenchRow]) -> None:
 
 
 def exit_code(rows: Sequence[BenchRow], *, interrupted: bool) -> int:
-    """Return the exit code of a command that flew `rows`."""
+    """Return the exit code of a command that flew the runs of `rows`."""
     if interrupted:
         return ExitCode.INTERRUPTED
     return ExitCode.NOT_GOOD if any(row.error for row in rows) else ExitCode.GOOD
@@ -68,12 +68,12 @@ wbf-mission bench run --family smooth --seeds 10 --out results/smooth
 """
 RUN_PANEL = "What to run"
 ROUNDS = "wbf_mission.rounds"
-"""Group of entry points; ``sealed`` adds the seeds in a round's file to arguments of `BenchSpec.of`."""
+"""Group of entry points. ``sealed`` adds the seeds of a round's file to the arguments of `BenchSpec.of`."""
 _TOLD_EVERY_S = 60.0
 
 
 def choices(text: str, what: str) -> list[Choice]:
-    """Return comma-separated planners, policies or estimators, by name or as FILE.py:NAME."""
+    """Parse comma-separated planners, policies or estimators, each a name or FILE.py:NAME."""
     from wbf_mission.own_code import own_choice
     from wbf_mission.scenario.choice import choose, split_choices
 
@@ -98,12 +98,12 @@ def selection(
     seeds: Annotated[
         str | None,
         option(
-            "Number of environments, from seed 0 on, or a list of seeds: 100..139, or 5,7,100..139.",
+            "Number of environments, from seed 0 on, or the seeds, such as 100..139 or 5,7,100..139.",
             panel=RUN_PANEL,
         ),
     ] = None,
 ) -> dict[str, Any]:
-    """Return the given options as arguments of `BenchSpec.of`."""
+    """Return the options that were given as arguments of `BenchSpec.of`."""
     return {
         "scenarios": None if scenarios is None else [name.strip() for name in scenarios.split(",")],
         "planners": None if planners is None else choices(planners, "planner"),
@@ -114,14 +114,14 @@ def selection(
 
 @dataclass(frozen=True, slots=True)
 class Flying:
-    """Options of the execution of runs."""
+    """Options of how runs are executed."""
 
     jobs: options.Jobs = 1
     dask: Annotated[
         str | None,
         option(
-            "Fly on the workers of a Dask scheduler, such as tcp://10.0.0.1:8786, or of one made here:"
-            " local (with --jobs).",
+            "Dask scheduler whose workers fly, such as tcp://10.0.0.1:8786; local starts a scheduler"
+            " here (with --jobs).",
             metavar="ADDRESS",
         ),
     ] = None
@@ -130,7 +130,7 @@ class Flying:
     def rows(
         self, output: Output, wanted: BenchSpec, out: Path | None, context: typer.Context
     ) -> tuple[list[BenchRow], bool]:
-        """Fly the missing runs; return all rows, and whether Ctrl-C came."""
+        """Fly the missing runs; return all rows, and whether Ctrl-C interrupted the command."""
         from wbf_mission.bench.benchmark import BenchmarkInterrupted, benchmark
 
         options.require_processes(self.jobs)
@@ -161,14 +161,14 @@ def run_command(
     family: Annotated[
         str | None,
         option(
-            "Family of scenarios (see 'bench list --families'), flown with its planners and estimators; the"
-            " options below override them.",
+            "Family of scenarios (see 'bench list --families'), flown with the family's planners and"
+            " estimators unless the options below name others.",
             panel=RUN_PANEL,
         ),
     ] = None,
     sealed: Annotated[
         Path | None,
-        option("Secret of a round ('bench seal'), to fly the round's environments.", panel=RUN_PANEL),
+        option("Secret file of a round ('bench seal'), to fly its environments.", panel=RUN_PANEL),
     ] = None,
     selected: dict[str, Any],
     flying: Flying,
@@ -183,7 +183,7 @@ def run_command(
 
     if family is not None:
         if spec is not None:
-            raise ScenarioError(f"--family {family} and {spec}: give one of them")
+            raise ScenarioError(f"--family {family} and {spec}: give only one of the two")
         of = get_family(family)
         whole = {"scenarios": of.scenarios, "planners": of.planners, "estimators": of.estimators}
         selected |= {key: list(names) for key, names in whole.items() if selected[key] is None}

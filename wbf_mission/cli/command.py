@@ -1,4 +1,4 @@
-"""Commands and browser pages provided by packages: entry points of a group each."""
+"""Commands and browser pages that packages provide as entry points."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from wbf_mission.run.orders import Orders
 
 GROUP = "wbf_mission.commands"
-"""Group of entry points, named by command; ``bench.NAME`` becomes ``wbf-mission bench NAME``."""
+"""Group of entry points for commands. An entry ``bench.NAME`` becomes ``wbf-mission bench NAME``."""
 PAGES = "wbf_mission.pages"
-"""Group of entry points, named by page."""
+"""Group of entry points for browser pages."""
 
 
 class Command(NamedTuple):
@@ -29,13 +29,13 @@ class Command(NamedTuple):
     Attributes
     ----------
     call : callable
-        Function with parameters for `typer`; its docstring is the help.
+        Function whose parameters `typer` reads and whose docstring is the help.
     examples : str
-        A heading, and a line for each example.
+        A heading line, then a line for each example.
     beginners : tuple of str
-        Options in ``--help``, for a command with more than twenty; ``--help-all`` shows all.
+        Options that ``--help`` shows if the command has more than twenty; ``--help-all`` shows all options.
     ignore_unknown_options : bool
-        Whether an unknown option is an argument, such as -5.
+        Whether an unknown option, such as -5, is taken as an argument.
     """
 
     call: Callable[..., Any]
@@ -44,17 +44,17 @@ class Command(NamedTuple):
     ignore_unknown_options: bool = False
 
     def add_to(self, app: typer.Typer, name: str) -> None:
-        """Add the command to a group."""
+        """Add the command to an application or group."""
         kind = HelpCommand.showing(self.beginners)
         settings = {"ignore_unknown_options": self.ignore_unknown_options}
         app.command(name, cls=kind, epilog=self.examples, context_settings=settings)(self.call)
 
 
 def add_commands(app: typer.Typer, groups: Mapping[str, str], commands: Mapping[str, Command]) -> None:
-    """Add `commands`, and those of packages, to an application and its groups (names with their help).
+    """Add `commands` and the commands of packages to an application and its groups.
 
-    A command that cannot be loaded is added too, and raises the error when it is called. A group without
-    commands is left out.
+    `groups` maps names of groups to their help. A command that cannot be loaded is added too, and raises the
+    error when it is called. A group without commands is left out.
     """
     apps = {"": app, **{name: typer.Typer(cls=HelpGroup, help=text) for name, text in groups.items()}}
     found = dict(commands)
@@ -84,20 +84,20 @@ def _broken(error: TargetError) -> Command:
 
 
 class LivePage(Protocol):
-    """``live``: context that serves the page of a run, and gives the page's address and its listener."""
+    """The page ``live``: a context that serves a run's page, and gives the page's address and listener."""
 
     def __call__(
         self, *, host: str, port: int, orders: Orders | None, tiles: Path | None
     ) -> AbstractContextManager[tuple[str, Callable[[Event], None]]]:
-        """LinkError if the port is in use; a WbfMissionError if the tiles cannot be used."""
+        """Raise LinkError if the port is in use, another WbfMissionError if the tiles are unusable."""
 
 
 def live_page() -> LivePage:
-    """Return the live page; TargetError if no add-on provides one."""
+    """Return the live page; raise TargetError if no add-on provides it."""
     page: LivePage = provided("live")
     return page
 
 
 def provided(name: str) -> Any:
-    """Return the page of a name; TargetError if no add-on provides it."""
+    """Return the page with this name; raise TargetError if no add-on provides it."""
     return load_named(PAGES, name, "brings the page", "the page", TargetError)

@@ -1,4 +1,4 @@
-"""Rich console for plain text, and a progress bar; imported only to print, because importing rich is slow."""
+"""A rich console for plain text, and a progress bar; imported only to print, as importing rich is slow."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from geo.texts import printable
 if TYPE_CHECKING:
     from rich.progress import TaskID
 
-# Widths for one line of 80 columns. A terminal wraps a longer line, and rich would not erase the rest.
+# With these widths a bar fits 80 columns. A terminal wraps a longer line, of which rich erases only a part.
 _DESCRIPTION, _BAR = 24, 20
 _REFRESHES_S = 4.0
 
 
 class PlainConsole(Console):
-    """Console without markup, emoji codes and highlighting; `width` defaults to that of the terminal."""
+    """Console without markup, emoji codes and highlighting; by default as wide as the terminal."""
 
     def __init__(self, stream: IO[str], *, width: int | None = None, wrap: bool = True) -> None:
         super().__init__(
@@ -25,15 +25,15 @@ class PlainConsole(Console):
         )
 
     def on_broken_pipe(self) -> None:
-        """Raise the error to the caller, where rich would end the process."""
+        """Raise the error, whereas rich would end the process."""
         raise
 
 
 class Bars:
-    """A single bar for the current task, removed when the task is done."""
+    """A progress bar of the present task, which disappears when the task is done."""
 
     def __init__(self, console: Console) -> None:
-        from rich import progress  # Most commands show no bar
+        from rich import progress  # Imported late, as most commands show no bar
 
         self._console = console
         columns = (
@@ -49,7 +49,7 @@ class Bars:
         self.show(True)
 
     def update(self, what: str, done: float, total: float) -> None:
-        """Show the progress of a task."""
+        """Show the progress of a task in the bar."""
         total = max(total, 1e-9)
         if what not in self._tasks:
             self._tasks[what] = self._progress.add_task(printable(what), total=total)
@@ -68,7 +68,7 @@ class Bars:
         if not wanted:
             progress.stop()
             return
-        # A stopped `Live` remembers its position, and would erase text written there since.
+        # A stopped `Live` remembers its position and would erase text that was written there meanwhile.
         progress.live = Live(
             console=self._console,
             refresh_per_second=_REFRESHES_S,

@@ -1,4 +1,4 @@
-"""``wbf-mission fly``."""
+"""The command ``wbf-mission fly``."""
 
 from __future__ import annotations
 
@@ -46,13 +46,13 @@ BEGINNERS = (
 
 @dataclass(frozen=True, slots=True)
 class _Links:
-    """Options of the links to real vehicles."""
+    """Options that concern the links to real vehicles."""
 
     connect: Annotated[
         list[str] | None,
         options.link(
-            "Link to the vehicle that flies in place of a simulated one; give one for all vehicles, or one"
-            " for each"
+            "Link to a real vehicle, flown in place of a simulated vehicle; give one link for all vehicles,"
+            " or a link for each"
         ),
     ] = None
     yes: Annotated[bool, option("Start without asking.", "--yes", panel=options.LINK_PANEL)] = False
@@ -60,7 +60,7 @@ class _Links:
         list[int] | None,
         option(
             "System id of the vehicle, 1 to 255; may be repeated, in the order of --connect.  [default: the"
-            " first ones heard]",
+            " first vehicles heard]",
             panel=options.LINK_PANEL,
             metavar="NUMBER",
             parser=options.whole_number_in(1, 255),
@@ -70,7 +70,7 @@ class _Links:
     via: options.Via = "own"
 
     def counted(self, given: options.Given) -> options.Given:
-        """Return the given options with the number of vehicles, taken from the number of links."""
+        """Return the given options; if there are several links, set their number as number of vehicles."""
         count = max(len(self.connect or ()), len(self.system_id or ()))
         if not self.connect or count < 2:
             return given
@@ -79,10 +79,10 @@ class _Links:
     def live(
         self, output: Output, orders: Orders | None, *, force: bool, simulates: bool, change_s: float
     ) -> Any:
-        """Return the links, with the operator at this terminal; None for a simulated flight."""
+        """Return the links and the operator at this terminal; None for a simulated flight."""
         if not self.connect:
             if self.yes or self.system_id or self.via != "own":
-                with_link = "--yes, --system-id and --via go with --connect"
+                with_link = "--yes, --system-id and --via need --connect"
                 msg = f"{with_link}: give the vehicle's link, or leave them out"
                 raise ScenarioError(msg)
             return None
@@ -92,7 +92,7 @@ class _Links:
             msg = "--connect asks before the motors start, but there is no terminal: give --yes"
             raise ScenarioError(msg)
         if simulates:
-            msg = "--speed and --fault are of simulated flights: leave them out with --connect"
+            msg = "--speed and --fault apply only to simulated flights: leave them out with --connect"
             raise ScenarioError(msg)
         return connection("fly")(
             output,
@@ -112,21 +112,21 @@ _OUT = options.OUTPUT_PANEL
 
 @dataclass(frozen=True, slots=True)
 class _Saving:
-    """Options of the results: folder, files and pictures."""
+    """Options of the results, which are a folder, files and pictures."""
 
     out: Annotated[
         Path | None,
         option("Folder for the results.  [default: runs/ and a name from the scenario]", panel=_OUT),
     ] = None
-    files: Annotated[bool, option("Write the results into a folder, or only print them.", panel=_OUT)] = True
+    files: Annotated[bool, option("Write results into a folder, or only print them.", panel=_OUT)] = True
     plots: Annotated[bool, option("Draw pictures into the folder.", panel=_OUT)] = True
     animate: Annotated[
-        bool, option("Write an animation of the run (run.gif), too.", "--animate", panel=_OUT)
+        bool, option("Also write an animation of the run (run.gif).", "--animate", panel=_OUT)
     ] = False
     treatment_map: Annotated[
         bool,
         option(
-            "Write a treatment map, too, as 'wbf-mission map' does (needs the extra gis).",
+            "Also write a treatment map, as 'wbf-mission map' does (needs the extra gis).",
             "--treatment-map",
             panel=_OUT,
         ),
@@ -134,14 +134,14 @@ class _Saving:
     overwrite: Annotated[
         bool,
         option(
-            "Replace another run's result in the folder, or write beside other files.",
+            "Replace the result of another run in the folder, or write beside other files.",
             "--overwrite",
             panel=_OUT,
         ),
     ] = False
 
     def products(self) -> list[str]:
-        """Return the names of the products to write in addition to the results."""
+        """Return the names of the products that are written in addition to the results."""
         from wbf_mission.results.products import ANIMATION, PICTURES, TREATMENT, product_names
 
         drawn = self.plots and PICTURES in product_names()
@@ -149,12 +149,12 @@ class _Saving:
         return [name for name in wanted if wanted[name]]
 
     def require_products(self, chosen: Scenario, output: Output) -> None:
-        """Raise an error before the flight if a product could not be written; note if pictures cannot."""
+        """Raise an error before the flight if a product cannot be written; only note missing pictures."""
         from wbf_mission.results.products import GROUP, PICTURES, product, product_names
 
         if not self.files and (self.animate or self.treatment_map):
             what = "--animate writes a file" if self.animate else "--treatment-map writes files"
-            msg = f"{what}, --no-files none: leave one of them out"
+            msg = f"{what}, but --no-files forbids files: leave one of them out"
             raise ScenarioError(msg)
         if self.files and self.plots and PICTURES not in product_names():
             output.note(f"note: no pictures: no package that is installed makes '{PICTURES}' ({GROUP})")
@@ -162,7 +162,7 @@ class _Saving:
             product(name).require(chosen)
 
     def write(self, result: Result, folder: ResultFolder | None, progress: Progress) -> bool:
-        """Write the results, unless `folder` is None; return False if Ctrl-C interrupted the writing."""
+        """Write the results unless `folder` is None; return False if Ctrl-C interrupts the writing."""
         try:
             if folder is not None:
                 folder.write(
@@ -178,7 +178,7 @@ class _Saving:
     def folder(
         self, given: options.Given, chosen: Scenario, output: Output, *, real: bool
     ) -> ResultFolder | None:
-        """Return the folder for the results, which must not contain an input; None without files."""
+        """Return the results' folder, which must not contain an input, or None with ``--no-files``."""
         if not self.files:
             return None
         from wbf_mission.results.writing import ResultFolder, run_name
@@ -205,7 +205,7 @@ def fly_command(
     speed: Annotated[
         float | None,
         option(
-            "Pace: simulated seconds per second of wall time."
+            "Pace in simulated seconds per second of wall time."
             "  [default: as fast as possible; with --live 20]",
             panel="What to run",
             parser=options.number,
@@ -214,8 +214,8 @@ def fly_command(
     change_time: Annotated[
         float,
         option(
-            "Duration of a battery change between sorties, s; with --connect and --yes the longest wait for"
-            " the change.",
+            "Duration of a battery change between sorties, s; with --connect and --yes, the longest time to"
+            " wait for the change.",
             panel="What to run",
             parser=options.number,
         ),
@@ -241,9 +241,8 @@ def fly_command(
 ) -> int:
     """Plan, upload over MAVLink, fly, observe, estimate and score, in simulation or with --connect.
 
-    A mission of a single vehicle that is longer than a battery is flown in sorties.
-    Writes the plan, a telemetry log, the observations, the information model with the truth, a summary
-    and pictures.
+    If a single vehicle's mission is longer than a battery, it is flown in sorties. The command writes the
+    plan, a telemetry log, the observations, the information model with the truth, a summary and pictures.
     """
     from wbf_mission.flight import Simulated, fly
 
@@ -271,7 +270,7 @@ def fly_command(
                 stack.enter_context(folder)
             if folder is not None and live is None:
                 kept = f"interrupted: what was flown is estimated and saved in {folder.path}"
-                # The log exists once the flight has begun.
+                # The telemetry log exists from the beginning of the flight on.
                 stack.enter_context(
                     signals.announcing(f"{kept}; again ends at once", when=folder.tlog.exists)
                 )
@@ -301,7 +300,7 @@ def fly_command(
 def _show(
     output: Output, result: Result, summary: dict[str, Any], *, interrupted: bool, simulated: bool
 ) -> None:
-    """Print the result of a run, with its notes and warnings."""
+    """Print the result of a run and the run's notes and warnings."""
     output.notes(result.farm.notes, "farm")
     if simulated and (left := result.budget_left):
         output.notes([left])
@@ -332,12 +331,12 @@ def _show(
 
 
 def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dict[str, str]:
-    """Return the rows of a run's table."""
+    """Return the rows of the table that shows a run's result."""
     transfer = summary["transfer"]
     losses = ", ".join(
         f"{name} {value:.4g}" for name, value in summary["losses"].items() if value is not None
     )
-    # With a policy, only the first path is known before the flight.
+    # Of a policy's flight, only the first path is known beforehand.
     plans = result.scenario.mission.policy is None
     predicted = filled(" (predicted {predicted_coverage:.2%})", summary) if plans else ""
     rows = {
@@ -365,14 +364,14 @@ def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dic
 
 
 def _sortie_rows(result: Result) -> dict[str, str]:
-    """Return the row with the number of sorties; empty if there was only one."""
+    """Return the row with the number of sorties, or no row if there was only one sortie."""
     farm, vehicles = result.scenario.farm, len({flight.system_id for flight in result.flights})
     sorties = len(result.flights) // max(vehicles * farm.days * farm.flights_per_day, 1)
     return {"sorties": f"{sorties}, with a full battery each"} if sorties > 1 else {}
 
 
 def _decision_rows(result: Result) -> dict[str, str]:
-    """Return the row of a policy's decisions; empty for a planner."""
+    """Return the row about a policy's decisions, or no row if a planner was used."""
     if result.scenario.mission.policy is None:
         return {}
     from wbf_mission.replanning.record import PLANNED_PATH, SKIPPED
@@ -395,7 +394,7 @@ def _decision_rows(result: Result) -> dict[str, str]:
 
 
 def _print_days(output: Output, result: Result) -> None:
-    """Print a table with a row for each day: the score, and each field's estimate with its 90 % interval."""
+    """Print a row for each day with the score, and each field's estimate with its 90 % interval."""
     from wbf_mission.maps.report import brief
 
     titles = [field.title for field in result.report.fields] if result.report is not None else []
@@ -409,7 +408,7 @@ def _print_days(output: Output, result: Result) -> None:
 
 
 def _print_fleet(output: Output, result: Result) -> None:
-    """Print a table with a row for each vehicle."""
+    """Print a table that has a row for each vehicle of the fleet."""
     rows = []
     for number in sorted({flight.system_id for flight in result.flights}):
         flights = [flight for flight in result.flights if flight.system_id == number]

@@ -1,6 +1,6 @@
-"""Help pages: options by panel, or only those for beginners, with examples to copy.
+"""Help pages that list options by panel, or only options for beginners, with examples to copy.
 
-The text is plain because drawing rich's boxes would take longer than the rest of ``--help``.
+The text is plain, because drawing the boxes of rich would take longer than the rest of ``--help``.
 """
 
 from __future__ import annotations
@@ -20,31 +20,31 @@ HELP_ALL = "--help-all"
 
 
 class _Help:
-    """Help layout shared by commands and groups."""
+    """Layout of the help pages of commands and groups."""
 
     def format_options(self: Any, ctx: Any, formatter: Any) -> None:
-        """Write the arguments, then the options of each panel, in the order of their first options."""
+        """Write the arguments, then the options by panel; a panel's first option decides its place."""
         sections: dict[str, list[tuple[str, str]]] = {_ARGUMENTS: []}
         for panel, parameter in self.shown(ctx):
             record = parameter.get_help_record(ctx)
             if record is not None:
                 name, text = record
                 sections.setdefault(panel, []).append((name.replace(" range>", ">"), text))
-        sections[_OPTIONS] = sections.pop(_OPTIONS, [])  # the last panel: --help and options without a panel
+        sections[_OPTIONS] = sections.pop(_OPTIONS, [])  # Last come --help and options without a panel
         for title, rows in sections.items():
             if rows:
                 with formatter.section(title):
                     formatter.write_dl(rows)
 
     def shown(self: Any, ctx: Any) -> Iterable[tuple[str, Any]]:
-        """Yield the parameters of the help page, each with its panel."""
+        """Yield the parameters that the help page shows, each with its panel."""
         for parameter in self.get_params(ctx):
             is_argument = parameter.param_type_name == "argument"
             panel = _ARGUMENTS if is_argument else getattr(parameter, "rich_help_panel", None) or _OPTIONS
             yield panel, parameter
 
     def format_epilog(self: Any, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
-        """Write the first line as a heading and the other lines unwrapped, so that they can be copied."""
+        """Write the epilog's first line as a heading and the others unwrapped, so that they can be copied."""
         if self.epilog:
             title, *lines = (line for line in self.epilog.splitlines() if line.strip())
             with formatter.section(title):
@@ -53,10 +53,10 @@ class _Help:
 
 
 class HelpCommand(_Help, TyperCommand):
-    """Command with its options by panel in the help."""
+    """A command whose help page lists the options by panel."""
 
     beginners: ClassVar[tuple[str, ...]] = ()
-    """Options in ``--help``, in this order; empty: all. ``--help-all`` shows the others."""
+    """Options that ``--help`` shows, in this order; if empty, all. ``--help-all`` always shows all."""
 
     def __init__(self, *args: Any, **settings: Any) -> None:
         super().__init__(*args, **settings)
@@ -66,11 +66,11 @@ class HelpCommand(_Help, TyperCommand):
 
     @classmethod
     def showing(cls, beginners: tuple[str, ...]) -> type[HelpCommand]:
-        """Return a command class whose ``--help`` shows only the options `beginners`; all if empty."""
+        """Return a command class whose ``--help`` shows only `beginners`, or all options if this is empty."""
         return type(cls.__name__, (cls,), {"beginners": beginners})
 
     def shown(self, ctx: Any) -> Iterable[tuple[str, Any]]:
-        """Return the parameters of the help page, each with its panel."""
+        """Return the parameters that the help page shows, each with its panel."""
         every = list(super().shown(ctx))
         if not self.beginners or ctx.meta.get(HELP_ALL):
             return every
@@ -80,7 +80,7 @@ class HelpCommand(_Help, TyperCommand):
         return [*arguments, *main, (_OPTIONS, by_flag["--help"]), (_OPTIONS, by_flag[HELP_ALL])]
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the arguments; an unknown ``--force`` gets an error that points to ``--overwrite``."""
+        """Parse the arguments; if ``--force`` is unknown, raise an error that suggests ``--overwrite``."""
         try:
             return super().parse_args(ctx, args)
         except typer.TyperException as error:
@@ -103,7 +103,7 @@ def _help_all(count: int) -> Any:
 
     @only.command()
     def command(_: bool = typer.Option(False, HELP_ALL, help=text, is_eager=True, callback=show)) -> None:
-        """Define the option, because typer creates options only from commands."""
+        """Define the option ``--help-all``, because typer makes options only from commands."""
 
     (option,) = typer.main.get_command(only).params
     option.expose_value = False
@@ -111,17 +111,17 @@ def _help_all(count: int) -> Any:
 
 
 class HelpGroup(_Help, TyperGroup):
-    """Group of commands with the same help layout; called without a command, it prints the help."""
+    """A group of commands with this layout of help; called without a command, it prints the help."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the arguments; without any, print the help and end with exit code 2."""
+        """Parse the arguments; if there are none, print the help and end with exit code 2."""
         if not args and not ctx.resilient_parsing:
             sys.stdout.write(ctx.get_help() + "\n")
             raise typer.Exit(ExitCode.BAD_INPUT)
         return super().parse_args(ctx, args)
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write the commands, each with the first sentence of its help, then the options of the group."""
+        """Write each command with the first sentence of the command's help, then the group's options."""
         commands = ((name, self.get_command(ctx, name)) for name in self.list_commands(ctx))
         with formatter.section("Commands"):
             formatter.write_dl(

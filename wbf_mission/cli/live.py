@@ -1,4 +1,4 @@
-"""Options and serving of the live page."""
+"""The live page of a flight: its options, and how it is served."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 PANEL = "The live page"
 SPEED = 20.0
-"""Default pace of a simulated flight with a live page, simulated seconds per second of wall time."""
+"""Default pace of simulated flights with a live page, in simulated seconds per second of wall time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class LivePage:
     live_host: Annotated[
         str,
         option(
-            "Address of the live page; any but this machine's own needs the token in the printed address.",
+            "Address of the live page; for other machines, the page needs the token in the printed address.",
             panel=PANEL,
         ),
     ] = "127.0.0.1"
@@ -53,16 +53,16 @@ class LivePage:
     ] = False
     tiles: Annotated[
         Path | None,
-        option("Map tiles behind the farm: an MBTiles or PMTiles file of yours.", panel=PANEL),
+        option("MBTiles or PMTiles file with a map to show behind the farm.", panel=PANEL),
     ] = None
 
     @property
     def wanted(self) -> bool:
-        """Whether to serve the page."""
+        """Whether the live page is served."""
         return self.live is not None
 
     def check(self) -> None:
-        """Raise ScenarioError for options of the page without ``--live``."""
+        """Raise ScenarioError if options of the page are given without ``--live``."""
         given = {
             "--open": self.open_page,
             "--control": self.control,
@@ -71,11 +71,11 @@ class LivePage:
         }
         for flag, is_given in given.items():
             if is_given and not self.wanted:
-                msg = f"{flag} has an effect only with --live PORT: give that, too (0 is any free port)"
+                msg = f"{flag} has an effect only with --live PORT: give --live, too (0 is any free port)"
                 raise ScenarioError(msg)
 
     def orders(self, output: Output) -> Orders | None:
-        """Return the channel for the page's orders; None unless ``--control`` is given."""
+        """Return the channel for orders from the page, or None if ``--control`` is not given."""
         self.check()
         if not self.control:
             return None
@@ -85,9 +85,9 @@ class LivePage:
 
     @contextmanager
     def serve(self, output: Output, events: EventStream, orders: Orders | None = None) -> Iterator[None]:
-        """Serve the page of an event stream during the block, if ``--live`` is given.
+        """If ``--live`` is given, serve the page during the block; the page shows the event stream.
 
-        With `orders` the page can command the vehicles. LinkError if the port is in use, another
+        With `orders` the page can command the vehicles. Raise LinkError if the port is in use, another
         WbfMissionError if no page is installed or the tiles cannot be used.
         """
         self.check()
@@ -99,13 +99,13 @@ class LivePage:
             output.note(f"live page: {url}")
             events.listen(
                 take
-            )  # after the note, because the page must not show its own address with the token
+            )  # after the note: the note has the address with the token, which the page must not show
             if self.open_page:
                 webbrowser.open(url)
             yield
 
     def stay(self, output: Output) -> None:
-        """Keep serving the page after the run until Ctrl-C; return at once if no page is served."""
+        """Serve the page on after the run until Ctrl-C; if no page is served, return at once."""
         if self.live is None:
             return
         output.note("the page stays; Ctrl-C ends it")

@@ -1,8 +1,8 @@
-"""Options of the command line, generated from the options of a scenario's parts.
+"""Options of the command line, which are generated from the options of a scenario.
 
-`scenario_options` adds an option to a command for each option of the parts that it uses. Names, help, ranges
-and defaults are defined only in the parts (`wbf_mission.scenario.parts`). This module also defines options
-that are not part of a scenario, such as ``--json`` and ``--overwrite``.
+A command names parts of a scenario, and `scenario_options` adds the options of these parts to the command.
+Names, help, ranges and defaults are defined only in the parts (`wbf_mission.scenario.parts`). This module
+also defines options that are not part of a scenario, such as ``--json`` and ``--overwrite``.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ Reader: TypeAlias = Callable[[str], Number]
 
 
 def option(text: str, *names: str, panel: str | None = None, **more: Any) -> Any:
-    """Return an option with the help `text`, the flags `names` and the heading `panel`."""
+    """Return an option with the help `text` and the flags `names`, below the heading `panel`."""
     return typer.Option(*names, help=text, rich_help_panel=panel, **more)
 
 
 def complete(kind: str) -> Callable[[str], list[str]]:
-    """Return a completion function for names of `kind`: farm, planner, estimator, autopilot or vehicle."""
+    """Return a function that completes names of a `kind`, such as farm, planner or vehicle."""
 
     def names(incomplete: str) -> list[str]:
         from wbf_mission.scenario.choice import names_of
@@ -52,7 +52,7 @@ def complete(kind: str) -> Callable[[str], list[str]]:
 
 
 def _reader(parse: Callable[[str], Number], low: float | None = None, high: float = 0.0) -> Reader[Number]:
-    """Return a parser of numbers in an optional range; typer's own parser would read ``1_0`` as 10."""
+    """Return a parser of numbers, in a range if given; the parser of typer would read ``1_0`` as 10."""
 
     def read(text: str) -> Number:
         try:
@@ -80,15 +80,15 @@ _READERS: Mapping[Any, Reader[Any]] = {int: _reader(parse_whole), float: number}
 Jobs = Annotated[
     int,
     option(
-        "Number of parallel processes; -1: one per core.", parser=whole_number_in(-1, 1024), min=-1, max=1024
+        "Number of processes; -1 uses one for each core.", parser=whole_number_in(-1, 1024), min=-1, max=1024
     ),
 ]
 
 
 def require_processes(jobs: int) -> None:
-    """Raise ScenarioError for zero jobs."""
+    """Raise ScenarioError if the number of jobs is zero."""
     if jobs == 0:
-        msg = "--jobs 0 runs nothing: give a number of processes, or -1 for one per core"
+        msg = "--jobs 0 runs nothing: give a number of processes, or -1 for one process per core"
         raise ScenarioError(msg)
 
 
@@ -98,12 +98,12 @@ ScenarioFile = Annotated[
 ]
 LINK_PANEL = "The vehicle's link"
 LINKS = "udpin:, udpout:, tcp: or tcpin:HOST:PORT, or serial:DEVICE:BAUD."
-"""Forms of a link's address, for the help."""
+"""Forms that the address of a link may have, for the help."""
 Way = Literal["own", "mavsdk"]
-"""MAVLink client for a real vehicle."""
+"""MAVLink client that talks to a real vehicle."""
 Via = Annotated[
     Way,
-    option("MAVLink client: wbf-mission's own, or MAVSDK, which is independent of it.", panel=LINK_PANEL),
+    option("MAVLink client, part of wbf-mission (own) or independent (mavsdk).", panel=LINK_PANEL),
 ]
 Wait = Annotated[
     float, option("Time to wait for the vehicle's heartbeat, s.", panel=LINK_PANEL, min=0.1, max=3600.0)
@@ -111,7 +111,7 @@ Wait = Annotated[
 SystemId = Annotated[
     int | None,
     option(
-        "System id of the vehicle, 1 to 255.  [default: the first one heard]",
+        "System id of the vehicle, 1 to 255.  [default: the first vehicle heard]",
         panel=LINK_PANEL,
         parser=whole_number_in(1, 255),
     ),
@@ -119,7 +119,7 @@ SystemId = Annotated[
 
 
 def link(what: str) -> Any:
-    """Return the option ``--connect``; `what` begins its help."""
+    """Return the option ``--connect``; its help begins with `what`."""
     return option(f"{what}: {LINKS}", panel=LINK_PANEL, metavar="LINK")
 
 
@@ -127,20 +127,20 @@ Connect = Annotated[str, link("Link to the vehicle")]
 
 
 MISSION_SUFFIXES = (".plan", ".waypoints", ".wpl")
-"""Suffixes of files that contain only missions; a .json, .txt, .kml or .gpx may contain other data."""
+"""Suffixes of files that hold missions only; a .json, .txt, .kml or .gpx file may hold other data."""
 
 Overwrite = Annotated[
     bool, option("Replace an existing output file, whatever its kind.", "--overwrite", panel=OUTPUT_PANEL)
 ]
-"""Option that replaces existing files; `Force` does not."""
+"""Option to replace existing files, which `Force` does not do."""
 Force = Annotated[
     bool, option("Continue despite errors of the preflight check.", "--force", panel=CHECK_PANEL)
 ]
-"""Option that continues despite errors; `Overwrite` does not."""
+"""Option to continue despite errors, which `Overwrite` does not do."""
 
 
 class TargetError(WbfMissionError, ValueError):
-    """Invalid output: it would destroy a file, or cannot be written."""
+    """Error of an output that would destroy a file or cannot be written."""
 
 
 def refuse_overwrite(
@@ -150,10 +150,10 @@ def refuse_overwrite(
     suffixes: tuple[str, ...] = (),
     overwrite: bool = False,
 ) -> None:
-    """Raise TargetError if an output is an input, a folder, a file of another kind, or in a missing folder.
+    """Raise TargetError if `out` is an input, a folder, a file of another kind, or in a missing folder.
 
-    Inputs that are not files are ignored, and an input file is never replaced. `suffixes` are the command's,
-    in lower case. An existing file with another suffix is replaced only with `overwrite`.
+    Inputs that are not files are ignored, and an input file is never replaced. `suffixes` are the suffixes
+    that the command writes, in lower case. A file with another suffix is replaced only with `overwrite`.
 
     >>> refuse_overwrite(Path("/dev/null"), ["miniberry-30", None])
     """
@@ -163,7 +163,7 @@ def refuse_overwrite(
         msg = f"{out}: is a folder; give the name of a file"
         raise TargetError(msg)
     if not out.parent.is_dir():
-        msg = f"{out}: there is no folder {out.parent}; make it, or give another name"
+        msg = f"{out}: there is no folder {out.parent}; make the folder, or give another name"
         raise TargetError(msg)
     if not out.exists():
         return
@@ -172,16 +172,16 @@ def refuse_overwrite(
     named = map(Path, parts)
     for given in named:
         if given.exists() and out.samefile(given):
-            msg = f"{out}: this is the file that is read; give another name for the output"
+            msg = f"{out}: this is an input file; give another name for the output"
             raise TargetError(msg)
     if not overwrite and suffixes and out.is_file() and out.suffix.lower() not in suffixes:
         kinds = " or ".join(filter(None, suffixes))
-        msg = f"{out}: a file that is already there and is no {kinds}; give another name, or --overwrite"
+        msg = f"{out}: an existing file that is no {kinds}; give another name, or --overwrite"
         raise TargetError(msg)
 
 
 def _own(key: str, given: Any) -> Any:
-    """Return the object if a planner, policy or estimator is given as FILE.py:NAME, else the given value."""
+    """Load a planner, policy or estimator given as FILE.py:NAME; return any other value unchanged."""
     if key not in ("planner", "policy", "estimator") or not isinstance(given, str) or ".py" not in given:
         return given
     from wbf_mission.own_code import own_choice
@@ -191,48 +191,48 @@ def _own(key: str, given: Any) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Given:
-    """Options of a run that were given on the command line."""
+    """The options of a run that were given on the command line."""
 
     file: Path | None
-    """Scenario file."""
+    """The scenario file, if given."""
     changes: dict[str, Any]
-    """Given options of the scenario, by key."""
+    """The given options of the scenario, by key."""
     others: dict[str, Any]
-    """Given options of other parts (those of the simulator), by key."""
+    """The given options that no scenario has, such as the simulator's, by key."""
     defaults: Mapping[str, Any]
-    """Defaults of the command that differ from those of the options, by key."""
+    """Defaults of this command that differ from the options' defaults, by key."""
 
     def scenario(self) -> Scenario:
-        """Return the scenario of the file, or else the default one, with the given options applied.
+        """Return the file's scenario, or else the default scenario, changed by the given options.
 
-        ScenarioError if the file or an option is invalid, or a given option has no effect.
+        Raise ScenarioError if the file or an option is invalid, or a given option has no effect.
         """
         defaults = {key: value for key, value in self.defaults.items() if value is not None}
         return self.change(load_scenario(self.file) if self.file else Scenario(**defaults))
 
     def farm(self, name: str | None = None) -> FarmOptions | None:
-        """Return the farm's options, for a command with an optional farm; None if no farm is given.
+        """Return the farm's options for a command whose farm is optional; None if no farm is given.
 
-        ScenarioError if options for reading a farm file are given without a farm.
+        Raise ScenarioError if options for reading a farm file are given without a farm.
         """
         name = self.changes.get("farm", name)
         how = [key for key in READS_FARM if key in self.changes]
         if name is None and how:
             flag = flag_of(how[0])
-            raise ScenarioError(f"{flag} has an effect only with --farm: give that, too, or leave it out")
+            raise ScenarioError(f"{flag} has an effect only with --farm: give --farm, too, or leave it out")
         return None if name is None else replace(self.scenario().farm, name=name)
 
     def change(self, base: Scenario) -> Scenario:
-        """Return `base` with the given options; ScenarioError if one is invalid or has no effect."""
+        """Return `base` with the given options; raise ScenarioError if one is invalid or has no effect."""
         chosen = scenario_with(base, {key: _own(key, value) for key, value in self.changes.items()})
         self._check_effects(chosen.to_dict(), is_fleet=len(chosen.vehicle.fleet) > 1)
         return chosen
 
     def _check_effects(self, values: Mapping[str, Any], *, is_fleet: bool) -> None:
-        """Raise ScenarioError for given options without effect: the user meant another flight."""
+        """Raise ScenarioError if a given option has no effect, as the user must have meant another flight."""
         for given in (_defined(key) for key in self.changes):
             if given.needs and values[given.needs] == all_options()[given.needs][2].initial:
-                msg = f"{given.flag} has an effect only with {flag_of(given.needs)}: give that, too"
+                msg = f"{given.flag} has an effect only with {flag_of(given.needs)}: give both"
                 raise ScenarioError(msg)
             if given.needs_fleet and not is_fleet:
                 msg = (
@@ -242,22 +242,22 @@ class Given:
             for other in given.not_with:
                 if values[other] is not None:
                     with_what = f"{flag_of(other)} {values[other]}"
-                    msg = f"{given.flag} has no effect with {with_what}: leave one of the two out"
+                    msg = f"{given.flag} has no effect with {with_what}: leave out one of the two"
                     raise ScenarioError(msg)
 
 
 OF_DAYS = ("day", "days", "flights_per_day", "world")
-"""Options of `FarmOptions` about days and the true development, not about the farm's file."""
+"""Options of `FarmOptions` that concern days and the true development, not the farm's file."""
 _NOT_OF_FILES = ("farm", "fields", *OF_DAYS)
 READS_FARM = tuple(
     key for key in (held.key for held in options_of(FarmOptions).values()) if key not in _NOT_OF_FILES
 )
-"""Options for reading a farm's file, common to all commands that read one."""
+"""Options for reading a farm file, which all commands that read a farm have."""
 Command: TypeAlias = Callable[..., Any]
 
 
 def taken_by(make: Callable[..., Any]) -> dict[str, tuple[Any, Any]]:
-    """Return annotation and default of each parameter of a callable, by name."""
+    """Return, by name, the annotation and default of each parameter of a callable."""
     taken = inspect.signature(make, eval_str=True).parameters
     return {name: (parameter.annotation, parameter.default) for name, parameter in taken.items()}
 
@@ -269,17 +269,17 @@ def gives(
     *,
     last: bool = False,
 ) -> Callable[[Command], Command]:
-    """Replace a command's parameter by options; the parameter gets ``make(**options)``.
+    """Replace a command's parameter by options; the parameter then gets ``make(**options)``.
 
-    `options` are annotations and defaults by name; by default, the parameters of `make`, such as a dataclass.
-    The options take the place of `parameter`, or come `last`.
+    `options` are annotations and defaults by name; by default they are the parameters of `make`, which may be
+    a dataclass. The options come in the place of `parameter`, or at the end with `last`.
     """
     options = taken_by(make) if options is None else options
 
     def decorate(command: Command) -> Command:
         own = taken_by(command)
         if clash := options.keys() & own.keys():
-            msg = f"{command.__name__}: options {', '.join(sorted(clash))} stand in a part and in the command"
+            msg = f"{command.__name__}: options {', '.join(sorted(clash))} are in a part and in the command"
             raise TypeError(msg)
 
         @functools.wraps(command)
@@ -305,11 +305,11 @@ def gives(
 
 
 _JSON = Annotated[bool, option("Print one JSON document.", "--json", panel=OUTPUT_PANEL)]
-_QUIET = Annotated[bool, option("No progress, no notes.", "--quiet", "-q", panel=OUTPUT_PANEL)]
+_QUIET = Annotated[bool, option("Print no progress and no notes.", "--quiet", "-q", panel=OUTPUT_PANEL)]
 
 
 def speaks(*, quiet: bool = True, json: Any = _JSON) -> Callable[[Command], Command]:
-    """Add ``--json`` and, unless `quiet` is False, ``--quiet`` to a command; ``output`` gets an `Output`."""
+    """Give a command an `Output` as ``output``, with ``--json`` and, if `quiet`, ``--quiet``."""
     flags = {"json": (json, False), **({"quiet": (_QUIET, False)} if quiet else {})}
 
     def output(json: bool, quiet: bool = False) -> Output:
@@ -326,10 +326,10 @@ def scenario_options(
 ) -> Callable[[Command], Command]:
     """Add the options of some parts of a scenario, ``--scenario`` and ``--seed`` to a command.
 
-    `parts` are fields of `Scenario`, in the order of their options in ``--help``. The first parameter of the
-    command is named ``given`` and gets a `Given`. `without` are keys of options to leave out (``scenario``:
-    ``--scenario``), `more` are parts that do not belong to `Scenario`, and `defaults` override those of the
-    options (None: no default).
+    `parts` are names of parts, in the order that ``--help`` gives to their options. The command's first
+    parameter is named ``given`` and gets a `Given`. `without` has the keys of options to leave out
+    (``scenario`` for ``--scenario``). `more` has parts that do not belong to `Scenario`. `defaults` has
+    defaults that differ from those of the options (None for no default).
     """
     known = {
         str(defined.flag).removeprefix("--").replace("-", "_"): (part, defined)
@@ -365,18 +365,18 @@ def _keys(defined: Option) -> tuple[str, ...]:
 
 
 def flag_of(key: str) -> str:
-    """Return the flag of the command-line option that sets the option `key` of a run."""
+    """Return the command-line flag that sets the option `key` of a run."""
     return str(_defined(key).flag)
 
 
 def _defined(key: str) -> Option:
-    """Return the last command-line option that sets the option `key` of a run."""
+    """Return the last of the command-line options that set the option `key` of a run."""
     part = all_options()[key][0]
     return next(defined for defined in reversed(_on_command_line(part)) if key in _keys(defined))
 
 
 def _annotation(defined: Option, flags: set[str], defaults: Mapping[str, Any]) -> Any:
-    """Return the annotation of a command's parameter; `flags` are all flags of the command."""
+    """Return the annotation of a command's parameter; `flags` has all flags of the command."""
     wanted = _command_line_type(defined)
     name, default = str(defined.flag), defaults.get(defined.key, defined.initial)
     if default is None and defined.key in defaults:
@@ -393,7 +393,7 @@ def _annotation(defined: Option, flags: set[str], defaults: Mapping[str, Any]) -
 
 
 def _command_line_type(defined: Option) -> Any:
-    """Return the command-line type of an option: list of str if it repeats, else int, float, bool or str."""
+    """Return an option's command-line type: list of str if repeatable, else int, float, bool or str."""
     wanted = defined.wanted
     kinds = [kind for kind in typing.get_args(wanted) if kind is not type(None)]
     if isinstance(wanted, types.UnionType):
@@ -404,7 +404,7 @@ def _command_line_type(defined: Option) -> Any:
 
 
 def _help(defined: Option, default: Any, flags: set[str]) -> str:
-    """Return the help of an option: subject, range or unit, details, dependence on other options, default."""
+    """Return an option's help, with subject, range or unit, details, options it depends on, and default."""
     scale = defined.allowed if not (defined.choices or defined.read) else ""
     choices = f": {defined.allowed}" if defined.choices else ""
     depends, needs = "", (defined.needs,) if defined.needs and not defined.sets else ()

@@ -1,4 +1,4 @@
-"""Output of commands: one JSON document or a table on stdout, progress and warnings on stderr."""
+"""Output of commands: a JSON document or tables on stdout, progress and warnings on stderr."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ if TYPE_CHECKING:
     from mission.model import Mission
     from wbf_mission.cli.console import Bars, PlainConsole
 
-_LEARNING = "training the estimator"  # sensors.estimators.base.LEARNING, not imported to avoid numpy
+_LEARNING = "training the estimator"  # Copy of sensors.estimators.base.LEARNING: importing that loads numpy
 _TELL_AFTER_S = {_LEARNING: 0.0, "planning": 5.0}
-_BEGINS = {_LEARNING: f"{_LEARNING} for this farm and day; what it learns is kept for later runs"}
+_BEGINS = {_LEARNING: f"{_LEARNING} for this farm and day; later runs reuse the training"}
 _LEFT_EVERY_S = 10.0
 _MANY = 10
-"""Least number of steps that progress counts; with fewer steps, progress is a percentage."""
-FILE_WIDTH = 140  # columns of a table that goes to a file or a pipe
+"""From this number of steps on, progress is shown in steps; with fewer, as a percentage."""
+FILE_WIDTH = 140  # Columns of a table that is written to a file or a pipe
 _LEAST_NAME, _LONGEST_NAME = 8, 60
 _LONGEST_WORD = 14
 _BESIDE_A_CELL = 3
 
 
 class StdoutError(Exception):
-    """Results cannot be printed, because writing to stdout failed."""
+    """Error of results that cannot be printed because writing to stdout failed."""
 
     def __init__(self, cause: OSError) -> None:
         super().__init__(cause.strerror or str(cause))
@@ -49,11 +49,11 @@ class StdoutError(Exception):
 
 
 class Output:
-    """Printer of a command's results, warnings and progress.
+    """Prints a command's results, warnings and progress.
 
-    All text is printed literally, because names come from files and vehicles: markup in them has no effect,
-    and control characters are escaped. With `as_json` the result is one JSON document, alone on stdout. With
-    `quiet` progress and notes are not printed.
+    Texts may contain names from files and vehicles. They are therefore printed literally: markup has no
+    effect, and control characters are escaped. With `as_json` the result is one JSON document, alone on
+    stdout. With `quiet` neither progress nor notes are printed.
     """
 
     def __init__(self, *, as_json: bool = False, quiet: bool = False) -> None:
@@ -61,7 +61,7 @@ class Output:
 
         self.as_json = as_json
         self.quiet = quiet
-        self.events = EventStream()  # Stream that carries each line for the user as an event
+        self.events = EventStream()  # Each line for the user is an event of this stream
         self.events.listen(self._show, Noted)
         self.events.listen(self._found, Found)
         self.events.listen(lambda event: self._advance(event.what, event.done, event.total), Progressed)
@@ -70,16 +70,16 @@ class Output:
         self._bars: Bars | None = None
 
     def note(self, text: str, *, publish: bool = True) -> None:
-        """Print a note for people; `publish` False: another event already has the text."""
+        """Print a note; `publish` is False if another event already has the text."""
         (self.events.tell if publish else self._show)(Noted(text))
 
     def notes(self, notes: Iterable[str], of: str = "") -> None:
-        """Print notes on an input, one line each; `of` is the name of the input."""
+        """Print notes on an input, each on a line; `of` names the input."""
         for text in notes:
             self.note(f"note: {of}{': ' if of else ''}{text}")
 
     def warn(self, text: str) -> None:
-        """Print a warning; the command continues."""
+        """Print a warning, after which the command continues."""
         self.events.warn(text)
 
     def _show(self, event: Noted) -> None:
@@ -91,20 +91,20 @@ class Output:
     def _found(self, event: Found) -> None:
         """Print a preflight finding.
 
-        A finding that refuses the plan is skipped, because the error at the end has the same text.
+        A finding for which the plan is refused is skipped, because the error at the end has the same text.
         """
         label = "preflight error" if event.severity == "error" else "preflight"
         if not event.refuses:
             (self.note if event.severity == "note" else self.warn)(f"{event.vehicle}{label}: {event.text}")
 
     def _say(self, text: str, style: str | None = None) -> None:
-        with contextlib.suppress(OSError):  # a note that cannot be printed is no reason to end the command
+        with contextlib.suppress(OSError):  # The command goes on even if a note cannot be printed
             self._stderr.print(printable(text), style=style)
 
     def result(
         self, values: Mapping[str, Any], rows: Mapping[str, str] | None = None, title: str = ""
     ) -> None:
-        """Print a result: `values` as JSON, or `rows` (texts by label) as a table of two columns."""
+        """Print a result, `values` as JSON or `rows` (texts by label) as a table of two columns."""
         if self.as_json:
             self.raw_json(values)
             return
@@ -125,15 +125,15 @@ class Output:
         left: bool = False,
         lines: bool = False,
     ) -> None:
-        """Print several results: `values` as JSON, or a table with a header.
+        """Print several results, `values` as JSON or `rows` as a table with a header.
 
-        Columns but the first are aligned to the right, unless `left`. `lines` draws rules between the rows.
+        All columns but the first are aligned to the right, unless `left`. `lines` draws rules between rows.
         """
         if self.as_json:
             self.raw_json(values)
             return
         table = _new_table(title, show_lines=lines)
-        # Numbers and short words are not broken. If the table is too wide, the first column is wrapped.
+        # Numbers and short words must not be broken. If the table is too wide, its first column is wrapped.
         least = [_longest_word([name, *(row[k] for row in rows)]) for k, name in enumerate(header)]
         room = _stdout_console().width - sum(least[1:]) - _BESIDE_A_CELL * len(header) - 1
         longest = max((len(row[0]) for row in rows), default=0)
@@ -157,17 +157,17 @@ class Output:
 
         try:
             encoded = msgspec.json.encode(values)
-        except UnicodeEncodeError:  # a file name that is not UTF-8
+        except UnicodeEncodeError:  # A file name may be no UTF-8
             encoded = msgspec.json.encode(_encodable(values))
         with to_stdout():
             sys.stdout.write(msgspec.json.format(encoded).decode() + "\n")
 
     @contextmanager
     def progress(self, every_s: float | None = None) -> Iterator[ProgressCallback]:
-        """Show the progress events of the command in a bar with the remaining time; yield a callback.
+        """Show the command's progress in a bar with the remaining time; yield a progress callback.
 
-        Without a terminal, print a line when training begins and when planning takes more than some seconds.
-        With `every_s` print a line at this interval (s) instead.
+        Without a terminal, print a line when training begins and when planning takes more than 5 s. With
+        `every_s`, print a line at this interval (s) instead.
         """
         try:
             self._advance = self._shown_progress(every_s)
@@ -203,13 +203,13 @@ class Output:
         return self._bars.update
 
     def show_bars(self, wanted: bool) -> None:
-        """Show the bar, or hide it while a question is on the same terminal."""
+        """Show the bar, or hide it while the terminal shows a question."""
         if self._bars is not None:
             self._bars.show(wanted)
 
 
 class _Lines:
-    """Progress in lines: steps done and estimated remaining time, at most one line every `every_s`."""
+    """Prints progress in lines, at most one per `every_s`: steps done, and estimated remaining time."""
 
     def __init__(self, note: Callable[[str], None], every_s: float) -> None:
         self._note = note
@@ -220,7 +220,7 @@ class _Lines:
     def __call__(self, what: str, done: float, total: float) -> None:
         now_s = time.monotonic()
         if self._begun is None:
-            # Steps done before the first call say nothing about the speed.
+            # Steps that were done before the first call do not count for the speed.
             self._begun, self._told_s = (now_s, done), now_s
             return
         begun_s, before = self._begun
@@ -233,7 +233,7 @@ class _Lines:
 
 
 def _encodable(value: Any) -> Any:
-    """Return plain values with all texts made printable."""
+    """Return the same plain values, with all texts made printable."""
     if isinstance(value, str):
         return printable(value)
     if isinstance(value, Mapping):
@@ -259,7 +259,7 @@ def _stdout_console() -> PlainConsole:
 
 
 def _longest_word(texts: list[str]) -> int:
-    """Return the width of the longest word that must not be broken: a number or a short word."""
+    """Return the width of the longest number or short word, which must not be broken."""
     words = (len(word) for text in texts for word in text.split())
     return max((width for width in words if width <= _LONGEST_WORD), default=1)
 
@@ -277,9 +277,9 @@ def to_stdout() -> Iterator[None]:
 def write_and_report(
     output: Output, mission: Mission, path: Path, firmware: Firmware
 ) -> tuple[Mission, list[Loss]]:
-    """Write a mission as far as the file's format can hold it; return the written part and the losses.
+    """Write the part of a mission that the file's format can hold; return it, and the losses.
 
-    Losses are printed: those that change the flight as warnings, the others as notes.
+    A loss that changes the flight is printed as a warning, any other loss as a note.
     """
     from mission.files import fitted, losses, write_mission
 
@@ -295,7 +295,7 @@ def write_and_report(
 
 
 def filled(form: str, values: Mapping[str, Any]) -> str:
-    """Return `form` filled with values; a dash if one of the values is None.
+    """Fill `form` with values; return a dash if a value in it is None.
 
     >>> filled("{mass_kg:g} kg", {"mass_kg": 2.5}), filled("{mass_kg:g} kg", {"mass_kg": None})
     ('2.5 kg', '-')

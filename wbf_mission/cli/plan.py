@@ -1,4 +1,4 @@
-"""``wbf-mission plan``."""
+"""The command ``wbf-mission plan``."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ _REST = "rest.plan"
 
 @dataclass(frozen=True, slots=True)
 class SortieOptions:
-    """Options for a mission that is longer than a battery."""
+    """Options for a mission that takes more than one battery."""
 
     whole: Annotated[
         bool,
         option(
-            "Keep a mission that is longer than a battery whole, instead of cutting it into sorties.",
+            "Do not cut a mission that is longer than a battery into sorties.",
             "--whole",
             panel=_PANEL,
         ),
@@ -55,8 +55,8 @@ class SortieOptions:
     home: Annotated[
         list[str] | None,
         option(
-            "Take-off and landing place, latitude and longitude in degrees; may be repeated: each sortie uses"
-            " the place that costs least.  [default: the mission's home]",
+            "Take-off and landing place, latitude and longitude in degrees; may be repeated, as each sortie"
+            " uses the cheapest place.  [default: the mission's home]",
             panel=_PANEL,
             metavar="LAT,LON",
         ),
@@ -64,7 +64,7 @@ class SortieOptions:
     overlap: Annotated[
         float | None,
         option(
-            "Length flown again where the next sortie begins, m.  [default: twice the distance between"
+            "Length of the mission that the next sortie repeats, m.  [default: twice the distance between"
             " images, plus the length needed to line up with the row]",
             panel=_PANEL,
             parser=options.number,
@@ -85,30 +85,30 @@ class SortieOptions:
     ] = None
 
     def check(self, *, mission: str | None) -> None:
-        """Raise ScenarioError for numbers out of range and options that contradict each other."""
+        """Raise ScenarioError if a number is out of range or options contradict each other."""
         for name, value, most in (("overlap", self.overlap, 1e4), ("change-time", self.change_time, _DAY_S)):
             if value is not None and not 0.0 <= value <= most:
                 msg = f"--{name} {value:g} is out of range: give 0 to {most:g}"
                 raise ScenarioError(msg)
         if self.resume is not None and mission is None:
             msg = (
-                "--resume continues a mission that was flown: give its file with --mission, too (or the"
-                f" results of a flight that left a {_REST})"
+                "--resume continues a mission: give the mission file with --mission, too (or, with --resume,"
+                f" the results of a flight that left a {_REST})"
             )
             raise ScenarioError(msg)
         others = [name for name in ("home", "overlap", "resume") if getattr(self, name) is not None]
         if self.whole and others:
-            msg = f"--whole leaves the mission as it is: leave --{others[0]} out, or --whole"
+            msg = f"--whole leaves the mission as it is: leave out --{others[0]} or --whole"
             raise ScenarioError(msg)
 
     def check_counted(self) -> None:
-        """Raise ScenarioError for options that contradict a budget in batteries."""
+        """Raise ScenarioError if ``--whole`` contradicts a budget in batteries."""
         if self.whole:
-            msg = "--whole leaves the mission as it is, a budget of batteries cuts it: leave one of them out"
+            msg = "--whole leaves the mission whole, but a budget of batteries cuts it: leave out one of them"
             raise ScenarioError(msg)
 
     def with_rest(self, given: options.Given) -> tuple[options.Given, SortieOptions]:
-        """Return the given options with the mission file of a results folder's remaining mission, if any."""
+        """If ``--resume`` is a results folder with a remaining mission, take that as the mission file."""
         if self.resume is None or "mission" in given.changes:
             return given, self
         rest = Path(self.resume) / _REST
@@ -117,7 +117,7 @@ class SortieOptions:
         return replace(given, changes={**given.changes, "mission": str(rest)}), replace(self, resume=None)
 
     def homes(self, altitude_m: float) -> list[GeoPoint]:
-        """Return the take-off places of sorties; ScenarioError if one is not a position."""
+        """Return the take-off places of sorties; raise ScenarioError if a place is no position."""
         from geo.texts import parse_number
         from mission.errors import MissionError
         from mission.model import GeoPoint
@@ -133,9 +133,9 @@ class SortieOptions:
         return found
 
     def cut(self, whole: PlanResult, vehicle: SingleVehicle) -> SortiePlan | None:
-        """Return a vehicle's mission in sorties; None if it stays whole.
+        """Cut a vehicle's mission into sorties; return None if the mission stays whole.
 
-        WbfMissionError if the mission cannot be resumed.
+        Raise WbfMissionError if the mission cannot be resumed.
         """
         from wbf_mission.planning.sorties import sorties_of
 
@@ -186,7 +186,7 @@ def plan_command(
 ) -> None:
     """Plan a mission within a budget and predict its length, time, coverage and battery use.
 
-    A mission that is longer than a battery is cut into sorties at the places of least cost.
+    A mission that is longer than a battery is cut into sorties where this costs least.
     """
     from mission.files import Firmware, writer_for
     from mission.transfer import Severity
@@ -289,11 +289,11 @@ _OF_EACH = (
     "battery use",
     "file",
 )
-"""Columns of the table of a fleet's plans."""
+"""Columns of the table that shows a fleet's plans."""
 
 
 def _rows_of_sorties(cut: SortiePlan, paths: Sequence[Path | None]) -> dict[str, str]:
-    """Return the rows of a plan in sorties."""
+    """Return the rows of the table that shows a plan in sorties."""
     rows, count = _rows(cut.whole, None), len(cut.sorties)
     used = [plan.battery_used for plan in cut.plans if plan.battery_used is not None]
     lengths_m = sum(plan.length_m for plan in cut.plans)
@@ -310,7 +310,7 @@ def _rows_of_sorties(cut: SortiePlan, paths: Sequence[Path | None]) -> dict[str,
 
 
 def _camera_rows(result: PlanResult) -> dict[str, str]:
-    """Return the rows of a camera by sensor and lens; empty for the leaf camera."""
+    """Return the rows about a camera given by sensor and lens; no rows for the leaf camera."""
     camera = result.camera
     if camera is None:
         return {}
@@ -326,7 +326,7 @@ def _camera_rows(result: PlanResult) -> dict[str, str]:
 
 
 def _rows(result: PlanResult, path: Path | None) -> dict[str, str]:
-    """Return the rows of a plan."""
+    """Return the rows of the table that shows a plan."""
     prediction, battery = result.prediction, result.battery_used
     time = duration(prediction.duration_s)
     if prediction.duration_interval_s is not None:
@@ -350,7 +350,7 @@ def _rows(result: PlanResult, path: Path | None) -> dict[str, str]:
 
 
 def numbered_files(out: Path | None, count: int, what: str = "") -> list[Path | None]:
-    """Return numbered file names for several missions; a single mission keeps the name `out`.
+    """Return a numbered file name for each of several missions; a single mission keeps the name `out`.
 
     >>> [str(file) for file in numbered_files(Path("rows.plan"), 2, "-sortie")]
     ['rows-sortie-1.plan', 'rows-sortie-2.plan']
@@ -367,7 +367,7 @@ SORTIE_HEADER = ["", "items", "length", "time", "at most", "battery use", "from"
 
 
 def sortie_rows(cut: SortiePlan, files: Sequence[Path | None]) -> list[list[str]]:
-    """Return a row for each sortie, and a row of totals."""
+    """Return a row of the table for each sortie, and a row of totals."""
     rows = []
     for number, (sortie, path) in enumerate(zip(cut.sorties, files, strict=True), start=1):
         plan, battery = sortie.plan, sortie.plan.battery_used
@@ -394,12 +394,12 @@ FLEET_HEADER = ["", "sorties", "in the air", "with the changes"]
 
 
 def finish_s(result: PlanResult, cut: SortiePlan | None) -> float:
-    """Return the time of a vehicle's whole plan, battery changes included (s)."""
+    """Return the time (s) of a vehicle's whole plan, battery changes included."""
     return result.prediction.duration_s if cut is None else cut.total_s
 
 
 def fleet_rows(results: Sequence[PlanResult], cuts: Sequence[SortiePlan | None]) -> list[list[str]]:
-    """Return a row of totals for each vehicle, and a row with the time of the last one."""
+    """Return a row of totals for each vehicle, and a row with the time at which the last vehicle ends."""
     rows, every_s = [], [finish_s(*planned) for planned in zip(results, cuts, strict=True)]
     for number, (result, cut, total_s) in enumerate(zip(results, cuts, every_s, strict=True), start=1):
         aloft_s = result.prediction.duration_s if cut is None else cut.flight_s
@@ -409,7 +409,7 @@ def fleet_rows(results: Sequence[PlanResult], cuts: Sequence[SortiePlan | None])
 
 
 def sortie_summary(cut: SortiePlan, files: Sequence[Path | None]) -> dict[str, Any]:
-    """Return a mission in sorties as plain values, for JSON."""
+    """Return the summary of a mission in sorties as plain values, for JSON."""
     values = cut.summary()
     names = [None if path is None else str(path) for path in files]
     for sortie, name in zip(values["sorties"], names, strict=True):

@@ -1,4 +1,4 @@
-"""Handling of SIGINT (Ctrl-C), SIGTERM and SIGHUP: all interrupt a command, each with its own exit code."""
+"""Handles SIGINT (Ctrl-C), SIGTERM and SIGHUP. Each interrupts a command and has its own exit code."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ def install() -> None:
     """Make the signals raise KeyboardInterrupt in the main thread.
 
     After the first signal, a command closes its files and prints its results. The second signal stops this
-    too, and the third ends the process at once. A signal within a second of another is ignored as a repeat.
+    work too, and the third ends the process at once. A signal within a second of another is ignored.
     """
     _received.clear()
     _repeats[0] = Repeats()
     defer(False)
-    # Shells ignore SIGINT for background commands, and nohup ignores SIGHUP; ignored signals stay ignored.
+    # Ignored signals stay ignored: shells ignore SIGINT for background commands, and nohup ignores SIGHUP.
     for number in INTERRUPTS:
         handler = signal.getsignal(number)
         if handler is not signal.SIG_IGN and handler is not None:
@@ -35,7 +35,7 @@ def install() -> None:
 
 
 def restore() -> None:
-    """Restore the handlers from before `install`."""
+    """Restore the signal handlers that `install` replaced."""
     for number, handler in _before.items():
         signal.signal(number, handler)  # type: ignore[arg-type]
     _before.clear()
@@ -43,28 +43,28 @@ def restore() -> None:
 
 
 def defer(wanted: bool) -> None:
-    """Only record the first signal (`came`), during work that must not be interrupted at any point."""
+    """If `wanted`, only record the first signal (`came`), because work must not be interrupted now."""
     _deferred[0] = wanted
 
 
 def came() -> bool:
-    """Return whether a signal was received."""
+    """Return whether any signal was received."""
     return bool(_received)
 
 
 def forget() -> None:
-    """Clear the received signals once they are handled, so that the command continues."""
+    """Forget the received signals after they are handled, so that the command continues."""
     _received.clear()
 
 
 def exit_code(otherwise: int) -> int:
-    """Return 128 plus the number of the first received signal; `otherwise` if there was none."""
+    """Return 128 plus the number of the first received signal, or `otherwise` without signal."""
     return 128 + _received[0] if _received else otherwise
 
 
 @contextlib.contextmanager
 def announcing(text: str, when: Callable[[], bool] = lambda: True) -> Iterator[None]:
-    """Print `text` on stderr as soon as a signal comes, if `when()` holds: shutting down may be slow."""
+    """Print `text` on stderr at the first signal, if `when()` is true, as shutting down may be slow."""
     _announced.append((text, when))
     try:
         yield
@@ -81,7 +81,7 @@ def _interrupt(number: int, _frame: FrameType | None) -> None:
     text, when = _announced[-1] if _announced else ("", lambda: False)
     if len(_received) == 1 and when():
         with contextlib.suppress(OSError):
-            # os.write, because the signal may have interrupted sys.stderr in the middle of a line.
+            # os.write is used, because the signal may have interrupted sys.stderr in the middle of a line.
             os.write(2, ("\n" * os.isatty(2) + text + "\n").encode(errors="backslashreplace"))
     if len(_received) > 1:
         for other in _before:

@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 def sum_pixels(
     mask: NDArray[np.bool_], value: NDArray[np.float32], pixel: int, sums: Floats, least: Floats
 ) -> None:
-    """Add the sums of `value`, float32[W, H] in 0..1, over the masked cells of each pixel to `sums`.
+    """Add to `sums` the sums of `value`, float32[W, H] in 0..1, over the masked cells of each pixel.
 
     `sums` is float64[pixels along x, pixels along y, 4]: number of cells, sum of 1 - value, sum of
     value (1 - value), number of cells below `SICK_BELOW`. `least` is lowered to the minimum of each pixel.
@@ -44,7 +44,7 @@ def sum_pixels(
 
 @compiled(nogil=True)
 def sum_squares(mask: NDArray[np.bool_], deviation: NDArray[np.float32], pixel: int, sums: Floats) -> None:
-    """Add the squares of `deviation`, float32[W, H], over the masked cells of each pixel to `sums`."""
+    """Add to `sums` the squares of `deviation`, float32[W, H], over the masked cells of each pixel."""
     width, height = mask.shape
     for x in range(width):
         for j in range(sums.shape[1]):

@@ -1,7 +1,7 @@
-"""Grid of pixels and named blocks for reports and pictures, and numpy sums for pixels of one cell.
+"""Grid of pixels and blocks for reports and pictures, and sums by numpy for pixels of one cell.
 
-Farms shown cell by cell use numpy, because loading compiled code takes longer than the sums. The results
-equal those of `wbf_mission.maps.block_sums` to the bit.
+On farms whose pixels are single cells, loading compiled code would take longer than the sums, so numpy
+computes them. The results equal those of `wbf_mission.maps.block_sums` to the bit.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from geo import Farm
 Floats = NDArray[np.float64]
 
 SICK_BELOW = 0.75
-"""Threshold of sick plants: smaller values are nearer to infected (0.5) or lost (0) than to healthy (1)."""
+"""A plant counts as sick below this value: it is nearer to infected (0.5) or lost (0) than to healthy (1)."""
 CELL_BY_CELL = 240
-"""Maximum number of pixels along a side; a farm of at most this many cells a side has pixels of one cell."""
+"""Maximum number of pixels along a side; a farm with no more cells along a side has pixels of one cell."""
 _BLOCKS = 24
 _LEAST_BLOCK_CELLS = 5
 
@@ -27,7 +27,7 @@ COUNT, ILLNESS, SPREAD, SICK = range(4)
 
 @dataclass(frozen=True, slots=True)
 class MapGrid:
-    """Grid of pixels and blocks: columns A, B, C, ... along x, rows 1, 2, 3, ... along y.
+    """Grid of pixels and blocks; blocks have columns A, B, C, ... along x and rows 1, 2, 3, ... along y.
 
     Examples
     --------
@@ -37,14 +37,14 @@ class MapGrid:
     (25, 250, (24, 20), 'B1', 'AB5')
     """
 
-    shape: tuple[int, int]  # Width and height of the farm, cells
+    shape: tuple[int, int]  # Width and height of the farm, in cells
     cell_size_m: float  # Side of a cell
-    pixel: int  # Side of a pixel, cells
+    pixel: int  # Side of a pixel, in cells
     pixels_a_block: int  # Pixels on a side of a block
 
     @classmethod
     def of(cls, farm: Farm) -> MapGrid:
-        """Return the grid of a farm, with at most 24 blocks along the longer side."""
+        """Return the grid of a farm, with at most 24 blocks along the farm's longer side."""
         longest = max(farm.width_cells, farm.height_cells)
         pixel = -(-longest // CELL_BY_CELL)
         side = max(-(-longest // (_BLOCKS * pixel)), -(-_LEAST_BLOCK_CELLS // pixel))
@@ -52,7 +52,7 @@ class MapGrid:
 
     @property
     def block(self) -> int:
-        """Side of a block, cells."""
+        """Side of a block, in cells."""
         return self.pixel * self.pixels_a_block
 
     @property
@@ -67,7 +67,7 @@ class MapGrid:
 
     @staticmethod
     def name(column: int, row: int) -> str:
-        """Return the name of a block as on a road map: the letters of the column, then the row number."""
+        """Return the name of a block: the letters of its column, then its row number, as on a road map."""
         letters = ""
         column += 1
         while column:
@@ -76,7 +76,7 @@ class MapGrid:
         return f"{letters}{row + 1}"
 
     def by_block(self, pixels: Floats) -> Floats:
-        """Return the sums over blocks of float64[pixels along x, pixels along y]."""
+        """Return the sum over each block of `pixels`, float64[pixels along x, pixels along y]."""
         columns = np.arange(0, pixels.shape[0], self.pixels_a_block)
         rows = np.arange(0, pixels.shape[1], self.pixels_a_block)
         sums: Floats = np.add.reduceat(np.add.reduceat(pixels, columns, axis=0), rows, axis=1)
@@ -90,7 +90,7 @@ def sum_pixels(
     sums: Floats,
     least: Floats,
 ) -> None:
-    """Do the work of `wbf_mission.maps.block_sums.sum_pixels` for pixels of one cell."""
+    """Add the sums of each pixel as `wbf_mission.maps.block_sums.sum_pixels` does, for pixels of one cell."""
     v = value[mask].astype(np.float64)
     terms = np.empty((len(v), sums.shape[2]))
     terms[:, COUNT], terms[:, ILLNESS], terms[:, SPREAD] = 1.0, 1.0 - v, v * (1.0 - v)
@@ -105,6 +105,6 @@ def sum_squares(
     pixel: int,  # noqa: ARG001
     sums: Floats,
 ) -> None:
-    """Do the work of `wbf_mission.maps.block_sums.sum_squares` for pixels of one cell."""
+    """Add the squares as `wbf_mission.maps.block_sums.sum_squares` does, for pixels of one cell."""
     d = deviation[mask].astype(np.float64)
     sums[mask] += d * d

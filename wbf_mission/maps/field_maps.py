@@ -1,12 +1,12 @@
-"""Sums of an estimate by pixels: number of sick plants or sum of values, with variance.
+"""Sums of an estimate over each pixel: the number of sick plants or the sum of values, and its variance.
 
-*Number of sick plants.* Observed sick plants are counted. For unobserved plants the expected number is added:
-the sum of the estimator's probabilities, if it has class probabilities. Otherwise it is the sum of 1 - value,
-divided by the mean of 1 - value over sick plants.
+*Number of sick plants.* Observed sick plants are counted. To this the expected number of unobserved sick
+plants is added. If the estimator has class probabilities, that is the sum of the probabilities of being sick.
+Otherwise it is the sum of 1 - value, divided by the mean of 1 - value over sick plants.
 
-*Variance.* Plants of one outbreak are sick together. The variance of a sum of plants is therefore larger than
-the sum of the plants' variances, by a factor of about the number of plants in an outbreak. Observations split
-outbreaks: if every tenth plant is observed, the factor is at most ten.
+*Variance.* The plants of an outbreak are sick together. The variance of a sum over plants is therefore larger
+than the sum of the plants' variances, by a factor of about the number of plants in an outbreak. Observations
+reduce this factor: if every tenth plant is observed, it is at most ten.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from wbf_mission.maps.blocks import COUNT, ILLNESS, SICK, SICK_BELOW, SPREAD, Ma
 Floats = NDArray[np.float64]
 
 SHARE_OF_A_HUMP = 0.05
-"""Share of the farm over which the errors of a continuous field are fully correlated."""
-_PRIOR_SICK = 10.0  # Weight of the epidemic model's mean illness, in sick plants seen
-_DAY_BEFORE = 6  # Day assumed without observations, the same as in estimators
+"""Fraction of the farm over which the errors of a continuous field are fully correlated."""
+_PRIOR_SICK = 10.0  # Weight of the epidemic model's mean illness, as a number of observed sick plants
+_DAY_BEFORE = 6  # Day of an estimate without observations; estimators assume the same
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _FieldCells:
-    """Masks of a field's cells, made for strips of columns to save memory."""
+    """Makes the masks of a field's cells; each mask is only for a strip of columns, to save memory."""
 
     field: Field
     grid: FarmGrid
@@ -46,7 +46,7 @@ class _FieldCells:
     only_seen: bool
 
     def mask(self, columns: slice) -> NDArray[np.bool_]:
-        """Return a new mask of the cells to be summed."""
+        """Return a new mask of the strip's cells that are summed."""
         mask = self.field.mask(self.grid, columns)
         if self.only_seen:
             mask[:] = False
@@ -54,7 +54,7 @@ class _FieldCells:
         return mask
 
     def unseen(self, mask: NDArray[np.bool_], columns: slice) -> NDArray[np.bool_]:
-        """Return a new mask, `mask` of these columns without the observed cells."""
+        """Return a copy of `mask`, a mask of these columns, without the observed cells."""
         unseen = mask.copy()
         unseen[self._seen(columns)] = False
         return unseen
@@ -66,29 +66,29 @@ class _FieldCells:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FieldMap:
-    """Sums of one field by pixels of a `MapGrid`; arrays are float64[pixels along x, pixels along y]."""
+    """Sums of one field over each pixel of a `MapGrid`: float64[pixels along x, pixels along y]."""
 
     field: Field
     grid: MapGrid
     cells: Floats  # Number of the owner's cells with the field's crops
     total: Floats  # Disease: expected number of sick plants; continuous field: sum of the values
-    least: Floats  # Minimum value of the cells; infinite without cells
-    # Sum of the variances of the cells, in squared units of `total`; None if the estimator has none
+    least: Floats  # Minimum value of a pixel's cells; infinite in pixels without cells
+    # Sum of the variances of the cells, in squared units of `total`; None if the estimator states no variance
     variance: Floats | None
     # Number of observed cells, and number of observed sick cells
     seen: Floats
     seen_sick: Floats
     finds: NDArray[np.int32]  # Cells of the observed sick plants, int32[n, 2]
     together: float = 1.0  # Number of cells with fully correlated errors
-    # Number of unobserved plants that may be sick (`InformationModel.may_be_sick`); None if the estimator
+    # Number of unobserved plants that may be sick (`InformationModel.may_be_sick`), or None if the estimator
     # has no class probabilities
     may_be_sick: Floats | None = None
-    # Continuous field: sum of the readings of the observed cells; None for a disease or a true map
+    # Continuous field: sum of the readings of the observed cells, or None for a disease or a true map
     seen_total: Floats | None = None
 
     @property
     def share(self) -> Floats:
-        """Share of sick plants or mean value; NaN in pixels without cells."""
+        """Fraction of sick plants or mean value of each pixel, or NaN in pixels without cells."""
         share: Floats = np.where(self.cells > 0, self.total / np.maximum(self.cells, 1.0), np.nan)
         return share
 
@@ -104,10 +104,10 @@ class FieldMap:
 
 
 def together_cells(cells: float, seen: float, outbreak: Outbreak | None) -> float:
-    """Return the number of cells with fully correlated errors.
+    """Return the number of cells whose errors count as fully correlated.
 
-    `cells` is the number of the field's cells, `seen` the number of observed ones; `outbreak` is None for a
-    continuous field.
+    `cells` is the number of the field's cells, and `seen` the number of observed cells. `outbreak` is None
+    for a continuous field.
     """
     if outbreak is None:
         return max(1.0, SHARE_OF_A_HUMP * cells)
@@ -125,9 +125,9 @@ def field_maps(
     day: int | None = None,
     grid: MapGrid | None = None,
 ) -> tuple[FieldMap, ...]:
-    """Return the map of each field, summed from an estimate by pixels.
+    """Return the map of each field: the sums of an estimate over each pixel.
 
-    For each cell only the last reading on `day` is used.
+    Only the last reading of each cell on `day` is used.
 
     Parameters
     ----------
@@ -138,9 +138,9 @@ def field_maps(
     only_seen : bool
         Leave out the cells without an observation.
     day : int, optional
-        Day of the estimate, by default the last observed day.
+        Day of the estimate; by default the last day with observations.
     grid : MapGrid, optional
-        Pixels, by default those of the pictures.
+        Grid of the pixels; by default the grid of the pictures.
     """
     grid, cells = grid or MapGrid.of(farm), farm.grid()
     if day is None:
@@ -188,7 +188,7 @@ def field_maps(
 
 
 def true_map(farm: Farm, field: Field, truth: NDArray[np.float32], k: int) -> FieldMap:
-    """Return the map of the true values of a field, number `k` of `truth`, float32[n, W, H]."""
+    """Return the map of the true values of a field, which are `truth[k]` of `truth`, float32[n, W, H]."""
     grid, cells = MapGrid.of(farm), farm.grid()
 
     def summed(columns: slice, strip: MapGrid) -> tuple[Floats, Floats]:
@@ -203,7 +203,7 @@ def true_map(farm: Farm, field: Field, truth: NDArray[np.float32], k: int) -> Fi
 
 
 def _summing(grid: MapGrid) -> ModuleType:
-    """Return the module that computes the sums; numpy is faster on small farms than loading compiled code."""
+    """Return the module of the sums; on small farms numpy takes less time than loading compiled code."""
     if grid.pixel == 1:
         return blocks
     from wbf_mission.maps import block_sums
@@ -212,21 +212,21 @@ def _summing(grid: MapGrid) -> ModuleType:
 
 
 def pixel_sums(grid: MapGrid, mask: NDArray[np.bool_], value: NDArray[np.float32]) -> tuple[Floats, Floats]:
-    """Return the sums of values in 0..1 by pixels and the minima, as of `block_sums.sum_pixels`."""
+    """Return the sums of `block_sums.sum_pixels` and the minimum of each pixel, for values in 0..1."""
     sums, least = np.zeros((*grid.pixels, 4)), np.full(grid.pixels, np.inf)
     _summing(grid).sum_pixels(mask, value, grid.pixel, sums, least)
     return sums, least
 
 
 def pixel_means(grid: MapGrid, mask: NDArray[np.bool_], value: NDArray[np.float32]) -> Floats:
-    """Return the mean of the masked values in each pixel; NaN in pixels without masked cells."""
+    """Return the mean of the masked values in each pixel, or NaN in pixels without masked cells."""
     sums, _ = pixel_sums(grid, mask, value)
     count = sums[..., COUNT]
     return np.where(count > 0, 1.0 - sums[..., ILLNESS] / np.maximum(count, 1.0), np.nan)
 
 
 def _by_strips(grid: MapGrid, sums: Callable[[slice, MapGrid], tuple[Floats, ...]]) -> tuple[Floats, ...]:
-    """Return sums by pixels, joined from those of strips: their columns, and their part of the grid."""
+    """Return the sums of all pixels; `sums` gets a strip of columns and its part of the grid."""
     parts = [
         sums(columns, replace(grid, shape=(columns.stop - columns.start, grid.shape[1])))
         for columns in column_strips(grid.shape[0], grid.pixel)
@@ -237,7 +237,7 @@ def _by_strips(grid: MapGrid, sums: Callable[[slice, MapGrid], tuple[Floats, ...
 def _from_probabilities(
     grid: MapGrid, cells: _FieldCells, model: InformationModel, k: int
 ) -> tuple[tuple[Floats, Floats | None, Floats, Floats], Floats]:
-    """Return (sick plants, variance, cells, minimum value) and the plants that may be sick, by pixels."""
+    """Return for each pixel (sick plants, variance, cells, minimum value) and the plants that may be sick."""
     sick, counted = [], []
 
     def expected(columns: slice, strip: MapGrid) -> tuple[Floats, Floats]:
@@ -268,7 +268,7 @@ def _from_values(
     seen: Floats,
     outbreak: Outbreak | None,
 ) -> tuple[Floats, Floats | None, Floats, Floats]:
-    """Return by pixels: sick plants or sum of values, variance, number of cells, minimum value."""
+    """Return for each pixel (sick plants or sum of values, variance, number of cells, minimum value)."""
 
     def summed(columns: slice, strip: MapGrid) -> tuple[Floats, Floats, Floats]:
         mask, squares = cells.mask(columns), np.zeros(strip.pixels)
@@ -298,7 +298,7 @@ def _from_values(
 def _last_readings(
     observations: Observations, height: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
-    """Return x and y of the observed cells, and the last readings of each cell."""
+    """Return x and y of the observed cells, and the last reading of every field in each cell."""
     flat = observations.x.astype(np.int64) * height + observations.y
     _, first = np.unique(flat[::-1], return_index=True)
     last = len(flat) - 1 - first

@@ -1,11 +1,11 @@
-"""Report for the farmer after a flight: share of sick plants, worst blocks and 90 % intervals.
+"""Report for the farmer after a flight: fraction of sick plants, worst blocks and 90 % intervals.
 
-A cell counts as one plant. Figures are for the owner's cells with the field's crops, over the whole farm and
-by blocks (`wbf_mission.maps.blocks.MapGrid`).
+A cell counts as one plant. Figures cover the owner's cells with the field's crops, over the whole farm and
+for each block (`wbf_mission.maps.blocks.MapGrid`).
 
 The number of sick plants and its variance are computed in `maps.field_maps`. The 90 % interval of a disease
-is that of a gamma distribution with the mean and variance of the unobserved sick plants. If the estimator has
-no variance, only observed plants are counted.
+comes from a gamma distribution with the mean and variance of the number of unobserved sick plants. If the
+estimator states no variance, only observed plants are counted.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from wbf_mission.maps.field_maps import FieldMap
 _INTERVAL = (0.05, 0.95)
 _NORMAL_90 = 1.6449
 _LEAST_SHAPE = 1e-6
-_LEAST_SHARE = 1e-4  # Smallest share written with digits
+_LEAST_SHARE = 1e-4  # Smallest fraction written with digits
 _WORST_BLOCKS = 3
 _LEAST_PART_OF_A_BLOCK = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class BlockReport:
-    """Figures of one block: name, centre, number of cells, and share of sick plants or mean value."""
+    """Figures of one block: name, centre, number of cells, and fraction of sick plants or mean value."""
 
     name: str
     latitude_deg: float
@@ -55,13 +55,13 @@ class FieldReport:
     # Number of observed cells, and number of observed sick cells (0 in a continuous field)
     seen: int
     seen_sick: int
-    expected: float  # Expected share of sick plants (disease) or mean value (continuous field)
-    # Ends of the 90 % interval of `expected`; None if the estimator has no variance
+    expected: float  # Expected fraction of sick plants (disease) or mean value (continuous field)
+    # Ends of the 90 % interval of `expected`, or None if the estimator has no variance
     low: float | None
     high: float | None
-    blocks: tuple[BlockReport, ...]  # Worst blocks: largest shares of sick plants, or smallest mean values
+    blocks: tuple[BlockReport, ...]  # Blocks with most sick plants (as a fraction) or lowest mean values
     unit: str = ""  # Unit of the values; empty for the range 0..1
-    # Smallest number of unobserved plants expected to include 90 % of the unobserved sick plants
+    # Size of the smallest set of unobserved plants expected to hold 90 % of the unobserved sick plants
     may_be_sick: int | None = None
 
     @property
@@ -94,16 +94,16 @@ class FarmReport:
 
 
 def report_of_maps(farm: Farm, maps: tuple[FieldMap, ...]) -> FarmReport:
-    """Return the report of the maps of the fields; a map without variance counts only observed cells."""
+    """Return the report of the fields' maps; for a map without variance, only observed cells count."""
     stated = (field_map for field_map in map(_stated, maps) if field_map is not None)
     reports = tuple(_report(farm, field_map) for field_map in stated if field_map.cells.any())
     return FarmReport(farm.name, MapGrid.of(farm).block * farm.cell_size_m, reports)
 
 
 def _stated(of: FieldMap) -> FieldMap | None:
-    """Return the map for the report: the map itself, or without variance the map of the observed cells.
+    """Return the map for the report: the given map or, if it has no variance, a map of the observed cells.
 
-    None if the map has no sums of the observed cells.
+    None if the given map has neither a variance nor sums of the observed cells.
     """
     if of.variance is not None:
         return of
@@ -119,7 +119,7 @@ def _report(farm: Farm, of: FieldMap) -> FieldReport:
     by_cells, by_total, by_sick = (grid.by_block(part) for part in (of.cells, of.total, of.seen_sick))
     by_variance = None if of.variance is None else grid.by_block(of.variance)
     share = np.divide(by_total, by_cells, out=np.full_like(by_total, np.nan), where=by_cells > 0)
-    # Blocks with few cells, such as a field's corner, are not worth a visit.
+    # Blocks with few cells, such as those at a field's corner, are not worth a visit.
     large = by_cells >= min(_LEAST_PART_OF_A_BLOCK * grid.block**2, by_cells.max())
     worse = share if field.kind == "disease" else -share
     order = np.argsort(-np.where(large, worse, -np.inf), axis=None, kind="stable")[:_WORST_BLOCKS]
@@ -160,7 +160,7 @@ def _report(farm: Farm, of: FieldMap) -> FieldReport:
 def _interval(
     of: FieldMap, cells: float, total: float, variance: float | None, sick: float
 ) -> tuple[float, float | None, float | None]:
-    """Return the expected share, or the mean value in the field's unit, and the ends of its 90 % interval."""
+    """Return the fraction of sick plants or the mean value, and the ends of its 90 % interval."""
     scaled = of.field.to_unit
     if variance is None:
         return scaled(total / cells), None, None
@@ -191,7 +191,7 @@ def gamma_interval(mean: float, variance: float) -> tuple[float, float]:
 
 
 def brief(field: FieldReport) -> str:
-    """Return the share of sick plants or the mean value as text, with the 90 % interval if known."""
+    """Return the fraction of sick plants or the mean value as text, with its 90 % interval if known."""
     write = percent if field.kind == "disease" else _value_of(field)
     if field.is_of_seen:
         return f"{write(field.expected)} of what was seen"
@@ -206,7 +206,7 @@ def _value_of(field: FieldReport) -> Callable[[float], str]:
 
 
 def percent(share: float, least: float = _LEAST_SHARE) -> str:
-    """Return a share as text with two digits; shares in (0, `least`) become "under ...".
+    """Return a fraction as a percentage with two digits; fractions in (0, `least`) become "under ...".
 
     >>> percent(0.0), percent(9.4e-9), percent(0.0213), percent(0.213)
     ('0 %', 'under 0.01 %', '2.1 %', '21 %')
@@ -224,7 +224,7 @@ def _sentence(field: FieldReport) -> str:
     """Return a field's report as one sentence for the farmer."""
     if field.kind == "disease" and field.is_of_seen:
         text = f"{_number(field.seen_sick)} of the {_number(field.seen)} plants that were looked at are sick"
-        text += f" ({percent(field.expected)}); of plants that nobody looked at nothing is known"
+        text += f" ({percent(field.expected)}); nothing is known about other plants"
         worst = [f"{_where(block)} {percent(block.expected)}" for block in field.blocks]
         return f"{text}; worst blocks {', '.join(worst)}" if worst else text
     if field.kind == "disease":
@@ -233,7 +233,7 @@ def _sentence(field: FieldReport) -> str:
         if field.low is not None and field.high is not None:
             text += f" (90 %: {percent(field.low)} to {percent(field.high)})"
         text += f"; {_number(field.seen_sick)} sick {plants} seen among {_number(field.seen)} looked at"
-        # If more than half of the unobserved plants may be sick, their number is useless.
+        # If more than half of the unobserved plants may be sick, that number does not help the farmer.
         if field.may_be_sick is not None and field.may_be_sick <= 0.5 * (field.cells - field.seen):
             text += f"; of those not seen {_number(field.may_be_sick)} may be sick"
         worst = [f"{_where(block)} {percent(block.expected)}" for block in field.blocks]

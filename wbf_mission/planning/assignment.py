@@ -47,7 +47,7 @@ class SortieNumber:
         return cls(day, 1, system_id, day)
 
     def stream_names(self, part: str) -> tuple[str, ...]:
-        """Return the names of a part's random stream; vehicle 1's first flight uses the part's name alone."""
+        """Return the names of a part's random stream; vehicle 1's first flight has only the part's name."""
         names = [part]
         if (self.day, self.flight) != (self.first_day, 1):
             names += [f"day-{self.day}", f"flight-{self.flight}"]
@@ -58,12 +58,12 @@ class SortieNumber:
 
 @dataclass(frozen=True, slots=True)
 class VehicleAssignment:
-    """Task of one vehicle."""
+    """Task of one vehicle in one flight."""
 
     system_id: int  # The vehicle's MAVLink system id
-    builder: MissionBuilder  # Makes its missions and predicts them
+    builder: MissionBuilder  # Makes and predicts the vehicle's missions
     request: PlanningRequest  # Request to the planner or policy
-    budget_text: str  # The budget in words
+    budget_text: str  # Budget of the flight, in words
     seed: int  # Seed of the run, for the plan's record
     drawing_seed: int  # Seed of the planner or policy
     footprint: int  # Side of the camera's footprint, in cells
@@ -104,7 +104,7 @@ class VehicleAssignment:
         return cls(number.system_id, builder, request, text, seed, drawn, footprint)
 
     def moved(self, mission: MissionOptions, builder: MissionBuilder) -> VehicleAssignment:
-        """Return the task with the home of `builder`; errors as in `of`."""
+        """Return the task with the home of `builder`; raises the errors of `of`."""
         means, text = _means(mission, builder)
         return replace(self, builder=builder, request=replace(self.request, **means), budget_text=text)
 
@@ -113,7 +113,7 @@ class VehicleAssignment:
         return replace(self, request=replace(self.request, seed=_planner_seed(self.drawing_seed, number)))
 
     def report(self, *, steered: bool = False) -> VehicleReport:
-        """Return the report of the vehicle before take-off; `steered` as in `plan_of`."""
+        """Return the vehicle's report before take-off; `plan_of` explains `steered`."""
         return VehicleReport(
             self.system_id,
             self.request,
@@ -131,7 +131,7 @@ class VehicleAssignment:
     def travel_cost_in_flight(self, first_m: Points) -> Callable[[InFlight, Points, bool], TravelCost]:
         """Return a function from the vehicle's state and path in flight to its travel cost.
 
-        The function's last argument: whether the autopilot leaves its mission for a change.
+        The function's last argument says whether the autopilot leaves its mission for a change of path.
         """
         rough = leg_travel_cost(self.request, self.builder)
         if isinstance(rough, GeometricTravelCost):
@@ -149,8 +149,8 @@ class VehicleAssignment:
     def plan_of(self, decision: Decision, decided_by: str, *, steered: bool = False) -> PlanResult:
         """Return the plan of this vehicle's path in a decision.
 
-        `steered`: the path is changed in flight. Then the camera is on from take-off, and a repeated point
-        joins two pieces of the path instead of being a loiter.
+        `steered` means that the path is changed in flight. Then the camera is on from take-off, and a
+        repeated point is not a loiter, because it only joins two pieces of the path.
         """
         spacing_m = decision.spacing_m.get(self.system_id)
         path = PlannedPath(decision.paths[self.system_id], spacing_m, decided_by)
@@ -167,10 +167,10 @@ class VehicleAssignment:
 
 
 def _means(mission: MissionOptions, builder: MissionBuilder) -> tuple[dict[str, Any], str]:
-    """Return the fields of a planning request that depend on the home, and the budget in words."""
+    """Return the parts of a planning request that depend on the home, and the budget in words."""
     budget, text = make_budget(mission.budget, builder, steered=mission.policy is not None)
     area, passable = land_of(builder.farm, builder.keep_out)
-    if builder.vehicle.is_ideal and passable is not None:  # The paper's robot also senses ponds.
+    if builder.vehicle.is_ideal and passable is not None:  # The paper's robot scouts all its land, ponds too.
         area, passable = passable, None
     means = {"area": area, "passable": passable, "start_xy_m": builder.home_m, "budget": budget}
     return means, text

@@ -30,32 +30,32 @@ PAPER_STEPS_PER_CELL = 0.4  # Timesteps per day and owner's cell (Matloob et al.
 Paths = Sequence[NDArray[np.float64]]
 
 _MOST_KNOWN = 2000
-# Fraction of the usable battery that is held back if a policy decides in flight: telemetry is rounded and
+# Fraction of the usable battery that is kept back if a policy decides in flight. Telemetry is rounded and
 # delayed, so the price of the last path is inexact.
 _SPARED = 0.02
-# Least price, as a fraction of the limit, of the path from which the reserve is learned; cheaper paths fit
-# with any reserve.
+# A path sets the surcharge only if its price is at least this fraction of the limit; cheaper paths always
+# fit.
 _NEAR = 0.5
 
 
 @dataclass(slots=True)
 class ReserveCharge:
-    """Charge for gusts and estimate errors, so that a flight lands with the battery's reserve.
+    """Surcharge for gusts and estimate errors, so that a flight lands with the battery's reserve.
 
-    A path's price assumes an exact position estimate and few gusts. One flight is predicted in full, with
-    estimate errors and more gusts. Its ratio of `Prediction.energy_bound_wh` to price multiplies the prices
-    of all other flights. The spread grows with the square root of the energy.
+    A path's price assumes an exact position estimate and few gusts. One flight is therefore predicted in
+    full, with estimate errors and more gusts. The ratio of its bound (`Prediction.most_wh`) to its price
+    multiplies the prices of all other flights. The spread grows with the square root of the energy.
     """
 
     builder: MissionBuilder
     factor: float | None = (
-        None  # Ratio of bound to price of a whole flight; None before the first full prediction
+        None  # Ratio of a whole flight's energy bound to its price, or None before the first full prediction
     )
     _onward: float = 1.0
     _spread: float = 0.0
 
     def learn(self, mission: Mission, price_wh: float) -> None:
-        """Predict a priced flight in full, and derive the charge from its bound."""
+        """Predict a priced flight in full, and derive the surcharge from its energy bound."""
         full = self.builder.predict(mission)
         if not (full.energy_wh > 0.0 and 0.0 < price_wh < math.inf):
             return
@@ -65,30 +65,29 @@ class ReserveCharge:
         self._spread = (full.most_wh - full.energy_wh) / math.sqrt(full.energy_wh)
 
     def rest(self, price_wh: float) -> float:
-        """Return the energy charged for the rest of a flight (Wh) that takes `price_wh` in the mean wind."""
+        """Return the energy (Wh) charged for the rest of a flight with a mean-wind price of `price_wh`."""
         mean_wh = self._onward * price_wh
         return mean_wh + self._spread * math.sqrt(mean_wh)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightBudget:
-    """Budget in seconds or watt hours; a path costs the predicted flight of its mission.
+    """Budget in seconds or watt hours; a path costs the predicted time or energy of its mission.
 
-    A path beyond one battery cannot be flown, unless its mission may be cut into sorties: then it is priced
-    with an endless battery.
+    A path that needs several batteries costs infinity, unless its mission may be cut into sorties.
     """
 
-    limit: float  # Largest cost of the whole flight, from take-off to touch-down
+    limit: float  # Largest allowed cost of the whole flight, from take-off to touch-down
     unit: str  # {"s", "Wh"}
     builder: MissionBuilder
-    reserve: ReserveCharge | None = None  # Charged for gusts and estimate errors
+    reserve: ReserveCharge | None = None  # Surcharge for gusts and estimate errors
     in_sorties: bool = False  # Whether a mission beyond one battery may be cut into sorties
     endless: bool = False  # Whether every path is priced with an endless battery
-    # Plans of successive flights mostly price the same candidate paths.
+    # Prices are kept, since planners mostly try the same candidate paths for successive flights.
     _known: dict[bytes, float] = field(default_factory=dict, init=False, repr=False)
 
     def cost(self, path_xy_m: NDArray[np.float64]) -> float:
-        """Return the predicted seconds or watt hours; infinite when the vehicle cannot fly the path."""
+        """Return the predicted cost of a path; infinite if the vehicle cannot fly the path."""
         return self.costs([path_xy_m])[0]
 
     def costs(self, paths_xy_m: Paths) -> list[float]:
@@ -105,13 +104,13 @@ class FlightBudget:
         return [costs[key] for key in keys]
 
     def reason(self, path_xy_m: NDArray[np.float64]) -> str:
-        """Return why the vehicle cannot fly the path; empty if it can."""
+        """Return the reason why the vehicle cannot fly the path, or an empty text if it can."""
         endless = self.in_sorties or self.endless
         (prediction,) = self.builder.price([self._mission(path_xy_m)], endless=endless)
         return "" if prediction.feasible else str(prediction.reason)
 
     def onward(self, path_xy_m: NDArray[np.float64]) -> Callable[[float], float]:
-        """Return a function that converts the cost of the rest of a path in the mean wind to its charge."""
+        """Return a function from the mean-wind cost of the rest of a path to the charge for that rest."""
         if self.reserve is None:
             return lambda rest: rest
         if self.reserve.factor is None:
@@ -125,7 +124,7 @@ class FlightBudget:
         return self.builder.mission(PlannedPath(points[1:] if len(points) > 1 else points, None, "candidate"))
 
     def _prices(self, missions: list[Mission]) -> list[float]:
-        """Return the charges; the first flight near the limit sets the reserve's factor."""
+        """Return the missions' prices with surcharge; the first flight near the limit sets the surcharge."""
         flown = self.builder.price(missions, endless=self.endless)
         if self.in_sorties:
             short = [k for k, one in enumerate(flown) if is_beyond_battery(self.builder.vehicle, one)]
@@ -143,16 +142,16 @@ class FlightBudget:
 
     def _price(self, prediction: Prediction) -> float:
         spent = prediction.duration_s if self.unit == "s" else prediction.energy_wh
-        # A flight that exceeds the limit before it fails gets the cost up to the failure.
+        # If a flight exceeds the limit before it fails, its price is the cost up to the failure.
         return spent if prediction.feasible or spent > self.limit else math.inf
 
 
 def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = False) -> tuple[Budget, str]:
     """Return a budget, and the budget in words.
 
-    Without `text` the budget is the battery less its reserve, for the ideal vehicle 0.4 timesteps per owner's
-    cell. A `steered` path leaves a small part of the battery unused, since telemetry is rounded and delayed.
-    Raises PlanningError or ScenarioError if the budget does not suit the vehicle.
+    Without `text` the budget is the battery less its reserve; for the ideal vehicle, it is 0.4 timesteps per
+    owner's cell. The battery budget of a `steered` path is slightly smaller, since telemetry is rounded and
+    delayed. Raises PlanningError or ScenarioError if the budget does not suit the vehicle.
     """
     farm, vehicle = builder.farm, builder.vehicle
     home = None if vehicle.is_ideal else builder.home_m
@@ -161,7 +160,7 @@ def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = Fa
             steps = float(round(PAPER_STEPS_PER_CELL * farm.owner_cells))
             return StepBudget(steps, farm.cell_size_m), f"{steps:.0f} steps (0.4 x the owner's cells)"
         if vehicle.battery is None:
-            msg = f"vehicle {vehicle.name} has no battery to budget by: give --budget, such as 8000m or 25min"
+            msg = f"vehicle {vehicle.name} has no battery: give --budget, such as 8000m or 25min"
             raise ScenarioError(msg)
         usable = vehicle.battery.capacity_wh * (1.0 - vehicle.battery.reserve_fraction)
         less = f"{vehicle.battery.reserve_fraction:.0%} reserve"
@@ -182,7 +181,7 @@ def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = Fa
     if unit == "Wh" and vehicle.power is None:
         msg = f"budget {text}: vehicle {vehicle.name} uses no energy; give metres, minutes or steps"
         raise ScenarioError(msg)
-    # A policy plans for one battery: no battery is changed within its flight.
+    # A policy plans for one battery, because its flight is not cut for a battery change.
     words = f"{value:g} {unit}"
     if steered and (lasts := _battery_in(unit, builder)) < value:
         words += f" (a battery less its reserve lasts for about {lasts:.3g} {unit})"
@@ -190,7 +189,7 @@ def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = Fa
 
 
 def _battery_in(unit: str, builder: MissionBuilder) -> float:
-    """Return the endurance of a battery less its reserve, in "s" or "Wh", in steady flight."""
+    """Return how long ("s") or how much ("Wh") a battery less its reserve gives in steady flight."""
     battery = builder.vehicle.battery
     if battery is None or builder.vehicle.power is None:
         return math.inf
@@ -202,8 +201,7 @@ def _battery_in(unit: str, builder: MissionBuilder) -> float:
     )
 
 
-# Time lost in a turn, in multiples of the braking time from cruise speed: an average turn brakes partly and
-# accelerates again.
+# Time lost in an average turn, in multiples of the braking time from cruise speed.
 _TURN_SHARE = 1.0
 _SLOWEST_M_S = 0.5
 # Mission items round degrees to 1e-7, so a point read back from its mission is off by up to this.
@@ -212,7 +210,7 @@ _SAME_M = 0.05
 
 @dataclass(frozen=True, slots=True)
 class LegCosts:
-    """Approximate cost of straight legs: time at ground speed in the mean wind, plus one turn per leg."""
+    """Approximate cost of straight legs, from the ground speed in the mean wind and one turn per leg."""
 
     speed_m_s: float  # Airspeed
     acceleration_m_s2: float  # Horizontal acceleration
@@ -220,7 +218,7 @@ class LegCosts:
     a_second: float  # Cost of a second of flight, in the unit of the budget
 
     def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
-        """Return the costs of the legs from n points to m points, float64[n, m]."""
+        """Return the costs of the legs from each of n points to each of m points, float64[n, m]."""
         steps = np.asarray(to_m, np.float64)[None, :, :] - np.asarray(from_m, np.float64)[:, None, :]
         length_m = np.hypot(steps[..., 0], steps[..., 1])
         along = steps / np.maximum(length_m, 1e-9)[..., None]
@@ -235,11 +233,12 @@ class LegCosts:
 
 @dataclass(frozen=True, slots=True)
 class StartTravelCost:
-    """Travel cost of a vehicle before take-off: its budget's price of whole flights."""
+    """Travel cost of a vehicle before take-off: the budget's price for whole flights."""
 
     request: PlanningRequest
     builder: MissionBuilder
-    # Whether the path is changed in flight: a repeated point is then no loiter (`VehicleAssignment.plan_of`)
+    # Whether the path is changed in flight; if so, a repeated point is no loiter
+    # (`VehicleAssignment.plan_of`)
     steered: bool = False
 
     def rest(self, paths_m: Sequence[Points]) -> list[float]:
@@ -269,9 +268,9 @@ class FlightTravelCost:
     charged: Callable[[float], float]
     # Present path, float64[n, 2]
     present_m: Points = field(default_factory=lambda: np.empty((0, 2)))
-    # Whether the autopilot leaves its mission for a change and so has to brake
+    # Whether the autopilot leaves its mission for a change of path, so that the vehicle has to brake
     loses_speed: bool = False
-    # The policy and the check of its answer price the same paths.
+    # Prices are kept, since the check of an answer asks for the paths that the policy has priced.
     _known: dict[bytes, float] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def rest(self, paths_m: Sequence[Points]) -> list[float]:
@@ -290,10 +289,10 @@ class FlightTravelCost:
         return self.rough.legs(from_m, to_m)
 
     def change(self, points_m: Points) -> float:
-        """Return the cost of leaving the present path for another, beyond the difference in length.
+        """Return the cost of changing to another path, in addition to the difference in length.
 
-        Both first legs are predicted from the present velocity; the new leg begins as the autopilot flies it
-        after a change.
+        The first legs of both paths are predicted from the present velocity; the leg of the new path begins
+        as the autopilot begins it after a change.
         """
         if not self.loses_speed or not len(points_m) or not len(self.present_m):
             return 0.0
@@ -338,7 +337,7 @@ def leg_travel_cost(request: PlanningRequest, builder: MissionBuilder) -> LegCos
 
 
 def leg_costs(builder: MissionBuilder, a_second: float = 1.0) -> LegCosts:
-    """Return the approximate leg costs of a vehicle, for a cost of `a_second` per second."""
+    """Return the approximate leg costs of a vehicle; each second of flight costs `a_second`."""
     wind = wind_of(builder.weather, builder.level, gusts=False).mean_at(builder.level.altitude_m)
     return LegCosts(
         min(builder.level.speed_m_s, builder.vehicle.top_speed_m_s),

@@ -1,4 +1,4 @@
-"""Missions of paths, and predictions of missions."""
+"""Building missions from paths, and predicting missions."""
 
 from __future__ import annotations
 
@@ -63,13 +63,13 @@ class PlanResult:
     Parameters
     ----------
     planner : str or None
-        Planner or policy with its parameters; None for a mission file.
+        Planner or policy with its parameters, or None for a mission file.
     seed : int
         Seed of the run.
     path_m : float64[n, 2]
         Points of the path, in metres of the farm frame.
     spacing_m : float or None
-        Spacing of rows or rings; None for a planner without rows.
+        Spacing of rows or rings, or None for a planner without rows or rings.
     budget_text : str
         The budget in words.
     length_m : float
@@ -80,8 +80,8 @@ class PlanResult:
     prediction : Prediction
         Time, energy and feasibility from the vehicle's motion model.
     batteries : int or None
-        Number of batteries that the mission needs, changed at home; 0 for a vehicle without a battery, None
-        if no number is enough.
+        Number of batteries that the mission needs if they are changed at home; 0 for a vehicle without a
+        battery, None if no number is enough.
     """
 
     farm: Farm
@@ -107,7 +107,7 @@ class PlanResult:
 
     @property
     def rendered(self) -> Rendered:
-        """The mission as uploaded to the vehicle's autopilot, by the vehicle's parameters."""
+        """The mission in the form that is uploaded to the vehicle's autopilot."""
         firmware = firmware_of(self.vehicle)
         if firmware is None:
             return render(self.mission, GENERIC)
@@ -116,13 +116,13 @@ class PlanResult:
 
     @property
     def mav_autopilot(self) -> int:
-        """MAV_AUTOPILOT of the mission's target; PX4 for a vehicle without an autopilot."""
+        """MAV_AUTOPILOT that the mission is for; the value of PX4 for a vehicle without an autopilot."""
         firmware = firmware_of(self.vehicle)
         return PX4.autopilot if firmware is None else firmware.mavlink.identity.mav_autopilot
 
     @property
     def camera(self) -> dict[str, Any] | None:
-        """Values of the mapping camera for JSON; None for the leaf camera."""
+        """Values of the mapping camera for JSON, or None for the leaf camera."""
         if self.imaging is None:
             return None
         return imaging_summary(self.imaging, len(self.image_places), self.mission.cruise_speed_m_s)
@@ -194,7 +194,7 @@ class PlanResult:
 
 
 def budget_left(sorties: Sequence[PlanResult]) -> str:
-    """Return a note if all sorties together use much less or more than the budget; else empty."""
+    """Return a note if all sorties together use much less or more than the budget; else an empty text."""
     text = sorties[0].budget_text
     try:
         value, unit = parse_budget(text)
@@ -212,19 +212,19 @@ def budget_left(sorties: Sequence[PlanResult]) -> str:
     shown = f"{taken:.0f} {unit}" if taken >= 100.0 else f"{taken:.3g} {unit}"
     if taken > _OVER * value and len(sorties) > 1:
         return (
-            f"the {len(sorties)} sorties take {shown}: the budget of {text} is that of the path before it is"
-            " cut, without the ways to and from each sortie"
+            f"the {len(sorties)} sorties take {shown}: the budget of {text} is for the path before it is"
+            " cut, without the flights to and from each sortie"
         )
     return "" if taken > _USED * value else not_used(shown, text)
 
 
 def not_used(taken: str, budget: str) -> str:
-    """Return the note on the used part of a budget."""
-    return f"the plan takes {taken} of its budget of {budget}: the planner finds no longer path within it"
+    """Return the note that a plan uses only part of its budget."""
+    return f"the plan takes {taken} of its budget of {budget}: the planner finds no path that uses more"
 
 
 def coverage_together(plans: Sequence[PlanResult], footprint: int) -> float:
-    """Return the joint coverage of several vehicles' plans; land that several vehicles see counts once."""
+    """Return the joint coverage of several vehicles' plans; land in several vehicles' images counts once."""
     if len(plans) == 1:
         return plans[0].coverage
     places = np.vstack([plan.image_places for plan in plans])
@@ -235,7 +235,7 @@ def coverage_together(plans: Sequence[PlanResult], footprint: int) -> float:
 CLIMB_OUT_M = 150.0
 APPROACH_ALTITUDE_M = 30.0
 _MOST_THREADS = 4
-# Used fraction of a budget below which a note is given; planners that add row by row leave a tenth.
+# Used fraction of a budget below which a note is given; planners that add whole rows may leave 10 % unused.
 _USED = 0.85
 _OVER = 1.05
 _PROBE_STEP_S, _OFF_THE_GROUND_M = 0.2, 0.3
@@ -245,7 +245,7 @@ _PROBE_STEP_S, _OFF_THE_GROUND_M = 0.2, 0.3
 class MissionBuilder:
     """Builds and predicts one vehicle's missions.
 
-    The builder knows the weather as a forecast (mean wind, gust statistics), without the run's seed.
+    The builder knows only the forecast (mean wind and gust statistics), not the run's seed.
     """
 
     farm: Farm
@@ -253,19 +253,19 @@ class MissionBuilder:
     level: FlightLevel
     weather: WeatherOptions
     image_spacing_m: float  # Distance between images
-    cornering: Cornering  # Cornering of the autopilot
+    cornering: Cornering  # The autopilot's way to fly corners
     home_m: tuple[float, float]  # Take-off and landing position, in metres of the farm frame
-    # Whether the vehicle's position estimate has errors, predicted by their statistics
+    # Whether the vehicle's position estimate has errors; predictions use their statistics
     estimate_errors: bool = False
-    # Area that paths avoid; None if no obstacle reaches the flight height, and for the paper's robot, which
+    # Area that paths avoid, or None if no obstacle reaches the flight height, or for the paper's robot, which
     # has no size
     keep_out: KeepOut | None = None
     barred: tuple[Obstacle, ...] = ()  # Obstacles too high to be flown over
     fence_m: float | None = None  # Distance of the fence outside the land's border; None: no fence
     imaging: Imaging | None = None  # Mapping camera; None: the leaf camera
     ground: FarmGround | None = None  # Ground that the flight follows; None: flat, at the height of home
-    follows_terrain: bool = False  # Whether the autopilot follows the terrain by itself
-    station_range: StationRange | None = None  # Range of the radio at the farm's home; None: unlimited
+    follows_terrain: bool = False  # Whether the autopilot itself follows the terrain
+    station_range: StationRange | None = None  # Range of the ground station's radio; None: unlimited
     _last: list[tuple[Mission, Prediction]] = field(
         default_factory=list, init=False, repr=False, compare=False
     )
@@ -276,7 +276,7 @@ class MissionBuilder:
         camera, mission, options = one.camera, one.mission, one.vehicle
         vehicle = flown_vehicle(options)
         check_speed(mission, vehicle)
-        # Defaults are the vehicle's design values, not the autopilot's default parameters.
+        # By default, height and speed are the vehicle's design values, not the autopilot's parameters.
         level = flight_level(mission, options)
         require_height(camera, mission)
         imaging = imaging_of(camera, mission, level)
@@ -315,7 +315,7 @@ class MissionBuilder:
 
     @property
     def priced_vehicle(self) -> VehicleSpec:
-        """The vehicle for prices; with estimate errors its flights home have a return-altitude margin."""
+        """The vehicle for pricing; with estimate errors, its return altitude is chosen with a margin."""
         return with_return_margin(self.vehicle) if self.estimate_errors else self.vehicle
 
     def mission(self, path: PlannedPath, *, camera_on_approach: bool = False) -> Mission:
@@ -338,11 +338,11 @@ class MissionBuilder:
         )
 
     def relief_m(self, obstacle: Obstacle, margin_m: float) -> float:
-        """Return by how much terrain following reduces the height above an obstacle's top (m)."""
+        """Return the height above an obstacle's top that terrain following may cost (m)."""
         return 0.0 if self.ground is None else self.ground.relief_m(obstacle, margin_m)
 
     def with_zones(self, mission: Mission, path_m: Points) -> Mission:
-        """Return the mission with the requested fence around `path_m` and the farm's rally points."""
+        """Return the mission with the farm's rally points and, if requested, a fence around land and path."""
         fence: tuple[MissionItem, ...] = ()
         if self.fence_m is not None:
             way = np.vstack((self.home_m, self.flown_way(path_m), self.home_m))
@@ -386,19 +386,19 @@ class MissionBuilder:
         )
 
     def waypoints(self, path_m: Points, from_m: tuple[float, float]) -> Waypoints:
-        """Return the waypoints that fly a path from `from_m`, with those around obstacles on the leg home."""
+        """Return the waypoints of a path from `from_m`, with detours round obstacles also on the leg home."""
         points, of_point = self._around(path_m, from_m)
         sent = self.cornering.waypoints(points, from_m, avoid=self._obstacles())
         return sent if points is path_m else replace(sent, of_point=of_point[sent.of_point])
 
     def flown_way(self, path_m: Points) -> Points:
-        """Return the flown path from the first point to the last, around obstacles."""
+        """Return the path from its first to its last point, with the detours round obstacles."""
         return path_m if self.keep_out is None else self.keep_out.around(path_m)[0]
 
     def _around(self, path_m: Points, from_m: tuple[float, float]) -> tuple[Points, NDArray[np.int64]]:
-        """Return the path with added points around obstacles, and the number of each point's path point.
+        """Return the path with points added round obstacles, and for each point the index of its path point.
 
-        The path starts at `from_m` and leads home. Added points on the leg home belong to the last point.
+        The path starts at `from_m` and leads home; points added on the leg home belong to its last point.
         """
         if self.keep_out is None or not len(path_m):
             return path_m, np.arange(len(path_m))
@@ -408,11 +408,11 @@ class MissionBuilder:
         return points[1:end], np.minimum(of_point[1:end] - 1, len(path_m) - 1)
 
     def _obstacles(self) -> Area | None:
-        """Return the area that lengthened legs must not enter."""
+        """Return the area that legs lengthened for cornering must not enter."""
         return None if self.keep_out is None else self.keep_out.near
 
     def _pattern(self) -> WingPattern | None:
-        """Return the take-off and landing pattern of a fixed wing, into the wind; None for other vehicles."""
+        """Return a fixed wing's pattern to take off and land into the wind, or None for other vehicles."""
         vehicle, weather = self.vehicle, self.weather
         if not vehicle.circles:
             return None
@@ -422,7 +422,7 @@ class MissionBuilder:
         return WingPattern(
             heading_rad=math.radians(weather.wind_direction_deg) if weather.wind_speed_m_s > 0.0 else 0.0,
             climb_out_m=CLIMB_OUT_M,
-            # 10 % flatter than the steepest slope.
+            # The approach is 10 % longer than at the steepest slope.
             approach_m=1.1 * down_m / law.landing_slope,
             approach_altitude_m=down_m,
             radius_m=max(abs(law.loiter_radius), 1.2 * law.tightest_m(law.airspeed_trim)),
@@ -430,9 +430,9 @@ class MissionBuilder:
         )
 
     def predict(self, mission: Mission) -> Prediction:
-        """Predict the flight of ``mission``; gusts and estimate errors enter by their statistics only.
+        """Predict the flight of ``mission`` from the statistics of gusts and estimate errors.
 
-        The last prediction is kept: a search that ends with a predicted path is followed by its plan.
+        The last prediction is kept, because a search often ends with the mission that is then planned.
         """
         for known, prediction in self._last:
             if known == mission:
@@ -449,10 +449,10 @@ class MissionBuilder:
     ) -> list[Prediction]:
         """Predict the flights of candidate missions, with an exact position estimate.
 
-        An exact estimate makes the prediction eight times faster; with acceptance radii of two metres, PX4's
-        estimate errors make a flight up to 3 % longer. A flight home near a step of the return altitude costs
-        the dearer side. Without ``gusts`` the wind is the mean wind. `endless` flights continue on an empty
-        battery.
+        An exact estimate makes the prediction eight times faster. With acceptance radii of two metres, PX4's
+        estimate errors would make a flight up to 3 % longer. Near the distance from home at which the return
+        altitude steps up, the higher altitude is priced. Without ``gusts`` the wind is the mean wind.
+        `endless` flights continue on an empty battery.
         """
         wind = wind_of(self.weather, self.level, gusts=gusts)
         return expected_flights(missions, self.priced_vehicle, wind=wind, threads=_threads(), endless=endless)
@@ -460,8 +460,9 @@ class MissionBuilder:
     def stray_m(self) -> float:
         """Return the largest deviation of the vehicle from its legs (m).
 
-        The vehicle's motion model flies a path of many turns in simulated wind, with estimate errors if the
-        vehicle has them. The deviation includes cut or overshot corners, lengthened legs and wind drift.
+        The deviation is measured on a path of many turns, which the vehicle's motion model flies in simulated
+        wind, with estimate errors if the vehicle has them. It includes cut corners, overshoot, lengthened
+        legs and drift.
         """
         path, wind = probe_path(self.home_m, self.level.speed_m_s), wind_of(self.weather, self.level)
         tracks = rehearsed_tracks(
@@ -479,7 +480,7 @@ class MissionBuilder:
         return stray_m(planned, flown, gusty=wind is not None and wind.is_gusty)
 
     def batteries(self, mission: Mission, prediction: Prediction) -> int | None:
-        """Return the number of batteries for ``mission``, by `battery_swaps.batteries_needed`."""
+        """Return the number of batteries that ``mission`` needs (`battery_swaps.batteries_needed`)."""
         wind = wind_of(self.weather, self.level)
         return batteries_needed(mission, self.priced_vehicle, prediction, wind=wind)
 
@@ -490,14 +491,14 @@ def flown_vehicle(vehicle: VehicleOptions) -> VehicleSpec:
 
 
 def cornering_of(vehicle: VehicleSpec, radius_m: float | None = None) -> Cornering:
-    """Return the cornering of a vehicle's autopilot, with the requested acceptance radius `radius_m`."""
+    """Return the cornering of a vehicle's autopilot; `radius_m` replaces its acceptance radius."""
     firmware = firmware_of(vehicle)
     own = Cornering() if firmware is None else firmware.cornering
     return own if radius_m is None else replace(own, radius_m=radius_m)
 
 
 def _threads() -> int:
-    """Return the number of prediction threads; results do not depend on it."""
+    """Return the number of threads for predictions; it does not change their results."""
     return min(_MOST_THREADS, os.cpu_count() or 1)
 
 
@@ -519,7 +520,7 @@ def check_speed(mission: MissionOptions, vehicle: VehicleSpec) -> None:
     asked, most = mission.cruise_speed_m_s, vehicle.fastest_m_s
     if asked is not None and asked > most:
         msg = f"cruise speed {asked:g} m/s: vehicle {vehicle.name} flies at most {most:.3g} m/s"
-        raise ScenarioError(msg + "; give less, or another vehicle")
+        raise ScenarioError(msg + "; give a lower speed, or another vehicle")
 
 
 def is_beyond_battery(vehicle: VehicleSpec, prediction: Prediction) -> bool:
@@ -529,7 +530,7 @@ def is_beyond_battery(vehicle: VehicleSpec, prediction: Prediction) -> bool:
 
 
 def home_of(mission: Mission, farm: Farm) -> GeoPoint:
-    """Return the home of ``mission``, by default the farm's home."""
+    """Return the home of ``mission``, or the farm's home if the mission has none."""
     latitude_deg, longitude_deg = farm.frame.to_wgs84(*farm.home_m)
     return mission.home or GeoPoint(latitude_deg, longitude_deg, farm.frame.altitude_m)
 

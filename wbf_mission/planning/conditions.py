@@ -46,10 +46,10 @@ def wind_of_run(scenario: Scenario) -> Wind:
 def wind_of(
     weather: WeatherOptions, level: FlightLevel, seed: SeedSequence | int = 0, *, gusts: bool = True
 ) -> Wind:
-    """Return the wind at a flight level; without ``gusts`` only its mean.
+    """Return the wind at a flight level; without ``gusts``, return only the mean wind.
 
-    Dryden's turbulence depends on the flight's height and airspeed. Predictions omit `seed`: they must not
-    know the run's gusts.
+    Dryden's turbulence depends on the flight's height and airspeed. Predictions omit `seed`, because they
+    must not know the run's gusts.
 
     Examples
     --------
@@ -71,9 +71,9 @@ def wind_of(
     )
     if not gusts or weather.turbulence is None:
         return mean
-    # Root mean square airspeed of legs in all directions.
+    # This is the root mean square of the airspeed, over legs in all directions.
     airspeed_m_s = max(_SLOWEST_M_S, math.hypot(level.speed_m_s, *mean.mean_at(level.altitude_m)))
-    # Turbulence is set by the wind at 20 ft: of a named level, of the mean wind, or a given value.
+    # The wind at 20 ft sets the turbulence: a given value, the value of a named level, or the mean wind.
     w20_m_s = weather.turbulence
     if w20_m_s == "wind":
         w20_m_s = math.hypot(*mean.mean_at(REFERENCE_M))
@@ -93,7 +93,7 @@ def wind_of(
 def noise_of(
     vehicle: VehicleOptions, seed: SeedSequence | int, names: tuple[str, ...] = ("navigation",)
 ) -> SensorNoise:
-    """Return the position errors of a run's vehicle; `names` name its random stream."""
+    """Return the position errors of a run's vehicle, drawn from the random stream with these `names`."""
     own = child_seed(seed, *names)
     return SensorNoise(vehicle.gps_noise_m, vehicle.baro_noise_m, own, vehicle.estimate_errors)
 
@@ -103,7 +103,7 @@ _STEPS_PER_M = 10
 
 
 def separation_margin_m(first_m: float, second_m: float) -> float:
-    """Return the margin for the position errors of two vehicles (m).
+    """Return the extra separation for the position errors of two vehicles (m).
 
     The margin is three standard deviations of the difference of their errors, rounded up to 0.1 m.
 
@@ -118,7 +118,7 @@ def separation_margin_m(first_m: float, second_m: float) -> float:
 def ground_separation_margin_m(options: VehicleOptions) -> float:
     """Return the horizontal `separation_margin_m` of two vehicles of a run.
 
-    Estimate errors need no margin: they move vehicles no farther than gusts, which the separation allows for.
+    Estimate errors need no margin: they move a vehicle no farther than the gusts in the separation.
     """
     return separation_margin_m(options.gps_noise_m, options.gps_noise_m)
 
@@ -126,5 +126,5 @@ def ground_separation_margin_m(options: VehicleOptions) -> float:
 def height_error_m(options: VehicleOptions, spec: VehicleSpec) -> float:
     """Return the standard deviation of a vehicle's height error, relative to take-off (m)."""
     errs = options.estimate_errors and estimate_errs(with_autopilot(spec, options.autopilot))
-    # The barometer also errs at take-off, so its error counts twice.
+    # The barometer errs both at take-off and in flight, and the two errors add up.
     return math.hypot(HEIGHT_M if errs else 0.0, math.sqrt(2.0) * options.baro_noise_m)

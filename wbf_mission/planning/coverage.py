@@ -1,7 +1,7 @@
-"""Coverage: share of the scouted land that the images of a flight show.
+"""Coverage: the fraction of the scouted land that the images of a flight show.
 
-Plan, preflight check and result use one definition. Images are taken where the camera fires, and each shows
-the cells of its footprint. Each scouted cell (`geo.Farm.scouted_cells`) counts once.
+Plan, preflight check and result use this definition. An image is taken wherever the camera triggers, and
+shows the cells of the camera's footprint. Each scouted cell (`geo.Farm.scouted_cells`) counts only once.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ LEAST_OF_WHOLE = 0.95
 
 
 def seen_share(farm: Farm, x: NDArray[np.integer], y: NDArray[np.integer]) -> float:
-    """Return the share of the scouted cells among cells x, y; cells outside the farm are ignored."""
+    """Return the fraction of the scouted cells that cells x, y include; they may lie outside the farm."""
     wanted = farm.scouted_cells
     on_farm = (x >= 0) & (y >= 0) & (x < farm.width_cells) & (y < farm.height_cells)
     x, y = x[on_farm].astype(np.int64), y[on_farm].astype(np.int64)
@@ -45,13 +45,13 @@ def predicted_coverage(
 ) -> float:
     """Return the coverage of a predicted flight.
 
-    An image shows `footprint` x `footprint` cells, or the ground of a mapping camera if `imaging` is given.
+    An image shows `footprint` x `footprint` cells or, with `imaging`, the ground under a mapping camera.
     """
     return coverage_from(farm, image_places(farm, mission, prediction), footprint, imaging)
 
 
 def coverage_from(farm: Farm, places: Points, footprint: int, imaging: Imaging | None) -> float:
-    """Return the coverage of images at `places`, of one flight or a fleet's flights."""
+    """Return the coverage of images at `places`, taken in one flight or by a fleet."""
     if not len(places):
         return 0.0
     if imaging is not None:
@@ -62,7 +62,7 @@ def coverage_from(farm: Farm, places: Points, footprint: int, imaging: Imaging |
 
 
 def asks_whole(imaging: Imaging | None, planner: str | None) -> bool:
-    """Return whether a plan aims at full coverage: a mapping camera, or planner `survey`.
+    """Return whether a plan aims at full coverage: it has a mapping camera, or the planner `survey`.
 
     Examples
     --------
@@ -75,12 +75,12 @@ def asks_whole(imaging: Imaging | None, planner: str | None) -> bool:
 def too_little_seen(coverage: float, *, whole: bool) -> str:
     """Return a warning if the coverage is too low, else an empty text.
 
-    A plan of the `whole` land needs `LEAST_OF_WHOLE`; other plans need any coverage above 0.
+    A plan for the `whole` land needs a coverage of `LEAST_OF_WHOLE`; others need any coverage above 0.
     """
     if coverage <= 0.0:
         return "no image shows the land that is to be seen"
     if whole and coverage < LEAST_OF_WHOLE:
-        return f"the images show {coverage:.1%} of the land to be seen, and the whole was asked for"
+        return f"the images show {coverage:.1%} of the land to be seen, but should show all of it"
     return ""
 
 
@@ -94,7 +94,7 @@ def image_places(farm: Farm, mission: Mission, prediction: Prediction) -> Points
         if (shots := shots_ordered(item := mission.items[seq])) is not None
     ]
     times_s = prediction.track_step_s * np.arange(1, len(track_deg) + 1)
-    # The camera knows its position from reports, so an order takes effect at the report before it.
+    # The camera knows only reported positions, so an order takes effect at the last report before the order.
     begins = [math.floor(time_s / _REPORT_S + 1e-6) for time_s, *_ in orders]
     ends = [*begins[1:], math.floor(times_s[-1] / _REPORT_S + 1e-6)] if orders else []
     places = [np.empty((0, 2))]
@@ -114,7 +114,7 @@ def image_places(farm: Farm, mission: Mission, prediction: Prediction) -> Points
 def _smooth(
     when_s: NDArray[np.floating[Any]], times_s: NDArray[np.floating[Any]], places: Points, speeds: Points
 ) -> Points:
-    """Return a track's positions at times `when_s`, cubic because chords would shorten the track."""
+    """Return a track's positions at times `when_s`, by cubic interpolation (chords shorten the track)."""
     step_s, most = times_s[1] - times_s[0], len(times_s) - 1
     past = np.clip((when_s - times_s[0]) / step_s, 0.0, most)
     k = np.minimum(past.astype(np.int64), most - 1)
@@ -126,7 +126,7 @@ def _smooth(
 
 
 def _by_distance(reports_deg: Points, distance_m: float, *, at_once: bool) -> Points:
-    """Return the trigger positions by distance along reports, float64[n, 2]: latitude, longitude."""
+    """Return the positions of a trigger by distance (degrees), float64[n, 2], along reported positions."""
     trigger, exposures = CameraTrigger(), list[Exposure]()
     step_ms = round(1000.0 * _REPORT_S)
     reports_e7 = np.rint(DEGREES_E7 * reports_deg).astype(np.int64).tolist()
@@ -147,7 +147,7 @@ def _by_distance(reports_deg: Points, distance_m: float, *, at_once: bool) -> Po
 def _by_time(
     begin_s: float, end_s: float, interval_ms: float, times_s: NDArray[np.floating[Any]], track_deg: Points
 ) -> Points:
-    """Return the trigger positions by time, at the start and after every interval, in degrees."""
+    """Return the positions of a trigger by time (degrees): at the start, and after each interval."""
     count = 1 if math.isinf(interval_ms) else 1 + math.floor((end_s - begin_s) * 1000.0 / interval_ms + 1e-9)
     wanted_s = begin_s + np.arange(count) * (interval_ms / 1000.0 if count > 1 else 0.0)
     return np.column_stack([np.interp(wanted_s, times_s, along) for along in track_deg.T])

@@ -39,8 +39,8 @@ from wbf_mission.scenario import (
 from wbf_mission.scenario.parts import VehicleParts
 from wbf_mission.scenario.values import DISTANCE, LAYERS
 
-_LONGEST_H = 24.0  # Longest survey; longer flights cannot be predicted
-# Spacing of the columns in which vehicles climb and land, in multiples of the required separation.
+_LONGEST_H = 24.0  # Longest survey (h); longer flights cannot be predicted
+# Distance between the start positions of two vehicles, in multiples of the required separation.
 _ROW_FACTOR = 1.5
 
 
@@ -49,9 +49,9 @@ class SingleVehicle:
     """Options of one vehicle of a run."""
 
     vehicle: VehicleOptions
-    """Options with the vehicle's own name and the parameters of its layer."""
+    """Options of the run, with this vehicle's name and the parameters of its layer."""
     mission: MissionOptions
-    """Options with the height of the vehicle's layer."""
+    """Options of the mission, with the height of the vehicle's layer."""
     weather: WeatherOptions
     camera: CameraOptions
 
@@ -82,11 +82,11 @@ def vehicles_of(
 ) -> tuple[Vehicle, ...]:
     """Return the vehicles of a run, each with its task.
 
-    The first vehicle starts at the farm's home. Further vehicles start behind it, in a row that leads away
+    The first vehicle starts at the farm's home. The other vehicles start behind it, in a row that leads away
     from the farm. Ideal robots have no size and all start at home, as in the paper.
     """
     if len(options.vehicle.fleet) > 1 and options.mission.height_above_ground_m is not None:
-        msg = "height above ground: vehicles keep apart by heights above home; plan for one vehicle"
+        msg = "height above ground: separation uses heights above home; plan for one vehicle"
         raise ScenarioError(msg)
     vehicles = []
     for number, one in enumerate(single_vehicles(options), start=1):
@@ -107,7 +107,7 @@ def vehicles_of(
 
 
 def _check_extent(mission: MissionOptions, farm: Farm, vehicles: Sequence[Vehicle]) -> None:
-    """Raise ScenarioError for a survey with days of flight time, before minutes of planning."""
+    """Raise ScenarioError for a survey of more than 24 hours, before planning it for minutes."""
     if mission.file is not None or mission.planner.chosen != "survey":
         return
     for vehicle in vehicles:
@@ -127,8 +127,8 @@ def _check_extent(mission: MissionOptions, farm: Farm, vehicles: Sequence[Vehicl
             each = "" if len(vehicles) == 1 else f" for each of {len(vehicles)} vehicles"
             msg = (
                 f"{look}: rows {spacing_m:.2g} m apart over farm {farm.name} are {rows_m / 1000.0:.0f} km"
-                f" long{each}, {hours:.0f} hours in the air at {speed_m_s:.2g} m/s; {remedy}, or see less of"
-                " the farm"
+                f" long{each}, {hours:.0f} hours in the air at {speed_m_s:.2g} m/s; {remedy}, or scout less"
+                " of the farm"
             )
             raise ScenarioError(msg)
 
@@ -148,9 +148,9 @@ def _check_radio(range_m: float | None, farm: Farm, vehicles: Sequence[Vehicle])
 def single_vehicles(options: VehicleParts) -> tuple[SingleVehicle, ...]:
     """Return the options of each vehicle of a run, in the order of their system ids.
 
-    With layers, each flying vehicle flies and returns higher than the vehicle before it. The distance of two
-    layers is the scenario's separation plus a margin for both vehicles' height errors. So a vehicle crosses
-    the take-off columns of lower layers only above them.
+    With separation by layers, each flying vehicle flies and returns higher than the vehicle before it. The
+    distance of two layers is the scenario's separation plus a margin for both vehicles' height errors. A
+    vehicle therefore passes over a lower vehicle's start position above that vehicle's layer.
     """
     asked, mission, separation = options.vehicle, options.mission, options.vehicle.keeps
     vehicles = [
@@ -163,8 +163,8 @@ def single_vehicles(options: VehicleParts) -> tuple[SingleVehicle, ...]:
     if separation.kind == LAYERS and len(vehicles) > 1:
         if options.camera.gsd_cm is not None and sum(flies(get_vehicle(one.name)) for one in vehicles) > 1:
             msg = (
-                f"gsd {options.camera.gsd_cm:g} cm: {len(vehicles)} vehicles keep apart by layers, and only"
-                " one height has that; give the altitude of the lowest layer, or keep them apart by distance"
+                f"gsd {options.camera.gsd_cm:g} cm: {len(vehicles)} vehicles fly in layers, but only"
+                " one height has this gsd; give the altitude of the lowest layer, or separate by distance"
             )
             raise ScenarioError(msg)
         below_m, below_error_m = -math.inf, 0.0
@@ -196,7 +196,7 @@ def flies(spec: VehicleSpec) -> bool:
 
 
 def _parameters(vehicle: VehicleOptions, spec: VehicleSpec, height_m: float) -> dict[str, float]:
-    """Return a vehicle's parameters with its layer's return altitude; the user's own take precedence."""
+    """Return a vehicle's parameters with the return altitude of its layer, unless the user has set that."""
     given = vehicle.parameters
     firmware = get_autopilot(vehicle.autopilot).firmware(spec.kind)
     if firmware is None or firmware.return_height is None:

@@ -1,4 +1,4 @@
-"""Mapping cameras in plans: height and speed of the flight, and ground coverage of the images."""
+"""Mapping cameras in plans: flight height and speed, and the ground that the images cover."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MOST_CELLS = 200_000
 def require_height(camera: CameraOptions, mission: MissionOptions) -> None:
     """Raise ScenarioError if a mapping camera has neither flight height nor ground sampling distance.
 
-    The default height is the leaf camera's.
+    The vehicle's default height suits only the leaf camera.
     """
     told = (camera.gsd_cm, mission.altitude_m, mission.height_above_ground_m)
     if camera.model is not None and mission.file is None and not any(told):
@@ -34,7 +34,7 @@ def require_height(camera: CameraOptions, mission: MissionOptions) -> None:
 
 
 def imaging_of(camera: CameraOptions, mission: MissionOptions, level: FlightLevel) -> Imaging | None:
-    """Return the mapping camera of a plan at its flight height; None for the leaf camera.
+    """Return the mapping camera of a plan at its flight height, or None for the leaf camera.
 
     Raises
     ------
@@ -67,8 +67,8 @@ def imaging_of(camera: CameraOptions, mission: MissionOptions, level: FlightLeve
     speed = mission.cruise_speed_m_s
     if speed is not None and speed > made.top_speed_m_s:
         msg = (
-            f"cruise speed {speed:g} m/s: at {height:.1f} m camera {model.name} takes images in time up to"
-            f" {made.interval_speed_m_s:.3g} m/s and sharp ones up to {made.blur_speed_m_s:.3g} m/s; fly"
+            f"cruise speed {speed:g} m/s: at {height:.1f} m camera {model.name} can trigger in time up to"
+            f" {made.interval_speed_m_s:.3g} m/s, with sharp images up to {made.blur_speed_m_s:.3g} m/s; fly"
             " slower or higher, or with less front overlap"
         )
         raise ScenarioError(msg)
@@ -93,14 +93,14 @@ def level_of(imaging: Imaging | None, level: FlightLevel) -> FlightLevel:
 
 
 def shown_share(farm: Farm, places: Points, imaging: Imaging) -> float:
-    """Return the share of the scouted cells that images at `places` show; images are aligned with the course.
+    """Return the fraction of the scouted cells in images at `places`; images are aligned with the course.
 
-    Of more than `_MOST_CELLS` cells an evenly spaced sample is checked.
+    If there are more than `_MOST_CELLS` scouted cells, only an evenly spaced sample is checked.
     """
     x, y = np.nonzero(farm.scouted_cells)
     if not len(x) or not len(places):
         return 0.0
-    if len(places) == 1:  # The course is unknown: assume north
+    if len(places) == 1:  # One image has no known course: assume north
         places = np.vstack((places, places + np.array((0.0, 1e-3))))
     some = slice(None, None, max(1, len(x) // _MOST_CELLS))
     centres = (np.column_stack((x[some], y[some])) + 0.5) * farm.cell_size_m

@@ -24,10 +24,10 @@ _GRAZES_M = 0.01
 _WIDE_M = 200_000.0
 _SLIVER = 0.5  # In cells: land narrower than twice this is ignored
 _SPARE, _SPARE_IN_GUSTS = 1.25, 2.0
-"""Factors on the probe's deviation, in calm air and in gusts: paths have other turns than the probe, and a
-flight of an hour meets stronger gusts than one of minutes."""
+"""Safety factors on the deviation from the probe path, in calm air and in gusts: real paths have other turns,
+and a flight of an hour meets stronger gusts than the probe's flight of minutes."""
 _PROBE_S, _SHORTEST_PROBE_M = 6.0, 20.0
-# Turns of the probe path (degrees): rows back and forth, squares and triangles in both directions.
+# Turns of the probe path (degrees), with rows back and forth, squares and triangles in both directions.
 _TURNS_DEG = (90, 90, 90, 45, 120, 120, 120, 30, -90, -90, -90, -45, -120, -120, -120, 180, 75, 180)
 
 
@@ -35,18 +35,18 @@ _TURNS_DEG = (90, 90, 90, 45, 120, 120, 120, 30, -90, -90, -90, -45, -120, -120,
 class KeepOut:
     """Area around obstacles over which no path is planned."""
 
-    # Obstacles widened by at least `distance_m`, in metres of the farm frame; enclosed gaps are left out
+    # Obstacles widened by at least `distance_m`, in metres of the farm frame; enclosed gaps are filled
     area: Area
-    distance_m: float  # Distance of planned legs from the obstacles
-    near: Area  # Obstacles widened by the margins of the flown path
-    outside: Terrain  # Plane outside the area, for the search of paths
+    distance_m: float  # Least distance of planned legs from the obstacles
+    near: Area  # Obstacles widened by their margins, which the flown path must keep
+    outside: Terrain  # Plane without the area, in which paths are searched
     _crossed: Area
 
     @classmethod
     def of(cls, obstacles: Sequence[Obstacle], margin_m: float, stray: float) -> KeepOut:
-        """Return the keep-out area of paths that deviate by `stray` and keep `margin_m` from obstacles (m).
+        """Return the keep-out area for vehicles that stray by `stray`; it is `margin_m` wider than that (m).
 
-        An obstacle's own margin replaces `margin_m`.
+        If an obstacle has a margin, that replaces `margin_m`.
         """
         distance_m = margin_m + stray
         wide = [obstacle.widened(margin_m, stray + _SMOOTH_M + _GRAZES_M) for obstacle in obstacles]
@@ -61,10 +61,10 @@ class KeepOut:
         return cls(area, distance_m, near, Terrain(shapely.difference(plane, area), 0.0), crossed)
 
     def around(self, path_m: Points) -> tuple[Points, NDArray[np.int64]]:
-        """Return a path around the obstacles, and for each of its points the number of the next given point.
+        """Return a path round the obstacles, and for each of its points the index of the next given point.
 
-        Legs outside the area do not change. From a point inside the area, such as home, the path takes the
-        shortest way out.
+        Legs outside the area do not change. From a point inside the area (home may be there), the path takes
+        the shortest way out.
         """
         numbers = np.arange(len(path_m))
         if len(path_m) < 2:
@@ -92,7 +92,7 @@ class KeepOut:
         return way
 
     def _border(self, point_m: Points) -> Points:
-        """Return the nearest point outside the area."""
+        """Return the point, or the nearest point of the area's border if the point is inside the area."""
         point = shapely.Point(point_m)
         if not shapely.intersects(self._crossed, point):
             return point_m
@@ -100,7 +100,7 @@ class KeepOut:
 
 
 def probe_path(start_m: tuple[float, float], speed_m_s: float) -> Points:
-    """Return a path with turns of many angles, float64[n, 2], and legs that allow cruise speed."""
+    """Return a path with turns of many angles, float64[n, 2]; its legs are long enough for cruise speed."""
     length_m = max(_SHORTEST_PROBE_M, _PROBE_S * speed_m_s)
     heading = np.radians(np.cumsum((0.0, *_TURNS_DEG)))
     steps = length_m * np.column_stack((cos(heading), sin(heading)))
@@ -120,7 +120,7 @@ def stray_m(planned_m: Points, flown: Iterable[Points], *, gusty: bool) -> float
 
 
 def land_of(farm: Farm, keep_out: KeepOut | None) -> tuple[Area, Area | None]:
-    """Return the owner's scouted land, and the land open to paths; the latter is None if both are equal."""
+    """Return the owner's land to scout, and the land open to paths (None if both are the same)."""
     room = flyable_area(farm, keep_out)
     parts = [
         part
@@ -151,26 +151,26 @@ def flyable_area(farm: Farm, keep_out: KeepOut | None) -> Area:
 
 
 MOST_VERTICES = 60
-"""Largest number of vertices of a fence: PX4 stores 64 items (NUM_MISSIONS_SUPPORTED, dataman)."""
+"""Largest number of vertices of a fence, since PX4 stores 64 items (NUM_MISSIONS_SUPPORTED, dataman)."""
 _LEAST_M = 0.05
 _NEAR_M = 0.01
-_OF_OBSTACLES = MOST_VERTICES // 2  # Largest number of vertices for exclusion polygons
-_LEAST_VERTICES = 4  # Enough for every outline: its smallest rectangle
+_OF_OBSTACLES = MOST_VERTICES // 2  # Largest number of vertices of all exclusion polygons together
+_LEAST_VERTICES = 4  # Every outline can be replaced by its smallest rectangle
 
 
 def border_fence(
     farm: Farm, path_m: Points, distance_m: float, barred: Sequence[Obstacle] = ()
 ) -> tuple[MissionItem, ...]:
-    """Return a fence around the owner's land and a path, float64[n, 2], from home and back.
+    """Return a fence around the owner's land and `path_m`, float64[n, 2], which starts and ends at home.
 
-    The inclusion polygon is at least `distance_m` outside the land's border and the path; each obstacle of
-    `barred` has an exclusion polygon without margin. Outlines are simplified to few vertices: the inclusion
-    polygon becomes slightly wider, and an exclusion polygon with too many vertices becomes its convex hull.
+    The inclusion polygon lies at least `distance_m` outside the land's border and the path. Each obstacle of
+    `barred` has an exclusion polygon without margin. Outlines are simplified to few vertices; this makes
+    polygons slightly larger, and a polygon that still has too many vertices becomes its convex hull.
     """
     count = min(_OF_OBSTACLES // _LEAST_VERTICES, len(barred))
     if count < len(barred):
-        text = f"the fence keeps out of the {count} obstacles nearest to the path, of {len(barred)}"
-        warnings.warn(f"{text}: autopilots store no more; the path leads round all", stacklevel=2)
+        text = f"the fence excludes the {count} obstacles nearest to the path, of {len(barred)}"
+        warnings.warn(f"{text}: autopilots store no more; the path leads round all of them", stacklevel=2)
     way = shapely.LineString(path_m)
     nearest = sorted(barred, key=lambda one: float(one.polygon.distance(way)))[:count]
     each = _OF_OBSTACLES // max(count, 1)
@@ -189,17 +189,17 @@ def border_fence(
 
 
 def _around(area: Area, distance_m: float, most: int) -> Points:
-    """Return the corners of a polygon with at most `most` vertices around an area and its surroundings."""
+    """Return the corners of a polygon with at most `most` vertices, `distance_m` or more outside an area."""
     held, tolerance_m, more_m = area, _LEAST_M, 0.0
     while True:
         # Simplifying moves the outline inwards by at most the added tolerance.
         wide = shapely.buffer(area, distance_m + tolerance_m + more_m, join_style="mitre", mitre_limit=2.0)
-        # One hull around separate lands: a vehicle flies between them.
+        # Separate lands get one hull around all, because a vehicle flies between them.
         whole = wide if isinstance(wide, shapely.Polygon) else shapely.convex_hull(wide)
         outline = shapely.simplify(shapely.Polygon(whole.exterior), tolerance_m)
         corners: Points = shapely.get_coordinates(orient(outline))[:-1]
         if len(corners) <= most:
-            # The mitre limit cuts sharp corners, which brings the outline too near.
+            # The mitre limit cuts sharp corners, so the outline may come too near to the area.
             short_m = distance_m - float(shapely.distance(outline.exterior, held))
             if short_m < _NEAR_M:
                 return corners

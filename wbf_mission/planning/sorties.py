@@ -1,4 +1,4 @@
-"""Cuts a mission beyond one battery into sorties, at least cost of all sorties together."""
+"""Cuts a mission that needs more than one battery into the fewest and fastest sorties."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ __all__ = [
 CHANGE_S = 180.0
 """Default duration of a battery change (s)."""
 _IMAGES = 2
-"""Image spacings that a resumed sortie flies again."""
+"""Number of image spacings that a resumed sortie flies again."""
 _HOLD_S = 2.0
 _TRIES = 12
 _SPARE = 1.003
 _PROBES = 25
 _PLACES = 300
 _CLOSEST_M = 5.0
-# Least saving (s) of a cut within a leg: images of one row are better from one flight.
+# Least saving (s) for which a leg is cut, because images of one row are better taken in one flight.
 _MIDST_S = 1.0
 _MOST_SORTIES = 200
 
@@ -53,9 +53,9 @@ class PlannedSortie:
     """One sortie of a mission."""
 
     begin: Place
-    """Start of the sortie on the whole mission, without the repeated overlap before it."""
+    """Start of the sortie on the whole mission; the overlap that is flown again lies before it."""
     end: Place | None
-    """End of the sortie on the whole mission; None for the mission's end."""
+    """End of the sortie on the whole mission, or None for the mission's end."""
     plan: PlanResult
 
     def summary(self, course: Course) -> dict[str, Any]:
@@ -81,7 +81,7 @@ class PlannedSortie:
 
 @dataclass(frozen=True, slots=True)
 class SortiePlan:
-    """A mission in sorties, each within a battery less its reserve."""
+    """A mission cut into sorties; each sortie needs at most a battery less its reserve."""
 
     whole: PlanResult
     course: Course
@@ -102,7 +102,7 @@ class SortiePlan:
 
     @property
     def total_s(self) -> float:
-        """Flight time with battery changes (s)."""
+        """Flight time of all sorties, with the battery changes between them (s)."""
         return self.flight_s + self.change_s * (len(self.sorties) - 1)
 
     def told(self) -> str:
@@ -142,12 +142,12 @@ def cut_plan(
     change_s: float = CHANGE_S,
     full: float = 1.0,
 ) -> SortiePlan | None:
-    """Cut a mission into the fewest sorties that batteries allow, and of these the fastest.
+    """Cut a mission into as few sorties as batteries allow; of such cuts, return the fastest.
 
-    A quick model estimates the cost of each part: the whole mission is flown once, with outbound and return
-    flights at a few positions. Dynamic programming finds the best cuts at leg ends and on legs. Each sortie
-    is then predicted in full, as any plan. If the upper bound of a sortie exceeds a battery less its reserve,
-    the estimates are scaled up and the mission is cut again.
+    A quick model estimates the cost of each part of the mission, from one prediction of the whole mission and
+    of the flights between home and a few positions. Dynamic programming finds the best cuts at leg ends and
+    on legs. Each sortie is then predicted in full, like any plan. If a sortie's energy bound exceeds a
+    battery less its reserve, the estimates are scaled up and the mission is cut again.
 
     Parameters
     ----------
@@ -158,9 +158,9 @@ def cut_plan(
     footprint : int
         Side of an image, in cells.
     begin : Place, optional
-        Start of the first sortie; the mission before it is flown already.
+        Start of the first sortie; the part of the mission before it has been flown already.
     homes : sequence of GeoPoint, optional
-        Take-off positions, by default the mission's home. A sortie lands where it took off.
+        Possible take-off positions; by default, only the mission's home. A sortie lands where it took off.
     overlap_m : float, optional
         See `mission.sorties.part_of`; by default `overlap_of` decides.
     change_s : float
@@ -189,21 +189,21 @@ def cut_plan(
 
 
 def rest_of(cut: SortiePlan, builder: MissionBuilder, begin: Place) -> Mission:
-    """Return the rest of a mission from `begin`, as a mission that takes off and lands at home."""
+    """Return the rest of a mission after `begin`; it takes off and lands at home."""
     home = home_of(cut.whole.mission, builder.farm)
     cutter = _Cutter(cut.whole, builder, cut.course, begin, [home], cut.overlap_m, 1)
     return cutter.mission((begin, None, 0))
 
 
 def sorties_of(whole: PlanResult, one: VehicleParts, **how: Any) -> SortiePlan | None:
-    """Cut the mission of one vehicle of a run; `how` are options of `cut_plan`."""
+    """Cut the mission of one vehicle of a run; `how` goes to `cut_plan`."""
     return cut_plan(whole, MissionBuilder.of(one, whole.farm), footprint=one.camera.footprint, **how)
 
 
 def overlap_of(builder: MissionBuilder, whole: PlanResult) -> float:
-    """Return the overlap of a resumed sortie (m): two image spacings and the distance to line up."""
+    """Return the overlap of a resumed sortie (m): two image spacings plus the way to line up with the leg."""
     spacing = image_spacing_m(whole.mission, builder.level.speed_m_s)
-    # The end of the last sortie and the start of the next are each passed within the acceptance radius.
+    # The vehicle passes the end of one sortie and the start of the next within the acceptance radius.
     line_up_m = 2.0 * builder.cornering.radius_m
     if builder.vehicle.circles:
         law = fixed_wing_procedures(builder.vehicle).limits(builder.vehicle)
@@ -212,7 +212,7 @@ def overlap_of(builder: MissionBuilder, whole: PlanResult) -> float:
 
 
 def _way_of(builder: MissionBuilder) -> Way | None:
-    """Return a function that finds the points around obstacles; None without obstacles."""
+    """Return a function that finds a leg's points round obstacles, or None without obstacles."""
     keep_out, frame = builder.keep_out, builder.farm.frame
     if keep_out is None:
         return None
@@ -228,7 +228,7 @@ def _way_of(builder: MissionBuilder) -> Way | None:
 
 
 Flown: TypeAlias = "tuple[Place, Place | None, int]"
-"""Start, end and home number of a sortie."""
+"""Start and end of a sortie, and the index of its home."""
 
 
 @dataclass(slots=True)
@@ -246,7 +246,7 @@ class _Cutter:
     _predicted: dict[Flown, tuple[Mission, Prediction]] = field(default_factory=dict)
 
     def cut(self) -> tuple[PlannedSortie, ...] | None:
-        """Return the sorties; None if no number of batteries is enough."""
+        """Return the sorties, or None if no number of batteries is enough."""
         battery = self.builder.vehicle.battery
         costs = None
         if battery is not None:
@@ -277,7 +277,7 @@ class _Cutter:
         return None if best is None else tuple(map(self._planned, best))
 
     def _priced(self, flown: Sequence[Flown]) -> list[float]:
-        """Return the approximate energy bound of each sortie: its price, scaled by one full prediction."""
+        """Return each sortie's approximate energy bound: its price, scaled by one full prediction."""
         prices = [one.energy_wh for one in self.builder.price([self.mission(one) for one in flown])]
         dearest = max(range(len(prices)), key=prices.__getitem__)
         more = self._full(flown[dearest]).most_wh / prices[dearest]
@@ -319,7 +319,7 @@ class _Cutter:
 
 
 def _charge(costs: SortieCosts, choice: _Cut, takes_wh: Sequence[float]) -> NDArray[np.float64]:
-    """Return the charge factor at each place: predicted over estimated energy of its sortie."""
+    """Return for each place the predicted energy of its sortie, divided by the estimated energy."""
     charge = np.ones(len(costs.places))
     for (first, last), home, takes in zip(pairwise(choice.ends), choice.homes, takes_wh, strict=True):
         charge[first:last] = takes / costs.watt_hours[home, first, last]
@@ -328,7 +328,7 @@ def _charge(costs: SortieCosts, choice: _Cut, takes_wh: Sequence[float]) -> NDAr
 
 @dataclass(frozen=True, slots=True)
 class _Cut:
-    """A cut: place numbers of the sorties' ends, and home number of each sortie."""
+    """A cut, as indices of the places where sorties begin and end, and of each sortie's home."""
 
     ends: tuple[int, ...]
     homes: tuple[int, ...]
@@ -336,16 +336,16 @@ class _Cut:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SortieCosts:
-    """Costs of the sorties between all pairs of places, from each home.
+    """Costs of a sortie between any two places, from each home.
 
     Parameters
     ----------
     places : tuple
-        Possible ends of sorties, in order; None is the mission's end.
+        Possible starts and ends of sorties, in order; None is the mission's end.
     seconds, watt_hours : float64[h, n, n]
-        Costs from each of h homes, by the sortie's start and end.
+        Costs of a sortie from each of h homes, by the sortie's start and end.
     midst : bool[n]
-        Whether a place is within a leg.
+        Whether the place is on a leg, and not at the leg's start.
     """
 
     places: tuple[Place | None, ...]
@@ -363,10 +363,10 @@ class SortieCosts:
         homes: Sequence[GeoPoint],
         overlap_m: float,
     ) -> SortieCosts | None:
-        """Return the costs of the parts of a course from `begin`; None if the course cannot be flown.
+        """Return the costs of all sorties on a course from `begin` on, or None if the course cannot be flown.
 
-        The whole course is predicted once, and outbound and return flights at some of its positions. Flights
-        at other positions are interpolated by straight-line time in the mean wind.
+        The whole course is predicted once. The flights out to a position and back home are predicted for some
+        positions; for others their costs are interpolated by straight-line time in the mean wind.
         """
         wind = wind_of(builder.weather, builder.level)
         trials = TrialFlights(course.mission, builder.priced_vehicle, course.frame, wind)
@@ -374,7 +374,7 @@ class SortieCosts:
         if flown is None:
             return None
         way_m = np.maximum.accumulate(course.along(flown.seq, flown.place_m[:, 0], flown.place_m[:, 1]))
-        count = int(np.searchsorted(way_m, course.length_m)) + 1  # The flight home follows
+        count = int(np.searchsorted(way_m, course.length_m)) + 1  # The points after these are the flight home
         way_m, place_m = way_m[:count], flown.place_m[:count]
         frame = builder.farm.frame
         track_m = np.column_stack(frame.from_wgs84(*course.frame.to_wgs84(place_m[:, 0], place_m[:, 1])))
@@ -420,16 +420,16 @@ class SortieCosts:
         return cls(tuple(places), seconds, watt_hours, midst)
 
     def charged(self, charge: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the energy of all sorties, times the mean charge factor of the places that each covers."""
+        """Return the energy of all sorties, each times the mean `charge` of the places that it passes."""
         before, number = np.concatenate(([0.0], np.cumsum(charge[:-1]))), np.arange(len(charge))
         places = np.maximum(number[None, :] - number[:, None], 1)
         charged: NDArray[np.float64] = self.watt_hours * ((before[None, :] - before[:, None]) / places)
         return charged
 
     def cheapest(self, most_wh: float, charge: NDArray[np.float64]) -> _Cut | None:
-        """Return the fastest of the cuts with the fewest sorties of at most `most_wh`; None without a cut.
+        """Return the fastest cut into the fewest sorties of at most `most_wh`; None if there is no such cut.
 
-        `charge`, float64[n], scales the energy from each place to the next; the last entry is not used.
+        `charge`, float64[n], multiplies the energy from each place to the next; its last entry is not used.
         """
         seconds = np.where(self.charged(charge) <= most_wh, self.seconds + _MIDST_S * self.midst, np.inf)
         later = np.triu(np.ones(seconds.shape[1:], dtype=np.bool_), 1)
@@ -450,7 +450,7 @@ class SortieCosts:
 
 
 def _places(course: Course, begin: Place, overlap_m: float) -> list[Place | None]:
-    """Return the possible ends of sorties: starts of legs, and places on legs; None is the mission's end."""
+    """Return the possible starts and ends of sorties: leg starts and places on legs; None: mission's end."""
     working_m = sum(float(course.lengths_m[k]) for k, leg in enumerate(course.legs) if leg.works)
     step_m = max(working_m / _PLACES, overlap_m, _CLOSEST_M)
     first = course.after(begin)
@@ -468,7 +468,7 @@ def _places(course: Course, begin: Place, overlap_m: float) -> list[Place | None
 
 
 def _end_m(course: Course, place: Place | None) -> float:
-    """Return the distance along the course (m) that a sortie to `place` has flown."""
+    """Return the distance along the course (m) at which a sortie that ends at `place` turns home."""
     if place is None:
         return course.length_m
     number = course.leg_of(place)
@@ -479,7 +479,7 @@ def _end_m(course: Course, place: Place | None) -> float:
 
 
 def _spread(straight_s: NDArray[np.float64], metres: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a sample of the places, evenly spaced by rank of straight-line time."""
+    """Return some places, evenly spaced in the order of straight-line time."""
     ranks = np.unique(np.linspace(0, len(metres) - 1, _PROBES).astype(np.int64))
     chosen: NDArray[np.float64] = metres[np.argsort(straight_s, kind="stable")[ranks]]
     return chosen
@@ -488,9 +488,9 @@ def _spread(straight_s: NDArray[np.float64], metres: NDArray[np.float64]) -> NDA
 def _interpolated(
     straight_s: NDArray[np.float64], known_s: NDArray[np.float64], takes: list[float], beyond: float
 ) -> NDArray[np.float64]:
-    """Return the costs of flights, interpolated by straight-line time and extrapolated at rate `beyond`.
+    """Return flights' costs, interpolated by straight-line time; past the last, each second costs `beyond`.
 
-    The interpolation is linear, since return altitudes of autopilots change in steps with distance from home.
+    The interpolation is linear, since return altitudes change in steps with the distance from home.
     """
     order = np.argsort(known_s, kind="stable")
     farther = np.maximum(straight_s - known_s[order[-1]], 0.0)

@@ -1,4 +1,4 @@
-"""Radio range of the ground station, over ground at flight height."""
+"""Radio range of the ground station: the horizontal distance that it reaches at flight height."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from sim_vehicle.autopilot import firmware_of
 from wbf_mission.planning.conditions import FlightLevel
 
 SLOWER, SPARE_S = 1.2, 5.0
-"""Allowed delay of a flight beyond radio range: a factor, and seconds."""
+"""A flight beyond radio range may take this factor longer than predicted, plus these seconds."""
 ENDING_S = 3.0
-"""Time before the end of a path at which a policy is asked (s)."""
+"""A policy is asked for the next path this many seconds before the end of a path."""
 _STEP_M, _MOST_STEPS = 0.5, 20_000
 _WELL_INSIDE = 0.9
 _ASIDE_S, _WHOLE_S = 8.0, 2.0
-"""Largest duration of a mission change (s), with and without leaving the mission; the vehicle must stay in
-range meanwhile."""
+"""Largest duration of a mission change (s), for a vehicle that leaves its mission for the change and for
+others. The vehicle must stay in radio range during the change."""
 _HEARD_S = 2.0
-"""Time after entering radio range until a vehicle is certainly heard (s)."""
+"""A vehicle is certainly heard this many seconds after it enters radio range."""
 
 
 @dataclass(frozen=True, slots=True)
 class StationRange:
     """Radio range of the ground station, for paths at one height and speed."""
 
-    range_m: float  # Slant range
+    range_m: float  # Slant range of the radio
     station_xy_m: tuple[float, float]  # Position of the ground station, in metres of the farm frame
     height_m: float  # Flight height above the ground station
     speed_m_s: float  # Speed of the flight
@@ -48,11 +48,11 @@ class StationRange:
 
     @property
     def radius_m(self) -> float:
-        """Range over ground at flight height (m); 0 if the flight height is beyond the range."""
+        """Horizontal range at flight height (m); 0 if the flight height exceeds the slant range."""
         return float(np.sqrt(max(self.range_m**2 - self.height_m**2, 0.0)))
 
     def absence_s(self, position_m: tuple[float, float], onward_m: Points, mean_speed_m_s: float) -> float:
-        """Return the latest time (s) until a vehicle, last heard at `position_m`, is in range again.
+        """Return how long a vehicle, last heard at `position_m`, may stay out of range (s).
 
         Examples
         --------
@@ -78,16 +78,16 @@ class StationRange:
     def is_near_border(self, position_m: tuple[float, float], delay_s: float = 0.0) -> bool:
         """Return whether a vehicle may leave radio range during a change of its mission.
 
-        `delay_s` is the usual time from sending a change to the turn.
+        `delay_s` is the usual time between sending a change and the vehicle's turn.
         """
         distance_m = float(np.hypot(*np.subtract(position_m, self.station_xy_m)))
         return distance_m + (self._change_s + delay_s) * self.speed_m_s > self.radius_m
 
     def contact_area(self, delay_s: float = 0.0) -> ContactArea:
-        """Return the area in which a path must end, so that the vehicle can receive its next path in time.
+        """Return the area in which a path must end, so that the vehicle receives its next path in time.
 
-        The next path is decided shortly before the end. At that decision the vehicle must be in range, and it
-        must stay in range during the mission change.
+        The next path is decided shortly before the end of the present path. The vehicle must be in range at
+        that decision, and stay in range until its mission is changed.
         """
         deep_s = ENDING_S + max(self._change_s + 2.0 * delay_s, _HEARD_S)
         return ContactArea(self.station_xy_m, self.radius_m - deep_s * self.speed_m_s)

@@ -19,14 +19,14 @@ from sim_vehicle.airframe.spec import VehicleSpec
 from wbf_mission.planning.conditions import FlightLevel
 
 _AROUND_M = 300.0
-# Samples per raster pixel, and least sample distance (m).
+# Ground samples per raster pixel, and least distance between samples (m).
 _STEPS_A_PIXEL, _FINEST_M = 2.0, 0.5
-# Usable fraction of climb and descent rates; wind and corners need the rest.
+# Usable fraction of climb and descent rates; wind and corners need the remainder.
 _OF_RATE = 0.8
 
 
 def above_terrain(mission: Mission) -> Mission:
-    """Return the mission with waypoint altitudes above terrain, for an autopilot that follows it."""
+    """Return the mission with waypoint altitudes above terrain, for an autopilot that follows the terrain."""
     items = tuple(
         replace(item, frame=int(Frame.GLOBAL_TERRAIN_ALT)) if item.command == Command.NAV_WAYPOINT else item
         for item in mission.items
@@ -35,7 +35,7 @@ def above_terrain(mission: Mission) -> Mission:
 
 
 class Ground(Protocol):
-    """Terrain heights above mean sea level, by an add-on that reads rasters."""
+    """Terrain heights above mean sea level; an add-on reads them from rasters."""
 
     @property
     def step_m(self) -> float:
@@ -44,12 +44,12 @@ class Ground(Protocol):
     def heights(
         self, latitude_deg: NDArray[np.float64], longitude_deg: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the heights at points (m); GroundError if a point has none."""
+        """Return the heights at points (m); GroundError if no raster gives the height of a point."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FarmGround:
-    """Ground heights of a farm, by positions in its frame (m)."""
+    """Ground heights of a farm, for positions in the farm frame (m)."""
 
     farm: Farm
     ground: Ground
@@ -92,10 +92,10 @@ class FarmGround:
         )
 
     def relief_m(self, obstacle: Obstacle, margin_m: float) -> float:
-        """Return the ground relief at an obstacle (m), by which a flight over it may come nearer to its top.
+        """Return the height over an obstacle that a flight may lose by terrain following (m).
 
-        The obstacle's top counts from the highest ground under it. The flight may follow the lowest ground,
-        less the allowed deviation of legs.
+        The height of the obstacle counts from the highest ground under it. The flight may follow the lowest
+        ground there, and legs may be lower than planned by the allowed deviation.
         """
         polygon = obstacle.widened(margin_m)
         low_x, low_y, high_x, high_y = polygon.bounds

@@ -1,4 +1,4 @@
-"""Findings of a preflight check: severity, place, measured number, and fix."""
+"""Findings of a preflight check: severity, mission item, measured number, and fix."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from wbf_mission.events import EventStream, Found
 
 
 class PreflightError(WbfMissionError, ValueError):
-    """Refusal of a plan: the preflight check found errors (`finding`), or could not be made."""
+    """Raised to refuse a plan in which the check found errors (`finding`), or which could not be checked."""
 
     def __init__(self, message: str, finding: Finding | None = None) -> None:
         super().__init__(message)
@@ -29,9 +29,9 @@ class Concern(Enum):
     PARAMETERS = "parameters"
     """Settings of the vehicle."""
     STATE = "state"
-    """Present state of the vehicle, such as battery and position; applies before take-off."""
+    """State of the vehicle now, such as battery and position; such findings matter only before take-off."""
     READINESS = "readiness"
-    """Temporary state: satellites, estimator, the vehicle's own pre-arm checks."""
+    """State that passes by itself: satellites, position estimate, the autopilot's pre-arm checks."""
 
 
 class Against(StrEnum):
@@ -42,7 +42,7 @@ class Against(StrEnum):
     MOST = "at most"
     """The number should not be above the limit."""
     PLANNED = "planned"
-    """The plan and its prediction assume the limit's value."""
+    """The number should equal the limit, because the plan and its prediction assume that value."""
 
 
 _DIGITS = range(3, 8)
@@ -85,7 +85,7 @@ class Measure:
 
     def __str__(self) -> str:
         written = ((self._quantity(self.value, n), self._quantity(self.limit, n)) for n in _DIGITS)
-        # Enough digits to show a small violation of the limit.
+        # The number and its limit get enough digits to show a small violation.
         value, limit = next(
             (pair for pair in written if not self.is_broken or pair[0] != pair[1]),
             (self._quantity(self.value, 17), self._quantity(self.limit, 17)),
@@ -116,12 +116,12 @@ class Finding:
     """One finding of a check."""
 
     severity: Severity
-    code: str  # Code of the rule, words joined by hyphens; stable, so that scripts can use it
+    code: str  # Code of the rule; scripts may use it, so it does not change
     text: str  # Description of the fault
     fix: str = ""  # Remedy; empty for a note
-    plan: str = "mission"  # ``mission``, ``fence`` or ``rally``
-    # Item number from 1, without a home item; None for the whole plan. The worst item if several share the
-    # finding.
+    plan: str = "mission"  # Plan with the item: ``mission``, ``fence`` or ``rally``
+    # Item number from 1, without a home item; None for the whole plan. If several items share the finding,
+    # this is the worst item.
     item: int | None = None
     command: str = ""  # Name of the item's command
     measure: Measure | None = None
@@ -130,7 +130,7 @@ class Finding:
 
     @property
     def where(self) -> str:
-        """The item in words, as a remark of a transfer names it; empty for the mission as a whole.
+        """The item in words, as transfer remarks name it; empty for a finding on the whole mission.
 
         >>> Finding(Severity.NOTE, "zero-leg", "", item=3, command="NAV_WAYPOINT", count=2).where
         'mission item 3 (NAV_WAYPOINT) and 1 more'
@@ -181,7 +181,7 @@ class Report:
         return tuple(finding for finding in self.findings if finding.severity is severity)
 
     def about(self, *concerns: Concern) -> Report:
-        """Return the report with only the findings of these concerns."""
+        """Return a report of only the findings with these concerns."""
         return Report(tuple(finding for finding in self.findings if finding.concern in concerns))
 
     @property
@@ -195,7 +195,7 @@ class Report:
         return {f"{severity.value}s": len(self.of(severity)) for severity in Severity}
 
     def refusal(self, consequence: str) -> PreflightError | None:
-        """Return the refusal of a plan with errors, else None; ``consequence`` names the skipped action."""
+        """Return the error that refuses the plan, or None; ``consequence`` names the action not taken."""
         errors = self.of(Severity.ERROR)
         if not errors:
             return None
@@ -205,13 +205,13 @@ class Report:
         return PreflightError(msg, errors[0])
 
     def tell(self, events: EventStream, refused: PreflightError | None, vehicle: str = "") -> None:
-        """Emit each finding; `refused` is the error raised afterwards, `vehicle` the prefix of each line."""
+        """Emit each finding; `refused` is the error that follows, and `vehicle` the prefix of each line."""
         for finding in self.findings:
             refuses = refused is not None and finding is refused.finding
             events.tell(Found(finding.severity.value, finding.code, str(finding), vehicle, refuses))
 
     def require_no_errors(self, consequence: str, events: EventStream, *, force: bool = False) -> None:
-        """Emit the findings, and raise the `refusal` if there is one, unless `force`."""
+        """Emit the findings. Without `force`, raise the `refusal` if there are errors."""
         refused = None if force else self.refusal(consequence)
         self.tell(events, refused)
         if refused is not None:
@@ -224,11 +224,11 @@ class Hit:
 
     item: int
     value: float
-    measured: tuple[float, float] | None = None  # Measured number and limit, if not `value`
+    measured: tuple[float, float] | None = None  # Measured number and its limit, if `value` is neither
 
 
 def worst_of(hits: Iterable[Hit], *, largest: bool) -> tuple[Hit, int] | None:
-    """Return the worst hit and the number of items with hits; None without hits.
+    """Return the worst hit and the number of items with hits, or None without hits.
 
     Examples
     --------

@@ -28,9 +28,9 @@ _MOST_POINTS = 20_000
 
 
 def share_flown(subject: Subject, legs: Sequence[Leg], within_m: float) -> float | None:
-    """Return the fraction of the legs' length within `within_m` of the flown path, horizontally.
+    """Return the fraction of the legs' length that lies within `within_m` of the flown path (horizontally).
 
-    With several predicted flights the smallest fraction is returned; None without a prediction.
+    If several flights are predicted, return the smallest fraction; if no flight is predicted, return None.
     """
     tracks = [track.points_m[:, :2] for track in subject.tracks if len(track.points_m) > 1]
     lengths_m = np.array([leg.length_m for leg in legs])
@@ -59,15 +59,15 @@ _GROUND_OR_AIR = (0.0, 1.0)
     Rule(
         "too-fast",
         WARNING,
-        "faster than {vehicle} flies: the flight takes longer than that speed suggests",
-        "give a speed that it reaches",
+        "the speed is higher than {vehicle} reaches, so the flight takes longer",
+        "give a speed that the vehicle reaches",
         rules.at_most("speed", "m/s"),
     ),
     Rule(
         "too-slow",
         WARNING,
-        "below the least airspeed of the fixed wing: the autopilot flies faster",
-        "give at least that",
+        "the speed is below the least airspeed of the fixed wing, so the autopilot flies faster",
+        "give at least this airspeed",
         rules.at_least("airspeed", "m/s"),
     ),
 )
@@ -98,19 +98,19 @@ _MOST_OF_IT = 0.9
     Rule(
         "short-leg",
         WARNING,
-        "legs in a row are shorter than the acceptance radius: they count as flown at once",
+        "successive legs are shorter than the acceptance radius, so the vehicle skips them",
         "give a smaller radius, or leave waypoints out",
         rules.at_least("length of the leg", "m"),
     )
 )
 def check_short_legs(subject: Subject) -> Iterator[Finding]:
-    """Find successive legs within one acceptance radius, which the vehicle skips.
+    """Find successive legs that the vehicle skips because they are shorter than the acceptance radius.
 
-    A single short leg joins two rows. Short legs along a line or a wide curve are flown.
+    A single short leg is allowed: it joins two rows. Short legs along a line or a wide curve are flown.
     """
     vehicle = subject.vehicle
     lossy = subject.profile.lossy.get(int(Command.NAV_WAYPOINT), frozenset())
-    # ArduCopter flies each leg to its end, whatever the radius.
+    # ArduCopter flies each leg to its end, whatever the acceptance radius is.
     if vehicle.circles or (vehicle.hovers and "param2" in lossy):
         return
 
@@ -131,7 +131,7 @@ def check_short_legs(subject: Subject) -> Iterator[Finding]:
 _TURN_BACK = 2.0
 
 _BESIDE_M = 5.0
-"""Half-width of the ground that an image from 10 m or higher shows."""
+"""An image from 10 m or higher shows the ground up to this distance from the path."""
 
 
 @CHECKS.finds(
@@ -139,11 +139,11 @@ _BESIDE_M = 5.0
         "tight-turn",
         WARNING,
         "the legs are too short for the turns of a fixed wing: much of the plan is not flown",
-        "lay rows at least {room_m:.0f} m apart; where the field is too small for that, fly a multirotor",
+        "lay rows at least {room_m:.0f} m apart; if the field is too small for that, fly a multirotor",
     )
 )
 def check_turns(subject: Subject) -> Iterator[Finding]:
-    """Find corners with legs too short for a fixed wing's turns."""
+    """Find corners between legs that are too short for a fixed wing's turns."""
     vehicle = subject.vehicle
     if not vehicle.circles:
         return
@@ -185,7 +185,7 @@ def _turn_rad(one: Leg, following: Leg) -> float:
     Rule(
         "steep-leg",
         WARNING,
-        "the leg climbs or sinks faster than the vehicle does: {outcome}",
+        "the leg is steeper than the vehicle can climb or sink at this speed: {outcome}",
         "make the leg longer, or fly slower",
         rules.at_most("climb or descent", "m/s"),
     )
@@ -212,7 +212,7 @@ def check_climbs(subject: Subject) -> Iterator[Finding]:
 TOO_GUSTY = "too-gusty"
 
 _SHORT_GUSTS_S = 1.0
-"""Total duration of gusts (s) below which a vehicle's inertia is enough."""
+"""A vehicle's inertia is enough against gusts of a shorter total duration (s)."""
 
 
 @CHECKS.finds(
@@ -228,7 +228,7 @@ _SHORT_GUSTS_S = 1.0
         TOO_GUSTY,
         WARNING,
         "gusts are stronger than the {limit_m_s:.3g} m/s against which {vehicle} holds its"
-        " path: it is blown aside then, and no margin to obstacles or a fence covers that",
+        " path: they blow it aside, and no margin to obstacles or a fence allows for that",
         "wait for less wind, or stay farther away",
         rules.at_most("time in such gusts", "s"),
     ),
@@ -256,7 +256,7 @@ def check_wind(subject: Subject) -> Iterator[Finding]:
 
 
 _COMFORT = 0.1
-"""Battery fraction above the reserve below which a note is given."""
+"""A note is given if the battery ends less than this fraction above the reserve."""
 
 
 @CHECKS.finds(
@@ -264,21 +264,21 @@ _COMFORT = 0.1
         "battery",
         ERROR,
         "{flight}; {reason}",
-        "fly a shorter mission, or in the sorties that 'wbf-mission plan' cuts it into",
+        "fly a shorter mission, or the sorties into which 'wbf-mission plan' cuts it",
         rules.LEFT,
         by_vehicle=True,
     ),
     Rule(
         "battery-close",
         NOTE,
-        "{flight}; hardly more is left at the end than the reserve",
+        "{flight}; at the end little more than the reserve is left",
         "begin with a full battery",
         rules.LEFT,
     ),
     Rule("flight", NOTE, "{flight}", measured=rules.LEFT),
 )
 def check_battery(subject: Subject) -> Iterator[Finding]:
-    """Compare the battery charge at landing with the reserve, and report the charge that the flight uses."""
+    """Compare the battery's charge at landing with the reserve, and report what the flight uses."""
     prediction, battery = subject.prediction, subject.vehicle.battery
     if prediction is None:
         return
@@ -322,14 +322,14 @@ def check_battery(subject: Subject) -> Iterator[Finding]:
     Rule(
         "camera-too-fast",
         WARNING,
-        "the images follow each other faster than the camera takes them: some will be missing",
+        "images are triggered faster than the camera can take them, so some will be missing",
         "fly slower, or leave more distance between images",
         rules.at_least("time between images", "s"),
     ),
     Rule(
         "camera-left-on",
         NOTE,
-        "the camera is not stopped before the end: it goes on taking images on the way home",
+        "the mission does not stop the camera, so it goes on taking images on the way home",
     ),
     Rule("no-camera", NOTE, "the mission never starts a camera"),
 )
@@ -362,12 +362,12 @@ def check_camera(subject: Subject) -> Iterator[Finding]:
         "unseen",
         WARNING,
         "the images show less of the farm's land than was asked for",
-        "is it a part of a survey, the right --farm and --camera? Otherwise plan it again",
+        "check --farm and --camera, or plan again; a part of a survey may show less",
         rules.at_least("coverage", "%"),
     )
 )
 def check_coverage(subject: Subject) -> Iterator[Finding]:
-    """Find a plan whose images show nothing of the farm, or only a part of a whole survey."""
+    """Find a plan whose images show nothing of the farm, or too little for a full survey."""
     given = subject.given
     coverage = subject.coverage if given.coverage is None or subject.prediction is None else given.coverage
     whole = asks_whole(given.imaging, given.planner)

@@ -31,7 +31,7 @@ _PASSED = frozenset({int(Command.NAV_WAYPOINT), int(Command.NAV_SPLINE_WAYPOINT)
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """Leg to an item, in the order of the items; jumps are not followed."""
+    """Leg of the mission that ends at an item; jumps are ignored."""
 
     item: int
     """Item at the end of the leg, from 0."""
@@ -43,7 +43,7 @@ class Leg:
     radius_m: float
     """Acceptance radius of the leg's end."""
     passed: bool
-    """Whether the vehicle passes the leg's end without a stop."""
+    """Whether the vehicle passes the leg's end without stopping."""
 
     @property
     def length_m(self) -> float:
@@ -82,7 +82,7 @@ def legs_of(subject: Subject) -> tuple[Leg, ...]:
 
 
 def _radius_m(subject: Subject, item: int) -> float:
-    """Return the acceptance radius of an item; the item's own if the autopilot honours it."""
+    """Return the acceptance radius at an item; some autopilots ignore the radius in the item."""
     one = subject.items[item]
     own = one.param2 if one.command == Command.NAV_WAYPOINT else None
     kept = "param2" not in subject.profile.lossy.get(one.command, frozenset())
@@ -98,24 +98,26 @@ def _radius_m(subject: Subject, item: int) -> float:
         "move the fence or home",
         rules.INSIDE,
     ),
-    Rule("rally-outside-fence", WARNING, "a rally point outside the fence", "move it inside", rules.INSIDE),
+    Rule(
+        "rally-outside-fence", WARNING, "a rally point is outside the fence", "move it inside", rules.INSIDE
+    ),
     Rule(
         "outside-fence",
         ERROR,
-        "the path to it leaves the fence, or enters an area that the fence excludes",
+        "the path to this item leaves the fence, or enters an area that the fence excludes",
         "move the waypoint or the fence",
         rules.INSIDE,
     ),
     Rule(
         "near-fence",
         WARNING,
-        "the path to it comes near the edge of the fence",
-        "keep away from the edge, or give the margin that is meant",
+        "the path to this item comes near the edge of the fence",
+        "keep away from the edge, or give a smaller margin",
         rules.INSIDE,
     ),
 )
 def check_fence(subject: Subject) -> Iterator[Finding]:
-    """Find home, rally points and flown path outside the fence or within its margin."""
+    """Find a home, rally points and flown paths outside the fence, and paths near the fence's edge."""
     if not subject.mission.fence:
         return
     try:
@@ -150,7 +152,7 @@ def check_fence(subject: Subject) -> Iterator[Finding]:
 
 
 def _fence_of(subject: Subject) -> Fence:
-    """Return the fence by the autopilot's rule: inside any inclusion area, or inside all."""
+    """Return the fence; the autopilot decides whether being inside one inclusion area is enough."""
     from sim_vehicle.autopilot import autopilot_of_number
 
     firmware = autopilot_of_number(subject.profile.autopilot).for_vehicle(subject.vehicle.kind)
@@ -161,20 +163,20 @@ def _fence_of(subject: Subject) -> Fence:
     Rule(
         "obstacle",
         ERROR,
-        "the path to it crosses an obstacle of the farm",
+        "the path to this item crosses an obstacle of the farm",
         "fly round it",
         rules.at_least("distance from the obstacle", "m"),
     ),
     Rule(
         "near-obstacle",
         WARNING,
-        "the path to it comes near an obstacle of the farm",
+        "the path to this item comes near an obstacle of the farm",
         "fly round it",
         rules.at_least("distance from the obstacle", "m"),
     ),
 )
 def check_obstacles(subject: Subject) -> Iterator[Finding]:
-    """Find flown paths too near the farm's obstacles, beside or above them."""
+    """Find flown paths too near to the farm's obstacles, beside or above them."""
     touched: list[Hit] = []
     too_near: dict[float, list[Hit]] = {}
     for obstacle in subject.obstacles:
@@ -185,7 +187,7 @@ def check_obstacles(subject: Subject) -> Iterator[Finding]:
             legs = shapely.linestrings(np.stack((track.points_m[:-1, :2], track.points_m[1:, :2]), axis=1))
             above = np.maximum(np.minimum(track.points_m[:-1, 2], track.points_m[1:, 2]) - top_m, 0.0)
             near = np.flatnonzero(shapely.dwithin(legs, obstacle.polygon, margin_m) & (above <= margin_m))
-            # Distance to the nearest edge of the obstacle's top, beside and above it.
+            # This is the distance to the obstacle, beside it, above it, or diagonally to the edge of its top.
             away = np.hypot(shapely.distance(legs[near], obstacle.polygon), above[near])
             for k, metres in zip(near, away, strict=True):
                 hits = touched if metres == 0.0 else too_near.setdefault(margin_m, [])
@@ -197,12 +199,12 @@ def check_obstacles(subject: Subject) -> Iterator[Finding]:
         yield from worst(subject, "near-obstacle", hits, margin_m)
 
 
-# Point spacing on a straight leg (m), and largest number of points: legs beyond 1 km have wider spacing
+# Point spacing on a straight leg (m), and largest number of points; longer legs get a wider spacing
 _STEP_M, _MOST_STEPS = 1.0, 1000
 
 
 def _paths(subject: Subject) -> list[FlownTrack]:
-    """Return the paths to check: predicted flights, or straight legs without a prediction."""
+    """Return the paths to check: the predicted flights or, without a prediction, straight legs."""
     if subject.tracks:
         return [track for track in subject.tracks if len(track.points_m) > 1]
     placed = [(k, position) for k, position in enumerate(subject.positions) if not np.isnan(position[0])]
@@ -223,27 +225,27 @@ _LOWEST_M = 2.0
     Rule(
         "with-permission",
         NOTE,
-        "higher above home than is allowed without a permission",
-        "carry the permission; take care where the ground falls",
+        "the height is more than is allowed without a permission",
+        "carry the permission; where the ground is lower than home, the vehicle is higher above it",
         rules.at_most("height above home", "m"),
     ),
     Rule(
         "too-high",
         WARNING,
-        "higher above home than is allowed above the ground",
-        "fly lower, or with a permission give --max-altitude; mind where the ground falls",
+        "the height is more than is allowed above the ground",
+        "fly lower, or give --max-altitude if you have a permission; mind ground lower than home",
         rules.at_most("height above home", "m"),
     ),
     Rule(
         "too-low",
         WARNING,
-        "so low that a slope, a plant or the error of the barometer is in the way",
+        "the height is too low for slopes, plants and the error of the barometer",
         "fly higher",
         rules.at_least("height above home", "m"),
     ),
 )
 def check_heights(subject: Subject) -> Iterator[Finding]:
-    """Find positions above the allowed height or below 2 m, and paths that climb above their waypoints."""
+    """Find positions above the allowed height or below 2 m, and flown paths above the allowed height."""
     if subject.vehicle.drives or subject.vehicle.is_ideal:
         return
     heights = [
@@ -258,8 +260,7 @@ def check_heights(subject: Subject) -> Iterator[Finding]:
     ]
 
     def above(height_m: float) -> list[Hit]:
-        # A return may climb to its own altitude. The altitude controller overshoots a waypoint by up to 0.5
-        # m.
+        # A return may climb higher than the items, and the altitude controller overshoots by up to 0.5 m.
         high = [hit for hit in heights if hit.value > height_m]
         return high or [hit for hit in flown if hit.value > height_m + 1.0]
 
@@ -281,13 +282,13 @@ _FARTHEST_START_M = 1000.0
     Rule(
         "far-start",
         WARNING,
-        "the whole mission is far from home: this is its nearest position",
-        "is home right?",
+        "the whole mission is far from home; this item is its nearest position",
+        "check the position of home",
         rules.at_most("distance from home", "m"),
     )
 )
 def check_start_distance(subject: Subject) -> Iterator[Finding]:
-    """Find a mission far from home; on a large farm the first position alone may be far."""
+    """Find a mission of which every position is far from home; on a large farm, some positions may be."""
     positions = zip(subject.items, subject.positions, strict=True)
     away = [
         Hit(k, math.hypot(x, y))
@@ -306,12 +307,12 @@ _LONGEST_M = 10_000.0
 
 
 @CHECKS.finds(
-    Rule("zero-leg", WARNING, "the same position as before", "remove one of the two"),
+    Rule("zero-leg", WARNING, "the item repeats the position before it", "remove one of the two"),
     Rule(
         "long-leg",
         WARNING,
-        "a very long leg",
-        "is the position right?",
+        "the leg to this item is very long",
+        "check the position",
         rules.at_most("length of the leg", "m"),
     ),
 )
@@ -339,14 +340,14 @@ _SMALLEST_RADIUS_M = 1.0
     Rule(
         "small-radius",
         WARNING,
-        "the acceptance radius counts in space, and the height estimate is wrong by half a metre: "
+        "the acceptance radius includes height, and the height estimate is wrong by half a metre: "
         "{autopilot} may wait at the waypoint",
-        "give a radius of 2 m, or 0 for the autopilot's own radius",
+        "set the acceptance radius to 2 m, or to 0 for the autopilot's default radius",
         rules.at_least("acceptance radius", "m"),
     )
 )
 def check_radii(subject: Subject) -> Iterator[Finding]:
-    """Find acceptance radii that are too small for the vehicle, whose height error counts in the radius."""
+    """Find acceptance radii that are too small if the vehicle's height error counts, too."""
     if subject.profile.radius_in_space and subject.vehicle.hovers:
         small = [Hit(leg.item, leg.radius_m) for leg in legs_of(subject) if leg.radius_m < _SMALLEST_RADIUS_M]
         yield from worst(subject, "small-radius", small, _SMALLEST_RADIUS_M, autopilot=subject.profile.name)

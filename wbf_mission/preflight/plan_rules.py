@@ -1,4 +1,4 @@
-"""Checks of the mission items: items that cannot be flown, are never flown, or exceed the autopilot."""
+"""Checks of the mission items: items that the vehicle cannot fly or never flies, or the autopilot refuses."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ _FIXES = {
     "altitude": "give a height within the limits",
     "far-from-home": "plan from a home nearby",
     "frame": "use frame 0 or 3",
-    "jump-loop": "jump to a position, or before one",
+    "jump-loop": "jump to an item with a position, or to an item before it",
 }
 
 
 @CHECKS.finds(Rule("stops", ERROR, "{reason}", "change the item, or fly another vehicle", by_vehicle=True))
 def check_problems(subject: Subject) -> Iterator[Finding]:
-    """Find items that the vehicle cannot fly, by its checks before arming."""
-    # `check_dialect` reports jump targets, for every autopilot.
+    """Find items that the vehicle's checks before arming would refuse."""
+    # `check_dialect` reports wrong jump targets for every autopilot.
     problems = [problem for problem in subject.problems if problem.code != "jump-target"]
     for code in dict.fromkeys(problem.code for problem in problems):
         same = [problem for problem in problems if problem.code == code]
@@ -75,7 +75,7 @@ def check_problems(subject: Subject) -> Iterator[Finding]:
     )
 )
 def check_predicted(subject: Subject) -> Iterator[Finding]:
-    """Find a plan without a predicted flight, for which several checks are weaker."""
+    """Find a plan whose flight is not predicted, because several checks are then weaker."""
     if subject.prediction is None:
         yield found(subject, "no-prediction")
 
@@ -108,13 +108,13 @@ def remarks_of(subject: Subject) -> tuple[Remark, ...]:
     Rule(
         "not-predicted",
         WARNING,
-        "this command is not predicted: time, path and battery are without it",
+        "the prediction ignores this command: predicted time, path and battery are without it",
         "check the item by hand",
     ),
     Rule(
         "terrain-heights",
         WARNING,
-        "heights above the terrain are predicted as heights above home",
+        "the prediction takes heights above the terrain for heights above home",
         "check heights and battery where the ground rises",
     ),
 )
@@ -131,8 +131,8 @@ def check_unknown(subject: Subject) -> Iterator[Finding]:
     Rule(
         "unreachable",
         WARNING,
-        "is never flown: an item before it ends the mission, and no item jumps to it",
-        "remove it, or put the end of the mission behind it",
+        "the item is never flown: an earlier item ends the mission, and no item jumps to this item",
+        "remove it, or move the item that ends the mission behind it",
     )
 )
 def check_flown(subject: Subject) -> Iterator[Finding]:
@@ -146,7 +146,7 @@ def check_flown(subject: Subject) -> Iterator[Finding]:
         "endless",
         WARNING,
         "the mission repeats until the battery is low",
-        "give DO_JUMP a number of times",
+        "give DO_JUMP a number of repeats",
     )
 )
 def check_ends(subject: Subject) -> Iterator[Finding]:
@@ -167,7 +167,7 @@ _FRAMES = {
     Rule(
         "mixed-frames",
         WARNING,
-        "its height is measured {frame}, the height of other items {usual}",
+        "its height is {frame}, but heights of other items are {usual}",
         "give all heights in one frame",
     )
 )
@@ -189,17 +189,17 @@ _LOWEST_TAKEOFF_M = 1.5
 
 
 @CHECKS.finds(
-    Rule("late-takeoff", WARNING, "comes before the take-off", "begin with NAV_TAKEOFF"),
+    Rule("late-takeoff", WARNING, "the item comes before the take-off", "begin with NAV_TAKEOFF"),
     Rule(
         "climbs-by-itself",
         WARNING,
-        "no take-off before it: the vehicle climbs where it stands",
+        "no take-off comes before the item, so the vehicle first climbs where it stands",
         "begin with NAV_TAKEOFF",
     ),
     Rule(
         "low-takeoff",
         WARNING,
-        "takes off to a height at which the vehicle is still in its own wash",
+        "the take-off ends so low that the vehicle is still in its own rotor wash",
         "take off higher",
         at_least("height", "m"),
     ),
@@ -232,13 +232,13 @@ _FARTHEST_LANDING_M = 50.0
     Rule(
         "lands-elsewhere",
         WARNING,
-        "lands far from home",
-        "is that meant? Otherwise end with NAV_RETURN_TO_LAUNCH",
+        "the vehicle lands far from home",
+        "check the landing place, or end with NAV_RETURN_TO_LAUNCH",
         at_most("distance from home", "m"),
     ),
 )
 def check_end(subject: Subject) -> Iterator[Finding]:
-    """Find a mission that ends in the air or far from home."""
+    """Find a mission that ends in the air, or that lands far from home."""
     if not subject.items or subject.vehicle.is_ideal:
         return
     endless = never_ends(subject.items)
@@ -255,7 +255,7 @@ def check_end(subject: Subject) -> Iterator[Finding]:
 
 
 def _is_last(subject: Subject, item: int) -> bool:
-    """Return whether only DO items follow a NAV item."""
+    """Return whether an item is a NAV item, followed by DO items at most."""
     items = subject.items
     if items[item].command > LAST_NAV:
         return False

@@ -1,4 +1,4 @@
-"""Rules of the preflight check: severity, text and fix of each finding, declared at its check."""
+"""Rules of the preflight check: each check declares severity, text and fix of its findings."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def at_most(name: str, unit: str = "") -> tuple[Against, str, str]:
 
 
 def planned(unit: str) -> tuple[Against, str, str]:
-    """Return a limit on a parameter: the value that the plan assumes."""
+    """Return a comparison of a parameter with the value that the plan assumes."""
     return Against.PLANNED, "{name}", unit
 
 
@@ -36,7 +36,7 @@ LEFT = at_least("left in the battery at the end", "%")
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """One kind of finding; the check fills in the words in braces."""
+    """One kind of finding; the check fills in the words that stand in braces in `text` and `fix`."""
 
     code: str
     severity: Severity
@@ -44,15 +44,15 @@ class Rule:
     fix: str = ""
     # Comparison, name and unit of the measured number
     measured: tuple[Against, str, str] | None = None
-    # Whether an error is only a warning if the vehicle is assumed
+    # Whether an error becomes a warning if the vehicle is only assumed, and not known
     by_vehicle: bool = False
     concern: Concern = Concern.PLAN
 
 
 RULES: dict[str, Rule] = {}
-"""Every rule that a check declares, by its code.
+"""All rules that checks declare, by their codes.
 
-Findings by the dialect of an autopilot or by the executor have codes of their own.
+Findings of an autopilot's dialect or of the executor have other codes, which are not listed here.
 """
 
 
@@ -89,9 +89,9 @@ def found(
     severity: Severity | None = None,
     **words: Any,
 ) -> Finding:
-    """Return the finding of a rule; `item` counts from 0, `words` replace the words in braces.
+    """Return the finding of a rule; `item` counts from 0, and `words` replace the words in braces.
 
-    `measured` is the measured number and its limit; `measure` replaces the rule's own measure.
+    `measured` is the measured number and its limit; `measure` replaces the comparison that the rule declares.
     """
     rule = RULES[code]
     if measured is not None and rule.measured is not None:
@@ -119,7 +119,7 @@ def _command(subject: Subject, plan: str, item: int | None) -> str:
 
 
 def first(subject: Subject, code: str, items: Sequence[int], **words: Any) -> Iterator[Finding]:
-    """Yield a rule's finding at the first of `items`; nothing without items."""
+    """Yield a rule's finding at the first of `items`; yield nothing if there are none."""
     if items:
         yield found(subject, code, item=items[0], count=len(items), **words)
 
@@ -127,7 +127,7 @@ def first(subject: Subject, code: str, items: Sequence[int], **words: Any) -> It
 def worst(
     subject: Subject, code: str, hits: Iterable[Hit], limit: float = math.nan, **words: Any
 ) -> Iterator[Finding]:
-    """Yield a rule's finding at the worst of `hits`; nothing without hits."""
+    """Yield a rule's finding at the worst of `hits`; yield nothing if there are none."""
     rule = RULES[code]
     largest = rule.measured is None or rule.measured[0] is Against.MOST
     if (worst_hit := worst_of(hits, largest=largest)) is not None:

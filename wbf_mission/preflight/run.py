@@ -22,12 +22,12 @@ PLAN_CHECKS = (*plan_rules.CHECKS.all, *path_rules.CHECKS.all, *flight_rules.CHE
 
 
 def connection(name: str) -> Any:
-    """Return a part of the flights of real vehicles; LinkError if no add-on provides it.
+    """Return what an add-on provides for flights of real vehicles; LinkError if no add-on does.
 
-    ``LiveLink`` is the class of `wbf_mission.LiveLink`. ``fly`` makes one with the operator at the terminal,
-    from links, an `Output` and the class's options. ``resume`` finds the place where a mission is resumed, by
-    the text of ``plan --resume`` and the mission's `Course`. ``checks`` are those of a plan against the
-    vehicle's answers (`check_mission`).
+    The name ``LiveLink`` gives the class `wbf_mission.LiveLink`, and ``fly`` a function that makes such a
+    link with the operator at the terminal. ``resume`` gives a function that finds the place at which a
+    mission is resumed, from the text of ``plan --resume`` and the mission's `Course`. ``checks`` gives the
+    checks of a plan against a vehicle's answers (`check_mission`).
     """
     group = "wbf_mission.connections"
     return load_named(group, name, "connects to real vehicles with", "the connection", LinkError)
@@ -64,9 +64,9 @@ def check_mission(mission: Mission, circumstances: Circumstances | None = None) 
 
 
 def check_plan(plan: PlanResult, vehicle: VehicleParts, coverage: float | None = None) -> Report:
-    """Check the plan of one vehicle of a run; every plan of the paper's ideal robot passes.
+    """Check the plan of one vehicle of a run; a plan of the paper's ideal robot always passes.
 
-    `coverage` is the joint coverage of all plans of the run, by default this plan's.
+    `coverage` is the joint coverage of all plans of the run; by default, the coverage of this plan.
     """
     if plan.vehicle.is_ideal:
         return Report(())
@@ -90,8 +90,8 @@ def check_plans(
 ) -> None:
     """Refuse plans in which the check finds errors (`check_plan`).
 
-    Gusts that push the vehicle off its path are reported, too. The PreflightError has the first error and the
-    `consequence`, such as ``nothing was flown``. With `force` errors and gusts are only reported.
+    Gusts that push a vehicle off its path are reported, too. The PreflightError names the first error and the
+    `consequence`, such as ``nothing was flown``. With `force`, errors are reported but not raised.
     """
     found = [
         finding

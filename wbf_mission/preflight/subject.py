@@ -1,4 +1,4 @@
-"""Subject of a preflight check: plan, vehicle, autopilot, weather, farm and predicted flight."""
+"""Subject of a preflight check: a plan with its vehicle, autopilot, weather, farm and predicted flight."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ LAST_NAV = 95
 def followers(items: Sequence[MissionItem], seq: int) -> tuple[int, ...]:
     """Return the items that may follow item ``seq``, counted from 0; ``len(items)`` is the end.
 
-    After a landing only a take-off continues. A jump without a valid target has no followers.
+    After a landing, only a take-off continues the mission. An endless jump to no valid item has no followers.
     """
     item = items[seq]
     if item.command in _ENDINGS:
@@ -65,9 +65,9 @@ def followers(items: Sequence[MissionItem], seq: int) -> tuple[int, ...]:
 
 
 def reachable(items: Sequence[MissionItem]) -> frozenset[int]:
-    """Return the items that can be flown, and ``len(items)`` if the mission can end.
+    """Return the items that a vehicle can reach, and ``len(items)`` if it can reach the mission's end.
 
-    The mission begins at item 0, or at a DO_LAND_START, where a return may enter.
+    A vehicle begins at item 0; a return may also enter the mission at a DO_LAND_START.
 
     Examples
     --------
@@ -102,8 +102,8 @@ def never_ends(items: Sequence[MissionItem]) -> bool:
 
 
 _TRACK_STEP_S = 0.2
-_TRACK_POINTS = 100_000  # Five hours at the shortest step; longer flights have longer steps
-# A DO item without an effect on the flight.
+_TRACK_POINTS = 100_000  # Enough for five hours at the shortest step; longer flights get longer steps
+# This DO command has no effect on a flight.
 _NO_OPERATION = int(m.MAV_CMD_SET_CAMERA_MODE)
 
 
@@ -130,19 +130,19 @@ class Answers(Protocol):
 
     @property
     def parameters(self) -> Mapping[str, float]:
-        """The requested parameters that the vehicle sent."""
+        """The parameters that the vehicle sent on request."""
 
     @property
     def position(self) -> GeoPoint | None:
-        """Position of the vehicle; None if it is unknown."""
+        """Position of the vehicle, or None if it is unknown."""
 
     def as_set(self, options: VehicleOptions) -> VehicleOptions:
-        """Return the options with the vehicle's parameters in place of assumed ones."""
+        """Return the options with the vehicle's parameters in place of the assumed parameters."""
 
 
 @dataclass(frozen=True, slots=True)
 class Circumstances:
-    """Vehicle, farm and weather of a plan."""
+    """Vehicle, farm and weather for which a plan is checked."""
 
     vehicle: VehicleOptions = field(default_factory=VehicleOptions)  # Options of one vehicle
     weather: WeatherOptions = field(default_factory=WeatherOptions)
@@ -151,15 +151,15 @@ class Circumstances:
     margin_m: float = MissionOptions().margin_m
     max_altitude_m: float = MissionOptions().max_altitude_m  # Highest allowed altitude above home
     image_interval_s: float = MIN_INTERVAL_S  # The camera's shortest interval
-    assumed: bool = False  # Whether the vehicle is only assumed: findings that depend on it are no errors
+    assumed: bool = False  # Whether the vehicle is only assumed, so that findings on it are no errors
     snapshot: Answers | None = None  # The vehicle's answers
     footprint: int = 1  # Side of an image, in cells of the farm
     imaging: Imaging | None = None  # Mapping camera; None: the leaf camera
-    # Prediction by planning, for this vehicle and weather; None: the check predicts
+    # Prediction that planning made for this vehicle and weather; None: the check makes the prediction
     prediction: Prediction | None = None
     predicted_coverage: float | None = None  # Coverage of `prediction`, if planning computed it
     planner: str | None = None  # The planner with its parameters, if it is known
-    # Joint coverage with other vehicles' plans; None for a single vehicle
+    # Joint coverage with other vehicles' plans, or None for a single vehicle
     coverage: float | None = None
 
     @classmethod
@@ -180,22 +180,22 @@ class Circumstances:
 class Subject:
     """A plan with everything that its checks need."""
 
-    mission: Mission  # Mission with home, if the home is known
+    mission: Mission  # Mission, with a home if the home is known
     given: Circumstances
     vehicle: VehicleSpec  # The vehicle with its autopilot and the parameters that it sent
     planned: VehicleSpec  # The vehicle with the parameters that plans assume
     profile: Profile  # Mission protocol of the autopilot
     wind: Wind
-    frame: LocalFrame  # East and north about home
+    frame: LocalFrame  # Frame with home as the origin
     positions: tuple[
         Position, ...
     ]  # Positions of the items: east, north, up from home; NaN for items without position
     problems: tuple[ItemProblem, ...]  # Items that the vehicle cannot fly
-    # Flights with an exact position estimate, one per sample of the gusts; empty if the plan cannot be flown
+    # Predicted flights with an exact estimate, one per sample of gusts; empty if the plan cannot be flown
     tracks: tuple[FlownTrack, ...] = ()
-    # Prediction as in planning (`sim_vehicle.prediction.predict.plan_prediction`)
+    # The prediction that planning shows (`sim_vehicle.prediction.predict.plan_prediction`)
     prediction: Prediction | None = None
-    # The coverage of the predicted flight; None without a farm or a prediction
+    # The coverage of the predicted flight, or None without a farm or a prediction
     coverage: float | None = None
     # Item, from 0, at which a predicted flight ended early, and the reason
     stopped: tuple[int, str] | None = None
@@ -207,7 +207,7 @@ class Subject:
 
     @property
     def vehicle_type(self) -> int:
-        """MAV_TYPE: from the heartbeat, or of the vehicle's firmware."""
+        """MAV_TYPE from the vehicle's heartbeat; for an assumed vehicle, that of its firmware."""
         if self.given.snapshot is not None:
             return self.given.snapshot.vehicle_type
         firmware = firmware_of(self.vehicle)
@@ -234,9 +234,9 @@ class Subject:
 
 
 def subject_of(mission: Mission, given: Circumstances) -> Subject:
-    """Predict the flights of a plan, and return the subject of its check; errors as in `check_mission`.
+    """Predict the flights of a plan, and return the subject of its check; raises as `check_mission` does.
 
-    A mission without home gets the farm's home, or the position of the vehicle.
+    A mission without home gets the farm's home or, without a farm, the position of the vehicle.
     """
     if len(given.vehicle.fleet) > 1:
         msg = f"vehicle {given.vehicle.name}: a plan is for one vehicle; name one vehicle"
@@ -265,7 +265,7 @@ def subject_of(mission: Mission, given: Circumstances) -> Subject:
 
 
 def level_of_plan(mission: Mission, options: VehicleOptions) -> FlightLevel:
-    """Return the height and speed of a plan, for its wind."""
+    """Return the height and speed of a plan, which decide its wind."""
     level = flight_level(MissionOptions(), options)
     heights = [
         item.z
@@ -284,15 +284,15 @@ def _with_home(mission: Mission, given: Circumstances) -> Mission:
     if given.snapshot is not None and given.snapshot.position is not None:
         return replace(mission, home=given.snapshot.position)
     if not any(item.has_position and (item.x, item.y) != (0.0, 0.0) for item in mission.items):
-        msg = "the mission has no home and no position: where does it begin? Give the plan a home"
+        msg = "the mission has neither a home nor a position, so its start is unknown: give the plan a home"
         raise PreflightError(msg)
     return mission
 
 
 def _predictable(item: MissionItem) -> MissionItem:
-    """Return an item for the prediction: heights above terrain become heights above home.
+    """Return an item for the prediction; a height above terrain becomes a height above home.
 
-    Items that the prediction cannot fly become items without effect.
+    An item that the prediction cannot fly becomes an item without effect.
     """
     if item.frame == Frame.GLOBAL_TERRAIN_ALT:
         item = replace(item, frame=int(Frame.GLOBAL_RELATIVE_ALT))
@@ -315,7 +315,7 @@ def _predicted(subject: Subject, mission: Mission) -> Subject:
     longest_s = max(flight.prediction().duration_s for flight in flown)
     if longest_s > _TRACK_STEP_S * _TRACK_POINTS:
         flown = flights(longest_s / _TRACK_POINTS + _TRACK_STEP_S)
-    # Flights are lazy: each is flown when its track is read.
+    # Flights are lazy: a flight is predicted when its track or prediction is first read.
     ended = [flight.prediction() for flight in flown]
     stops = [stop for flight in flown if (stop := _stop_of(flight)) is not None]
     given = subject.given
@@ -336,7 +336,7 @@ def _predicted(subject: Subject, mission: Mission) -> Subject:
 
 
 def _stop_of(flight: PredictedFlight) -> tuple[int, str] | None:
-    """Return the item at which a flight ended early, and the reason; None for an empty battery."""
+    """Return the item at which a flight ended early, and the reason; None if the battery ran out."""
     for event in flight.events or ():
         if isinstance(event, CannotFly):
             return max(event.seq, 0), event.reason

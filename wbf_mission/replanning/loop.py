@@ -29,14 +29,14 @@ from wbf_mission.replanning.spacing import KeptDistance
 
 _SCHEDULE = Path("/proc/thread-self/schedstat")
 CRASHED, TOO_LATE = "crashed", "too late"
-"""Faults of answers, in addition to the kinds of `AnswerError` from `answer_costs` and `Decision`."""
+"""Faults of answers besides the kinds of `AnswerError` that `answer_costs` and `Decision` raise."""
 _REACHED_M = 1.0
-"""Distance (m) within which an autopilot counts a point as reached and does not fly back."""
+"""An autopilot counts a point within this distance (m) as reached, and does not fly back to it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """A valid decision of a policy, with its costs."""
+    """A valid decision of a policy, with the costs of its paths."""
 
     decision: Decision
     costs: dict[int, float]  # Cost of each new path by system id, in the unit of the vehicle's budget
@@ -48,11 +48,11 @@ class Answered:
     """An observation and the policy's answer."""
 
     observation: PolicyObservation
-    answer: Answer | AnswerError | None  # The error of an invalid answer; None if no vehicle was steerable
+    answer: Answer | AnswerError | None  # AnswerError for an invalid answer; None if no vehicle was steerable
 
 
 Question: TypeAlias = Callable[[], PolicyObservation]
-"""Function that returns the observation for a policy, with vehicles and knowledge of an earlier moment."""
+"""Function that returns the observation for a policy, with the vehicles at the moment of the question."""
 
 
 def ask(policy: Policy, name: str, observation: PolicyObservation) -> Answer:
@@ -79,7 +79,7 @@ def ask(policy: Policy, name: str, observation: PolicyObservation) -> Answer:
 def _waited_s() -> float:
     """Return the time that this thread has waited for a core (s); 0 if the system does not report it.
 
-    This time does not count against a policy: other programs may keep the machine busy.
+    This time does not count as computing time of a policy, because other programs may keep the machine busy.
     """
     try:
         return int(_SCHEDULE.read_text(encoding="ascii").split()[1]) * 1e-9
@@ -88,7 +88,7 @@ def _waited_s() -> float:
 
 
 class Steered(Protocol):
-    """A vehicle with a path that can be changed in flight, as its ground station sees it."""
+    """A vehicle whose path can be changed in flight, as its ground station sees it."""
 
     @property
     def system_id(self) -> int:
@@ -96,10 +96,10 @@ class Steered(Protocol):
 
     @property
     def waypoints_reached(self) -> int:
-        """Number of waypoints passed since the mission began."""
+        """Number of waypoints that the vehicle has passed since its mission began."""
 
     def is_ending(self, now_s: float) -> bool:
-        """Return whether the vehicle is about to reach the end of its path; True once per path."""
+        """Return whether the vehicle nears the end of its path; this is True only once for each path."""
 
     def status(self, now_s: float) -> Status:
         """Return the state of the vehicle's flight."""
@@ -108,12 +108,12 @@ class Steered(Protocol):
         """Return the vehicle's state; `spent` includes the predicted cost of the next `ahead_s` seconds."""
 
     def steer(self, points_m: Points, now_s: float) -> PathChange:
-        """Send the vehicle a new path ahead; the returned PathChange is updated with the outcome."""
+        """Send the vehicle a new path; the returned PathChange is updated with the outcome."""
 
 
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """Knowledge on the ground about the farm, without the vehicles."""
+    """Knowledge of the farm on the ground: estimate and observations, but not the vehicles."""
 
     farm: Farm
     day: int
@@ -154,7 +154,7 @@ class DecisionLoop:
     compute_s : float
         Time limit of a decision (s).
     kept_distance : KeptDistance, optional
-        Refuses paths that lead vehicles too close to each other. None: no such check.
+        Refuses paths that lead vehicles too close to each other, or None for no such check.
     """
 
     def __init__(
@@ -175,7 +175,7 @@ class DecisionLoop:
         self._flight = flight
         self._compute_s = compute_s
         self._kept_distance = kept_distance
-        self._asked_s = self._asked_at_s = 0.0  # Times of the last question, on both clocks
+        self._asked_s = self._asked_at_s = 0.0  # Times of the last question, by mission and by host
         self._took_s = 0.0
         self._observations = 0
         self._reached = 0
@@ -183,7 +183,7 @@ class DecisionLoop:
         self.acquisition: AcquisitionMap | None = None  # Acquisition map of the last decision
 
     def start(self, vehicles: Sequence[VehicleReport]) -> Answer:
-        """Ask for the first paths. A vehicle with a path without points stays on the ground."""
+        """Ask for the first paths. A vehicle stays on the ground if its path has no points."""
         triggers = self._policy.triggers
         if not isinstance(triggers, Triggers):
             msg = f"{self._name}: triggers is {triggers!r}, not a Triggers"
@@ -205,7 +205,7 @@ class DecisionLoop:
 
     @property
     def asks_on_the_way(self) -> bool:
-        """Whether the policy currently has any trigger."""
+        """Whether the policy is asked in flight, because it has a trigger at present."""
         return not self._policy.triggers.never
 
     def is_early(self, time_s: float) -> bool:
@@ -226,7 +226,7 @@ class DecisionLoop:
         return None
 
     def ending(self, vehicles: Sequence[Steered], now_s: float) -> bool:
-        """Return whether a path is about to end; always False for a policy without triggers."""
+        """Return whether a vehicle's path is about to end; always False for a policy without triggers."""
         return self.asks_on_the_way and any(vehicle.is_ending(now_s) for vehicle in vehicles)
 
     def lost(self, vehicles: Sequence[Steered], now_s: float) -> bool:
@@ -247,10 +247,10 @@ class DecisionLoop:
     ) -> Question:
         """Return a question with the current vehicles and observations.
 
-        `model` replaces the estimate of `Knowledge`, for an answer computed in another thread while vehicles
-        fly on. The vehicles' reports then include the predicted cost of the computing time: the time limit,
-        or twice the last answer's time if that is longer. Without this margin, a new path near the end of the
-        budget would exceed the budget on arrival.
+        `model` replaces the estimate of `Knowledge` if another thread computes the answer while vehicles fly
+        on. The vehicles' reports then include the predicted cost of flying during the computation, which is
+        taken to last the time limit, or twice the last answer's time if that is longer. Without this margin,
+        a new path near the end of the budget would exceed the budget when the answer arrives.
         """
         ahead_s = 0.0 if model is None else max(self._compute_s, 2.0 * self._took_s)
         reports = tuple(vehicle.report(now_s, ahead_s) for vehicle in vehicles)
@@ -274,7 +274,7 @@ class DecisionLoop:
     def outdated(self, answered: Answered, vehicles: Sequence[Steered], now_s: float) -> dict[int, str]:
         """Return the reasons, by system id, why vehicles can no longer fly their new paths.
 
-        Each path is validated again, and its cost is updated to the cost from the current position.
+        Each path is validated again, and its cost becomes the cost from the vehicle's current position.
         """
         then, answer, found = answered.observation, answered.answer, dict[int, str]()
         self._took_s = now_s - self._asked_at_s
@@ -313,7 +313,7 @@ class DecisionLoop:
         by_id = {vehicle.system_id: vehicle for vehicle in vehicles}
         refused: dict[int, str] = {}
         if self._kept_distance is not None:
-            now = [vehicle.report(now_s) for vehicle in vehicles]  # Later than the observation
+            now = [vehicle.report(now_s) for vehicle in vehicles]  # Reports are newer than the observation
             refused = self._kept_distance.refusals(now, answer.decision.paths)
         refused = {**refused, **not_sent}
         for system_id, points in answer.decision.paths.items():
@@ -344,7 +344,7 @@ class DecisionLoop:
 
 
 def _is_passed(then: VehicleReport, now: VehicleReport, path_m: Points) -> bool:
-    """Return whether a vehicle has passed the first point of a path between two reports."""
+    """Return whether a vehicle has passed the first point of a path between two of its reports."""
     near_m = max(_REACHED_M, then.request.least_leg_m)
     reached = then.rest_m[: max(0, len(then.rest_m) - len(now.rest_m))]
     flown = shapely.LineString(np.vstack((then.position_m, reached, now.position_m)))

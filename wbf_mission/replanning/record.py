@@ -1,4 +1,4 @@
-"""Records of the decisions in a run, and their form in files."""
+"""Records of the decisions in a run, and their tables for files."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SKIPPED = "skipped: not worth a flight"
 """Outcome of an empty first path: the vehicle does not fly."""
 
 FLOWN_ALREADY = "not sent: it is flown already"
-"""Outcome of a new path equal to the current path, for a vehicle that a change would slow down."""
+"""Outcome of a new path that equals the current path, for a vehicle that would slow down for the change."""
 
 
 @dataclass(slots=True)
@@ -76,7 +76,7 @@ class DecisionRecord:
     alternatives : tuple of Alternative
         Candidate paths that the policy compared.
     refused : str
-        Reason why the decision was not flown; empty if it was.
+        Reason why the decision was not flown; empty if the decision was flown.
     fault : str
         Fault of the decision in a word or two; empty if there is none. A decision in flight that exceeds its
         time limit is "too late", but still flown, so that equal seeds give equal flights.

@@ -14,9 +14,9 @@ from mission.planners.path import Points
 from mission.policies.observation import Status, VehicleReport
 
 TOLERANCE_S, TOLERANCE_SHARE = 3.0, 0.12
-"""Timing error of a predicted position: a constant (s), plus a fraction of the predicted time."""
+"""Timing error of a predicted position: a constant (s) plus this fraction of the predicted time."""
 MARGIN_M = 1.0
-"""Deviation from the path in gusts (m)."""
+"""Allowance for deviations from the path in gusts (m)."""
 
 Positions = NDArray[np.float64]
 _WINDOW_S = 10
@@ -53,7 +53,7 @@ def _line(points: Positions) -> shapely.Geometry:
 
 @dataclass(frozen=True, slots=True)
 class KeptDistance:
-    """The least distance between vehicles in flight.
+    """Check that new paths keep a least distance between vehicles in flight.
 
     Positions are predicted along each vehicle's path and then home, at a constant speed.
     """
@@ -61,14 +61,14 @@ class KeptDistance:
     distance_m: float
     # Speeds by system id. Vehicles without an entry are ignored.
     speeds_m_s: Mapping[int, float]
-    separation_margin_m: float = 0.0  # Error of the measured distance between two vehicles
+    separation_margin_m: float = 0.0  # Allowance for the error of the measured distance between two vehicles
 
     def refusals(self, vehicles: Sequence[VehicleReport], paths: Mapping[int, Points]) -> dict[int, str]:
         """Return the system ids of refused paths with the reasons.
 
-        A path is refused if it leads closer to another vehicle than `distance_m` plus margins, and closer
-        than the vehicle's current path. Paths are checked in the order of system ids, each against the
-        accepted paths.
+        A path is refused if it leads closer to another vehicle than `distance_m` plus the margins, and also
+        closer than the vehicle's current path does. Paths are checked in the order of system ids, each
+        against the paths accepted before it.
         """
         flying = {
             vehicle.system_id: vehicle
@@ -100,7 +100,7 @@ class KeptDistance:
         points = np.vstack((vehicle.position_m, rest_m, vehicle.request.start_xy_m))
         along_m = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
         speed_m_s = self.speeds_m_s[vehicle.system_id]
-        # The last known position of a silent vehicle is old, so the prediction starts further along its path.
+        # A silent vehicle's last known position is old, so its prediction starts farther along the path.
         since_m = speed_m_s * vehicle.age_s if vehicle.status is Status.SILENT else 0.0
         now_m = np.arange(min(since_m, along_m[-1]), along_m[-1] + 1e-9, speed_m_s)
         return np.column_stack([np.interp(now_m, along_m, points[:, axis]) for axis in range(2)])

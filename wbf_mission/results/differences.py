@@ -1,4 +1,4 @@
-"""Zarr codec that replaces cells by differences to their neighbours; smooth fields compress to a quarter."""
+"""Zarr codec that stores differences of neighbouring cells; smooth fields then compress to a quarter."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ _COLUMNS = 32
 
 
 def differences(cells: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return differences along both axes of float32[..., W, H], of the bits as integers modulo 2^32.
+    """Return differences along both axes of float32[..., W, H]; its bits are taken as integers modulo 2^32.
 
-    In a smooth field these differences are a few units in the last place.
+    In a smooth field, the differences are a few units in the last place of a value.
 
     Examples
     --------
@@ -32,8 +32,8 @@ def differences(cells: NDArray[np.float32]) -> NDArray[np.float32]:
     """
     bits = np.ascontiguousarray(cells).view(np.uint32)
     found = np.empty_like(bits)
-    # Few columns stay in the processor's cache. With one at a time, a thread waits for the interpreter's lock
-    # thousands of times while another thread draws.
+    # A few columns fit into the processor's cache. With one column at a time, this thread would wait for the
+    # interpreter's lock thousands of times while another thread draws.
     for first in range(0, bits.shape[-2], _COLUMNS):
         part = bits[..., first : first + _COLUMNS, :]
         along = part.copy()
@@ -47,7 +47,7 @@ def differences(cells: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def sums(cells: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Invert `differences`: sum along both axes."""
+    """Invert `differences`, by sums along both axes."""
     bits = np.ascontiguousarray(cells).view(np.uint32)
     found = np.cumsum(bits, axis=-1, dtype=np.uint32)
     for x in range(1, bits.shape[-2]):
@@ -63,7 +63,7 @@ class Differences(ArrayArrayCodec):
 
     @classmethod
     def from_dict(cls, _data: dict[str, Any]) -> Self:
-        """Return the codec; its description has no settings."""
+        """Return the codec; its entry in the metadata has no settings."""
         return cls()
 
     def to_dict(self) -> dict[str, Any]:
@@ -71,7 +71,7 @@ class Differences(ArrayArrayCodec):
         return {"name": NAME}
 
     def compute_encoded_size(self, input_byte_length: int, _chunk_spec: ArraySpec) -> int:
-        """Return the size of an encoded chunk (bytes): the size of the chunk."""
+        """Return the size of an encoded chunk (bytes), which equals the size of the chunk."""
         return input_byte_length
 
     async def _encode_single(self, chunk_data: NDBuffer, _chunk_spec: ArraySpec) -> NDBuffer:

@@ -54,8 +54,8 @@ _TRACK = ("time_s", "latitude_deg", "longitude_deg", "relative_altitude_m", "x_m
 def _entry_of(record: type[Any], **other: Any) -> type[Any]:
     """Return a strict struct type with the fields of a record.
 
-    `other` are types that differ in the file: arrays, nested records, and fields of the file alone. None
-    omits a field.
+    `other` gives the types of fields that differ in the file (arrays and nested records), or that only the
+    file has. The file omits a field whose type is None.
     """
     kinds = get_type_hints(record) | other
     fields: list[Any] = []
@@ -82,7 +82,7 @@ _Decision = _entry_of(
 
 
 def plan_name(number: int, flight: Any) -> str:
-    """Return the name of a flight's mission files without suffix; the first flight's is ``plan``."""
+    """Return the name of a flight's mission files without suffix; it is ``plan`` for the first flight."""
     return "plan" if number == 0 else f"plan-day{flight.day}-flight{flight.flight}-vehicle{flight.system_id}"
 
 
@@ -132,7 +132,7 @@ def read_flights(
 
 
 def track_table(flights: Sequence[FlightRecord]) -> Any:
-    """Return the tracks of flights as one pyarrow table, with true positions where known."""
+    """Return the tracks of flights as one pyarrow table, with the true positions if they are known."""
     known = any(flight.true_track is not None for flight in flights)
     return _table(flights, [flight.track for flight in flights], with_true=known)
 
@@ -176,13 +176,13 @@ def _read_tracks(path: Path) -> dict[tuple[int, int, int], Track]:
 
 
 def _entry(kind: type[Any], record: object, **other: Any) -> Any:
-    """Return the entry of a record; `other` has the fields whose values differ from those of the record."""
+    """Return the file's entry for a record; `other` has the values that differ from the record's."""
     names = [name for name in kind.__struct_fields__ if name not in other]
     return kind(**{name: getattr(record, name) for name in names}, **other)
 
 
 def _record_of(kind: type[T], entry: Any) -> T:
-    """Return the record of a file's entry."""
+    """Return the record that a file's entry describes."""
     return msgspec.convert(entry, kind, from_attributes=True, dec_hook=_array)
 
 
@@ -193,24 +193,24 @@ FORMAT = 4
 MAX_JSON_BYTES = 64 * 2**20
 RECORD = "result.json"
 REST = "rest.plan"
-"""Rest of a mission whose sorties were not all flown."""
+"""Unflown rest of a mission, if some of its sorties were not flown."""
 PROBABILITIES = "probabilities_"
 DECISIONS = "decisions.parquet"
 WORLD = "world.toml"
-"""True dynamics of the fields, if a file defines them."""
+"""File of the fields' true dynamics, if the user gave such a file."""
 _DAYS = "_days"
 _SCORE = ("field_loss", "field_mse", "field_mae", "field_weighted_mae")
 
 
 _PLAIN = ("simulated_s", "frames", "timings_s", "environment_cached", "stopped")
-"""Fields that a result and its record share."""
+"""Fields that a result and its record in the file have in common."""
 
 
 _Day = _entry_of(DayRecord, truth=None, model=None)
 
 
 class _Record(msgspec.Struct, forbid_unknown_fields=True):
-    """Contents of `RECORD`: the parts of a result without a file of their own."""
+    """Contents of `RECORD`: the parts of a result for which there is no other file."""
 
     format: int
     scenario: dict[str, Any]
@@ -230,7 +230,7 @@ class _Record(msgspec.Struct, forbid_unknown_fields=True):
 def write_arrays(result: RunRecord, folder: Path, pool: Executor) -> dict[Path, Future[None]]:
     """Start writing truth, estimate and class probabilities; return a future for each file.
 
-    Compression releases the GIL, so other files can be written meanwhile.
+    Compression releases the interpreter's lock, so other files can be written meanwhile.
     """
     model = result.model
     arrays: dict[str, Any] = {
@@ -257,10 +257,10 @@ def write_arrays(result: RunRecord, folder: Path, pool: Executor) -> dict[Path, 
     for disease in (model.probabilities if model is not None else None) or {}:
         path = _probabilities_path(folder, disease)
         assert model is not None
-        # In strips: probabilities may be computed on access, and are large on large farms.
+        # Probabilities are written in strips: they are large on large farms, and may be computed on access.
         strip = partial(model.probabilities_in, disease)
         jobs[path] = partial(write_strips, path, strip, (len(CLASSES), *model.shape), CLASSES)
-    # Probabilities take most memory, so they are first, before pictures are drawn beside them.
+    # Probabilities need most memory, so they are written first, before another thread draws pictures.
     begun = {path: pool.submit(job) for path, job in reversed(jobs.items())}
     return {path: begun[path] for path in jobs}
 
@@ -287,7 +287,7 @@ def write_json(path: Path, values: Any) -> None:
 
 
 def history_table(history: ScoreHistory, fields: tuple[str, ...]) -> Any:
-    """Return the scored times as a pyarrow table: time, observations, score, losses and errors by field."""
+    """Return the scores over time as a pyarrow table, with observations, and losses and errors by field."""
     import pyarrow as pa
 
     columns: dict[str, Any] = {
@@ -307,7 +307,7 @@ def history_table(history: ScoreHistory, fields: tuple[str, ...]) -> Any:
 def write_result(result: RunRecord, folder: Path, arrays: Iterable[Path]) -> list[Path]:
     """Write a result without pictures into a folder, and return the files.
 
-    `arrays` are the files of `write_arrays`. The record lists all files of a complete result.
+    `arrays` are the files of `write_arrays`. The record lists the files without which a result is incomplete.
     """
     written = [folder / name for name in (RECORD, "summary.json")]
     write_json(written[1], result.summary())
@@ -347,7 +347,7 @@ def read_result(folder: Path, kind: type[R], *, probabilities: bool = True, lazy
     record = _read_record(folder / RECORD)
     for name in record.files:
         if not (folder / name).is_file():
-            msg = f"{folder / name}: is missing, so the result is not whole; save or fly it again"
+            msg = f"{folder / name}: is missing, so the result is incomplete; save or fly it again"
             raise ResultError(msg)
     fields = FieldSet(tuple(field_from_table(one, str(folder / RECORD)) for one in record.fields))
     scenario = Scenario(**record.scenario)
@@ -388,7 +388,7 @@ def read_result(folder: Path, kind: type[R], *, probabilities: bool = True, lazy
 
 
 def _vehicles(scenario: Scenario, folder: Path) -> list[VehicleSpec]:
-    """Return the vehicles of a run; vehicle files are in the folder."""
+    """Return the vehicles of a run; the result's folder has the users' vehicle files."""
     names = []
     for number, name in enumerate(scenario.vehicle.names, start=1):
         own = folder / _vehicle_name(number)
@@ -420,7 +420,7 @@ def _record(result: RunRecord, files: tuple[str, ...]) -> _Record:
 def _read_array(
     path: Path, fields: tuple[str, ...], farm: Farm, *, lazy: bool = False
 ) -> NDArray[np.float32] | None:
-    """Read the array of a file, now or at each access; None without the file."""
+    """Read the array of a file now, or if `lazy` at each access; None without the file."""
     if not path.is_file():
         return None
     shape = len(fields), farm.width_cells, farm.height_cells
@@ -430,9 +430,9 @@ def _read_array(
 def _read_days(
     entries: Sequence[Any], folder: Path, fields: tuple[str, ...], farm: Farm
 ) -> tuple[DayRecord, ...]:
-    """Read the days of a run, with truth and estimate where they were kept."""
+    """Read the days of a run, with truth and estimate if the run kept them."""
     shape = (len(entries), len(fields), farm.width_cells, farm.height_cells)
-    # A single day has the run's arrays.
+    # The arrays of a single day are the arrays of the run.
     end = _DAYS if len(entries) > 1 else ""
     paths = [folder / f"{name}{end}{SUFFIX}" for name in ("truth", "value", "uncertainty")]
     kept = keeps_days(farm, len(fields), len(entries))

@@ -1,4 +1,4 @@
-"""Products: files and folders that add-ons write beside a run's results, found by entry points."""
+"""Products: files and folders that add-ons write beside a run's results; entry points name the add-ons."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ PICTURES, ANIMATION, TREATMENT = "path.png", "run.gif", "treatment"
 
 
 class Product(Protocol):
-    """Files or a folder that an add-on makes from a run, named by the first of them.
+    """Files or a folder that an add-on makes from a run; the product has the name of its first file.
 
     Attributes
     ----------
     needs_estimate : bool
-        Whether the run's estimate must still be in memory. The other products are written last, without it.
+        Whether the run's estimate must still be in memory. Other products are written last, without it.
     """
 
     needs_estimate: bool
 
     def require(self, scenario: Scenario) -> None:
-        """Raise WbfMissionError, before anything flies, if the product of this scenario cannot be made."""
+        """Raise WbfMissionError, before anything flies, if this scenario cannot give the product."""
 
     def files(self, run: RunRecord) -> Sequence[str]:
-        """Return the names of the files, or of the folder, that can be made from the run."""
+        """Return the names of the files, or the name of the folder, that can be made from the run."""
 
     def write(self, run: RunRecord, path: Path, progress: Progress) -> None:
         """Write one of the `files`, or the folder; `progress` may raise KeyboardInterrupt."""

@@ -1,4 +1,4 @@
-"""Result of a run: comparing, drawing, saving and loading."""
+"""Result of a run, and functions to compare, draw, save and load it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from wbf_mission.run.record import RunRecord
 
 @dataclass(slots=True, eq=False)
 class Result(RunRecord):
-    """Result of a run, with the parts of `wbf_mission.run.record.RunRecord`.
+    """Result of a run; `wbf_mission.run.record.RunRecord` lists its parts.
 
     Results are equal if all their saved values are equal, so a loaded result equals the saved one.
     """
@@ -65,7 +65,7 @@ class Result(RunRecord):
     ) -> Path:
         """Write the run as a moving picture: truth, estimate, uncertainty and vehicles over time.
 
-        A fresh estimator recomputes the estimates from the observations.
+        A new estimator computes the estimates again from the observations.
 
         Parameters
         ----------
@@ -92,7 +92,7 @@ class Result(RunRecord):
         return Path(path)
 
     def save(self, path: str | Path, *, plots: bool = True, overwrite: bool = False) -> Path:
-        """Save the result into a folder, for `wbf_mission.load_result`.
+        """Save the result into a folder, which `wbf_mission.load_result` reads.
 
         The files are written to a temporary folder, which replaces the target when it is complete.
 
@@ -120,14 +120,14 @@ class Result(RunRecord):
 def load_result(path: str | Path, *, probabilities: bool = True, lazy: bool = False) -> Result:
     """Load a result from a folder of a run or of `Result.save`.
 
-    The arrays are read into memory, 1.8 GB for a farm like Waterberry.
+    The arrays are read into memory; for a farm like Waterberry they take 1.8 GB.
 
     Parameters
     ----------
     path : path-like
         The folder.
     probabilities : bool
-        Whether the class probabilities of the estimate are read, 0.7 GB of Waterberry.
+        Whether the estimate's class probabilities are read (0.7 GB for Waterberry).
     lazy : bool
         Whether truth and estimate of the last day are read at each access (`sensors.lazy_fields`), so that
         they take no memory in between.
@@ -161,7 +161,7 @@ def _alike(one: Any, other: Any) -> bool:
         same = isinstance(one, np.ndarray) and isinstance(other, np.ndarray) and one.dtype == other.dtype
         return same and np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
     if isinstance(one, InformationModel):
-        # Other data of the model, for decisions in flight, is not saved.
+        # Other data of the model serves decisions in flight, and is not saved.
         names = ("value", "uncertainty", "fields", "probabilities")
         return isinstance(other, InformationModel) and all(
             _alike(getattr(one, name), getattr(other, name)) for name in names

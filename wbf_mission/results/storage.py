@@ -27,7 +27,7 @@ _MOST_PARTS, _MOST_VALUES, _MOST_BYTES = 1000, 50_000_000, 2**29
 
 
 class ResultError(WbfMissionError, ValueError):
-    """A folder without a result, or with one that cannot be read or must not be replaced."""
+    """Raised if a folder has no result, or a result that cannot be read or must not be replaced."""
 
 
 def write_table(path: Path, table: Any, *, group_rows: int | None = None) -> None:
@@ -39,7 +39,7 @@ def write_table(path: Path, table: Any, *, group_rows: int | None = None) -> Non
 
 
 def table_bytes(table: Any) -> bytes:
-    """Return a pyarrow table as a Parquet file."""
+    """Return a pyarrow table as the bytes of a Parquet file."""
     import pyarrow.parquet as pq
 
     stream = io.BytesIO()
@@ -59,9 +59,9 @@ def read_table(path: Path, columns: tuple[str, ...]) -> Any:
 
 
 def read_batches(path: Path, columns: tuple[str, ...], content: bytes | None = None) -> Iterator[Any]:
-    """Read all columns of a Parquet file in parts: pyarrow record batches of a few hundred rows.
+    """Read all columns of a Parquet file in pyarrow record batches of a few hundred rows.
 
-    A given `content` is untrusted, so its unpacked size is limited.
+    If the file's bytes are given as `content`, they are untrusted, so their unpacked size is limited.
     """
     with _opened(path, columns, content) as file:
         for batch in file.iter_batches(batch_size=_BATCH_ROWS):
@@ -73,7 +73,7 @@ def read_batches(path: Path, columns: tuple[str, ...], content: bytes | None = N
 def _opened(path: Path, columns: tuple[str, ...], content: bytes | None = None) -> Iterator[Any]:
     """Open a Parquet file; any error on opening or reading becomes a ResultError.
 
-    Readers must validate tables: pyarrow reports invalid text only on access.
+    Readers must still validate tables, because pyarrow reports invalid text only on access.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -98,7 +98,7 @@ def _opened(path: Path, columns: tuple[str, ...], content: bytes | None = None) 
 
 
 def _require_bounded(path: Path, metadata: Any) -> None:
-    """Raise ResultError for a table that unpacks to much more than its size, as equal numbers do."""
+    """Raise ResultError if a table unpacks to too many values or bytes, as many equal numbers may do."""
     groups, columns = metadata.num_row_groups, metadata.num_columns
     if max(groups, columns) > _MOST_PARTS:
         raise ResultError(f"{path}: has {groups} row groups of {columns} columns, too many to be read")
@@ -109,18 +109,18 @@ def _require_bounded(path: Path, metadata: Any) -> None:
 
 
 SUFFIX = ".zarr.zip"
-_CHUNK_CELLS = 1_000_000  # 4 MB; several copies of a chunk exist while it is packed
+_CHUNK_CELLS = 1_000_000  # A chunk has 4 MB, and several copies of it exist while it is packed
 _DIMENSIONS = ("day", "field", "x", "y")
 
 
 class ArrayFileError(WbfMissionError, ValueError):
-    """A file that is no array of a run."""
+    """Raised if a file is not an array of a run."""
 
 
 def write_array(
     path: Path, array: NDArray[np.floating] | list[NDArray[np.floating]], fields: Sequence[str]
 ) -> None:
-    """Write float[n, W, H] over a farm, or a list of such arrays of days, as float32, atomically."""
+    """Write one array over a farm, float[n, W, H], or one for each day, as float32 and atomically."""
     days = array if isinstance(array, list) else [array]
     shape = (len(days), *days[0].shape) if isinstance(array, list) else array.shape
 
@@ -136,7 +136,7 @@ def write_strips(
     shape: tuple[int, ...],
     fields: Sequence[str],
 ) -> None:
-    """Write an array as `write_array` does; `strip` gives a slice of columns of each plane [W, H] in turn."""
+    """Write an array as `write_array` does; `strip` yields the given columns of each plane [W, H]."""
     import zarr
     from zarr.codecs import BloscCodec
     from zarr.storage import ZipStore
@@ -152,29 +152,29 @@ def write_strips(
             dtype=np.float32,
             chunks=(*(1 for _ in several), columns, height),
             filters=[Differences()],
-            # In differences of smooth fields most bit planes are zero.
+            # This order of bits compresses well: in differences of smooth fields, most bit planes are zero.
             compressors=BloscCodec(cname="zstd", clevel=1, shuffle="bitshuffle", typesize=4),
             dimension_names=_DIMENSIONS[-len(shape) :],
             attributes={"fields": list(fields)},
-            # The default compares each chunk with the fill value first.
+            # By default, zarr would first compare each chunk with the fill value.
             config={"write_empty_chunks": True},
         )
         for first in range(0, width, columns):
             part = slice(first, min(first + columns, width))
-            # Chunk by chunk, since zarr would make copies of ten at once.
+            # Chunks are written one by one, because zarr would copy ten at once.
             for where, values in zip(np.ndindex(*several), strip(part), strict=True):
                 stored[(*where, part)] = np.asarray(values, np.float32)
-                del values  # The next one would be made beside it
+                del values  # Frees this plane before the next is made
 
 
 def read_array(
     path: Path, shape: tuple[int, ...], field: int | None = None, columns: slice | None = None
 ) -> NDArray[np.float32]:
-    """Read an array, or some columns of a field; ArrayFileError if it has another shape, or is damaged."""
+    """Read an array, or columns of a field; ArrayFileError if the array has another shape or is damaged."""
     import zarr
     from zarr.storage import ZipStore
 
-    import wbf_mission.results.differences  # noqa: F401 (zarr knows the codec from then on)
+    import wbf_mission.results.differences  # noqa: F401 (makes the codec known to zarr)
 
     if not zipfile.is_zipfile(path):
         msg = f"{path}: cannot be read as an array of a run: no file, or not an archive"
@@ -188,7 +188,7 @@ def read_array(
             columns = slice(0, shape[-2]) if columns is None else columns
             several = [(field,)] if field is not None else list(np.ndindex(shape[:-2]))
             found = np.empty((len(several), columns.stop - columns.start, shape[-1]), np.float32)
-            # Chunk by chunk, since zarr would unpack ten at once, with three copies of each.
+            # Chunks are read one by one, because zarr would unpack ten at once, with three copies of each.
             chunk = stored.chunks[-2]
             for out, where in zip(found, several, strict=True):
                 for x in range(columns.start // chunk * chunk, columns.stop, chunk):
@@ -203,7 +203,7 @@ def read_array(
 
 
 def lazy_array(path: Path, shape: tuple[int, int, int]) -> NDArray[np.float32]:
-    """Return an array that is read at each access; errors are those of `read_array`, then and now."""
+    """Return an array that is read at each access; this call and each access raise as `read_array` does."""
     read_array(path, shape, 0, slice(0, 0))
     lazy = LazyFields(shape, partial(read_array, path, shape))
     return cast("NDArray[np.float32]", lazy)
@@ -216,7 +216,7 @@ _MAX_MEMBER_BYTES = 64 * 2**20
 
 
 def write_maps(path: Path, maps: dict[str, tuple[FieldMap, ...]]) -> None:
-    """Write maps in blocks of cells; arrays are named KIND.FIELD.ARRAY."""
+    """Write maps with one value per pixel; arrays are named KIND.FIELD.ARRAY."""
     arrays = {
         f"{kind}.{one.field.name}.{name}": getattr(one, name)
         for kind, of_kind in maps.items()
@@ -229,7 +229,7 @@ def write_maps(path: Path, maps: dict[str, tuple[FieldMap, ...]]) -> None:
 
 
 def read_maps(path: Path, kind: str, farm: Farm, fields: FieldSet) -> tuple[FieldMap, ...]:
-    """Read the maps of a kind; empty without a file."""
+    """Read the maps of a kind ("estimate" or "truth"); empty without a file."""
     if not path.is_file():
         return ()
     try:

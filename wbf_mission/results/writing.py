@@ -1,4 +1,4 @@
-"""Folder of a run's results: checks, atomic writing and replacement."""
+"""Folder of a run's results: checks the folder, and writes and replaces results atomically."""
 
 from __future__ import annotations
 
@@ -42,17 +42,17 @@ from wbf_mission.scenario import Scenario
 class ResultFolder:
     """Folder of a run's files.
 
-    During the ``with`` block the folder is locked against other runs. `tlog` is in a temporary folder beside
-    the target. `write` fills the temporary folder and replaces the target with it; an older result stays
-    until then. Leaving the block removes the temporary folder.
+    During the ``with`` block, the folder is locked against other runs. `write` fills a temporary folder
+    beside the target, then replaces the target with it; an older result stays until then. The telemetry log
+    (`tlog`) is written into the temporary folder, too. Leaving the block removes the temporary folder.
 
     The folder must contain none of the `inputs`. An older result of the same `scenario` (`Scenario.to_dict`)
-    is replaced. With `overwrite` any result is replaced, also among other files, which stay. Raises
-    ResultError if the folder must not be written; on entering the block, if it is not writable or locked by
-    another run.
+    is replaced. With `overwrite`, any result is replaced, even in a folder with other files, which stay.
+    Raises ResultError if the folder must not be written, and on entering the block, if the folder is not
+    writable or is locked by another run.
 
-    The log of a killed flight, or of a `real` flight with an error, is kept beside the folder; `warn`
-    receives a line about it.
+    If a flight is killed, or a `real` flight ends with an error, its log is kept beside the folder, and
+    `warn` receives a line about the log.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class ResultFolder:
         with _about(self.path):
             self._folder.__enter__()
         try:
-            self._check(self.path)  # Check again: another run may have just ended
+            self._check(self.path)  # Checks again, because another run may just have ended
         except BaseException:
             self._folder.__exit__()
             raise
@@ -93,7 +93,7 @@ class ResultFolder:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
         if self._real and not self.is_written:
-            with contextlib.suppress(OSError):  # The flight's own error is raised
+            with contextlib.suppress(OSError):  # The error of the flight is raised instead
                 self._keep_log()
         self._folder.__exit__()
         if isinstance(error, OSError):
@@ -109,12 +109,12 @@ class ResultFolder:
     ) -> list[Path]:
         """Write the result, move the folder into place, and return the files.
 
-        `products` are names of `wbf_mission.results.products`; files that the run cannot give are omitted.
+        `products` are names of `wbf_mission.results.products`; files that the run cannot give are left out.
 
         ``release`` drops truth and estimate from the result once they are written, which frees memory for the
-        animation's estimator on large farms. The first Ctrl-C skips the remaining pictures and products, the
-        second discards everything. The result of an interrupted flight, or one with skipped pictures, never
-        replaces an older result: it goes into a folder with the suffix ``.interrupted``.
+        animation's estimator on large farms. The first Ctrl-C skips the remaining pictures and products, and
+        the second discards everything. If a flight was interrupted or pictures were skipped, the result never
+        replaces an older result, but goes into a folder with the suffix ``.interrupted``.
         """
         progress = progress or silent
         filled = self._folder.filled
@@ -155,7 +155,7 @@ class ResultFolder:
         return [self.path / path.name for path in written]
 
     def _keep_log(self) -> None:
-        """Move the log of an unsaved flight beside the folder, and warn how to use it."""
+        """Move the log of an unsaved flight beside the folder; the warning says how to use the log."""
         if not _has_flown(self.tlog):
             return
         name = f"{self._folder.filled.name[1:].removesuffix('.partial')}{_KEPT}"
@@ -164,7 +164,7 @@ class ResultFolder:
             path for one in names if not (path := self._folder.filled.with_name(f"{one}.tlog")).exists()
         )
         self.tlog.rename(kept)
-        # The path in the user's own notation.
+        # The warning shows the path in the way in which the user wrote it.
         shown = self.path.with_name(kept.name) if kept.parent == self.path.resolve().parent else kept
         words = (
             "wbf-mission map --log",
@@ -181,7 +181,7 @@ class ResultFolder:
         )
 
     def _put_in_place(self, *, beside: bool) -> None:
-        """Rename the temporary folder to the target, or with `beside` to the target plus ``.interrupted``."""
+        """Rename the temporary folder to the target; with `beside`, to the target plus ``.interrupted``."""
         if not beside:
             self._folder.commit()
         else:
@@ -194,7 +194,7 @@ class ResultFolder:
         self.is_written = True
 
     def _name(self, error: OSError) -> None:
-        """Replace the temporary folder in an error by the result's folder."""
+        """Make an error name the result's folder in place of the temporary folder."""
         filled = self._folder.filled
         if error.filename is None and error.errno in DISK_ERRORS:
             error.filename = str(self.path)
@@ -208,7 +208,7 @@ class ResultFolder:
 
 @contextlib.contextmanager
 def _about(path: Path) -> Iterator[None]:
-    """Turn a FolderError into a ResultError that names the folder."""
+    """Turn a FolderError into a ResultError that names the folder `path`."""
     try:
         yield
     except FolderError as error:
@@ -223,10 +223,10 @@ def settle_result(path: Path) -> None:
 
 
 def run_name(scenario: Scenario) -> str:
-    """Return a name for a run: farm, planner, policy or mission, estimator, vehicle, seed and digest.
+    """Return a name for a run: farm, planner (or policy or mission), estimator, vehicle, seed and a digest.
 
-    The digest covers all other options that differ from their defaults, such as folders of files and planner
-    parameters, so different runs have different names.
+    The digest covers all other options that differ from their defaults, such as planner parameters and the
+    folders of files, so different runs have different names.
     """
     scenario = resolved(scenario)
     mission, default = scenario.mission, Scenario().to_dict()
@@ -264,7 +264,7 @@ def _check_target(
             raise ResultError(msg)
     if not path.exists():
         if path.is_symlink():
-            msg = f"{path}: is a link that leads nowhere; give another folder"
+            msg = f"{path}: is a link to a missing folder; give another folder"
             raise ResultError(msg)
         return
     if not path.is_dir():
@@ -274,11 +274,11 @@ def _check_target(
     if overwrite or all(entry.name in ours or _KEPT in entry.name for entry in path.iterdir()):
         return
     if not (path / RECORD).is_file():
-        what = "holds other files and no result; give another folder, or write among them"
+        what = "holds other files and no result; give another folder, or write beside these files"
         msg = f"{path}: {what} (--overwrite, overwrite=True)"
         raise ResultError(msg)
     if scenario is None or _scenario_in(path) != msgspec.json.decode(msgspec.json.encode(scenario)):
-        what = "holds the result of another run; give another folder, or replace it"
+        what = "holds the result of another run; give another folder, or replace the result"
         msg = f"{path}: {what} (--overwrite, overwrite=True)"
         raise ResultError(msg)
 
@@ -293,7 +293,7 @@ _KEPT = ".killed"
 
 
 def _has_flown(tlog: Path) -> bool:
-    """Return whether a possibly truncated log shows running motors; True for a log too large to read."""
+    """Return whether a log (truncated or not) shows running motors; True if it is too large to read."""
     if not tlog.is_file():
         return False
     try:

@@ -1,4 +1,4 @@
-"""Flights of a run over its days, with one estimate of the farm."""
+"""Campaign: the flights of a run on all its days, and the estimate that all flights share."""
 
 from __future__ import annotations
 
@@ -39,24 +39,24 @@ from wbf_mission.run.reuse import FlightAlone, FlightMemory, FlightsAhead, can_f
 
 
 class RealSorties(Protocol):
-    """A real vehicle's progress through its sorties; the rest is cut again after an early end."""
+    """A real vehicle's progress through its sorties; if a sortie ends early, the rest is cut again."""
 
-    cut: SortiePlan  # The flown sorties, shortened to their flown part, and the planned sorties
-    stopped: str  # Why the mission was stopped; empty during the mission, and after its completion
+    cut: SortiePlan  # Flown sorties, cut to their flown part, and the planned sorties
+    stopped: str  # Why the mission was stopped; empty if it goes on or is complete
     changed_s: float  # Duration of the last battery change
 
     def follow(self, flight: int) -> MissionProgress:
-        """Return the progress tracker of flight number `flight`, from 1."""
+        """Return the progress tracker of a flight; flights count from 1."""
 
     def note(self, flight: int, record: FlightRecord) -> None:
-        """Update the reached place of the mission after a flight."""
+        """Update the place that the mission has reached after a flight."""
 
     def go_on(self, flight: int, record: FlightRecord) -> bool:
         """Change the battery after a flight; return whether another sortie follows."""
 
     @property
     def rest(self) -> Mission | None:
-        """The rest of the mission, as a mission of its own; None if it is complete."""
+        """The rest of the mission, as a separate mission; None if the mission is complete."""
 
 
 class Campaign:
@@ -64,8 +64,8 @@ class Campaign:
 
     Every flight begins with full batteries and the whole budget, and draws new wind, sensor errors and random
     paths. A failed flight does not end the run. A lost vehicle (`Outcome.loses_vehicle`) does not fly again;
-    after the loss of all vehicles, the remaining days are scored without further observations. A flight after
-    the first is skipped if the policy returns no path for any vehicle.
+    after the loss of all vehicles, the remaining days are scored without further observations. If the policy
+    returns no path for any vehicle, the flight is skipped, except the first flight.
     """
 
     def __init__(
@@ -78,14 +78,14 @@ class Campaign:
         full: float = 1.0,
     ) -> None:
         self.run = run
-        self.cut: SortiePlan | None = None  # Sorties of a mission beyond one battery; None until it is cut
+        self.cut: SortiePlan | None = None  # Sorties of a mission for several batteries, once it is cut
         self._change_s, self._full = change_s, full
         self.decisions: list[DecisionRecord] = []
         self.flights: list[FlightRecord] = []
         self.days: list[DayRecord] = []
-        self.maps: tuple[FieldMap, ...] = ()  # Estimate at the end of the last day, in blocks of cells
+        self.maps: tuple[FieldMap, ...] = ()  # Estimate at the end of the last day, summed over pixels
         self.evidence = Evidence(run.farm, run.fields)
-        self.truth: NDArray[np.float32] | None = None  # float32[n, W, H], of the current day
+        self.truth: NDArray[np.float32] | None = None  # True fields of the current day, float32[n, W, H]
         self.simulated_s = 0.0
         self.frames = 0
         self.watch = watch
@@ -122,7 +122,7 @@ class Campaign:
         self._events.tell(scored)
 
     def _in_sorties(self, planned: PlannedFlight, change_s: float) -> PlannedFlight:
-        """Return the first sortie of a mission beyond one battery; return other flights unchanged."""
+        """Return the first sortie if the mission needs several batteries, else the given flight."""
         run = self.run
         if run.decider.steers or len(planned.sorties) != 1:
             return planned
@@ -142,9 +142,9 @@ class Campaign:
         return plan_flight(self.run, planned.day, planned.flight, self.evidence, self.decisions, self._gone)
 
     def _fly_in(self, cut: SortiePlan, times_a_day: int = 1) -> None:
-        """Replace the mission by its sorties."""
+        """Replace the run's mission by its sorties."""
         self.cut = cut
-        # Predicted coverage is that of the whole mission, since the run reports all sorties together.
+        # Each sortie gets the whole mission's predicted coverage, since the run reports all sorties together.
         sorties = tuple(replace(plan, coverage=cut.whole.coverage) for plan in cut.plans)
         decider = replace(self.run.decider, policy=KeepPath(), sorties=sorties)
         self.run = replace(self.run, decider=decider, flights_per_day=times_a_day * len(sorties))
@@ -163,7 +163,7 @@ class Campaign:
 
     @property
     def expected_readings(self) -> float:
-        """Expected number of readings of the run, from the plan of the next flight."""
+        """Expected number of the run's readings, extrapolated from the plan of the next flight."""
         return len(self.run.numbers) * self._expected_of_next
 
     @property
@@ -171,7 +171,7 @@ class Campaign:
         return 0.0 if self._next is None else self._next.expected_readings(self.run.looks)
 
     def learn_from(self, environment: Environment, ready: Callable[[], None]) -> None:
-        """Fit the estimator to the farm, and start its estimate once `ready` returns."""
+        """Fit the estimator to the farm, and start the estimate, which first waits for `ready`."""
         run, first, estimator = self.run, self.run.first_day, self.run.estimator
         free_unused_memory()
         with attribute_errors_to(estimator):
@@ -194,7 +194,7 @@ class Campaign:
         memory: FlightMemory | None = None,
         sorties: Callable[[SortiePlan, Vehicle, int], RealSorties | None] = lambda *_of: None,
     ) -> None:
-        """Fly all days; reuse flights of `memory`, and follow a real vehicle through its `sorties`."""
+        """Fly all days, and reuse flights of `memory`; `sorties` makes the tracker of a real mission."""
         first = self.run.first_day
         if self._next is None:
             self.plan(first)
@@ -203,7 +203,7 @@ class Campaign:
         assert self.evidence.estimate is not None
         self.evidence.estimate.every = self.run.readings_a_score(self._expected_of_next)
         self._scored_a_flight = max(1, round(self._expected_of_next / self.evidence.estimate.every))
-        # A console, orders or a live listener need flights in order and in this process.
+        # With a console, orders or a live listener, flights must be flown in order and in this process.
         followed = console is not None or hosting.orders is not None or self._events.wants(VehicleMoved)
         ahead = None if followed else self._ahead(environment, hosting)
         try:
@@ -211,12 +211,12 @@ class Campaign:
                 if day != first:
                     self._begin_day(day, environment)
                 flight = 0
-                # A real sortie that ends early adds sorties to the day.
+                # If a real sortie ends early, the day gets more sorties.
                 while flight < self.run.flights_per_day:
                     flight += 1
                     if len(self._gone) == len(self.run.vehicles):
                         continue
-                    # A flight that was flown ahead assumed all vehicles.
+                    # Flights that were flown ahead assume that no vehicle was lost.
                     flown = None if ahead is None or self._gone else ahead.take(day, flight)
                     if flown is None and memory is not None and not followed:
                         planned = self._planned(day, flight)
@@ -238,7 +238,7 @@ class Campaign:
                 self._log.close()
 
     def close(self) -> None:
-        """Release the resources of the estimate."""
+        """Stop the estimate's thread, and release its resources."""
         if self.evidence.estimate is not None:
             self.evidence.estimate.close()
 
@@ -319,7 +319,7 @@ class Campaign:
         return goes_on
 
     def _change_after(self, flown: Flight) -> float:
-        """Return the duration of the battery change after a flight (s); 0 after the last sortie."""
+        """Return the duration of the battery change after a simulated flight (s); 0 after the last sortie."""
         if self.cut is None or self.real is not None or flown.records[0].flight % len(self.cut.sorties) == 0:
             return 0.0
         return self.cut.change_s
@@ -339,19 +339,19 @@ class Campaign:
         return self._next
 
     def _open_log(self, hosting: Hosting) -> TlogWriter | None:
-        """Return the writer of the telemetry log, None without a log; create the file at the first call."""
+        """Return the writer of the telemetry log (None without a log); the first call creates the file."""
         if self._log is None and hosting.tlog is not None:
             hosting.tlog.parent.mkdir(parents=True, exist_ok=True)
             self._log = TlogWriter(hosting.tlog)
         return self._log
 
     def _ahead(self, environment: Environment, hosting: Hosting) -> FlightsAhead | None:
-        """Start all flights in worker processes; None if this run cannot or need not use them."""
+        """Start all flights in worker processes; None if the run cannot use them or would not be faster."""
         numbers = self.run.numbers
         assert self._next is not None
         if len(numbers) == 1 or not can_fly_ahead(self.run, hosting, len(numbers) * self._next.expected_s):
             return None
-        # The worker plans the first flight, too.
+        # A worker plans the first flight again, so the plan made here is dropped.
         self._next = None
         self.decisions.clear()
         return FlightsAhead(FlightAlone(self.run, environment, hosting, hosting.tlog is not None), numbers)

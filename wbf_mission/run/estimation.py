@@ -1,4 +1,4 @@
-"""Estimator of a run, frequency of its scores, and memory of both."""
+"""Estimator of a run, number of its scores, and memory that the run needs."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from wbf_mission.scenario.choice import drawing_seed
 DEFAULT_SCORE_POINTS = 25
 SMALL_FARM_CELLS = 2500
 LARGE_FARM_CELLS = 3_000_000
-# Scores on a large farm: 10 for an estimator that recomputes every cell, 100 for an incremental one.
+# Scores on a large farm: few for an estimator that recomputes every cell, many for an incremental estimator.
 LARGE_FARM_SCORE_POINTS = 10
 INCREMENTAL_SCORE_POINTS = 100
 _FLIGHTS_SCORED_IN_FULL = 6
 _LEAST_POINTS = 5
 
-# Bytes per cell: truth, environment (two onset days and soil), crop map with the farm's and score's masks.
+# Bytes per cell of the truth, of the environment (two onset days and soil), and of crop map and masks.
 _RUN_BYTES_A_CELL = 12 + 6 + 8
 _PROGRAM_BYTES = 300_000_000
 
 
 def resolved(scenario: Scenario) -> Scenario:
-    """Return the scenario with its estimator named: its own, or the default for its farm's size."""
+    """Return the scenario with an estimator: its own, or the default for the farm's size and fields."""
     if scenario.estimate.estimator is not None:
         return scenario
     return naming_estimator(scenario, scenario.farm.load(), load_field_set(scenario.farm.fields))
 
 
 def naming_estimator(scenario: Scenario, farm: Farm, fields: FieldSet) -> Scenario:
-    """Return the scenario with its estimator named, as `resolved`; `farm` and `fields` are loaded already."""
+    """Return the same as `resolved`, for a `farm` and `fields` that are already loaded."""
     if scenario.estimate.estimator is not None:
         return scenario
     names = fields.names
@@ -48,13 +48,13 @@ def naming_estimator(scenario: Scenario, farm: Farm, fields: FieldSet) -> Scenar
 
 
 def estimator_of(choice: Choice, seed: int, fields: FieldSet) -> Estimator:
-    """Return the chosen estimator; the run's seed cannot be computed from the estimator's seed."""
+    """Return the chosen estimator; its seed does not reveal the run's seed."""
     drawn = sealed_seed(drawing_seed(choice, "estimator", seed), "estimator")
     return make_estimator(choice.chosen, fields=fields, random_state=drawn, **choice.params)
 
 
 def score_points(farm: Farm, estimator: Estimator) -> int:
-    """Return the default number of scores of a run on this farm."""
+    """Return the default number of scores of a flight on this farm."""
     if farm.width_cells * farm.height_cells <= LARGE_FARM_CELLS:
         return DEFAULT_SCORE_POINTS
     incremental = getattr(estimator, "incremental", False)
@@ -64,8 +64,8 @@ def score_points(farm: Farm, estimator: Estimator) -> int:
 def points_a_flight(points: int, flights: int) -> int:
     """Return the number of scores per flight.
 
-    Runs of up to six flights have ``points`` per flight. Longer runs share the total of six flights, with at
-    least five per flight.
+    In runs of up to six flights, each flight has ``points`` scores. In longer runs, the flights share the
+    scores of six flights, but each has at least five.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Planning and flying of one flight of a run, with one or several vehicles, simulated or behind links."""
+"""Plans and flies one flight of a run, with one or several vehicles, in simulation or over links."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _STEP_S = 5
 
 
 class FlightInterrupted(KeyboardInterrupt):
-    """Ctrl-C during a flight, with the flight's result up to the interrupt."""
+    """Raised at Ctrl-C during a flight; has the flight's result up to the interrupt."""
 
     def __init__(self, flight: Flight) -> None:
         super().__init__()
@@ -47,16 +47,16 @@ class FlightInterrupted(KeyboardInterrupt):
 
 @dataclass(frozen=True, slots=True)
 class PlannedFlight:
-    """A flight that is planned, but not begun."""
+    """A flight that is planned, but has not begun."""
 
     day: int
     flight: int
     loop: DecisionLoop  # Asks the policy during the flight
-    # Number, vehicle and plan of each vehicle with a path; empty if the flight is skipped
+    # Sortie number, vehicle and plan for each vehicle with a path; empty if the flight is skipped
     sorties: tuple[tuple[SortieNumber, Vehicle, PlanResult], ...]
-    # Ratio of each vehicle's budget to its first path's cost: a policy's first path is short
+    # Ratio of each vehicle's expected flight to its plan; a policy's first path uses only part of the budget
     times: tuple[float, ...]
-    faults_seed: SeedSequence  # Seed of the flight's faults
+    faults_seed: SeedSequence  # Seed of the faults that are injected into the flight
     gone: Collection[int] = ()  # System ids of the lost vehicles
 
     @property
@@ -72,7 +72,7 @@ class PlannedFlight:
         )
 
     def expected_readings(self, camera: CameraOptions) -> float:
-        """Return the expected number of cell readings."""
+        """Return the expected number of cell readings in the flight."""
         readings = [_expected_readings(camera, plan) for plan in self.plans]
         return sum(times * one for times, one in zip(self.times, readings, strict=True))
 
@@ -85,7 +85,7 @@ def plan_flight(
     decisions: list[DecisionRecord],
     gone: Collection[int] = (),
 ) -> PlannedFlight:
-    """Plan a flight; vehicles whose paths have no points stay on the ground."""
+    """Plan a flight; a vehicle stays on the ground if its path has no points."""
     there = [vehicle for vehicle in run.vehicles if vehicle.task.system_id not in gone]
     decider = run.decider
     knowledge = Knowledge(run.farm, day, run.fields, run.weights, evidence.model, evidence.observations)
@@ -220,8 +220,8 @@ def fly_once(
 def departure_delays(plans: Sequence[PlanResult], distance_m: float, margin_m: float = 0.0) -> list[int]:
     """Return the delay of each vehicle's start after the first start (s).
 
-    Each vehicle starts as soon as its predicted flight keeps `distance_m` from the vehicles before it. The
-    paper's robots have no size and start at once.
+    A vehicle starts as soon as its predicted flight keeps `distance_m` from all vehicles that start before
+    it. The paper's robots have no size and start at once.
     """
     flights: list[tuple[Positions, int]] = []
     delays = []
@@ -237,7 +237,7 @@ def departure_delays(plans: Sequence[PlanResult], distance_m: float, margin_m: f
                 if delay > _LATEST_S:
                     msg = (
                         f"separation distance: vehicle {number} would wait for more than two hours to keep"
-                        f" {distance_m:g} m from the others; give a smaller distance, or layers"
+                        f" {distance_m:g} m from the others; give a smaller distance, or separate by layers"
                     )
                     raise ScenarioError(msg)
             flights.append((flight, delay))
@@ -265,7 +265,7 @@ def _start_delays(run: Run, plans: Sequence[PlanResult]) -> Sequence[float]:
 
 
 def _kept_distance(run: Run, vehicles: Sequence[Vehicle]) -> KeptDistance | None:
-    """Return the required distance between vehicles in flight; None without separation by distance."""
+    """Return the check of distances between vehicles in flight, or None without separation by distance."""
     if run.keeps.kind != DISTANCE:
         return None
     builders = {vehicle.task.system_id: vehicle.task.builder for vehicle in vehicles}
@@ -278,7 +278,7 @@ def _kept_distance(run: Run, vehicles: Sequence[Vehicle]) -> KeptDistance | None
 
 
 def _margin_m(run: Run) -> float:
-    """Return the largest error of the horizontal distance between two vehicles' estimated positions (m)."""
+    """Return the margin for errors of the horizontal distance between two estimated positions (m)."""
     return ground_separation_margin_m(run.vehicles[0].vehicle)
 
 

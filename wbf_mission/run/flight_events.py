@@ -1,4 +1,4 @@
-"""Events of a flight, from the telemetry at its ground stations."""
+"""Events of a flight, made from the telemetry that its ground stations receive."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from wbf_mission.events import EventStream, Planned, VehicleMoved, VehicleSaid
 from wbf_mission.run.sortie import Sortie
 
 _LEAST_S, _MOST_S = 0.1, 1.0
-"""Interval between states of a vehicle: 0.1 s of flight and of wall time, at most 1 s of flight."""
+"""Interval between two states of a vehicle: 0.1 s of flight and of wall time, but at most 1 s of flight."""
 _LEAST_WALL_S = 0.06
-"""Least wall time between states; below 0.1 s because a step in real time may come slightly early."""
+"""Least wall time between two states; below 0.1 s, because steps in real time may come slightly early."""
 
 
 class FlightEvents:
-    """Emits the states, texts and plans of the vehicles in a flight that begins at `offset_s` of the run."""
+    """Emits states, texts and plans of a flight's vehicles; the flight begins at `offset_s` of the run."""
 
     def __init__(self, events: EventStream, sorties: Sequence[Sortie], offset_s: float) -> None:
         self._events = events
@@ -30,7 +30,7 @@ class FlightEvents:
         self._missions: dict[int, Mission] = {}
 
     def tell(self, now_s: float) -> None:
-        """Emit the due events; called at each step."""
+        """Emit the events that are due; called at each step of the simulation or host."""
         if not self._wanted or now_s < self._next_s:
             return
         wall_s = time.monotonic()

@@ -1,4 +1,4 @@
-"""Host of a run's flights: a simulation of vehicles, cameras and ground stations, or links."""
+"""Hosts of a run's flights: a simulation of vehicles, cameras and stations, or links to real vehicles."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from wbf_mission.run.sortie import Sortie
 
 
 class FlightHost(Protocol):
-    """Runs the components of a flight on its own clock."""
+    """Host of one flight: runs the flight's components by the host's clock."""
 
     @property
     def now_s(self) -> float:
@@ -41,29 +41,29 @@ class FlightHost(Protocol):
         """Number of MAVLink frames sent."""
 
     def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
-        """Advance time until a condition holds, at most `limit_s` seconds."""
+        """Advance time until a condition holds, but by at most `limit_s` seconds."""
 
     def send(self, component: Component, messages: Iterable[Message]) -> None:
-        """Send messages of a component at the current time."""
+        """Send messages from a component at the current time."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hosting(ABC):
-    """Where the flights of a run take place: simulation or links."""
+    """Options of a run's flights, and maker of their hosts: a simulation, or links to real vehicles."""
 
-    pace: float | None = None  # Seconds of the host's clock per wall second; None: the host's own pace
-    tlog: Path | None = None  # File for every MAVLink frame; its folder is made when the first flight begins
-    orders: Orders | None = None  # Orders of a watcher; None where orders are not possible
-    force: bool = False  # Whether plans are uploaded that the autopilot would refuse or not fly
+    pace: float | None = None  # Seconds of the host's clock per wall second; None: no fixed pace
+    tlog: Path | None = None  # File for all MAVLink frames; the first flight makes its folder
+    orders: Orders | None = None  # Orders of a watcher, or None if orders are not possible
+    force: bool = False  # Whether to upload plans that the autopilot would refuse or not fly
     waits_for_decisions: ClassVar[bool] = True  # Whether simulated time stops while a policy decides
 
     @property
     def transfers(self) -> TransferMaker:
-        """Makes the mission transfers."""
+        """Maker of the mission transfers."""
         return OWN_TRANSFERS
 
     def arming_gate(self, system_id: int) -> ArmingGate | None:  # noqa: ARG002
-        """Return the gate that holds back arming of a vehicle; None without one."""
+        """Return the gate that holds back a vehicle's arming, or None if nothing holds it back."""
         return None
 
     @abstractmethod
@@ -94,10 +94,10 @@ class Hosting(ABC):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VirtualHosting(Hosting):
-    """Simulated vehicles on a virtual clock; without a pace as fast as possible."""
+    """Simulated vehicles on a virtual clock, which runs as fast as possible unless a pace is given."""
 
-    impairment: Impairment | None = None  # Disturbances of the radio between ground stations and vehicles
-    faults: tuple[AnyFault, ...] = ()  # Faults in each flight of the remaining vehicles
+    impairment: Impairment | None = None  # Disturbances of the radio link
+    faults: tuple[AnyFault, ...] = ()  # Faults injected into each flight of vehicles that are not lost
 
     def open(
         self,
@@ -123,7 +123,7 @@ class VirtualHosting(Hosting):
 
 
 def _radio_range(sorties: Sequence[Sortie], vehicles: Sequence[SimVehicle]) -> RadioRange | None:
-    """Return the radio range around the farm's home, where all ground stations are."""
+    """Return the radio range around the farm's home, where all ground stations stand."""
     range_m, farm = sorties[0].vehicle.vehicle.radio_range_m, sorties[0].plan.farm
     if range_m is None:
         return None
@@ -157,7 +157,7 @@ def _aboard(sortie: Sortie) -> tuple[SimVehicle, LeafCameraComponent]:
 def tap_of(
     writer: FrameSink | None, time_of: Callable[[float], float]
 ) -> Callable[[bytes, float], None] | None:
-    """Return a function that writes each frame with its Unix time; None without a writer."""
+    """Return a function that writes each frame with its Unix time, or None without a writer."""
     if writer is None:
         return None
     write = writer.write

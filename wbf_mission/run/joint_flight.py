@@ -1,4 +1,4 @@
-"""Joint flight of one or more vehicles, with decisions in flight."""
+"""Joint flight of one or more vehicles, with decisions of a policy in flight."""
 
 from __future__ import annotations
 
@@ -28,32 +28,32 @@ from wbf_mission.run.record import Flight
 from wbf_mission.run.sortie import Sortie
 
 SLICE_S = 1.0
-# Most policies answer within a second; a policy that hangs must not hold up the record.
+# Wait for the last answer (s): most policies answer within a second, and none may delay the record long.
 LAST_ANSWER_S = 5.0
 MOST_AGAIN = 2
-"""Immediate retries after answers that came too late; after these the policy waits for its next trigger."""
+"""Number of late answers after which a policy is asked again at once; then it waits for its next trigger."""
 _OVER = frozenset({Status.PILOTED, Status.RETURNING, Status.ENDED, Status.LOST})
-"""Statuses that void pending answers for a vehicle."""
+"""In these statuses of a vehicle, a pending answer is void for the vehicle."""
 _ORDERED = "the vehicle was given an order while the policy decided"
 _AHEAD_S = 0.02
-"""Lead of the simulated clock over the wall clock above which the flight sleeps."""
+"""The flight sleeps if the simulated clock is ahead of the wall clock by more than this (s)."""
 FLIGHT_LIMIT_FACTOR = 3.0
 FLIGHT_LIMIT_EXTRA_S = 600.0
 SILENT_FACTOR = 1.5
 SILENT_FOR_GOOD_S = 60.0
-"""Silence (s) after which an overdue real vehicle is given up."""
+"""An overdue real vehicle is given up after this silence (s)."""
 
 
 class OperatorConsole(Protocol):
-    """Console of an operator during flights of real vehicles."""
+    """Console of the operator of real vehicles during flights."""
 
     def tend(self, flight: JointFlight) -> None:
-        """Handle operator input, about once a second; a KeyboardInterrupt leaves the vehicles flying."""
+        """Handle the operator's input, about once a second; KeyboardInterrupt leaves the vehicles flying."""
 
     def goes_on(self, question: str) -> bool | None:
-        """Return True once the battery is changed, False if no sortie follows, None while `question` is open.
+        """Return True if the battery is changed, False for no further sortie, None before the answer.
 
-        Called about once a second until the answer is not None.
+        This method is called about once a second until its answer is not None.
         """
 
 
@@ -63,12 +63,12 @@ class JointFlight:
     Parameters
     ----------
     decisions : DecisionLoop
-        Decision loop, after the decision on the first paths.
+        Decision loop, which has already decided on the first paths.
     offset_s : float
         Start of the flight, seconds after the start of the run.
     hosting : Hosting
-        Pace, orders of a watcher, and whether simulated time stops while the policy decides; otherwise the
-        policy decides in its own thread.
+        Pace, orders of a watcher, and whether simulated time stops while the policy decides. If time does not
+        stop, the policy decides in another thread.
     console : OperatorConsole or None
         Console of the operator; without a console, a flight beyond its time limit is given up.
     """
@@ -108,7 +108,7 @@ class JointFlight:
         self._begun_s: float | None = None
         self._expected_s = expected_s
         self._event: Event | None = None
-        # The pending answer of a policy in its thread, and why it is void for some vehicles, by system id
+        # Pending answer of a policy in another thread, and why it is void for some vehicles, by system id
         self._thinking: Future[Answered] | None = None
         self._not_sent: dict[int, str] = {}
         self._again = 0  # Number of consecutive answers that came too late
@@ -125,11 +125,11 @@ class JointFlight:
         return self._host.frames
 
     def given(self) -> Flight:
-        """Return the flight's result up to now; its observations are in the evidence already."""
+        """Return the flight's result up to now, without its observations: the evidence has them already."""
         return Flight([sortie.record() for sortie in self.sorties], self.now_s, self.frames)
 
     def maneuver(self, kind: Maneuver, only: Sortie | None = None) -> None:
-        """Command a maneuver to every vehicle whose flight is not over, or only to the vehicle of `only`."""
+        """Command a maneuver to all vehicles that still fly, or only to the vehicle of the sortie `only`."""
         for sortie in self.sorties if only is None else (only,):
             if not sortie.done:
                 sortie.send(sortie.ground.maneuver(kind, self.now_s))
@@ -153,11 +153,11 @@ class JointFlight:
         orders.allow(possible, [one.system_id for one in left])
 
     def _carry_out(self, order: WatchersOrder, sortie: Sortie) -> None:
-        """Carry out an order to a vehicle; NotFlyingError if that is not possible now."""
+        """Carry out an order to a vehicle; NotFlyingError if the order is not possible now."""
         ground = sortie.ground
         if order.order == START:
             if ground.arming_gate is None or ground.arming_gate.stage is not Stage.ASKING:
-                msg = "it does not wait for a start"
+                msg = "the vehicle does not wait for a start"
                 raise NotFlyingError(msg)
             ground.arming_gate.agree()
             return
@@ -170,7 +170,7 @@ class JointFlight:
         sortie.ordered.append(f"{order.order} {order.value}".rstrip() + f" at {ground.flight_time_s:.0f} s")
 
     def _let_start(self) -> None:
-        """Release each real vehicle's start after its start delay, once all vehicles are ready."""
+        """Once all real vehicles are ready, let each of them start after its start delay."""
         left = [(sortie, gate) for sortie, gate in self._gates if not sortie.done]
         if self._begun_s is None:
             if not left or not all(
@@ -183,10 +183,10 @@ class JointFlight:
                 gate.release()
 
     def fly(self) -> None:
-        """Fly until every flight is over; a KeyboardInterrupt is raised between slices, for `interrupt`."""
+        """Fly until every flight is over; Ctrl-C is raised between slices: then call `interrupt`."""
         try:
             if self._console is not None:
-                # The console handles signals by itself.
+                # The console itself handles signals.
                 self._fly(lambda: None)
                 return
             with interrupts_noted() as answer_interrupt:
@@ -226,7 +226,7 @@ class JointFlight:
         self._told.finish(self.now_s)
 
     def interrupt(self) -> None:
-        """End the flight where the vehicles are, and keep the observations."""
+        """End the flight with the vehicles where they are, and keep the observations."""
         left = {one.system_id: not_started(one.ground) for one in self.sorties}
         if self._console is not None and all(one.ground.started_s is None for one in self.sorties):
             told = {number: text for number, text in left.items() if text is not None}
@@ -246,7 +246,7 @@ class JointFlight:
         self._told.finish(self.now_s)
 
     def learn(self) -> None:
-        """Pass the observations since the last call to the evidence."""
+        """Pass the observations that arrived since the last call to the evidence."""
         for sortie in self.sorties:
             seen = sortie.take()
             if len(seen) and self._events.wants(Seen):
@@ -256,7 +256,7 @@ class JointFlight:
 
     @property
     def _mission_s(self) -> float:
-        """Seconds since the first vehicle's mission began; 0 before."""
+        """Seconds since the first vehicle began its mission; 0 before that."""
         started = [sortie.ground.started_s for sortie in self.sorties if sortie.ground.started_s is not None]
         return self.now_s - min(started) if started else 0.0
 
@@ -268,14 +268,14 @@ class JointFlight:
             return True
         if self._thinking is not None:
             return self._thinking.done() or self._is_over()
-        # No policy is asked before and after the flight; ending each slice at once would stop time.
+        # No policy is asked before or after the flight, so slices need not end early.
         if not self._decisions.asks_on_the_way or not self._is_flying():
             return self._is_over()
         mission_s = self._mission_s
         if not self._decisions.is_early(mission_s):
             waiting = sum(sortie.assembler.waiting for sortie in self.sorties)
             self._event = self._decisions.due(self.sorties, mission_s, len(self._evidence) + waiting)
-        # A simulator whose clock is faster than real time can reach the end of its path within a slice.
+        # If a simulator's clock is faster than real time, its vehicle can end a path within a slice.
         if self._event is None and self._console is not None and self._is_ending():
             self._event = Event.ENDING
         return self._event is not None or self._is_over()
@@ -288,8 +288,8 @@ class JointFlight:
             event = Event.LOST
         if event is not None and self._is_flying():
             # The policy's thread may outlive the flight, so it gets a snapshot and never the estimator. The
-            # estimate's thread makes the snapshot: that takes seconds on large farms, during which this
-            # thread must send heartbeats.
+            # estimate's thread makes it, since that takes seconds on large farms, and this thread sends
+            # heartbeats.
             model = None if self._waits_for_decisions else self._evidence.snapshot()
             question = self._decisions.question(event, self.sorties, self._mission_s, self.now_s, model)
             if self._waits_for_decisions:
@@ -302,8 +302,8 @@ class JointFlight:
     def _look_at_answer(self, thinking: Future[Answered]) -> None:
         """Send a finished answer to the vehicles that can still fly it.
 
-        The operator is warned at once of vehicles that are lost, taken over or returning while the policy
-        decides, since the policy may never answer.
+        If a vehicle is lost, taken over or returning while the policy decides, the operator is warned at
+        once, since the policy may never answer.
         """
         for sortie in self.sorties:
             if (status := sortie.status(self.now_s)) in _OVER:
@@ -334,19 +334,19 @@ class JointFlight:
         self._watch.lap("decide")
 
     def _await_answer(self) -> None:
-        """Wait up to `LAST_ANSWER_S` for the policy, discard its answer, and learn the last observations."""
+        """Wait up to `LAST_ANSWER_S` for the policy's answer, discard it, and learn the last observations."""
         if self._thinking is not None:
             thinking, self._thinking = self._thinking, None
             if wait([thinking], LAST_ANSWER_S).not_done:
-                # The policy's thread is a daemon, so it ends with the program.
-                text = f"the policy has not answered within {LAST_ANSWER_S:g} s of the end: it is left behind"
+                # The policy's thread is a daemon, so it ends when the program ends.
+                text = f"the policy did not answer within {LAST_ANSWER_S:g} s of the end: its answer is lost"
                 self._events.warn(text)
             elif (error := thinking.exception()) is not None:
                 raise error
         self.learn()
 
     def _is_ending(self) -> bool:
-        """Return whether a path is about to end; True once for each path."""
+        """Return whether a path is about to end; it is True only once for each path."""
         return self._decisions.ending(self.sorties, self.now_s)
 
     def _is_flying(self) -> bool:
@@ -356,7 +356,7 @@ class JointFlight:
         return False
 
     def _is_over(self) -> bool:
-        # Called at each step: a plain loop avoids the generator of `all`.
+        # This runs at each step, and a plain loop is faster than the generator of `all`.
         for sortie in self.sorties:  # noqa: SIM110
             if not sortie.done:
                 return False
@@ -382,7 +382,7 @@ class JointFlight:
             ):
                 why = (
                     f"nothing was heard of the vehicle for {silent_s:.0f} s; "
-                    f"its flight was to take {self._expected_s:.0f} s"
+                    f"its flight should have taken {self._expected_s:.0f} s"
                 )
                 ground.interrupt(Outcome.NO_ANSWER, why, self.now_s)
 
@@ -398,7 +398,7 @@ class JointFlight:
 
 
 def _beside(work: Callable[[], Answered]) -> Future[Answered]:
-    """Run work in a daemon thread, which does not keep the program from ending."""
+    """Run `work` in a daemon thread, so that the program can end before the work does."""
     future: Future[Answered] = Future()
 
     def run() -> None:

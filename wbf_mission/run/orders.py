@@ -1,4 +1,4 @@
-"""Orders of a watcher to vehicles in flight: queued by one thread, carried out by another."""
+"""Orders of a watcher to vehicles in flight; one thread queues them, and another carries them out."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from wbf_mission.events import Asked, EventStream, Orderable
 __all__ = ["IN_FLIGHT", "LIFE_S", "START", "Orders", "WatchersOrder", "too_late"]
 
 START = "start"
-"""Starts a mission; also arms a disarmed vehicle."""
+"""Order that starts a mission; it also arms a disarmed vehicle."""
 STARTS_MOTORS = frozenset({START, "arm", "takeoff"})
 ENDS_FLIGHT = frozenset({"return", "land"})
-"""Orders that need confirmation for more than one vehicle; orders that start motors always need it."""
+"""Orders that need confirmation if they are for several vehicles; orders that start motors always need it."""
 IN_FLIGHT = ("hold", "resume", "return", "land", "set item")
-"""Orders in flight, as a page shows them; command names have hyphens instead of spaces."""
+"""Orders that are possible in flight, as a page shows them; command names have hyphens for spaces."""
 _MOST_WAITING = 100
 
 
@@ -38,7 +38,7 @@ def too_late(age_s: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class WatchersOrder:
-    """An order to the vehicles with these system ids; vehicles that appear later are not included.
+    """An order to the vehicles with these system ids; the order does not reach vehicles that appear later.
 
     Examples
     --------
@@ -59,12 +59,12 @@ class WatchersOrder:
 
     @property
     def command(self) -> OperatorCommand:
-        """The order as a command, except a start; OrderError if the value is invalid."""
+        """The command for the order, which must not be a start; OrderError if the value is invalid."""
         return OperatorCommand(self.order.replace(" ", "-"), self.value)
 
 
 class Orders:
-    """Queue of orders and answers from a watcher to the flight. Thread-safe.
+    """Thread-safe queue of orders and answers from a watcher to the flight.
 
     The flight's thread sets the possible orders (`allow`), asks questions (`ask`), and takes orders and
     answers (`taken`, `answered`). An order that is not possible is refused at once.
@@ -101,7 +101,7 @@ class Orders:
         self._question = Asked("")
         self._answer: tuple[float, str] | None = None
 
-    # Called by the watcher.
+    # The watcher calls these methods.
 
     def take(
         self,
@@ -112,7 +112,7 @@ class Orders:
         *,
         age_s: float = 0.0,
     ) -> str:
-        """Queue an order; return why it is refused, empty if it is accepted.
+        """Queue an order; return why it is refused, or an empty text if it is accepted.
 
         Parameters
         ----------
@@ -150,10 +150,10 @@ class Orders:
         return ""
 
     def answer(self, text: str, question: int, *, age_s: float = 0.0) -> str:
-        """Take an answer to question number `question`; return why it is refused, empty if accepted."""
+        """Take an answer to the question of this number; return why it is refused, or an empty text."""
         with self._lock:
             if question != self._question.number:
-                return "the question is another one by now: look at the page"
+                return "the question has changed: look at the page"
             if text not in self._question.answers:
                 known = " or ".join(self._question.answers)
                 return f"{one_line(text, 40)!r} answers nothing" + f": give {known}" * bool(known)
@@ -162,15 +162,15 @@ class Orders:
             self._answer = self._clock() - age_s, text
         return ""
 
-    # Called by the flight.
+    # The flight calls these methods.
 
     def allow(self, orders: Collection[str], vehicles: Collection[int]) -> None:
-        """Set the possible orders, and the system ids of their vehicles."""
+        """Set the orders that are possible now, and the system ids of the vehicles that may get them."""
         with self._lock:
             changed = self._orders != tuple(orders)
             self._orders, self._vehicles = tuple(orders), frozenset(vehicles)
             if not self._orders:
-                # An order that came too late for one flight must not reach the next.
+                # An order that came too late for one flight must not reach the next flight.
                 self._waiting.clear()
         if changed:
             self._events.tell(Orderable(tuple(orders)))
@@ -194,7 +194,7 @@ class Orders:
         return fresh
 
     def ask(self, question: str, answers: Collection[str] = ()) -> None:
-        """Replace the question and its possible answers; an empty question ends it."""
+        """Ask a question with possible answers in place of the last question; an empty text asks nothing."""
         with self._lock:
             asked = Asked(question, tuple(answers), self._question.number + 1)
             changed = self._question != asked
@@ -204,7 +204,7 @@ class Orders:
             self._events.tell(asked)
 
     def answered(self) -> str | None:
-        """Return the answer, None if there is none; discard an answer older than `LIFE_S` with a warning."""
+        """Return the answer, or None; an answer older than `LIFE_S` is discarded with a warning."""
         with self._lock:
             answer, self._answer = self._answer, None
         if answer is None:

@@ -1,4 +1,4 @@
-"""Plans of a scenario: missions within the budget or for a number of batteries, with their predictions."""
+"""Plans scenarios: missions within the budget or for a number of batteries, with their predictions."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def plan(scenario: Scenario, *, progress: Progress = silent) -> PlanResult:
     require_scenario(scenario)
     count = len(scenario.vehicle.fleet)
     if count > 1:
-        msg = f"{count} vehicles: a mission is one vehicle's; plan for the fleet, or give one vehicle"
+        msg = f"{count} vehicles: a mission is for one vehicle; plan for the fleet, or give one vehicle"
         raise ScenarioError(msg)
     return plan_fleet(scenario, progress=progress)[0]
 
@@ -45,10 +45,10 @@ def plan(scenario: Scenario, *, progress: Progress = silent) -> PlanResult:
 def plan_fleet(
     scenario: Scenario, *, farm: Farm | None = None, progress: Progress = silent
 ) -> tuple[PlanResult, ...]:
-    """Plan for all vehicles of a scenario, in the order of their system ids; it raises the errors of `plan`.
+    """Plan for all vehicles of a scenario, in the order of their system ids; raises the errors of `plan`.
 
-    `farm` is the scenario's farm if it is loaded already. The plans of a policy are its first paths, decided
-    without observations.
+    `farm` is the scenario's farm, if it is already loaded. For a policy, the plans are its first paths, which
+    it decides without observations.
     """
     run = resolve(scenario, to_fly=False, farm=farm, events=progress_events(progress))
     if run.decider.mission is not None:
@@ -61,7 +61,7 @@ def plan_fleet(
 
 
 def progress_events(progress: Progress) -> EventStream:
-    """Return a stream of events that hands its progress to `progress`."""
+    """Return a stream of events that passes progress events to `progress`."""
     events = EventStream()
     events.listen(lambda event: progress(event.what, event.done, event.total), Progressed)
     return events
@@ -86,18 +86,18 @@ _TEXT = re.compile(r"\s*(\d{1,3})\s*batter(?:y|ies)\s*", re.IGNORECASE)
 _MOST = 100
 _TRIES = 8
 _SURVEY = "survey"
-"""Planner of a whole area: its mission's length does not depend on the budget."""
+"""Planner that covers a whole area; the length of its missions does not depend on the budget."""
 _CLOSE = 1.01
-"""Ratio of two budgets below which the search ends."""
+"""The search ends if the ratio of its bounds is below this."""
 _PACKED, _ENOUGH = 0.985, 0.97
-"""Targeted fraction of all batteries' energy, and the fraction that ends the search. Sorties can be cut only
-at certain places, so the batteries are never used up."""
+"""Fraction of all batteries' energy that the search aims at, and fraction that ends the search. Sorties can
+be cut only at certain places, so the batteries are never used up."""
 _FARTHEST = 1.5
-"""Upper bound of the distance per battery, in multiples of a one-battery mission's length."""
+"""Upper bound of the distance per battery, in multiples of the length of a mission for one battery."""
 
 
 def batteries_in(budget: str | None) -> int | None:
-    """Return the number of batteries in a budget; None for a budget in another unit.
+    """Return the number of batteries that a budget names, or None for a budget in another unit.
 
     Raises ScenarioError unless the number is 1 to 100.
 
@@ -123,8 +123,8 @@ def plan_for_batteries(
 ) -> tuple[PlanResult, SortiePlan | None]:
     """Plan the longest mission of one vehicle that `count` batteries can fly.
 
-    Searches over budgets in metres, with at most eight plans. The next budget is scaled by the energy of the
-    last plan's sorties, or bisects the bounds. Every plan is really cut into sorties.
+    The function searches for the budget in metres, with at most eight plans. Each plan is cut into sorties,
+    and their energy scales the next budget; if that leaves the bounds, the next budget bisects them.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ def plan_for_batteries(
     for number in range(_TRIES if count > 1 else 0):
         progress("planning", number + 1, _TRIES + 1)
         whole = planned(f"{guess:.1f}m")
-        # Nearly equal budgets often give the same mission.
+        # Nearly equal budgets often give the same mission, which need not be cut again.
         known = next((one for one in tried if one[0].mission == whole.mission), None)
         sorties = known[1] if known else cut(whole) if whole.is_too_long else None
         tried.append((whole, sorties))
@@ -199,7 +199,7 @@ def plan_for_batteries(
 
 
 def _needed(whole: PlanResult, sorties: SortiePlan | None) -> int | None:
-    """Return the number of batteries that a mission needs; None if it cannot be cut into sorties."""
+    """Return the number of batteries that a mission needs, or None if it cannot be cut into sorties."""
     if sorties is not None:
         return len(sorties.sorties)
     return None if whole.is_too_long else 1

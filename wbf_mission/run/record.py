@@ -1,4 +1,4 @@
-"""Records of a run: its flights, its days, the whole run, and summaries in plain values."""
+"""Records of a run: its flights, its days and the whole run, with summaries in plain values."""
 
 from __future__ import annotations
 
@@ -46,26 +46,25 @@ class FlightRecord:
     outcome : Outcome
         Outcome of the flight.
     reason : str
-        Reason of the outcome; empty for a good one.
+        Reason of the outcome; empty for a good outcome.
     track : Track
-        Flown track by the vehicle's estimated positions.
+        Flown track, from the vehicle's position estimates.
     true_track : Track or None
-        True flown track; None if the vehicle has no position errors.
+        True flown track, or None if the vehicle has no position errors.
     camera : AssemblerStatistics
         Numbers of images received, lost and fetched again.
     transfers : list
         Statistics of the mission transfers.
     battery_used : float or None
-        Fraction of the battery, from the vehicle's telemetry.
+        Used fraction of the battery, from the vehicle's telemetry.
     battery_readings : tuple of float or None
-        Battery readings: at the mission's start, and the lowest with the motors running.
+        Battery reading at the mission's start, and lowest reading with running motors.
     flight_time_s : float
         Simulated seconds from the mission's start to its end.
     link : LinkReport or None
-        Quality of the link to a real vehicle; None in a simulation.
+        Quality of the link to a real vehicle, or None in a simulation.
     missing_images : int
-        Number of images that are missing for good: lost in transfer, or never taken because the link was
-        dead.
+        Number of images that will stay missing: lost in transfer, or never taken because the link was dead.
     seen_before : int
         Number of the run's observations before the flight.
     begun_s : float
@@ -101,7 +100,7 @@ class FlightRecord:
 
     @property
     def position_error(self) -> dict[str, float] | None:
-        """Distance between true and believed position (m): root mean square and maximum; None if unknown."""
+        """Distance between true and estimated position (m): root mean square and maximum; None if unknown."""
         if self.true_track is None or not len(self.track.time_s):
             return None
         error_m = self.track.distance_m(self.true_track)
@@ -130,7 +129,7 @@ class FlightRecord:
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """Result of one flight: flown here, in another process, or reused.
+    """Result of one flight, which was flown here or in another process, or was reused.
 
     Parameters
     ----------
@@ -141,7 +140,7 @@ class Flight:
     parts : tuple of Observations
         Observations that are not in the run's evidence yet, in order of arrival.
     decisions : list of DecisionRecord
-        Decisions that are not in the run's record yet; their observations count from the flight's start.
+        Decisions that are not in the run's record yet; they count observations from the flight's start.
     log : FrameLog or None
         Frames that are not written yet; their times count from the flight's start.
     """
@@ -155,7 +154,7 @@ class Flight:
 
 
 KEPT_DAYS_BYTES = 128_000_000
-"""Largest size of the truths and estimates of all days; in a larger run only the last day's are kept."""
+"""Truth and estimate of every day are kept up to this size; in a larger run, only those of the last day."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,11 +164,11 @@ class DayRecord:
     Parameters
     ----------
     report : FarmReport or None
-        Report on the farm by the estimate at the end of the day; None without an estimate.
+        Report on the farm by the estimate at the end of the day, or None without an estimate.
     truth : float32[n, W, H] or None
-        The environment of the day; None on large farms, where only the last day's is kept.
+        The environment of the day; None on large farms, where only the last day's environment is kept.
     model : InformationModel or None
-        The estimate at the end of the day, without class probabilities; None as for `truth`.
+        The estimate at the end of the day, without class probabilities; None on large farms, like `truth`.
     """
 
     day: int
@@ -194,18 +193,18 @@ class DayRecord:
 
 
 def keeps_days(farm: Farm, fields: int, days: int) -> bool:
-    """Return whether truth and estimate of every day of a run are kept.
+    """Return whether a run keeps truth and estimate of every day.
 
     >>> from geo.farms import get_farm
     >>> keeps_days(get_farm("miniberry-100"), 3, 15), keeps_days(get_farm("waterberry"), 3, 2)
     (True, False)
     """
-    # Three float32 arrays: truth, value and uncertainty.
+    # Each day has three float32 arrays: truth, value and uncertainty.
     return days * 3 * 4 * fields * farm.width_cells * farm.height_cells <= KEPT_DAYS_BYTES
 
 
 MOST_BAD = 0.1
-"""Largest fraction of bad answers of a policy; above it the run counts as failed."""
+"""The run counts as failed if a larger fraction of the policy's answers is bad."""
 
 
 @dataclass(slots=True)
@@ -215,8 +214,8 @@ class RunRecord:
     Parameters
     ----------
     flights : tuple of FlightRecord
-        One record per vehicle and flight, ordered by day, flight and vehicle; at least one. Skipped flights
-        (`skipped_flights`) have none.
+        One or more records, one per vehicle and flight, ordered by day, flight and vehicle. Skipped flights
+        (`skipped_flights`) have no record.
     observations : Observations
         Observations received from the cameras.
     truth, model : float32[n, W, H] and InformationModel, or None
@@ -234,15 +233,15 @@ class RunRecord:
     fields : FieldSet
         Fields that were sensed and scored.
     maps, true_maps : tuple of FieldMap
-        Estimate and truth in blocks of cells; empty without an estimate.
+        Estimate and truth, summed over pixels; empty without an estimate.
     decisions : list of DecisionRecord
         Every decision of the policy.
     days : tuple of DayRecord
         Record of each day.
     stopped : str
-        Why sorties of a real vehicle were not flown; empty if all were.
+        Why sorties of a real vehicle were not flown; empty if all were flown.
     rest : Mission or None
-        Rest of a real vehicle's mission, as a mission to be flown later.
+        Unflown rest of a real vehicle's mission, as a mission that can be flown later.
     """
 
     scenario: Scenario
@@ -270,12 +269,12 @@ class RunRecord:
 
     @property
     def outcome(self) -> Outcome:
-        """Outcome of the run: of several flights the first outcome that is not good."""
+        """Outcome of the run: the outcome of the first flight that failed, or a good outcome if none did."""
         return Outcome.INTERRUPTED if self._stopped_between else self._decisive.outcome
 
     @property
     def reason(self) -> str:
-        """Reason of the outcome; empty for a good one."""
+        """Reason of the outcome; empty for a good outcome."""
         if self._stopped_between:
             one = self.flights[-1]
             if self.stopped:
@@ -288,7 +287,7 @@ class RunRecord:
 
     @property
     def skipped_flights(self) -> int:
-        """Number of skipped flights: the policy returned no path for the vehicle."""
+        """Number of skipped flights, for which the policy returned a path without points to a vehicle."""
         return sum(change.outcome == SKIPPED for decision in self.decisions for change in decision.changes)
 
     @property
@@ -306,12 +305,12 @@ class RunRecord:
 
     @property
     def track(self) -> Track:
-        """Flown track by the vehicles' estimated positions; a row without a position separates flights."""
+        """Flown track, from estimated positions; a row without a position separates flights."""
         return joined([flight.track for flight in self.flights])
 
     @property
     def true_track(self) -> Track | None:
-        """True flown track; None unless every vehicle had position errors."""
+        """True flown track, or None if a vehicle had no position errors."""
         true = [flight.true_track for flight in self.flights]
         known = [track for track in true if track is not None]
         return joined(known) if len(known) == len(true) else None
@@ -340,7 +339,7 @@ class RunRecord:
 
     @property
     def bad_answers(self) -> dict[str, int]:
-        """Number of the policy's answers that were refused or late, by fault."""
+        """Number of the policy's answers that were refused or late, by kind of fault."""
         return dict(Counter(decision.fault for decision in self.decisions if decision.fault).most_common())
 
     @property
@@ -349,7 +348,7 @@ class RunRecord:
         return sum(self.bad_answers.values()) > MOST_BAD * len(self.decisions)
 
     def _answers_told(self) -> str | None:
-        """Return the warning about bad answers, with the first fault; None if all were good."""
+        """Return the warning about bad answers, with the first refusal; None if all answers were good."""
         bad = self.bad_answers
         if not bad:
             return None
@@ -361,14 +360,14 @@ class RunRecord:
 
     @property
     def battery_used(self) -> float | None:
-        """Largest used battery fraction of a flight; None if no vehicle reported it."""
+        """Largest battery fraction that a flight used, or None if no vehicle reported its battery."""
         return max(
             (flight.battery_used for flight in self.flights if flight.battery_used is not None), default=None
         )
 
     @property
     def flight_time_s(self) -> float:
-        """Simulated seconds in the air; the longest time of each joint flight, summed."""
+        """Simulated seconds in the air: the sum, over all joint flights, of the longest vehicle's time."""
         return self._time_together_s([flight.flight_time_s for flight in self.flights])
 
     @property
@@ -400,7 +399,7 @@ class RunRecord:
 
     @property
     def budget_left(self) -> str:
-        """Unused part of the budget in a planner's first mission, in words; empty if it is small."""
+        """Note on the budget that a planner's first mission leaves unused; empty if that is little."""
         if self.scenario.mission.policy is not None:  # A policy's flight is longer than its first path
             return ""
         day, system_id = self.flights[0].day, self.flights[0].system_id
@@ -410,7 +409,7 @@ class RunRecord:
 
     @property
     def predicted_coverage(self) -> float:
-        """Coverage of the first flight of all vehicles, predicted before take-off."""
+        """Joint coverage of all vehicles in the first flight, predicted before take-off."""
         first = [
             flight.plan
             for flight in self.flights
@@ -434,9 +433,9 @@ class RunRecord:
 
     @property
     def least_distance_m(self) -> float | None:
-        """Least distance between two vehicles in a joint flight (m); None without a joint flight.
+        """Least distance between two vehicles in a joint flight (m), or None without a joint flight.
 
-        The paper's robots have no size and do not count. True tracks are used where they are known.
+        The paper's robots have no size and do not count. True tracks are used if they are known.
         """
         tracks = [
             (flight.day, flight.flight, flight.true_track or flight.track)
@@ -453,7 +452,7 @@ class RunRecord:
 
     @property
     def report(self) -> FarmReport | None:
-        """Report on the farm by the last estimate; None without an estimate."""
+        """Report on the farm, made from the last estimate; None without an estimate."""
         return report_of_maps(self.farm, self.maps) if self.maps else None
 
     @property
@@ -463,12 +462,12 @@ class RunRecord:
 
     @property
     def final_score(self) -> float | None:
-        """The paper's score of the last estimate."""
+        """The paper's score of the last estimate, or None without a score."""
         return self.history.entries[-1].score if self.history.entries else None
 
     @property
     def losses(self) -> dict[str, float]:
-        """Mean loss per cell of each field by the last estimate; empty without an estimate."""
+        """Mean loss per cell of the last estimate, for each field; empty without an estimate."""
         if not self.history.entries:
             return {}
         return dict(zip(self.fields.names, self.history.entries[-1].field_loss, strict=True))

@@ -1,7 +1,7 @@
 """Compiles the estimator's functions in another process, while a run plans and flies.
 
-numba compiles one function at a time, while the rest of the process waits. On a machine's first run,
-compiling the estimator takes as long as the rest of the run.
+While numba compiles a function, the rest of the process waits. On a machine's first run, compiling the
+estimator's functions takes as long as the rest of the run.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from geo.farms import get_farm
 from wbf_mission.run.resolve import Run
 
 REHEARSED_ON = "miniberry-100"
-"""A farm of a few tiles: estimating takes less time than compiling."""
-# Estimators that work in tiles; the others are trained for each farm, or compile nothing.
+"""On this farm of a few tiles, estimating takes less time than compiling."""
+# Estimators that work in tiles; other estimators are trained for each farm, or compile nothing.
 _IN_TILES = ("gp", "adaptive-disk")
 
 
@@ -28,19 +28,19 @@ _IN_TILES = ("gp", "adaptive-disk")
 def rehearsed(run: Run, rehearse: Callable[[str], None]) -> Iterator[Callable[[], None]]:
     """Compile the estimator's functions in another process; yield a function that waits for its end.
 
-    Only for farms larger than `REHEARSED_ON`, and once per machine. If the other process fails, this process
-    compiles.
+    The other process is used only for farms larger than `REHEARSED_ON`, and once per machine. If it fails,
+    this process compiles.
 
     Parameters
     ----------
     rehearse : callable
-        Runs all compiled functions of the estimator of this name.
+        Function that runs all compiled functions of the estimator with a given name.
     """
     choice = run.asked.estimate.estimator
     name = choice.name if choice.made is None else ""
     mark = _mark(run, name)
     if mark is None or mark.exists():
-        yield lambda: None  # No other process compiles
+        yield lambda: None  # There is no other process to wait for
         return
     from geo.processes import Processes
 
@@ -58,7 +58,7 @@ def rehearsed(run: Run, rehearse: Callable[[str], None]) -> Iterator[Callable[[]
 
 
 def _mark(run: Run, name: str) -> Path | None:
-    """Return the file that marks an estimator as compiled; None if no other process is needed."""
+    """Return the file that marks an estimator as compiled, or None if no other process is needed."""
     small = run.farm.width_cells * run.farm.height_cells <= get_farm(REHEARSED_ON).owner_cells
     if small or name not in _IN_TILES or os.environ.get("NUMBA_DISABLE_JIT"):
         return None

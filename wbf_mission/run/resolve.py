@@ -32,7 +32,7 @@ from wbf_mission.scenario.values import Separation
 
 
 class FlightError(WbfMissionError, RuntimeError):
-    """A run that cannot be flown."""
+    """Raised if a run cannot be flown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,15 +41,15 @@ class Decider:
 
     policy: Policy  # A `FixedPlan` for a planner, a `KeepPath` for a mission from a file
     name: str  # Name in messages: ``planner spiral``, ``policy greedy``
-    label: str  # Its name with its parameters
-    mission: PlanResult | None = None  # Plan of a mission file; None for a planner or policy
+    label: str  # Name with parameters
+    mission: PlanResult | None = None  # Plan of a mission file, or None for a planner or policy
     # Sorties of a mission, in the order of their flights; empty for a mission flown in one sortie
     sorties: tuple[PlanResult, ...] = ()
-    named: bool = True  # Whether other processes can make it by its name; an object may not be picklable
+    named: bool = True  # Whether other processes can make it from its name; objects may not be picklable
 
     @property
     def steers(self) -> bool:
-        """Whether the paths depend on the estimate; those of planners and mission files do not."""
+        """Whether the paths depend on the estimate; the paths of planners and mission files do not."""
         return not isinstance(self.policy, FixedPlan | KeepPath)
 
 
@@ -62,7 +62,7 @@ class Run:
     fields: FieldSet  # Fields that the camera senses
     vehicles: tuple[Vehicle, ...]  # Ordered by system id
     decider: Decider
-    estimator_once: Callable[[], Estimator]  # Made at the first call; planning needs none
+    estimator_once: Callable[[], Estimator]  # Makes the estimator at the first call; not used to plan
     cameras: tuple[LeafCameraOptions, ...]  # Cameras of the vehicles; empty for a run that is only planned
     looks: CameraOptions  # Image spacing and footprint
     weights: ScoreWeights  # Costs of estimation errors
@@ -72,21 +72,21 @@ class Run:
     flights_per_day: int
     points: int | None  # Scores per flight; None: chosen by the farm's size
     keeps: Separation  # Separation of the vehicles
-    world: World | None = None  # True dynamics of the fields, for the environment only
+    world: World | None = None  # True dynamics of the fields; used only for the environment
     faults: tuple[AnyFault, ...] = ()  # Faults injected in each flight of simulated vehicles
 
     def __getstate__(self) -> dict[str, object]:
-        """Return the state without the estimator, which may be large: other processes only fly."""
+        """Return the state without the estimator, which may be large and is not needed to fly elsewhere."""
         return {name: value for name, value in self.__dict__.items() if name != "estimator_once"}
 
     @property
     def estimator(self) -> Estimator:
-        """The estimator, the same object at each call."""
+        """The estimator; each access gives the same object."""
         return self.estimator_once()
 
     @property
     def camera(self) -> LeafCameraOptions:
-        """The camera of the first vehicle; other vehicles' cameras differ only in the sensed fields."""
+        """The camera of the first vehicle; cameras of other vehicles differ only in their sensed fields."""
         return self.cameras[0]
 
     def camera_of(self, system_id: int) -> LeafCameraOptions:
@@ -148,7 +148,7 @@ def resolve(
         Check also what a plan does not use: fields, cameras, world and estimator. A run that is only planned
         has no cameras and no world, and no vehicles if it has a mission file.
     farm, fields : Farm and FieldSet, optional
-        Those of the scenario, if they are loaded already.
+        Farm and fields of the scenario, if they are already loaded.
     faults : sequence of Fault or str
         Faults of each flight.
     fitted : callable, optional
@@ -162,7 +162,7 @@ def resolve(
     """
     if to_fly and scenario.camera.model is not None:
         msg = (
-            f"camera {scenario.camera.model}: flights here have the leaf camera, which sees"
+            f"camera {scenario.camera.model}: a run flies with the leaf camera, which sees"
             f" {scenario.camera.footprint} cells a side; plan with the camera, and fly the"
             " plan's file with --mission"
         )
@@ -180,7 +180,7 @@ def resolve(
     if to_fly:
         estimator_once()
     if fitted is not None:
-        # A faulty camera option is reported before the wait for vehicles, whose number is not yet known.
+        # Camera options are checked before the wait for vehicles, whose number is still unknown.
         cameras_of(scenario, fields, len(scenario.camera.by_vehicle))
         scenario = fitted(scenario, stream)
     cameras = cameras_of(scenario, fields) if to_fly else ()
@@ -188,7 +188,7 @@ def resolve(
     progress("planning", 0, 1)
     decider = decider_of(scenario.mission, len(scenario.vehicle.fleet))
     file, day = scenario.mission.file, scenario.farm.day
-    # A mission file needs no budget, and a vehicle's task has one.
+    # Vehicles' tasks have budgets, which a mission file does not need.
     needs_tasks = to_fly or file is None
     vehicles = vehicles_of(scenario, farm, seed=seed, first_day=day, progress=progress) if needs_tasks else ()
     if file is not None:
@@ -236,13 +236,13 @@ def _read_plan(file: str, builder: MissionBuilder, footprint: int, seed: int) ->
 def farm_of(
     options: FarmOptions, farm: Farm | None = None, fields: FieldSet | None = None
 ) -> tuple[Farm, FieldSet]:
-    """Return the farm, limited to the crops of the fields, and the fields; loads those that are None."""
+    """Return the farm, limited to the crops of the fields, and the fields; load what is None."""
     fields = load_field_set(options.fields) if fields is None else fields
     return (options.load() if farm is None else farm).scouting(fields.crops), fields
 
 
 def _require_hosts(farm: Farm, fields: FieldSet) -> None:
-    """Refuse a field set if the farm's owner grows none of its crops: there would be nothing to score."""
+    """Refuse a field set if the farm's owner grows none of its crops, since nothing could be scored."""
     wanted = fields.crops
     if wanted and set(farm.grown).isdisjoint(wanted):
         msg = (
@@ -253,10 +253,10 @@ def _require_hosts(farm: Farm, fields: FieldSet) -> None:
 
 
 def decider_of(options: MissionOptions, vehicles: int) -> Decider:
-    """Return the decider of a mission: a mission file for one vehicle, a policy, or a planner."""
+    """Return the decider for a scenario's mission: a mission file for one vehicle, a policy, or a planner."""
     if options.file is not None:
         if vehicles > 1:
-            msg = f"mission {options.file} is one vehicle's, but {vehicles} fly; give one"
+            msg = f"mission {options.file} is for one vehicle, but {vehicles} fly; give one vehicle"
             raise ScenarioError(msg)
         return Decider(KeepPath(), f"mission {options.file}", options.file)
     if options.policy is not None:
@@ -271,14 +271,14 @@ def decider_of(options: MissionOptions, vehicles: int) -> Decider:
 def make_environment(
     scenario: Scenario, farm: Farm, progress: Progress | None = None, *, use_cache: bool = True
 ) -> Environment:
-    """Return the environment of a scenario's days and seed; large ones are kept in the user's cache."""
+    """Return the environment of a scenario's days and seed; the user's cache keeps large environments."""
     days = scenario.farm.day, scenario.farm.day + scenario.farm.days - 1
     fields, world = load_field_set(scenario.farm.fields), scenario.farm.load_world()
     return environment_of(farm, fields, days, scenario.seed, progress, world=world, use_cache=use_cache)[0]
 
 
 def world_of(scenario: Scenario, fields: FieldSet) -> World | None:
-    """Return the scenario's world; None without one.
+    """Return the scenario's world, or None without one.
 
     Raises EnvironmentDataError if the world cannot be used, or does not suit the fields.
     """
@@ -301,8 +301,7 @@ def environment_of(
 ) -> tuple[Environment, bool]:
     """Return the environment of a run's seed for `days` (first, last), and whether it came from the cache.
 
-    Runs that share `memory` share equal environments. With a world the environment follows the world's
-    fields.
+    Runs that share `memory` share equal environments. A world replaces the dynamics of the fields.
     """
 
     def told(done: int, total: int) -> None:
@@ -325,7 +324,7 @@ def environment_of(
 def cameras_of(
     scenario: Scenario, fields: FieldSet, vehicles: int | None = None
 ) -> tuple[LeafCameraOptions, ...]:
-    """Return the leaf camera's options for each vehicle; for the scenario's fleet if `vehicles` is None.
+    """Return the leaf camera's options for each vehicle; by default, for the scenario's fleet.
 
     Raises WbfMissionError if an option is out of range, or cameras are given for another number of vehicles.
     """

@@ -1,12 +1,12 @@
-"""Reuse of equal flights between runs, and flights flown ahead in other processes.
+"""Reuse of equal flights by several runs, and flights flown ahead in other processes.
 
-A planner's path does not depend on the camera's readings. So mission, vehicle, weather and, in a flight with
-random draws, the seed decide a flight; environment, camera errors and estimator do not. The flight is flown
-with cameras that number their readings (`sensors.camera.leaf_camera`). For each run the environment's
-readings then replace the numbers.
+A planner's path does not depend on the camera's readings. Mission, vehicle and weather therefore decide a
+flight, and also the seed if the flight has random draws; environment, camera errors and estimator do not
+matter. The flight is flown with cameras that number their readings (`sensors.camera.leaf_camera`). For each
+run, readings of its environment then replace the numbers.
 
-Flights of a run can also be flown in parallel: each flight draws from the random streams of its own number,
-so the order of the flights does not matter.
+Flights of a run can also be flown in parallel. Each flight draws from random streams that belong to its
+number, so the order of the flights does not matter.
 """
 
 from __future__ import annotations
@@ -47,17 +47,17 @@ from wbf_mission.run.resolve import Run
 
 MOST_FLIGHTS = 32
 MOST_READINGS = 1_000_000
-"""Largest number of readings, summed over the kept flights."""
+"""Largest number of readings that the kept flights may have together."""
 
 
 @dataclass(frozen=True, slots=True)
 class _KeptFlight:
-    """A flight with numbers in place of its readings."""
+    """A flight that has the numbers of its readings in place of values."""
 
     records: tuple[FlightRecord, ...]
     images: ImageList
     seen: Observations  # Observations without values
-    reading: NDArray[np.int64]  # int64[n]: reading number of each observation
+    reading: NDArray[np.int64]  # int64[n], number of the reading of each observation
     duration_s: float
     frames: int
 
@@ -103,10 +103,10 @@ class FlightMemory:
         hosting: Hosting,
         progress: Progress = silent,
     ) -> Flight | None:
-        """Fly a flight, or reuse an equal one; None if the flight cannot be shared between runs.
+        """Fly a flight, or reuse an equal flight; None if runs cannot share the flight.
 
-        A flight cannot be shared if a policy, an operator, a link or a fault can change it, if it is logged
-        or very long, or if a decision was made in flight.
+        Runs cannot share a flight that a policy, an operator, a link or a fault can change, that is logged or
+        very long, or in which a decision was made.
         """
         expected = planned.expected_readings(run.looks)
         if hosting != VirtualHosting() or run.decider.steers or 2.0 * expected > MOST_READINGS:
@@ -134,11 +134,11 @@ def memory_of_process() -> FlightMemory:
 
 
 def _flown(run: Run, planned: PlannedFlight, hosting: Hosting, progress: Progress) -> _KeptFlight | None:
-    """Fly a flight with cameras that number their readings; None if a decision was made in flight."""
+    """Fly a flight with cameras that number their readings; return None if a decision was made in flight."""
     evidence, decisions = Evidence(run.farm, run.fields), list[DecisionRecord]()
     if len(planned.sorties) > 1:
-        # A vehicle may take over a lost vehicle's rest: plan anew, so that decisions do not enter the run's
-        # records twice.
+        # A vehicle may take over the rest of a lost vehicle's path. The flight is planned anew, so that its
+        # decisions do not enter the run's records twice.
         there = {number.system_id for number, _, _ in planned.sorties}
         gone = {vehicle.task.system_id for vehicle in run.vehicles} - there
         planned = plan_flight(run, planned.day, planned.flight, evidence, decisions, gone)
@@ -172,9 +172,9 @@ def _fly_apart(
     log: FrameLog | None,
     progress: Progress,
 ) -> Flight:
-    """Fly a flight outside of its run; a Ctrl-C discards it."""
+    """Fly a flight outside of its run; Ctrl-C discards the flight."""
     try:
-        # The start of the flight in its run is unknown, so the frames' times count from the flight's start.
+        # It is unknown when the flight starts in its run, so frame times count from the flight's start.
         return fly_once(
             run,
             planned,
@@ -190,7 +190,7 @@ def _fly_apart(
 
 
 def _key(run: Run, planned: PlannedFlight) -> bytes:
-    """Return the flight's key: all values that decide the flight, encoded."""
+    """Return the flight's key, which encodes all values that decide the flight."""
     farm, frame = run.farm, run.farm.frame
     georeference = (frame.latitude_deg, frame.longitude_deg, frame.altitude_m, frame.rotation_deg)
     sorties = [_sortie_values(*sortie) for sortie in planned.sorties]
@@ -209,7 +209,7 @@ def _key(run: Run, planned: PlannedFlight) -> bytes:
 
 
 def _sortie_values(number: SortieNumber, vehicle: Vehicle, plan: PlanResult) -> list[object]:
-    """Return all values that decide a flight; options that change the plan or vehicle are in these."""
+    """Return all values that decide a vehicle's flight; plan and vehicle already reflect other options."""
     level = (vehicle.mission.altitude_m, vehicle.mission.cruise_speed_m_s)
     options = (vehicle.vehicle.values(), vehicle.weather.values(), level)
     return [number.system_id, vehicle.task.builder.home_m, plan.mission, plan.vehicle, options]
@@ -224,14 +224,14 @@ def _draws(flown: Vehicle) -> bool:
 
 
 WORTH_S = 6000.0
-"""Simulated flight time of a run (s) above which worker processes save more time than their start costs."""
+"""If a run has more simulated flight time (s), worker processes save more time than their start costs."""
 MOST_CELLS = 500_000
-"""Largest environment that is sent to worker processes."""
+"""Largest environment (cells) that is sent to worker processes."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlightAlone:
-    """Flies single flights of a run, independent of its other flights."""
+    """Flies single flights of a run, independently of its other flights."""
 
     run: Run  # The run; its paths do not depend on the estimate
     environment: Environment
@@ -239,7 +239,7 @@ class FlightAlone:
     logged: bool = False  # Whether frames are kept
 
     def __call__(self, day: int, flight: int) -> Flight:
-        """Plan and fly a flight, or reuse an equal one of this process."""
+        """Plan and fly a flight, or reuse an equal flight of this process."""
         run, evidence, decisions = self.run, Evidence(self.run.farm, self.run.fields), list[DecisionRecord]()
         with threadpool_limits(1, user_api="blas"):
             planned = plan_flight(run, day, flight, evidence, decisions)
@@ -255,16 +255,16 @@ class FlightAlone:
 
 @cache
 def _spare_collector() -> None:
-    """Exempt all present objects from garbage collection; most of them are the program's own."""
+    """Exempt all present objects from garbage collection; most of them live as long as the program."""
     gc.freeze()
 
 
 def can_fly_ahead(run: Run, hosting: Hosting, expected_s: float) -> bool:
     """Return whether worker processes can fly the flights of a run, and save time.
 
-    A policy needs the observations of earlier flights, and a flight in real time is watched. A planner object
-    may not be picklable. A worker process starts no workers of its own, since the cores are in use.
-    `expected_s` is the flight time summed over vehicles and flights.
+    They cannot fly for a policy, which needs the observations of earlier flights, in real time, which is
+    watched, or for a planner object, which may not be picklable. A worker process starts no further workers,
+    since the cores are in use. `expected_s` is the flight time summed over vehicles and flights.
     """
     from joblib import cpu_count
 
@@ -282,17 +282,17 @@ def can_fly_ahead(run: Run, hosting: Hosting, expected_s: float) -> bool:
 
 
 class FlightsAhead:
-    """Flies the flights of a run in one worker process per core; returns them in order."""
+    """Flies the flights of a run in one worker process per core, and returns them in order."""
 
     def __init__(self, fly: FlightAlone, numbers: Sequence[tuple[int, int]]) -> None:
         self._order = {number: k for k, number in enumerate(numbers)}
         self._calls = CallsAhead(fly, numbers)
 
     def take(self, day: int, flight: int) -> Flight | None:
-        """Wait for a flight and return it; call in order, once per flight.
+        """Wait for a flight and return it; callers take each flight once, in order.
 
-        None if the flight must be flown in this process: the worker was killed or raised an error, which is
-        then raised here again, or a decision was made in flight without the observations of earlier flights.
+        None means that this process must fly the flight: the worker was killed, or raised an error (which
+        this process will raise again), or a decision in flight lacked earlier flights' observations.
         """
         number = self._order.pop((day, flight), None)
         if number is None:

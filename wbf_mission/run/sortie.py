@@ -1,4 +1,4 @@
-"""One vehicle's flight on the ground side: task, plan, leaf camera and ground station."""
+"""One vehicle's flight, as handled on the ground: task, plan, leaf camera and ground station."""
 
 from __future__ import annotations
 
@@ -40,20 +40,20 @@ from wbf_mission.scenario.parts import MOST_VEHICLES
 
 _SLOWEST_FLIGHT_M_S = 0.1
 SILENT_S = 30.0
-"""Silence (s) after which decisions treat a vehicle as lost; counted from its expected return if it left
-radio range."""
+"""Decisions treat a vehicle as lost after this silence (s), which counts from the expected return if the
+vehicle left radio range."""
 SLOWEST_M_S = 0.3
 _REAL_GROUNDS = (GROUND_STATION[1], *range(m.MAV_COMP_ID_USER1, m.MAV_COMP_ID_USER1 + MOST_VEHICLES))
-"""Component ids of the ground stations of real vehicles. Real vehicles expect system 255 (ArduPilot:
-MAV_GCS_SYSID), so several vehicles get a component each."""
+"""Component ids of the ground stations of real vehicles. Real vehicles expect a ground station with system id
+255 (ArduPilot: MAV_GCS_SYSID), so the stations of several vehicles differ by component id."""
 _NO_REST: tuple[tuple[MissionItem, ...], int, Points] = ((), -1, np.empty((0, 2)))
 
 
 class Sortie:
     """One vehicle's flight from the first heartbeat to the landing.
 
-    `force` also uploads items that the autopilot would refuse or not fly. `place` is the vehicle's number in
-    a joint flight, from 0.
+    With `force`, items that the autopilot would refuse or not fly are uploaded, too. `place` is the index in
+    a joint flight.
     """
 
     def __init__(
@@ -82,10 +82,10 @@ class Sortie:
         farm = plan.farm
         self.start_delay_s = start_delay_s
         self.number, self.task, self.plan = number, task, plan
-        # Also receives the messages of a real vehicle's autopilot.
+        # This callback also receives the messages of a real vehicle's autopilot.
         self.follow: Callable[[Message, float], None] = lambda _message, _now_s: None
-        # Set by the host: the sender of the ground station's messages, and the count of images that were
-        # never taken because the link was dead.
+        # The host sets these: a function that sends the ground station's messages, and a function that counts
+        # images never taken because the link was dead.
         self.send: Callable[[list[Message]], None] = _nobody_sends
         self.images_missed: Callable[[], int] = lambda: 0
         self.vehicle = vehicle
@@ -104,16 +104,16 @@ class Sortie:
             maker=maker,
             force=force,
         )
-        self.ordered: list[str] = []  # Orders of a watcher, with their times
+        self.ordered: list[str] = []  # Orders of a watcher that were carried out, with their times
         self._flown = FlownLength(self.ground.tracks, farm.frame)
         self._travel_cost = task.travel_cost_in_flight(plan.path_m)
         self._last_item = 0
         self._passed = 0
-        # Mission items, path and waypoints of paths with added waypoints (cornering, obstacles).
+        # Mission items, path and waypoints of each path that got added waypoints (for corners or obstacles).
         self._led: list[tuple[tuple[MissionItem, ...], Points, Waypoints]] = []
         if self._leads and vehicle.mission.file is None:
             sent = task.builder.waypoints(plan.path_m, task.request.start_xy_m)
-            # A sortie of a longer mission has the added waypoints in its path already.
+            # The path of a sortie that was cut from a mission already includes the added waypoints.
             if len(sent.points_m) == len(self._waypoints_of(plan.mission.items, 0)):
                 self._led = [(plan.mission.items, plan.path_m, sent)]
         self._rest_known = _NO_REST
@@ -128,7 +128,7 @@ class Sortie:
 
     @property
     def _leads(self) -> bool:
-        """Whether the mission may have waypoints other than the points of the path."""
+        """Whether the mission may have waypoints that are not points of the path."""
         builder = self.task.builder
         return builder.cornering.overshoot_m > 0.0 or builder.keep_out is not None
 
@@ -154,7 +154,7 @@ class Sortie:
     def take(self) -> Observations:
         """Return the observations that arrived since the last call."""
         seen, offset_s = self.assembler.take(), self.ground.clock_offset_s
-        # Vehicles are switched on at different times; the offset maps their clocks to one.
+        # Vehicles are switched on at different times; the offset converts their clocks to a common clock.
         return replace(seen, time_s=seen.time_s + offset_s) if offset_s and len(seen) else seen
 
     @property
@@ -168,7 +168,7 @@ class Sortie:
 
     @property
     def _item(self) -> int:
-        """The current mission item; the last reported one until the vehicle reports on a changed mission."""
+        """The current mission item; after a mission change, the last item until the vehicle reports again."""
         told = self.ground.vehicle_state.item
         if told is not None:
             self._last_item = told
@@ -184,7 +184,7 @@ class Sortie:
         return known.copy()
 
     def _points_of(self, items: tuple[MissionItem, ...], left: list[int]) -> Points:
-        """Return the path points of the mission items `left`, which are the last ones of their path."""
+        """Return the path points of the mission items `left`, which are the last items of their path."""
         for held, path_m, sent in self._led:
             if held is items:
                 return path_m[sent.of_point[-len(left)] :] if left else path_m[:0]
@@ -197,7 +197,7 @@ class Sortie:
         return self._passed + self._on_path - len(self._rest_points())
 
     def is_ending(self, now_s: float) -> bool:
-        """Return whether the path is about to end; True once for each remaining point."""
+        """Return whether the path is about to end; True only once for each number of remaining points."""
         if self.status(now_s) is not Status.FLYING:
             return False
         rest = self._rest_points()
@@ -214,7 +214,7 @@ class Sortie:
         return ends
 
     def report(self, now_s: float, ahead_s: float = 0.0) -> VehicleReport:
-        """Return the vehicle's state from its telemetry; `spent` includes the next `ahead_s` seconds."""
+        """Return the vehicle's state by its telemetry; `spent` includes the next `ahead_s` seconds."""
         state, frame = self.ground.vehicle_state, self.plan.farm.frame
         task = self.task
         heard = state.heard_s > -math.inf
@@ -261,7 +261,7 @@ class Sortie:
         return Status.FLYING if self._rest else Status.RETURNING
 
     def _absence_s(self, silent_s: float) -> float:
-        """Return the silence (s) that the plan explains by flight beyond radio range."""
+        """Return how long (s) the vehicle may be silent because its path leads beyond radio range."""
         if self._station_range is None or not SILENT_S < silent_s < math.inf:
             return 0.0
         onward = np.vstack((self._rest_points(), self._end_m()))
@@ -269,27 +269,27 @@ class Sortie:
         return self._station_range.absence_s(here_m, onward, self._mean_speed_m_s)
 
     def _end_m(self) -> Points:
-        """Return home, float64[1, 2], if the mission leads home after its path; else no point."""
+        """Return home, float64[1, 2], if the mission leads home after its path; else an empty array."""
         home = self.task.request.start_xy_m
         return np.array([home]) if leads_home(self.ground.mission.items) else np.empty((0, 2))
 
     def give_up_lost(self, now_s: float) -> None:
-        """End the flight of a vehicle that stays out of the radio's range at the end of its path."""
+        """End the flight of a vehicle that is lost because its path ends beyond radio range."""
         stays = self._station_range is not None and not len(self._end_m())
         if stays and not self.done and self.status(now_s) is Status.LOST:
             silent_s = now_s - self.ground.vehicle_state.heard_s
-            why = f"its path ends beyond the radio's range; not heard of for {silent_s:.0f} s"
+            why = f"its path ends beyond radio range; nothing was heard for {silent_s:.0f} s"
             self.ground.interrupt(Outcome.LINK_LOST, why, now_s)
 
     def _spent(self, now_s: float) -> float:
-        """Return the spent budget of the flight, in the unit of the budget."""
+        """Return how much of its budget the flight has spent, in the unit of the budget."""
         ground, budget, vehicle = self.ground, self.task.request.budget, self.plan.vehicle
         if ground.started_s is None:
             return 0.0
-        # A simulator's clock may be faster than this host's: the later of both counts.
+        # A simulator's clock may be faster than the host's clock; the later of both times counts.
         flown_s = max(now_s - ground.started_s, ground.flight_time_s)
         if budget.unit == "m":
-            # Silent seconds count as flown at full speed: no track is known for them.
+            # During silence no track is known, so those seconds count as flown at full speed.
             return self._flown.measure() + ground.silent_s * self.task.builder.level.speed_m_s
         if budget.unit == "steps":
             return math.floor(flown_s / vehicle.step_s + 1e-6)
@@ -298,9 +298,9 @@ class Sortie:
         return flown_s
 
     def _drawn_wh(self, flown_s: float) -> float:
-        """Return the drawn energy, plus the budget's part that the battery did not hold at the start (Wh).
+        """Return the energy drawn (Wh), plus the part of the budget that the battery lacked at the start.
 
-        A real PX4 reports percent and no energy; a real battery may be half full at the start.
+        A real PX4 reports percent and not energy; a real battery may be only half full at the start.
         """
         ground, battery = self.ground, self.plan.vehicle.battery
         before, now = ground.battery_before, ground.vehicle_state.battery
@@ -322,7 +322,7 @@ class Sortie:
         return median(known) if known else 0.0
 
     def steer(self, points_m: Points, now_s: float) -> PathChange:
-        """Start a change of the vehicle's path; the returned record is updated with the outcome."""
+        """Start a change of the vehicle's path; the returned record is updated when the outcome is known."""
         ground, frame = self.ground, self.plan.farm.frame
         started_s = ground.started_s or 0.0
         position_m = ground.vehicle_state.position_m(frame)
@@ -332,7 +332,7 @@ class Sortie:
             return change
         station = self._station_range
         if station is not None and station.is_near_border(position_m, self._delay_s):
-            change.outcome = "not sent: it might leave the radio's range before the change is over"
+            change.outcome = "not sent: the vehicle might leave radio range during the change"
             return change
         builder = self.task.builder
         if not len(points_m) and not len(self._end_m()):
@@ -368,7 +368,7 @@ class Sortie:
         for number, change in self._open:
             if number >= len(self.ground.changes):
                 if self.done and self.ground.outcome.is_good and not len(change.path_m):
-                    # The flight ended by the change before the change was confirmed.
+                    # The change ended the flight before the vehicle confirmed the change.
                     change.outcome, change.effect_s = "flown", self.ground.flight_time_s
                     continue
                 still.append((number, change))
@@ -417,13 +417,13 @@ class Sortie:
         return len(self.assembler.missing()) + self.images_missed()
 
     def _not_repeatable(self) -> str | None:
-        """Return the warning that orders changed a simulated flight; None without orders."""
+        """Return the warning that orders changed a simulated flight, or None without orders."""
         if not self.ordered or self.ground.arming_gate is not None:
             return None
-        return f"ordered by hand: {', '.join(self.ordered)}; the seed does not give this flight again"
+        return f"ordered by hand: {', '.join(self.ordered)}; the seed cannot repeat this flight"
 
     def _missing(self) -> str | None:
-        """Return the warning about missing images of a real flight; None if there are none."""
+        """Return the warning about missing images of a real flight, or None if there are none."""
         missing, report = self._missing_images, self.ground.link_report
         if report is None or not missing:
             return None
@@ -432,5 +432,5 @@ class Sortie:
 
 
 def _nobody_sends(_messages: list[Message]) -> None:
-    msg = "the sortie is not flown by a host"
+    msg = "no host flies the sortie"
     raise RuntimeError(msg)

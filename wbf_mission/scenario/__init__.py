@@ -1,4 +1,4 @@
-"""Scenarios: all options of a run, in parts, and scenario files. Imports no slow libraries."""
+"""Scenarios, which hold all options of a run, and scenario files. This package imports no slow libraries."""
 
 from wbf_mission.scenario.choice import Choice
 from wbf_mission.scenario.files import (

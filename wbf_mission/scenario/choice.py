@@ -1,4 +1,4 @@
-"""Choice of a planner, policy or estimator, by name with parameters or as an object."""
+"""The choice of a planner, policy or estimator, by name with parameters or as an object."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A planner, a policy or an estimator."""
+    """A chosen planner, policy or estimator."""
 
-    name: str  # Registered name, or the name of an object's function or class
-    params: dict[str, Any] = field(default_factory=dict)  # Parameters that are not at their defaults
-    made: Any = None  # The object, if given in place of a name
+    name: str  # Registered name, or name of the object's function or class.
+    params: dict[str, Any] = field(default_factory=dict)  # Parameters that differ from the defaults.
+    made: Any = None  # The object, if it is given in place of a name.
 
     def __str__(self) -> str:
         return format_named(self.name, self.params)
 
     @property
     def chosen(self) -> Any:
-        """The object if given, else the name."""
+        """The object if it is given, or else the name."""
         return self.name if self.made is None else self.made
 
     @property
     def value(self) -> str | dict[str, Any]:
-        """Value for a scenario file: the name, or a table with the parameters."""
+        """The choice as a scenario file has it: the name, or a table with name and parameters."""
         return {"name": self.name, **self.params} if self.params else self.name
 
 
 def choose(value: Any, what: str) -> Choice:
-    """Return the choice given by a text, a table of a file, or an object.
+    """Return the choice that a text, a table of a file or an object stands for.
 
     Examples
     --------
@@ -61,7 +61,7 @@ def choose(value: Any, what: str) -> Choice:
         given = {str(key): item for key, item in value.items()}
         named = given.pop("name", None)
         if not isinstance(named, str) or not named.strip():
-            msg = f'{what}: the table has no name; give one such as name = "{_EXAMPLE[what]}"'
+            msg = f'{what}: the table has no name; give a name, such as name = "{_EXAMPLE[what]}"'
             raise ScenarioError(msg)
         return Choice(named.strip(), given)
     if value is None or isinstance(value, (int, float, bytes, list, tuple, set, type)):
@@ -87,8 +87,8 @@ def drawing_seed(choice: Choice, kind: str, run_seed: int) -> int:
     """Return the seed for the random numbers of a planner, policy or estimator.
 
     Built-in planners, policies and estimators use the run's seed. Objects and code of other packages could
-    use that seed to reproduce the truth. They get their own parameter or attribute ``seed``, a whole number,
-    0 by default.
+    use the run's seed to reproduce the truth. For these, the seed is their own parameter or attribute
+    ``seed``, a whole number that is 0 by default.
 
     Examples
     --------
@@ -106,7 +106,7 @@ def drawing_seed(choice: Choice, kind: str, run_seed: int) -> int:
 
 
 def registered_elsewhere(name: str, kind: str) -> EntryPoint | None:
-    """Return the entry point that another package registered as `name`; None if `name` is built in."""
+    """Return the entry point with which another package registered `name`; None if `name` is built in."""
     for entry in entry_points(group=_GROUPS[kind]):
         if entry.name.lower() == name.lower() and entry.module.partition(".")[0] not in PACKAGES:
             return entry
@@ -114,7 +114,7 @@ def registered_elsewhere(name: str, kind: str) -> EntryPoint | None:
 
 
 def split_choices(text: str, what: str) -> list[str]:
-    """Split a list of choices at the commas between choices, not at those between parameters.
+    """Split a list of choices at commas between choices, but not at commas between parameters.
 
     Examples
     --------
@@ -127,13 +127,13 @@ def split_choices(text: str, what: str) -> list[str]:
         msg = f"{what}s: {error}"
         raise ScenarioError(msg) from None
     if not found:
-        msg = f"{what}s {text!r} name nothing: give names separated by commas"
+        msg = f"{what}s {text!r} has no name: give names separated by commas"
         raise ScenarioError(msg)
     return found
 
 
 def names_of(kind: str) -> tuple[str, ...]:
-    """Return the known names of `kind`: farm, planner, policy, estimator, autopilot or vehicle."""
+    """Return all known names of a `kind`: farm, planner, policy, estimator, autopilot or vehicle."""
     if kind == "farm":
         from geo.farms import farm_names
 

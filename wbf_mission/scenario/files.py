@@ -1,6 +1,6 @@
 """Scenario files, and the catalogue of scenarios and their families.
 
-A file is TOML with the options as keys; its contents are not trusted.
+A scenario file is TOML with the options as keys. Its content is not trusted.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _ID = re.compile(r"WBF/[\w-]+-v\d+")
 
 @functools.cache
 def scenario_ids() -> tuple[str, ...]:
-    """Return the ids of the catalogued scenarios, sorted.
+    """Return the sorted ids of the scenarios in the catalogue.
 
     >>> "WBF/Miniberry-30-v1" in scenario_ids()
     True
@@ -38,7 +38,7 @@ def scenario_ids() -> tuple[str, ...]:
 
 
 def scenario_file(given: str | Path) -> Path:
-    """Return the file of a scenario, given by its id or its path.
+    """Return the file of a scenario that is given by an id or a path.
 
     Examples
     --------
@@ -56,25 +56,25 @@ def scenario_file(given: str | Path) -> Path:
 
 
 def about_scenario(name: str) -> str:
-    """Return the description of a scenario id, in one sentence; ScenarioError if the id is unknown."""
+    """Return a sentence that describes a scenario; raise ScenarioError if the id is unknown."""
     lines = scenario_file(name).read_text(encoding="utf-8").splitlines()
     return " ".join(line[1:].strip() for line in lines if line.startswith("#"))
 
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """Group of scenarios that differ from the benchmark's own world in the same way."""
+    """A group of scenarios that differ in the same way from the world of the benchmark."""
 
     name: str
     title: str
-    about: str  # Difference from the benchmark's own world
-    at_home: str  # Planners, policies or estimators that are expected to do well
-    scenarios: tuple[str, ...]  # Ids
+    about: str  # Difference from the world of the benchmark.
+    at_home: str  # Planners, policies or estimators expected to do well.
+    scenarios: tuple[str, ...]  # Ids of the scenarios.
     planners: tuple[str, ...] = (
         *("lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint"),
         *("greedy", "rolling-horizon"),
     )
-    estimators: tuple[str, ...] = ("adaptive-disk", "gp", "epidemic")  # Installed ones that model its fields
+    estimators: tuple[str, ...] = ("adaptive-disk", "gp", "epidemic")  # Installed models of the fields
 
 
 class _Families(msgspec.Struct, forbid_unknown_fields=True):
@@ -83,7 +83,7 @@ class _Families(msgspec.Struct, forbid_unknown_fields=True):
 
 @functools.cache
 def families() -> tuple[Family, ...]:
-    """Return all families, the benchmark's own world first, with their estimators that are installed.
+    """Return all families, first the benchmark's own world; leave out estimators not installed.
 
     >>> [family.name for family in families()][:3]
     ['own', 'worlds', 'smooth']
@@ -97,7 +97,7 @@ def families() -> tuple[Family, ...]:
 
 
 def get_family(name: str) -> Family:
-    """Return a family by its name; ScenarioError if the name is unknown.
+    """Return the family with this name; raise ScenarioError if the name is unknown.
 
     >>> get_family("smooth").estimators
     ('adaptive-disk', 'gp')
@@ -109,7 +109,7 @@ def get_family(name: str) -> Family:
 
 
 def family_of(scenario: str) -> Family | None:
-    """Return the family of a scenario id; None if it has none.
+    """Return the family to which a scenario id belongs; None if it belongs to no family.
 
     >>> family_of("WBF/Field-Bend-v1").name, family_of("WBF/Waterberry-v1")
     ('farms', None)
@@ -121,10 +121,10 @@ _FILES = ("farm", "mission", "vehicle", "world")
 
 
 def load_scenario(path: str | Path) -> Scenario:
-    """Read a scenario from a TOML file with the options of `Scenario` as keys, or by an id.
+    """Read a scenario, by id or from a TOML file whose keys are the options of `Scenario`.
 
-    The ids are `wbf_mission.scenario.scenario_ids`. Relative paths of a farm, mission, vehicle, world or
-    field file are first searched in the folder of the scenario file.
+    `wbf_mission.scenario.scenario_ids` returns the ids. A relative path of a farm, mission, vehicle, world or
+    field file is first looked for in the folder of the scenario file.
 
     Raises
     ------
@@ -135,9 +135,9 @@ def load_scenario(path: str | Path) -> Scenario:
 
 
 def load_broken_scenario(path: str | Path) -> tuple[Scenario, tuple[AnyFault, ...]]:
-    """Read a scenario file, and the faults in its tables ``[[fault]]``.
+    """Read a scenario file and the faults in the file's tables ``[[fault]]``.
 
-    ScenarioError as for `load_scenario`; VehicleError if a fault is invalid.
+    Raise ScenarioError as `load_scenario` does, and VehicleError if a fault is invalid.
     """
     path = Path(path)
     table = read_table(path)
@@ -146,7 +146,7 @@ def load_broken_scenario(path: str | Path) -> tuple[Scenario, tuple[AnyFault, ..
 
 
 def take_faults(table: dict[str, Any], path: Path) -> tuple[AnyFault, ...]:
-    """Remove the faults from a file's table and return them; VehicleError if one is invalid."""
+    """Remove the faults from a file's table and return them; raise VehicleError for an invalid fault."""
     if "fault" not in table:
         return ()
     from sim_vehicle.host.injection import fault_part
@@ -157,7 +157,7 @@ def take_faults(table: dict[str, Any], path: Path) -> tuple[AnyFault, ...]:
 
 
 def read_table(path: str | Path) -> dict[str, Any]:
-    """Read the TOML file of a path or a scenario id as a table, without any checks."""
+    """Read the TOML file that a path or a scenario id names as a table, without checking the table."""
     try:
         return read_toml(scenario_file(path))
     except UnreadableError as error:
@@ -166,11 +166,11 @@ def read_table(path: str | Path) -> dict[str, Any]:
 
 
 def scenario_from_table(table: dict[str, Any], path: Path) -> Scenario:
-    """Return the scenario of a table read from the file `path`; errors as for `load_scenario`."""
+    """Make a scenario of a table from the file `path`; raise errors as `load_scenario` does."""
     table, folder = dict(table), scenario_file(path).parent
     for key in _FILES:
         given = table.get(key)
-        # A farm file's name may be followed by ``|`` and a layer.
+        # After the name of a farm file there may be ``|`` and a layer.
         if isinstance(given, str) and given and (folder / given.partition("|")[0]).is_file():
             table[key] = str(folder / given)
     if isinstance(table.get("fields"), list):
@@ -183,7 +183,7 @@ def scenario_from_table(table: dict[str, Any], path: Path) -> Scenario:
 
 
 def _beside(folder: Path, item: object) -> object:
-    """Return the path of a field file in the scenario's folder; any other value unchanged."""
+    """Return the path of a field file that is in the scenario's folder, or any other value unchanged."""
     if isinstance(item, str) and item.endswith(".toml") and (folder / item).is_file():
         return str(folder / item)
     return item

@@ -1,7 +1,7 @@
-"""Definition of an option of a run, in the metadata of its dataclass field.
+"""The definition of an option of a run, kept in the metadata of a dataclass field.
 
-A part of a scenario is a frozen dataclass with fields made by `option`. The part checks its values against
-these definitions. Scenario files and the command line use the same definitions (`wbf_mission.cli.options`).
+A part of a scenario is a frozen dataclass whose fields are made by `option`. The part checks values against
+the fields' definitions. These also serve scenario files and the command line (`wbf_mission.cli.options`).
 """
 
 from __future__ import annotations
@@ -24,52 +24,52 @@ _METADATA = "option"
 
 
 class ScenarioError(WbfMissionError, ValueError):
-    """A scenario or scenario file with an invalid value."""
+    """Error of a scenario or scenario file with an invalid value."""
 
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """Definition of one option."""
+    """The definition of an option."""
 
-    key: str  # Keyword of `Scenario` and key in a scenario file; unique over all parts
-    help: str  # Description, without unit, range and default
-    panel: str  # Heading in ``--help``
-    # The range of a number, both ends included
+    key: str  # Keyword of `Scenario` and key in scenario files, different for each option.
+    help: str  # Description without unit, range and default.
+    panel: str  # Heading in ``--help``.
+    # `low` and `high` are the ends of the range of a number and belong to the range.
     low: float | None = None
     high: float | None = None
-    choices: tuple[str, ...] = ()  # Valid words
-    default: str = ""  # Description of the default, if its value is not clear by itself
-    flag: str | None = None  # Name on the command line; None if only another option sets this one
-    metavar: str | None = None  # Placeholder of the value in ``--help``
-    example: str = ""  # Valid text, for the error message when a number was given in place of a text
-    # Kind of name, for completion: farm, planner, policy, estimator, vehicle, autopilot or empty
+    choices: tuple[str, ...] = ()  # Words that are valid.
+    default: str = ""  # Description of a default whose value does not explain itself.
+    flag: str | None = None  # Name on the command line; None if only another option sets it.
+    metavar: str | None = None  # Placeholder for the value in ``--help``.
+    example: str = ""  # Valid text, for the error if a number is given in place of a text.
+    # Kind of the names to complete: farm, planner, policy, estimator, vehicle, autopilot; or empty.
     kind: str = ""
-    needs: str = ""  # Key of the option without which this one has no effect
-    not_with: tuple[str, ...] = ()  # Keys of the options that make this one ineffective
-    # Parser of the command line's text; None for the command line's own types
+    needs: str = ""  # Key of an option without which this option has no effect.
+    not_with: tuple[str, ...] = ()  # Keys of options that make this option ineffective.
+    # Function that parses the text on the command line; None if the type of the option suffices.
     read: Callable[[str], Any] | None = None
-    needs_fleet: bool = False  # Whether the option has an effect only with several vehicles
-    # Whether a comma-separated list of choices may be given, one for each vehicle
+    needs_fleet: bool = False  # Whether the option has an effect only with several vehicles.
+    # Whether a comma-separated list may be given, with a choice for each vehicle.
     each: bool = False
-    # Keys set by a command-line option such as ``--wind 5,270``; `read` returns their values by key
+    # Keys that an option such as ``--wind 5,270`` sets; `read` returns the values by key.
     sets: tuple[str, ...] = ()
-    wanted: Any = str  # Type of the field
-    initial: Any = None  # Default of the field
+    wanted: Any = str  # Type of the field.
+    initial: Any = None  # Default value of the field.
 
     @property
     def unit(self) -> str:
-        """Unit, from the ending of the key."""
+        """Unit of the value, which the ending of the key gives."""
         return next((unit for end, unit in _UNITS.items() if self.key.endswith(end)), "")
 
     @property
     def label(self) -> str:
-        """Name in words, without the unit."""
+        """Name of the option in words, without the unit."""
         ending = next((end for end in _UNITS if self.key.endswith(end)), "")
         return self.key.removesuffix(ending).replace("_", " ")
 
     @property
     def allowed(self) -> str:
-        """Valid values in words; empty if unlimited."""
+        """Valid values in words; empty if all values are valid."""
         if self.choices:
             return " or ".join(self.choices)
         if self.low is None or self.high is None:
@@ -78,10 +78,10 @@ class Option:
         return f"{low} to {'2^64 - 1' if self.high == 2**64 - 1 else high} {self.unit}".rstrip()
 
     def checked(self, value: Any) -> Any:
-        """Convert a value to the option's type; ScenarioError if it cannot be, is out of range or empty."""
+        """Convert a value to the option's type; raise ScenarioError if it is invalid or empty."""
         value = self._converted(value)
         if isinstance(value, str) and not value.strip():
-            msg = f"{self.label} is empty: give {self.allowed or 'a value, or leave it out'}"
+            msg = f"{self.label} is empty: give {self.allowed or 'a value, or leave the option out'}"
             raise ScenarioError(msg)
         if isinstance(value, str) and self.choices:
             words = [word.strip() for word in value.split(",")] if self.each else [value]
@@ -113,7 +113,7 @@ class Option:
 
 
 def option(default: Any, text: str, panel: str, /, **more: Any) -> Any:
-    """Return a dataclass field with the metadata of an `Option`; the default flag is made from the key."""
+    """Return a dataclass field with an `Option` as metadata; by default the key gives the flag."""
     metadata = {_METADATA: {"help": text, "panel": panel, **more}}
     if isinstance(default, type):
         return field(default_factory=default, metadata=metadata)
@@ -122,7 +122,7 @@ def option(default: Any, text: str, panel: str, /, **more: Any) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Base class of a scenario's parts: a frozen dataclass of options that checks its values."""
+    """Base class of a scenario's parts, frozen dataclasses of options that check their values."""
 
     COMPOUND: ClassVar[tuple[Option, ...]] = ()
 
@@ -135,7 +135,7 @@ class Part:
         """Raise ScenarioError if values contradict each other."""
 
     def values(self) -> dict[str, Any]:
-        """Return the options by their keys."""
+        """Return the values of the options by key."""
         return {defined.key: getattr(self, name) for name, defined in options_of(type(self)).items()}
 
 
@@ -143,12 +143,12 @@ _OPTIONS: dict[type[Any], Mapping[str, Option]] = {}
 
 
 def options_of(part: type[Any]) -> Mapping[str, Option]:
-    """Return the options of a part by field name."""
+    """Return the definitions of a part's options by field name."""
     if part in _OPTIONS:
         return _OPTIONS[part]
     wanted = typing.get_type_hints(
         part
-    )  # get_type_hints is the slowest step of making a scenario, hence the cache
+    )  # cached below, as get_type_hints is the slowest step of making a scenario
     found: dict[str, Option] = {}
     for item in dataclasses.fields(part):
         if _METADATA not in item.metadata:

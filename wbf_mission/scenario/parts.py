@@ -1,4 +1,4 @@
-"""Parts of a scenario: dataclasses of related options, each checked by its part."""
+"""Parts of a scenario; a part is a dataclass of related options that checks their values."""
 
 from __future__ import annotations
 
@@ -28,26 +28,26 @@ VEHICLE = "Vehicle and weather"
 CAMERA = "Leaf camera"
 _SPIRAL = Choice("spiral")
 UNLIMITED = "unlimited"
-"""Budget of a plan that may need several batteries or flights."""
+"""Word for a budget that may take several batteries or flights."""
 _USE_UP = ("lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint")
 LAST_DAY = 126
 """Last day of an environment."""
 MOST_VEHICLES = 10
 PARTITIONS = ("strips", "voronoi", "none")
-"""Ways to divide the farm among a fleet, as in `mission.policies.allocation.PARTITION_NAMES`."""
+"""Ways to divide a farm among a fleet; equal to `mission.policies.allocation.PARTITION_NAMES`."""
 ORIENTATIONS = ("landscape", "portrait")
 CAMERA_OF_PLANS = ("camera_model", "gsd_cm", "front_overlap", "side_overlap", "camera_orientation")
-"""Options of a camera by sensor and lens. Only plans have such a camera; flights use the leaf camera."""
+"""Options of a camera given by sensor and lens. Only plans use such a camera; flights use the leaf camera."""
 LEVELS = ("light", "moderate", "severe", "wind")
-"""Levels of turbulence; with ``wind`` the mean wind sets the strength."""
+"""Levels of turbulence; at the level ``wind`` the mean wind sets the strength."""
 MAX_ALTITUDE_M = 120.0
-"""Open category (EU 2019/947); 400 ft of 14 CFR 107.51 are 122 m."""
+"""Limit of the open category (EU 2019/947); the 400 ft of 14 CFR 107.51 are 122 m."""
 _CEILING_M = 3000.0
 
 
 @dataclass(frozen=True, slots=True)
 class FarmOptions(Part):
-    """The farm, and the days of the environment."""
+    """Options of the farm and of the environment's days."""
 
     name: str = option(
         "miniberry-30",
@@ -57,10 +57,10 @@ class FarmOptions(Part):
         key="farm",
         kind="farm",
     )
-    day: int = option(6, "Day of the environment; of several days, the first", RUN, low=0, high=LAST_DAY)
-    days: int = option(1, "Number of days flown, one after the other", RUN, low=1, high=LAST_DAY)
+    day: int = option(6, "Day of the environment; the first of several days", RUN, low=0, high=LAST_DAY)
+    days: int = option(1, "Number of successive days that are flown", RUN, low=1, high=LAST_DAY)
     flights_per_day: int = option(
-        1, "Flights per day; each has full batteries and the whole budget", RUN, low=1, high=100
+        1, "Flights per day; each flight has full batteries and the whole budget", RUN, low=1, high=100
     )
     fields: tuple[str, ...] = option(
         ("tylcv", "ccr", "soil"),
@@ -79,28 +79,28 @@ class FarmOptions(Part):
         default="as published",
     )
     crop: str | None = option(
-        None, "Crop of the patches that name none, in a farm file", RUN, metavar="NAME", default="crop"
+        None, "Crop of patches in a farm file that name no crop", RUN, metavar="NAME", default="crop"
     )
     crs: str | None = option(
         None,
-        "Coordinate system of a farm file that names none, such as EPSG:32617",
+        "Coordinate system, such as EPSG:32617, of a farm file that names none",
         RUN,
         key="farm_crs",
         metavar="CODE",
-        default="WGS 84, if its coordinates are degrees",
+        default="WGS 84 if coordinates are degrees",
     )
     repair: bool = option(
         False, "Repair invalid polygons of a farm file where that is safe, and report each repair", RUN
     )
 
     def load(self) -> Farm:
-        """Return the farm; FarmError if the name is unknown or the file cannot be used."""
+        """Return the farm; raise FarmError if the name is unknown or the file cannot be used."""
         from geo.farms import get_farm
 
         return get_farm(self.name, crop=self.crop, crs=self.crs, repair=self.repair)
 
     def load_world(self) -> World | None:
-        """Return the true development of the fields, None as published; EnvironmentDataError if unusable."""
+        """Return the world; None if fields develop as published. Raise EnvironmentDataError if invalid."""
         if self.world is None:
             return None
         from sensors.environment.world import World
@@ -108,24 +108,22 @@ class FarmOptions(Part):
         return World.load(self.world)
 
     def check(self) -> None:
-        """Raise ScenarioError for an empty list of fields, or days after `LAST_DAY`."""
+        """Raise ScenarioError if the list of fields is empty or a day is after `LAST_DAY`."""
         if self.day + self.days - 1 > LAST_DAY:
-            msg = (
-                f"days {self.days} from day {self.day} on: the environment ends at day {LAST_DAY}; give fewer"
-            )
+            msg = f"days {self.days} from day {self.day} on: the last day is {LAST_DAY}; give fewer days"
             raise ScenarioError(msg)
         if not self.fields:
-            msg = "fields are empty: give at least one, such as tylcv, or leave the option out"
+            msg = "fields are empty: give at least one field, such as tylcv, or leave the option out"
             raise ScenarioError(msg)
 
 
 @dataclass(frozen=True, slots=True)
 class MissionOptions(Part):
-    """The mission: a mission file, or a plan within a budget.
+    """Options of the mission, which is a mission file or a plan within a budget.
 
-    The default ``budget`` is the vehicle's battery less its reserve; for the ideal vehicle, 0.4 times the
-    owner's cells in timesteps, as in the paper. The default ``acceptance_radius_m`` is the radius that the
-    autopilot can hold (`mission.planners.cornering.Cornering`).
+    The default ``budget`` is the vehicle's battery less its reserve. For the ideal vehicle, the default is as
+    in the paper: 0.4 timesteps for each of the owner's cells. The default ``acceptance_radius_m`` is the
+    radius that the autopilot can hold (`mission.planners.cornering.Cornering`).
     """
 
     planner: Any = option(
@@ -146,14 +144,14 @@ class MissionOptions(Part):
         kind="policy",
         not_with=("mission",),
         metavar="NAME",
-        default="none: the planner's path is flown as it is",
+        default="none, so that the planner's path is flown",
     )
     budget: str | None = option(
         None,
         "Budget of each vehicle, before its flight is cut into sorties: 8000m, 2.5km, 25min, 1500s, 50Wh"
-        " or 360steps; unlimited: all that a survey needs, whatever the battery holds",
+        " or 360steps; unlimited gives a survey as much as it needs, whatever the battery holds",
         RUN,
-        default="the battery less its reserve; ideal: 0.4 x the owner's cells in steps",
+        default="the battery less its reserve; for ideal, 0.4 steps per cell of the owner",
         example="60s",
         not_with=("mission",),
     )
@@ -183,8 +181,8 @@ class MissionOptions(Part):
     )
     height_above_ground_m: float | None = option(
         None,
-        "Flight height above the ground; needs --terrain, the ground's heights, or --terrain-frame, an"
-        " autopilot that knows them",
+        "Flight height above the ground; needs --terrain for the ground's heights, or --terrain-frame if the"
+        " autopilot knows them",
         VEHICLE,
         low=0.5,
         high=_CEILING_M,
@@ -225,7 +223,7 @@ class MissionOptions(Part):
         VEHICLE,
         low=0.05,
         high=50.0,
-        default="2 m; ArduCopter and rovers: their own",
+        default="2 m; for ArduCopter and rovers, the autopilot's radius",
         not_with=("mission",),
     )
     margin_m: float = option(
@@ -247,14 +245,14 @@ class MissionOptions(Part):
     )
 
     def check(self) -> None:
-        """Convert planner and policy to `Choice`; ScenarioError if height or budget cannot be used."""
+        """Convert planner and policy to `Choice`; raise ScenarioError for an unusable height or budget."""
         object.__setattr__(self, "planner", choose(self.planner, "planner"))
         if self.policy is not None:
             object.__setattr__(self, "policy", choose(self.policy, "policy"))
         if self.height_above_ground_m is not None and bool(self.terrain) == self.terrain_frame:
             msg = (
                 f"height above ground {self.height_above_ground_m:g} m: give either --terrain with the"
-                " ground's heights, or --terrain-frame for an autopilot that knows them"
+                " ground's heights, or --terrain-frame if the autopilot knows the heights"
             )
             raise ScenarioError(msg)
         for name in ("altitude_m", "height_above_ground_m"):
@@ -269,15 +267,13 @@ class MissionOptions(Part):
         endless = self.budget is not None and self.budget.strip().lower() == UNLIMITED
         if endless and (self.policy is not None or self.planner.chosen in _USE_UP):
             who = f"planner {self.planner}" if self.policy is None else f"policy {self.policy}"
-            msg = (
-                f"budget unlimited: {who} uses up what it is given; give a length or a time, or plan a survey"
-            )
+            msg = f"budget unlimited: {who} uses up any budget; give a length or a time, or plan a survey"
             raise ScenarioError(msg)
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleOptions(Part):
-    """The vehicles, their autopilots and their position errors."""
+    """Options of the vehicles, their autopilots and their position errors."""
 
     name: str = option(
         "quad",
@@ -293,7 +289,7 @@ class VehicleOptions(Part):
         VEHICLE,
         low=1,
         high=MOST_VEHICLES,
-        default="as many as --vehicle or --autopilot names",
+        default="the number of names in --vehicle or --autopilot",
     )
     autopilot: str = option(
         DEFAULT_AUTOPILOT,
@@ -328,23 +324,23 @@ class VehicleOptions(Part):
     separation: str = option(
         "layers:2m",
         "Separation of the vehicles of a fleet: layers:METRES (each at its own height), distance:METRES"
-        " (at one height; a vehicle may start later) or none; position errors are added, and the paper's"
-        " robots need none",
+        " (at one height; a vehicle may start later) or none; position errors add to the distance, and"
+        " the paper's robots need none",
         VEHICLE,
         needs_fleet=True,
         metavar="WAY",
     )
     radio_range_m: float | None = option(
         None,
-        "Range of the ground station's radio at home; observations from farther away arrive on return",
+        "Range of the ground station's radio at home; observations made farther away arrive on return",
         VEHICLE,
         low=1.0,
         high=1e6,
-        default="everywhere",
+        default="unlimited",
     )
 
     def check(self) -> None:
-        """Raise ScenarioError for an empty name, or if the numbers of names and vehicles differ."""
+        """Raise ScenarioError if a name is empty or the numbers of names and vehicles differ."""
         names = self.names
         if not all(names):
             msg = (
@@ -356,18 +352,18 @@ class VehicleOptions(Part):
             raise ScenarioError(msg)
         for what, given in (("vehicle", names), ("autopilot", self.autopilot.split(","))):
             if len(given) not in (1, len(self.fleet)):
-                msg = f"vehicles {len(self.fleet)}, but {what} names {len(given)}: give one name, or as many"
+                msg = f"vehicles {len(self.fleet)}, but {what} names {len(given)}: give one, or one for each"
                 raise ScenarioError(msg)
         parse_separation(self.separation)
 
     @property
     def keeps(self) -> Separation:
-        """Separation between the vehicles."""
+        """The parsed option `separation`."""
         return parse_separation(self.separation)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Vehicle names in `name`."""
+        """The vehicle names that `name` lists."""
         return tuple(part.strip() for part in self.name.split(","))
 
     @property
@@ -394,15 +390,15 @@ class VehicleOptions(Part):
 
 @dataclass(frozen=True, slots=True)
 class WeatherOptions(Part):
-    """The air: mean wind, wind shear, gusts or Dryden turbulence."""
+    """Options of the air: mean wind, wind shear, and gusts or Dryden turbulence."""
 
     wind_speed_m_s: float = option(0.0, "Mean wind speed", VEHICLE, low=0.0, high=40.0, flag=None)
     wind_direction_deg: float = option(
-        0.0, "Direction the wind blows from, clockwise from north", VEHICLE, low=0.0, high=360.0, flag=None
+        0.0, "Direction from which wind blows, clockwise from north", VEHICLE, low=0.0, high=360.0, flag=None
     )
     wind_gust_m_s: float = option(0.0, "Standard deviation of gusts", VEHICLE, low=0.0, high=15.0, flag=None)
     wind_height_m: float = option(
-        10.0, "Height at which the mean wind holds", VEHICLE, low=1.0, high=300.0, flag=None
+        10.0, "Height at which the mean wind has its given speed", VEHICLE, low=1.0, high=300.0, flag=None
     )
     wind_shear: str | None = option(
         None, "Growth of the wind with height", VEHICLE, choices=("log", "power", "sitl"), flag=None
@@ -415,8 +411,8 @@ class WeatherOptions(Part):
     )
     turbulence: str | float | None = option(
         None,
-        "Dryden turbulence (MIL-F-8785C): light, moderate, severe, wind (as strong as --wind makes it),"
-        " or the wind at 6 m in m/s",
+        "Dryden turbulence (MIL-F-8785C): light, moderate, severe, wind (strength set by --wind),"
+        " or the wind speed at 6 m in m/s",
         VEHICLE,
         metavar="LEVEL",
         default="none",
@@ -428,7 +424,7 @@ class WeatherOptions(Part):
     COMPOUND: ClassVar[tuple[Option, ...]] = (
         Option(
             "wind",
-            "Mean wind speed (m/s), direction it blows from (degrees) and standard deviation of gusts (m/s);"
+            "Mean wind speed (m/s), direction from which it blows (degrees), deviation of gusts (m/s);"
             " for example 5,270,1.5",
             VEHICLE,
             flag="--wind",
@@ -439,9 +435,9 @@ class WeatherOptions(Part):
         ),
         Option(
             "wind_shear",
-            "Growth of the wind with height: log[,ROUGHNESS[,HEIGHT]] or power[,EXPONENT[,HEIGHT]], with"
-            " HEIGHT (m) that of --wind; sitl: as in ArduPilot's simulator, sqrt(h / 60 m), with --wind at 60"
-            " m and above (only with --wind)",
+            "Growth of the wind with height: log[,ROUGHNESS[,HEIGHT]] or power[,EXPONENT[,HEIGHT]], where"
+            " --wind holds at HEIGHT (m); sitl is as in ArduPilot's simulator, sqrt(h / 60 m), where --wind"
+            " holds at 60 m and above (only with --wind)",
             VEHICLE,
             flag="--wind-shear",
             metavar="LAW[,VALUE[,HEIGHT]]",
@@ -453,19 +449,19 @@ class WeatherOptions(Part):
     )
 
     def check(self) -> None:
-        """Raise ScenarioError for an unknown level of turbulence, or gusts together with turbulence."""
+        """Raise ScenarioError if the level of turbulence is unknown or there are gusts and turbulence."""
         if isinstance(self.turbulence, str) and self.turbulence not in LEVELS:
             msg = unknown("level of turbulence", self.turbulence, LEVELS, ", or give the wind at 6 m in m/s")
             raise ScenarioError(msg)
         if self.turbulence is not None and self.wind_gust_m_s > 0.0:
             gust = f"a wind gust of {self.wind_gust_m_s:g} m/s"
-            msg = f"turbulence {self.turbulence} and {gust}: give one of them"
+            msg = f"turbulence {self.turbulence} and {gust}: give only one of the two"
             raise ScenarioError(msg)
 
 
 @dataclass(frozen=True, slots=True)
 class CameraOptions(Part):
-    """The leaf camera: spacing of images, footprint, sensed fields and errors."""
+    """Options of the leaf camera (image spacing, footprint, fields, errors) or another camera for plans."""
 
     spacing_m: float | None = option(
         None,
@@ -484,10 +480,10 @@ class CameraOptions(Part):
         0.0, "Standard deviation of the camera's noise", CAMERA, key="camera_noise", low=0.0, high=1.0
     )
     false_positive_rate: float = option(
-        0.0, "Share of healthy leaves seen as infected", CAMERA, low=0.0, high=1.0
+        0.0, "Fraction of healthy leaves that are read as infected", CAMERA, low=0.0, high=1.0
     )
     false_negative_rate: float = option(
-        0.0, "Share of infected leaves seen as healthy", CAMERA, low=0.0, high=1.0
+        0.0, "Fraction of infected leaves that are read as healthy", CAMERA, low=0.0, high=1.0
     )
     fields: tuple[str, ...] | None = option(
         None,
@@ -502,7 +498,7 @@ class CameraOptions(Part):
 
     model: str | None = option(
         None,
-        "Camera by sensor and lens: a name, such as dji-p1-35, or a .toml file; it sets the distances of"
+        "Camera given by sensor and lens: a name, such as dji-p1-35, or a .toml file; sets the distances of"
         " rows and images, and limits the speed",
         CAMERA,
         key="camera_model",
@@ -513,17 +509,17 @@ class CameraOptions(Part):
     )
     gsd_cm: float | None = option(
         None,
-        "Ground size of a pixel; it sets the flight height",
+        "Size of a pixel on the ground; sets the flight height",
         CAMERA,
         low=0.01,
         high=100.0,
-        default="as the flight height gives",
+        default="the size at the flight height",
         needs="camera_model",
         not_with=("mission",),
     )
     front_overlap: float = option(
         0.75,
-        "Overlap of an image with the next one, as a share of the image",
+        "Overlap of an image with the next image, as a fraction of the image",
         CAMERA,
         low=0.0,
         high=0.95,
@@ -531,7 +527,7 @@ class CameraOptions(Part):
     )
     side_overlap: float = option(
         0.7,
-        "Overlap of images of neighbouring rows, as a share of the image",
+        "Overlap of images of neighbouring rows, as a fraction of the image",
         CAMERA,
         low=0.0,
         high=0.95,
@@ -539,7 +535,7 @@ class CameraOptions(Part):
     )
     orientation: str = option(
         ORIENTATIONS[0],
-        "Mounting of the camera; the image's long side lies across the flight or along it",
+        "Mounting of the camera; the long side of an image lies across (landscape) or along the flight",
         CAMERA,
         key="camera_orientation",
         choices=ORIENTATIONS,
@@ -547,17 +543,17 @@ class CameraOptions(Part):
     )
 
     def check(self) -> None:
-        """Raise ScenarioError for a camera without fields, or with both overlap and image spacing."""
+        """Raise ScenarioError if the camera has no fields, or both an overlap and an image spacing."""
         if self.fields is not None and not all(self.by_vehicle):
-            msg = "camera fields are empty: give at least one, such as tylcv, or leave the option out"
+            msg = "camera fields are empty: give at least one field, such as tylcv, or leave the option out"
             raise ScenarioError(msg)
         if self.model is not None and self.spacing_m is not None:
-            msg = f"camera {self.model}: its front overlap spaces the images; leave out the camera spacing"
+            msg = f"camera {self.model}: the front overlap spaces the images; leave out the camera spacing"
             raise ScenarioError(msg)
 
     @property
     def by_vehicle(self) -> tuple[tuple[str, ...], ...]:
-        """Field names, one tuple for all vehicles, or one for each if separated by semicolons.
+        """Field names: one tuple for all vehicles, or a tuple for each if semicolons separate them.
 
         >>> CameraOptions(fields=("tylcv", "ccr;soil")).by_vehicle
         (('tylcv', 'ccr'), ('soil',))
@@ -565,21 +561,21 @@ class CameraOptions(Part):
         return tuple(names_in(part) for part in ",".join(self.fields or ()).split(";"))
 
     def sensed_by(self, vehicle: int, vehicles: int) -> tuple[str, ...] | None:
-        """Return the fields measured by vehicle number `vehicle`, from 0, of `vehicles`; None: all.
+        """Return the fields that vehicle `vehicle` (from 0) of `vehicles` measures; None for all fields.
 
-        ScenarioError if the fields are given for another number of vehicles.
+        Raise ScenarioError if the fields are given for another number of vehicles.
         """
         given = self.by_vehicle
         if len(given) not in (1, vehicles):
-            many = f"vehicles {vehicles}, but camera fields are those of {len(given)}"
-            msg = f"{many}: give them once, or for each"
+            many = f"vehicles {vehicles}, but camera fields are given for {len(given)}"
+            msg = f"{many}: give one list of fields, or a list for each vehicle"
             raise ScenarioError(msg)
         return None if self.fields is None else given[vehicle % len(given)]
 
 
 @dataclass(frozen=True, slots=True)
 class EstimateOptions(Part):
-    """The estimator that makes the map from the observations."""
+    """Options of the estimator, which makes the map from the observations."""
 
     estimator: Any = option(
         None,
@@ -599,7 +595,7 @@ class EstimateOptions(Part):
 
 @dataclass(frozen=True, slots=True)
 class ScoreOptions(Part):
-    """The scored times of the estimate."""
+    """Options of the times at which the estimate is scored."""
 
     points: int | None = option(
         None,
@@ -608,13 +604,13 @@ class ScoreOptions(Part):
         key="score_points",
         low=1,
         high=1_000_000,
-        default="25; Waterberry 10, with the disks 100; fewer in a run of more than six flights; ideal"
-        " vehicle on a small farm: always",
+        default="25; on a large farm 10, or 100 with adaptive-disk; fewer in a run of more than six flights;"
+        " at each observation for the ideal vehicle on a small farm",
     )
 
 
 class VehicleParts(Protocol):
-    """Options that concern one vehicle; implemented by a scenario and by each vehicle of a run."""
+    """Interface of options that concern a vehicle; a scenario has it, and each vehicle of a run."""
 
     @property
     def vehicle(self) -> VehicleOptions:
@@ -634,7 +630,7 @@ class VehicleParts(Protocol):
 
 
 class ScenarioKeywords(TypedDict, total=False):
-    """Keywords of `Scenario`: the keys of all options, and the names of the parts."""
+    """Keywords of `Scenario`, which are the keys of all options and the names of the parts."""
 
     farm: str | FarmOptions
     crop: str | None

@@ -1,4 +1,4 @@
-"""Scenario: all options of a run. Equal scenarios give bit-equal results."""
+"""A scenario has all options of a run. Equal scenarios give bit-equal results."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ from wbf_mission.scenario.parts import (
 class Scenario:
     """All options of a run.
 
-    Each keyword is an option of one of the parts (``farm``, ``planner``, ``budget``, ...; see
-    docs/command-line.md). The name of a part is also a keyword, which takes the whole part.
+    A keyword is the key of an option of any part (``farm``, ``planner``, ``budget``, ...; see
+    docs/command-line.md), or the name of a part, which then gets the whole part.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class Scenario:
     camera: CameraOptions
     estimate: EstimateOptions
     score: ScoreOptions
-    seed: int = option(0, "Seed of everything random", RUN, low=0, high=2**64 - 1)
+    seed: int = option(0, "Seed of all random numbers", RUN, low=0, high=2**64 - 1)
 
     def __init__(self, /, **options: Unpack[ScenarioKeywords]) -> None:
         given_all: dict[str, Any] = {**options}
@@ -63,7 +63,7 @@ class Scenario:
         flat = {key: value for key, value in given_all.items() if key not in whole}
         mixed = sorted(set(flat) & set(PARTS)) if whole else []
         if mixed:
-            msg = f"{mixed[0]} is given as a value beside whole parts: use scenario_with to change it"
+            msg = f"{mixed[0]} is a value, but other parts are whole: use scenario_with to change a value"
             raise ScenarioError(msg)
         seed, by_part = flat.pop("seed", 0), _by_part(flat)
         for name, kind in PARTS.items():
@@ -81,7 +81,7 @@ class Scenario:
         object.__setattr__(self, "seed", options_of(Scenario)["seed"].checked(seed))
 
     def __getitem__(self, key: str) -> Any:
-        """Return the value of an option by its key; ScenarioError if the key is unknown.
+        """Return the value of the option with this key; raise ScenarioError if the key is unknown.
 
         >>> Scenario(farm="miniberry-10", wind_speed_m_s=4)["wind_speed_m_s"]
         4.0
@@ -94,9 +94,9 @@ class Scenario:
         return getattr(getattr(self, part), name)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all options by their keys as plain values, for a file or a summary.
+        """Return the plain values of all options by key, for a file or a summary.
 
-        A planner, policy or estimator object is represented by its name.
+        A planner, policy or estimator that is an object becomes its name.
         """
         values: dict[str, Any] = {}
         for part in PARTS:
@@ -108,16 +108,16 @@ class Scenario:
 PARTS: Mapping[str, type[Part]] = {
     name: kind for name, kind in typing.get_type_hints(Scenario).items() if kind is not int
 }
-"""Types of the parts, by field name of `Scenario`."""
+"""Classes of the parts, by name of the field of `Scenario`."""
 
 
 def all_options() -> dict[str, tuple[type[Any], str, Option]]:
-    """Return all options of a run by key, each with its part and field name."""
+    """Return all options of a run by key; each is a tuple of part, field name and definition."""
     found: dict[str, tuple[type[Any], str, Option]] = {}
     for part in (*PARTS.values(), Scenario):
         for name, defined in options_of(part).items():
             if defined.key in found:
-                msg = f"option {defined.key} stands in two parts"
+                msg = f"option {defined.key} is in two parts"
                 raise AssertionError(msg)
             found[defined.key] = (part, name, defined)
     return found
@@ -127,7 +127,7 @@ _PLACES = {held.key: (part, name) for part, kind in PARTS.items() for name, held
 
 
 def _by_part(options: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Group options by part and field name; ScenarioError if a key is unknown."""
+    """Group options by part and field name; raise ScenarioError if a key is unknown."""
     found: dict[str, dict[str, Any]] = {name: {} for name in PARTS}
     for key, value in options.items():
         if key not in _PLACES:
@@ -138,7 +138,7 @@ def _by_part(options: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def require_scenario(given: Any) -> None:
-    """Raise ScenarioError unless `given` is a `Scenario`; a dict of options is none."""
+    """Raise ScenarioError if `given` is not a `Scenario`, for example a dict of options."""
     if not isinstance(given, Scenario):
         how = ": write Scenario(**options)" if isinstance(given, Mapping) else ""
         msg = f"the scenario is a {type(given).__name__}: give a Scenario{how}"
@@ -146,7 +146,7 @@ def require_scenario(given: Any) -> None:
 
 
 def scenario_with(base: Scenario, changes: Mapping[str, Any]) -> Scenario:
-    """Return `base` with the values of `changes` that are not None; autopilot parameters are merged.
+    """Return `base` with the values in `changes` that are not None; merge autopilot parameters.
 
     Examples
     --------

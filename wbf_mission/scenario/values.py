@@ -1,4 +1,4 @@
-"""Parsers of options with several values in one text: wind, shear, parameters, separation."""
+"""Parsers of options whose text holds several values: wind, shear, parameters, separation."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ _LEAST_M, _MOST_M = 0.5, 100.0
 
 @dataclass(frozen=True, slots=True)
 class Separation:
-    """Separation between the vehicles of a fleet."""
+    """How the vehicles of a fleet are kept apart."""
 
-    # "layers" (a height for each vehicle), "distance" (one height, vehicles keep apart in time) or "none"
+    # The kind is "layers" (each vehicle has its height), "distance" (at one height, apart in time) or "none".
     kind: str
-    metres: float = 0.0  # Distance between two layers, or between two vehicles
+    metres: float = 0.0  # Distance between layers, or between vehicles
 
 
 def parse_separation(text: str) -> Separation:
-    """Parse ``layers:2m``, ``distance:5m`` or ``none``.
+    """Parse a separation such as ``layers:2m``, ``distance:5m`` or ``none``.
 
     Examples
     --------
@@ -38,7 +38,7 @@ def parse_separation(text: str) -> Separation:
         metres = 0.0
     if kind not in (LAYERS, DISTANCE) or not _LEAST_M <= metres <= _MOST_M:
         msg = (
-            f"separation {text!r} is not understood: give layers:METRES or distance:METRES with"
+            f"separation {text!r} cannot be read: give layers:METRES or distance:METRES with"
             f" {_LEAST_M:g} to {_MOST_M:g} m, such as layers:2m, or none"
         )
         raise ScenarioError(msg)
@@ -46,7 +46,7 @@ def parse_separation(text: str) -> Separation:
 
 
 def wind_values(text: str) -> dict[str, Any]:
-    """Parse ``SPEED,FROM[,GUST]``.
+    """Parse a wind ``SPEED,FROM[,GUST]`` into values of options.
 
     >>> wind_values("5,270")
     {'wind_speed_m_s': 5.0, 'wind_direction_deg': 270.0}
@@ -62,7 +62,7 @@ def wind_values(text: str) -> dict[str, Any]:
 
 
 def shear_values(text: str) -> dict[str, Any]:
-    """Parse ``log[,ROUGHNESS[,HEIGHT]]``, ``power[,EXPONENT[,HEIGHT]]`` or ``sitl``.
+    """Parse a shear law ``log[,ROUGHNESS[,HEIGHT]]``, ``power[,EXPONENT[,HEIGHT]]`` or ``sitl``.
 
     >>> shear_values("power,0.2")
     {'wind_shear': 'power', 'wind_exponent': 0.2}
@@ -76,7 +76,7 @@ def shear_values(text: str) -> dict[str, Any]:
     if law not in most or len(numbers) > most[law]:
         msg = (
             f"--wind-shear {text!r} is not log[,ROUGHNESS[,HEIGHT]], power[,EXPONENT[,HEIGHT]] or sitl; "
-            "give such as log,0.1,10"
+            "give for example log,0.1,10"
         )
         raise ScenarioError(msg)
     names = ("wind_roughness_m" if law == "log" else "wind_exponent", "wind_height_m")
@@ -84,7 +84,7 @@ def shear_values(text: str) -> dict[str, Any]:
 
 
 def turbulence_value(text: str) -> str | float:
-    """Parse a level of turbulence, or the wind speed that sets it.
+    """Parse a level of turbulence, or the wind speed (m/s) that sets the level.
 
     >>> turbulence_value("light"), turbulence_value("6.5")
     ('light', 6.5)
@@ -96,7 +96,7 @@ def turbulence_value(text: str) -> str | float:
 
 
 def parameter_values(texts: list[str]) -> dict[str, float]:
-    """Parse ``NAME=VALUE`` texts.
+    """Parse texts ``NAME=VALUE`` into autopilot parameters.
 
     >>> parameter_values(["MPC_ACC_HOR=4", "NAV_ACC_RAD=1.5"])
     {'MPC_ACC_HOR': 4.0, 'NAV_ACC_RAD': 1.5}
@@ -107,6 +107,6 @@ def parameter_values(texts: list[str]) -> dict[str, float]:
         try:
             values[name.strip().upper()] = parse_number(value)
         except ValueError:
-            msg = f"--param {text!r} is not NAME=VALUE; give one such as MPC_ACC_HOR=4"
+            msg = f"--param {text!r} is not NAME=VALUE; give for example MPC_ACC_HOR=4"
             raise ScenarioError(msg) from None
     return values

@@ -1,1 +1,1 @@
-"""The estimator gp: Gaussian processes."""
+"""The estimator gp, which uses Gaussian processes."""

@@ -1,13 +1,13 @@
 """Posteriors of a Gaussian process at all cells, updated observation by observation.
 
 Let L be the Cholesky factor of the observations' covariance, and ``V = L^-1 K(observed, all cells)``.
-Observations lie on cells, so the new row of L for a further observation is the column of V at its cell. An
-update therefore costs O(observations x cells), and nothing is solved again.
+Observations lie on cells. A further observation's row of L is therefore the column of V at the observed cell:
+an update costs O(observations x cells), and nothing is solved again.
 
-A row of V is the covariance of an observation with all cells, given the earlier observations. With a
-lengthscale that is short compared with the farm, a row vanishes far from its observation, so only a window of
-the row is stored. The cost of an update then depends on the window only, not on the size of the farm or the
-number of observations.
+A row of V is the covariance of an observation with all cells, given the earlier observations. If the
+lengthscale is short compared with the farm, a row vanishes far from its observation, and only a window of the
+row is stored. The cost of an update then depends only on the window, not on the farm's size or the number of
+observations.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from sensors.observations import GrowingArray
 class CellPosterior(ABC):
     """Posterior mean and variance of each cell of a farm.
 
-    `response`, float64[2, W * H], holds two posterior means under a zero prior mean: for the observed values,
-    and for observations that are all 1. Under a constant prior mean m, the posterior mean is
+    `response`, float64[2, W * H], holds two posterior means under a prior mean of zero: one for the observed
+    values, the other as if all observed values were 1. Under a constant prior mean m, the posterior mean is
     ``m + response[0] - m * response[1]``. `variance` is the posterior variance of the latent function.
     """
 
@@ -41,7 +41,7 @@ class CellPosterior(ABC):
 
     @abstractmethod
     def condition(self, x: Cells, y: Cells, values: Floats, weights: Floats | None = None) -> None:
-        """Update with further observations; `weights` divide their noise variances."""
+        """Update with further observations; `weights` divide the observations' noise variances."""
 
 
 _BLOCK_ROWS = 128
@@ -51,11 +51,11 @@ _RESULT_ROWS = 3
 def merge_repeated(
     x: Cells, y: Cells, values: Floats, noise: float, weights: Floats | None = None
 ) -> tuple[Cells, Cells, Floats, Floats]:
-    """Merge observations of the same cell; return x, y, mean value and noise variance of distinct cells.
+    """Merge observations of the same cell; return x, y, mean value and noise variance of each cell.
 
-    The merged noise variance is `noise` divided by the number of observations, or by the sum of their
-    `weights`. The merge is exact for a Gaussian process: k readings with independent noise are equivalent to
-    their mean.
+    A cell's noise variance is `noise` divided by the cell's number of observations, or by the sum of their
+    `weights`. Merging is exact for a Gaussian process: k readings with independent noise are equivalent to
+    the mean of the readings.
 
     Examples
     --------
@@ -72,7 +72,7 @@ def merge_repeated(
 
 
 class ExactPosterior(CellPosterior):
-    """Posterior that stores a row of all cells for each observation."""
+    """Posterior that stores a row of V, with all cells, for each observation."""
 
     def __init__(self, shape: tuple[int, int], kernel: RbfKernel) -> None:
         super().__init__(shape, kernel)
@@ -81,12 +81,12 @@ class ExactPosterior(CellPosterior):
 
     @staticmethod
     def bytes_needed(n_observations: int, shape: tuple[int, int]) -> int:
-        """Return the memory (bytes) for `n_observations` of different cells."""
+        """Return the bytes that `n_observations` of different cells need."""
         rows = -(-n_observations // _BLOCK_ROWS) * _BLOCK_ROWS
         return 8 * (rows + _RESULT_ROWS) * shape[0] * shape[1]
 
     def condition(self, x: Cells, y: Cells, values: Floats, weights: Floats | None = None) -> None:
-        """Update with further observations; `weights` divide their noise variances."""
+        """Update with further observations; `weights` divide the observations' noise variances."""
         x, y, values, noise = merge_repeated(x, y, values, self.kernel.noise, weights)
         for start in range(0, len(x), _BLOCK_ROWS):
             part = slice(start, start + _BLOCK_ROWS)
@@ -122,18 +122,18 @@ class ExactPosterior(CellPosterior):
 
 REACH_LENGTHS = 10.0
 """Half the side of a window, in lengthscales. The window must exceed the kernel's range, because observations
-also act through other observations. The error of the mean is up to 4e-4 prior standard deviations (tiles:
-2e-3), or 3e-3 with nine readings of every cell (tiles: 4e-3)."""
+also act through other observations. The mean's error is up to 4e-4 prior standard deviations (with tiles,
+2e-3); with nine readings of every cell it is up to 3e-3 (with tiles, 4e-3)."""
 LEAST_NOISE = 0.1
-"""Least ratio of noise to amplitude: with less noise, observations act beyond the window."""
+"""Least ratio of noise to amplitude for windows; with less noise, observations act beyond the window."""
 MOST_CELLS = 250_000
-"""Largest farm for windows. Tiles are faster on larger farms because they write only changed cells."""
+"""Largest number of cells for windows. Tiles are faster on larger farms, as they write only changed cells."""
 GROWING = 2.5
-"""Peak memory of a growing array relative to its rows: the array, and a copy with 50 % more room."""
+"""Peak memory of a growing array relative to its rows, for the array and a copy with 50 % more room."""
 
 
 class WindowedPosterior(CellPosterior):
-    """Posterior that stores the part of V's row in a window of cells for each observation."""
+    """Posterior that stores a window of a row of V for each observation."""
 
     def __init__(self, shape: tuple[int, int], kernel: RbfKernel) -> None:
         super().__init__(shape, kernel)
@@ -146,14 +146,14 @@ class WindowedPosterior(CellPosterior):
 
     @staticmethod
     def fits(n_observations: int, shape: tuple[int, int], kernel: RbfKernel, most_bytes: float) -> bool:
-        """Return whether windows are accurate enough and, for `n_observations`, fit into `most_bytes`."""
+        """Return whether windows are accurate enough and `n_observations` windows fit into `most_bytes`."""
         reach_x, reach_y = _reach(kernel)
         needed = 8.0 * n_observations * (2 * reach_x + 1) * (2 * reach_y + 1)
         noisy = kernel.noise >= LEAST_NOISE * kernel.amplitude
         return noisy and needed <= most_bytes and shape[0] * shape[1] <= MOST_CELLS
 
     def condition(self, x: Cells, y: Cells, values: Floats, weights: Floats | None = None) -> None:
-        """Update with further observations; `weights` divide their noise variances."""
+        """Update with further observations; `weights` divide the observations' noise variances."""
         x, y, values, noise = merge_repeated(x, y, values, self.kernel.noise, weights)
         used = len(self._rows)
         self._rows.append(np.empty((len(x), *self._rows.array.shape[1:])))
@@ -168,7 +168,7 @@ class WindowedPosterior(CellPosterior):
 
 
 def _reach(kernel: RbfKernel) -> tuple[int, int]:
-    """Return half the sides of a window along x and y, in cells."""
+    """Return half the side of a window along x and along y, in cells."""
     return math.ceil(REACH_LENGTHS * kernel.length_x), math.ceil(REACH_LENGTHS * kernel.length_y)
 
 
@@ -186,13 +186,13 @@ def take_observations(
     response: Floats,
     variance: Floats,
 ) -> bool:
-    """Update the posterior observation by observation; return whether the covariance is positive definite.
+    """Update the posterior observation by observation; return False if the covariance is singular.
 
     Parameters
     ----------
     rows : float64[n, 2 rx + 1, 2 ry + 1]
-        Row of V (see the module) of each observation in the window around the observation, with room for the
-        new observations. Changed in place.
+        For each observation, the window around it of its row of V (see the module), with room for the new
+        observations. Changed in place.
     centres : int32[n, 2]
         Cell of each observation. Changed in place.
     used : int

@@ -1,15 +1,15 @@
-"""Class probabilities of plants, from a Gaussian process's posterior mean of a disease.
+"""Class probabilities of plants, derived from a Gaussian process's posterior mean of a disease.
 
 The normal distribution of the process does not give the probability that a plant is sick, but this
-probability rises with the posterior mean. Let i be the posterior mean of the illness (1 minus the value), i0
-its prior mean, and p0 the fraction of sick plants. The odds that a plant is sick are modelled as
+probability rises with the posterior mean of the illness. Let i be the posterior and i0 the prior mean of the
+illness (1 minus the value), and p0 the fraction of sick plants. The model of the odds that a plant is sick is
 
     p / (1 - p) = p0 / (1 - p0) ((max(i, 0) / i0 + c) / (1 + c))^slope
 
-Without any information, i = i0 gives p = p0. The formula is a logistic calibration (Platt 1999,
-"Probabilistic outputs for support vector machines") of the logarithm of the mean. The slope is learned for
-each farm and day, from simulated outbreaks observed along random paths. The fraction of lost plants among the
-sick plants follows from i0 and p0.
+Without observations, i = i0 gives p = p0. The formula is a logistic calibration (Platt 1999, "Probabilistic
+outputs for support vector machines") of the logarithm of the mean. The slope is learned for each farm and day
+from simulated outbreaks, which are observed along random paths. The fraction of lost plants among sick plants
+follows from i0 and p0.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from sensors.estimators.paths import random_path
 Values = NDArray[np.float32]
 
 _FLOOR = 0.1
-"""The constant c in the module's formula, which keeps the logarithm finite at a mean of 0."""
+"""The constant c of the module's formula; c keeps the logarithm finite if the mean is 0."""
 _MOST_SLOPE = 8.0
 _WINDOW = 32
 _LONGEST_SHARE = 0.45
@@ -41,7 +41,7 @@ _COLUMNS_AT_ONCE = 64
 
 @dataclass(frozen=True, slots=True)
 class ClassLink:
-    """Parameters of the module's formula for one disease, farm and day.
+    """Parameters of the module's formula, for one disease, farm and day.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class ClassLink:
     sick : float
         Fraction of sick plants, p0.
     slope : float
-        Exponent of the mean.
+        Exponent in the formula.
     """
 
     illness: float
@@ -59,11 +59,11 @@ class ClassLink:
 
     @property
     def lost(self) -> float:
-        """Fraction of lost plants among sick plants: an infected plant has illness 1/2, a lost plant 1."""
+        """Fraction of lost among sick plants; infected plants have illness 1/2, and lost plants 1."""
         return min(max(2.0 * self.illness / self.sick - 1.0, 0.0), 1.0)
 
     def sick_of_mean(self, mean: NDArray[np.floating]) -> Values:
-        """Return the probabilities that plants are sick, given the posterior means of their values.
+        """Return the probabilities that plants are sick, for these posterior means of the plants' values.
 
         Examples
         --------
@@ -82,7 +82,7 @@ class ClassLink:
 
 
 def _log_excess(illness: NDArray[np.floating], prior: float) -> Values:
-    """Return the logarithm of the ratio of illness to its prior mean, with the floor c."""
+    """Return ``log((max(illness, 0) / prior + c) / (1 + c))``, with c as in the module's formula."""
     excess = np.maximum(illness, 0.0, dtype=np.float32)
     excess *= np.float32(1.0 / (prior * (1.0 + _FLOOR)))
     excess += np.float32(_FLOOR / (1.0 + _FLOOR))
@@ -92,19 +92,20 @@ def _log_excess(illness: NDArray[np.floating], prior: float) -> Values:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClassMap:
-    """Converts posterior means of a disease into values of least expected loss and their deviations.
+    """Turns posterior means of a disease into values of least expected loss and standard deviations.
 
     Value, deviation and expected loss of an unobserved plant are functions of the probability that the plant
-    is sick, and the value determines this probability. Land without the crop is healthy with certainty.
+    is sick. Conversely, the value determines this probability. Land without the crop is healthy with
+    certainty.
 
     Parameters
     ----------
     link : ClassLink
-        Link from means to probabilities.
+        Link from posterior means to probabilities.
     hosts : callable
-        Takes indices, and returns this part of the mask of the cells whose plants can carry the disease.
+        Function of indices that returns this part of the mask of cells whose plants can get the disease.
     too_healthy, too_sick : float
-        Costs of a squared error of an estimate above, and of one below, the truth; both above 0.
+        Costs of the squared error of an estimate above the truth and of an estimate below it, both > 0.
     """
 
     link: ClassLink
@@ -120,10 +121,10 @@ class ClassMap:
         rows: slice = slice(None),
         where: NDArray[np.bool_] | None = None,
     ) -> None:
-        """Replace posterior means and deviations by values of least loss and their deviations, in place.
+        """Replace posterior means and deviations in place by values of least loss and true deviations.
 
-        `value` and `uncertainty` are maps of the whole farm. Only the cells in `columns` and `rows` change,
-        and of these only the cells in the mask `where`, if given.
+        `value` and `uncertainty` are maps of the whole farm. Only cells in `columns` and `rows` change; if
+        the mask `where` is given, only masked cells among them change.
         """
         chosen = True if where is None else where
         plants = self.hosts((columns, rows)) & chosen
@@ -134,15 +135,15 @@ class ClassMap:
         value[plants], uncertainty[plants] = self._value(sick), self._deviation(sick)
 
     def probabilities(self, value: Values, uncertainty: Values) -> Values:
-        """Return the probabilities of healthy, infected and lost, float32[3, W, H], from results of `decide`.
+        """Return the probabilities of each class, float32[3, W, H], from maps that `decide` has changed.
 
-        Plants without uncertainty have the class of their reading.
+        Classes are healthy, infected, lost. A plant without uncertainty has the class of its reading.
         """
         out = np.zeros((3, *value.shape), np.float32)
         out[0] = 1.0
         for start in range(0, len(value), _COLUMNS_AT_ONCE):
             part = slice(start, start + _COLUMNS_AT_ONCE)
-            # Most cells have no plants, so that they are healthy.
+            # Most cells have no plants and thus count as healthy.
             open_ = value[part] != 1.0
             v, known = value[part][open_], uncertainty[part][open_] == 0.0
             sick = self._sick(v)
@@ -155,12 +156,11 @@ class ClassMap:
         return out
 
     def expected_loss(self, value: Values, uncertainty: Values, out: Values) -> None:
-        """Write the expected loss of values from `decide` into `out`, float32[W, H].
+        """Write the expected loss to `out`, float32[W, H], for maps that `decide` has changed.
 
-        Let S and I be the probabilities of sick and infected, a and b the weights `too_healthy` and
-        `too_sick`, and v the value of least loss, an expectile (Newey & Powell 1987). The expected loss is
-        ``b S (1 - v) - a I (v - 1/2) / 2`` for v above one half, and
-        ``b (S (1 - v) + I (1/2 - v) / 2)`` below.
+        Let S and I be the probabilities of sick and infected, a and b the costs `too_healthy` and `too_sick`,
+        and v the value of least loss, an expectile (Newey & Powell 1987). The expected loss is ``b S (1 - v)
+        - a I (v - 1/2) / 2`` for v above one half, and ``b (S (1 - v) + I (1/2 - v) / 2)`` below.
         """
         sick, half = self._sick(value), np.float32(0.5)
         infected = sick * np.float32(1.0 - self.link.lost)
@@ -169,12 +169,12 @@ class ClassMap:
         out *= 1.0 - value
         out *= np.float32(self.too_sick)
         out -= half * costs * infected * (value - half)
-        # Cancellation of nearly equal terms may give a negative loss.
+        # The difference of nearly equal terms may be slightly negative.
         np.maximum(out, 0.0, out=out)
         out[uncertainty == 0.0] = 0.0
 
     def _value(self, sick: Values) -> Values:
-        """Return the values of least expected loss for these probabilities."""
+        """Return the values of least expected loss for these probabilities of being sick."""
         a, lost = np.float32(self.too_healthy / self.too_sick), np.float32(self.link.lost)
         one, half = np.float32(1.0), np.float32(0.5)
         upper = (one - sick * (one - half * a * (one - lost))) / (one + (a - one) * sick)
@@ -183,7 +183,7 @@ class ClassMap:
         return value
 
     def _sick(self, value: Values) -> Values:
-        """Return the probabilities that plants are sick, given their values of least expected loss."""
+        """Return the probabilities that plants are sick, for these values of least expected loss."""
         a, lost = np.float32(self.too_healthy / self.too_sick), np.float32(self.link.lost)
         one, half = np.float32(1.0), np.float32(0.5)
         is_upper = value >= half
@@ -193,7 +193,7 @@ class ClassMap:
         return np.clip(sick, 0.0, 1.0, out=sick)
 
     def _deviation(self, sick: Values) -> Values:
-        """Return the standard deviations of true values, which are 1, 1/2 or 0."""
+        """Return the standard deviation of each plant's true value, which is 1, 1/2 or 0."""
         lost = self.link.lost
         mean, square = np.float32(0.5 * (1.0 + lost)), np.float32(0.25 * (1.0 + 3.0 * lost))
         variance = square * sick - np.square(mean * sick)
@@ -207,7 +207,7 @@ def link_slope(
     sick: float,
     fields: Iterator[tuple[Floats, NDArray[np.bool_], float, Generator]],
 ) -> float:
-    """Return the slope of a link with the maximum likelihood on unobserved simulated plants.
+    """Return the slope of a link that makes the state of unobserved simulated plants most likely.
 
     Parameters
     ----------
@@ -216,8 +216,8 @@ def link_slope(
     illness, sick : float
         Parameters of `ClassLink`.
     fields : iterator of (float64[w, h], bool[w, h], float, Generator)
-        For each simulated field: illness, plants, probability of an outbreak (the illness is conditional on
-        an outbreak), and random numbers for the path.
+        For each simulated field, the illness if there is an outbreak, the plants, the probability of an
+        outbreak, and random numbers for the path.
     """
     from scipy.optimize import minimize_scalar
 
@@ -238,12 +238,12 @@ def _judged(
     illness: float,
     fields: Iterator[tuple[Floats, NDArray[np.bool_], float, Generator]],
 ) -> Iterator[tuple[Floats, Floats, Floats]]:
-    """Yield `_log_excess`, sickness (0 or 1), and weight of unobserved plants, float64[n] each."""
+    """Yield `_log_excess`, sickness (0 or 1) and weight of unobserved plants, each float64[n]."""
     for ill, plants, there, rng in fields:
         path = random_path(ill.shape, max(1, int(_LONGEST_SHARE * ill.size)), rng)
         path = path[plants[path[:, 0], path[:, 1]]]
         for look in range(_LOOKS):
-            # The first look is at a uniformly random time, later looks are mostly towards the path's end.
+            # The first look is at a uniformly random time, later looks are mostly near the path's end.
             count = int(np.ceil(len(path) * rng.random() ** (1.0 if look == 0 else 0.3)))
             seen = np.unique(path[:count], axis=0).astype(np.int32)
             unseen = plants.copy()
@@ -255,7 +255,7 @@ def _judged(
             weight = len(cells) / len(chosen)
             x, y = chosen.T
             truth = (ill[x, y] > 0.0).astype(np.float64)
-            # Without an outbreak, all readings of the same path are healthy.
+            # If there is no outbreak, all readings along the same path are healthy.
             cases = [(ill[seen[:, 0], seen[:, 1]], truth, there)]
             if there < 1.0:
                 cases.append((np.zeros(len(seen)), np.zeros(len(chosen)), 1.0 - there))
@@ -266,7 +266,7 @@ def _judged(
 
 
 def _means(kernel: RbfKernel, prior: float, seen: Cells, readings: Floats, x: Cells, y: Cells) -> Floats:
-    """Return the posterior means at cells x, y, float64[cells, k], for k sets of readings at `seen`."""
+    """Return posterior means at cells x, y, float64[cells, k], for k sets of readings of cells `seen`."""
     if not len(seen):
         return np.full((len(x), readings.shape[1]), prior)
     covariance = kernel.between(*seen.T)
@@ -279,7 +279,7 @@ def _means(kernel: RbfKernel, prior: float, seen: Cells, readings: Floats, x: Ce
 
 
 def window_of(plants: NDArray[np.bool_], rng: Generator) -> tuple[slice, slice]:
-    """Return a random window of at most 32 x 32 cells, centred on a plant where the border allows."""
+    """Return a random window of at most 32 x 32 cells, centred on a plant if the border allows it."""
     cells = np.argwhere(plants)
     middle = cells[int(rng.integers(len(cells)))]
     corners = [

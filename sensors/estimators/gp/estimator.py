@@ -1,4 +1,4 @@
-"""The estimator gp: a Gaussian process per field, exact within the memory limit and local beyond it."""
+"""The estimator gp, a Gaussian process for each field: exact within the memory limit, local beyond it."""
 
 from __future__ import annotations
 
@@ -41,73 +41,73 @@ _Floats = NDArray[np.float64]
 
 
 class GaussianProcessEstimator(BaseEstimator):
-    """A Gaussian process per field with the paper's kernel: squared exponential plus white noise.
+    """A Gaussian process for each field, with the paper's kernel: squared exponential plus white noise.
 
-    *Mean and kernel.* With ``learn_from="model"``, mean and kernel are learned from simulated environments of
-    the latest observed day on the farm (`sensors.estimators.gp.prior`). The first time this takes one or two
-    seconds; the result is cached in a folder. With ``learn_from="observations"``, the kernel is fitted by
-    marginal likelihood when a field has 16, 32, 64, ..., 512, 2048, 8192, ... observations. Beyond 512, the
-    fit uses eight evenly spread runs of 64 consecutive observations. If all observations are equal, for
-    example all plants healthy, the kernel keeps its initial value. (The paper fixes the amplitude to 1:
-    ``amplitude_bounds=(1, 1)``.)
+    *Mean and kernel.* With ``learn_from="model"``, mean and kernel are learned from environments of the farm
+    that are simulated up to the latest observed day (`sensors.estimators.gp.prior`). The first time this
+    takes one or two seconds; then a cache folder has the result. With ``learn_from="observations"``, the
+    kernel is fitted by marginal likelihood when a field has 16, 32, 64, ..., 512, 2048, 8192, ...
+    observations. Beyond 512, a fit uses eight evenly spread runs of 64 consecutive observations. If all
+    observations are equal, for example if all plants are healthy, the kernel is the initial kernel. (The
+    paper fixes the amplitude to 1 by ``amplitude_bounds=(1, 1)``.)
 
-    *Posterior.* The exact posterior costs O(observations x cells) per observation (`ExactPosterior`). Beyond
-    `memory_limit_mb`, the kind of posterior depends on the lengthscale. A field with a short lengthscale
-    stores a window of cells per observation while the windows fit (`WindowedPosterior`); beyond that, it is
-    solved by tiles. A field whose lengthscale is long compared with the farm is modelled as a sum of sine
-    functions (`sensors.estimators.gp.local`). Beyond the memory limit, `predict` returns the same arrays at
-    each call. Repeated observations of a cell on a day count as independent. Nearby soil readings have
-    reduced weights: on all farms on later days, on farms of more than 128 cells a side on all days.
+    *Posterior.* Exact posteriors (`ExactPosterior`) cost O(observations x cells) per observation. If they
+    exceed `memory_limit_mb`, the posterior depends on the lengthscale. For short lengthscales, windows of
+    cells are stored per observation if they fit (`WindowedPosterior`), or else the farm is solved by tiles. A
+    field whose lengthscale is long compared with the farm is modelled as a sum of sine functions
+    (`sensors.estimators.gp.local`). Beyond the memory limit, `predict` returns the same arrays at each call.
+    Repeated observations of a cell on a day count as independent. Soil readings close together have reduced
+    weights, on all farms on later days, and on farms of more than 128 cells a side on all days.
 
     *Days.* Readings of earlier days are carried forward by the field's dynamics (`sensors.estimators.days`).
     For a disease, the remaining variance is additional noise, and a later day's reading of a cell replaces
-    the earlier ones. The soil changes by smooth showers, so that its readings become outdated together. With
-    kernels learned from observations, readings are not changed, and the additional noise is the mean squared
-    change of cells with readings on two days.
+    earlier readings of the cell. As showers are smooth, readings of the soil become outdated together. With
+    kernels learned from observations, readings stay unchanged, and the additional noise is the mean squared
+    change of cells that have readings on two days.
 
     *Classes.* Mean and standard deviation do not give the probability that a plant is sick. The relation of
-    mean and probability is learned together with the kernel (`sensors.estimators.gp.classes`). The value of a
-    disease has the least expected loss, and its uncertainty is the standard deviation of the true value. A
-    plant read today has the class of its reading, provided that all readings have the value of a class. Land
-    without the crop is healthy.
+    mean and probability is learned together with the kernel (`sensors.estimators.gp.classes`). A disease's
+    value is the value of least expected loss, and its uncertainty is the standard deviation of the true
+    value. A plant read today has the class of its reading, provided that all readings have the value of a
+    class. Land without the crop is healthy.
 
-    The uncertainty of other fields is the standard deviation of an observation including the noise, as in the
-    paper. The noise is the deviation of a cell from the smooth latent function.
+    As in the paper, the uncertainty of other fields is the standard deviation of an observation, noise
+    included. The noise is the deviation of a cell from the smooth latent function.
 
     Parameters
     ----------
     prior_mean : sequence of (float or None), optional
-        Value of each field far from all observations; None for the running mean of the observations. Default:
-        the model's mean, or else healthy for diseases and the running mean for soil. The paper has
+        Value of each field far from all observations; None selects the running mean of the observations. The
+        default is the model's mean, or else healthy for diseases and the running mean for soil. The paper has
         ``(0, 0, 0)``. Given values are never changed.
     kernel : RbfKernel
         Initial kernel.
     optimise : bool
-        Whether to learn mean and kernel. False: keep `prior_mean` and `kernel`.
+        Whether to learn mean and kernel; if False, `prior_mean` and `kernel` are used.
     length_bounds, noise_bounds, amplitude_bounds : tuple of two floats
-        Bounds of the fit to observations: lengthscales in cells, and variances of noise and latent function.
+        Bounds for the fit to observations: lengthscales (cells), variances of noise and latent function.
     clip : bool
-        Whether to clip means to 0..1, the range of all fields.
+        Whether to clip means to 0..1, the range of every field.
     states : {"classes", "mean"}
-        Estimate of diseases with a learned prior. ``"classes"``: from class probabilities, as above.
-        ``"mean"``: the process's mean and the standard deviation of an observation, as for other fields.
+        Estimate of diseases that have a learned prior. ``"classes"`` uses class probabilities, as above.
+        ``"mean"`` uses the process's mean and the standard deviation of an observation, as for other fields.
     method : {"auto", "exact", "local"}
-        Posterior: ``"auto"`` is exact within the memory limit and local beyond it.
+        Kind of posterior. ``"auto"`` is exact within the memory limit and local beyond it.
     memory_limit_mb : float
-        Memory limit of the rows of exact or windowed posteriors, in MiB. While windows grow, they briefly
-        need up to 2.5 times this memory.
+        Memory limit for the rows of exact or windowed posteriors, MiB. Growing windows briefly need up to 2.5
+        times as much.
     learn_from : {"model", "observations"}
-        Source of mean and kernel. ``"observations"`` is for unknown diseases and weather: a kernel fitted to
-        the observations of a flight, which rarely meets a sick plant, is overconfident about unobserved cells
+        Source of mean and kernel. ``"observations"`` is only for unknown diseases and weather. Flights rarely
+        meet a sick plant, so a kernel fitted to observations is overconfident about unobserved cells
         (``docs/decisions/0009-gaussian-process-at-scale.md``).
     fields : FieldSet
-        The observed fields, with the assumed dynamics. Default: the benchmark's fields.
+        The observed fields, with the assumed dynamics; by default the benchmark's fields.
     day : int
-        Assumed day before the first observation.
+        Day that is assumed before the first observation.
     training_seed : int
         Seed of the simulated environments; equal seeds give equal priors.
     cache : path-like, optional
-        Folder of learned priors. Default: ``wbf-mission/gp`` in XDG_CACHE_HOME or ~/.cache.
+        Folder of learned priors; by default ``wbf-mission/gp`` in XDG_CACHE_HOME or ~/.cache.
 
     Attributes
     ----------
@@ -163,7 +163,7 @@ class GaussianProcessEstimator(BaseEstimator):
         self.states = states
 
     def memory_bytes(self, shape: tuple[int, int], n_observations: int) -> int:
-        """Return the memory in bytes; see `BaseEstimator.memory_bytes`."""
+        """Return the bytes that the estimator needs; see `BaseEstimator.memory_bytes`."""
         cells = shape[0] * shape[1]
         models = 2 * len(self.fields) * 4 * cells
         exact = len(self.fields) * ExactPosterior.bytes_needed(n_observations, shape)
@@ -174,7 +174,7 @@ class GaussianProcessEstimator(BaseEstimator):
         return _LOCAL_BYTES_A_CELL * cells + round(windows)
 
     def prepare(self, days: Sequence[int], progress: Progress | None = None) -> Self:
-        """Learn the priors of some days; see `BaseEstimator.prepare`."""
+        """Learn the priors for some days in advance; see `BaseEstimator.prepare`."""
         super().prepare(days)
         if self.optimise and self.learn_from == "model":
             for number, day in enumerate(days):
@@ -260,7 +260,7 @@ class GaussianProcessEstimator(BaseEstimator):
         for k, process in enumerate(self._fields):
             changed[k] = process.write_changes(self._own[0][k], self._own[1][k], clip=self.clip)
         self._stale |= changed
-        # New views are needed at the first call, and in a copy of the estimator.
+        # The first call, and a copy of the estimator, need new views.
         self._published = published_views(self._published, self._own)
         return self._model(*self._published, None if first else changed, in_place=True)
 
@@ -298,7 +298,7 @@ class GaussianProcessEstimator(BaseEstimator):
     def _loss_of(
         self, classes: tuple[ClassMap | None, ...], value: _Values, uncertainty: _Values, *, in_place: bool
     ) -> _Values:
-        """Return the expected loss. With `in_place`, update only stale strips of a shared array."""
+        """Return each cell's expected loss. With `in_place`, update only stale strips of a shared array."""
         if in_place and self._losses is not None:
             losses, stale = self._losses, self._stale
         else:
@@ -326,14 +326,14 @@ class GaussianProcessEstimator(BaseEstimator):
         priors = learn_priors(self.grid_, self.fields, day, self.training_seed, folder, step)
         for field, process, prior in zip(self.fields, self._fields, priors, strict=True):
             process.kernel = prior.kernel
-            # A field without a model keeps the running mean of its readings.
+            # A field without a model keeps the running mean of its readings as prior mean.
             if self.prior_mean is None and field.is_simulated:
                 process.mean = prior.mean
                 process.classes = self._classes_of(field, prior.link)
         self._learned_day = day
 
     def _classes_of(self, field: Field, link: ClassLink | None) -> ClassMap | None:
-        """Return the class map of a disease; None for other fields, or if `states` or the costs forbid it."""
+        """Return the class map of a field; None if it has no link, or if `states` or the costs forbid it."""
         costs = field.cost_above, field.cost_below
         if link is None or self.states != "classes" or min(costs) <= 0.0:
             return None
@@ -342,7 +342,7 @@ class GaussianProcessEstimator(BaseEstimator):
     def _carry(
         self, field: Field, process: FieldProcess, day: int, earlier: int, values: _Floats
     ) -> tuple[_Floats, _Floats]:
-        """Return mean and variance on `day` for readings of the day `earlier`."""
+        """Return means and variances on `day`, given readings `values` of the day `earlier`."""
         if self.learn_from == "observations":
             return values, np.full(len(values), process.change_a_day * (day - earlier))
         return transition(field, self.grid_, earlier, day, self.training_seed)(values)
@@ -352,7 +352,7 @@ class GaussianProcessEstimator(BaseEstimator):
 
     @property
     def _window_bytes(self) -> float:
-        """Memory (bytes) of each field for windows of cells."""
+        """Memory (bytes) that each field may use for windows of cells."""
         return self.memory_limit_mb * 2**20 / len(self.fields) if self.method == "auto" else 0.0
 
     def _needs_local(self) -> bool:

@@ -1,4 +1,4 @@
-"""A field of the Gaussian process estimator: observations, mean, kernel and posterior."""
+"""One field of the Gaussian process estimator: its observations, mean, kernel and posterior."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ if TYPE_CHECKING:
     from sensors.estimators.gp.local import LocalPosterior, WholePosterior
 
 MOST_FUNCTIONS = 1024
-"""Greatest number of functions over the whole farm; beyond it, the posterior is computed tile by tile."""
+"""Greatest number of functions over the whole farm; if more are needed, tiles are used instead."""
 MOST_OBSERVATIONS = 1_000_000
-"""Number of observations for which the functions over the whole farm are accurate."""
+"""Number of observations up to which the functions over the whole farm are accurate."""
 _FIRST_FIT = 16
 _FIT_POINTS = 512
 _FIT_RUNS = 8
 _LARGE_CELLS = 128
 _EXACT = 1e-3
-"""A reading closer than this to the value of a class shows the class with certainty."""
+"""A reading that is closer than this to the value of a class shows the class with certainty."""
 
 KernelFit = Callable[[Cells, Cells, Floats], RbfKernel]
 Carry = Callable[[int, Floats], tuple[Floats, Floats]]
-"""Function that returns today's mean and variance for readings of an earlier day."""
+"""Function that returns mean and variance today, given an earlier day and readings of that day."""
 Correlate = Callable[[int, int], float]
-"""Function that returns the correlation of a smooth field between two days."""
+"""Function that returns a smooth field's correlation between two days."""
 
 
 class _Method(Enum):
@@ -50,11 +50,11 @@ class FieldProcess:
     """Observations, prior mean, kernel and posterior of one field.
 
     `mean` is the prior mean; None selects the mean of the observations, or `mean_before` without
-    observations. With `is_patchy`, nearby readings share the error of the kernel, for example where soaked
-    soil takes no more rain: on large farms such readings have reduced weights (`Crowding`).
+    observations. With `is_patchy`, readings close together share an error of the model, for example where
+    soaked soil takes no more rain, and have reduced weights on large farms (`Crowding`).
 
-    `classes`, for a disease, converts the process's means into value and uncertainty. As long as every
-    reading is the exact value of a class, plants read today have the class of their reading.
+    `classes` turns a disease's means into values and uncertainties. As long as every reading is the exact
+    value of a class, a plant that was read today has the class of its reading.
     """
 
     def __init__(
@@ -94,22 +94,22 @@ class FieldProcess:
         return len(self._values)
 
     def append(self, x: Cells, y: Cells, values: NDArray[np.floating], days: NDArray[np.integer]) -> None:
-        """Store further observations for the next `update`."""
+        """Store further observations, which the next `update` uses."""
         self._cells.append(np.stack([x, y], axis=1))
         self._values.append(values)
         self._days.append(days)
         self._exact = self._exact and bool((np.abs(values - _nearest_class(values)) <= _EXACT).all())
 
     def carry_to(self, day: int, carry: Carry, correlate: Correlate | None = None) -> None:
-        """Set the estimated day; `carry` carries readings of earlier days forward.
+        """Set the day to estimate; `carry` carries readings of earlier days forward to it.
 
-        With `correlate`, the errors of a day's carried readings are correlated (`sensors.estimators.days`).
-        Without it, the errors are independent.
+        If `correlate` is given, errors of readings carried from one day are correlated
+        (`sensors.estimators.days`); otherwise they are independent.
         """
         self._day, self._carry, self._correlate = day, carry, correlate
 
     def fit(self, fit_kernel: KernelFit) -> None:
-        """Fit the kernel to the observations if a fit is due (see `due_fit`)."""
+        """Fit the kernel to the observations if a new fit is due (see `due_fit`)."""
         count = due_fit(len(self))
         if count <= self._fitted:
             return
@@ -120,16 +120,16 @@ class FieldProcess:
         self.kernel = self._first_kernel if np.ptp(residuals) == 0 else fit_kernel(x, y, residuals)
 
     def prior_mean(self, count: int) -> float:
-        """Return the prior mean, given the first `count` observations."""
+        """Return the prior mean, which may depend on the first `count` observations."""
         if self.mean is not None:
             return self.mean
         return float(self._values.array[:count].mean()) if count else self._mean_before
 
     def update(self, *, exact: bool, window_bytes: float = 0.0) -> None:
-        """Update the posterior to the stored observations and the current kernel.
+        """Bring the posterior up to date with the stored observations and the present kernel.
 
-        With `exact`, all cells are stored for each observation. Otherwise windows are stored if they need at
-        most `window_bytes`; if they need more, tiles or functions are used.
+        With `exact`, all cells are stored for each observation. Otherwise windows are stored if these need at
+        most `window_bytes`, or else tiles or functions are used.
         """
         if self._update_smooth():
             return
@@ -137,7 +137,7 @@ class FieldProcess:
         method = self._method(exact, window_bytes)
         state = self.kernel, method, self._day, None
         gone = self._newly_superseded()
-        # Observations cannot be removed from an exact posterior, so a new one is needed.
+        # An exact posterior cannot remove observations, so a superseded reading requires a new posterior.
         if posterior is None or self._made_for != state or (exact and (gone < self._conditioned).any()):
             self._posterior = posterior = self._new_posterior(method)
             self._crowding = self._no_crowd()
@@ -152,25 +152,25 @@ class FieldProcess:
             posterior.solve()
 
     def _method(self, exact: bool, window_bytes: float) -> _Method:
-        """Return the method for the posterior."""
+        """Return the method by which to compute the posterior."""
         if exact:
             return _Method.EXACT
         days = self._days.array
-        # Later days supersede readings, and readings cannot be removed from windows.
+        # Readings of a later day supersede earlier readings, which windows cannot remove.
         one_day = not len(days) or bool((days == days[0]).all())
         if one_day and WindowedPosterior.fits(len(self), self._shape, self.kernel, window_bytes):
             return _Method.WINDOWED
         return _Method.TILED
 
     def _update_smooth(self) -> bool:
-        """Update the posterior of a smooth field with readings of earlier days.
+        """Update the posterior of a smooth field that has readings of earlier days.
 
-        Return False, without an update, if there are no such readings or the lengthscale is too short.
+        If there are no such readings or the lengthscale is too short, update nothing and return False.
         """
         days = self._days.array
         if self._correlate is None or self._day is None or not (days < self._day).any():
             return False
-        # Earlier readings are scaled relative to the mean, so the posterior depends on the mean.
+        # The posterior depends on the mean, because earlier readings are scaled relative to the mean.
         state = (self.kernel, None, self._day, self.prior_mean(len(self)))
         posterior = self._posterior
         if self._made_for != state or (days[self._conditioned :] < self._day).any():
@@ -182,7 +182,7 @@ class FieldProcess:
             for day, following in pairwise([*earlier, self._day]):
                 x, y = self._cells.array[days == day].T
                 values = self._as_of_today(day, self._values.array[days == day])
-                # On small farms the first day's readings count fully: model errors matter on later days only.
+                # On small farms the first day's readings count fully: model errors matter only later.
                 exactly = day == earlier[0] and not self._crowds
                 counted = None if exactly else self._no_crowd().weights(x, y)
                 whole.condition(x, y, values, counted)
@@ -198,7 +198,7 @@ class FieldProcess:
         return True
 
     def _counted(self, posterior: object, x: Cells, y: Cells) -> Floats | None:
-        """Return the reduced weights of today's further readings, or None if they all count fully."""
+        """Return the reduced weights of further readings of today, or None if all readings count fully."""
         if not self._crowds or isinstance(posterior, CellPosterior):
             return None
         from sensors.estimators.gp.local import WholePosterior
@@ -209,7 +209,7 @@ class FieldProcess:
         return Crowding(self._shape, (self.kernel.length_x, self.kernel.length_y))
 
     def _as_of_today(self, day: int, values: Floats) -> Floats:
-        """Return an earlier day's readings, with deviations from the mean scaled to those of today."""
+        """Return readings of an earlier day, with their deviations from the mean scaled to today's."""
         assert self._carry is not None
         assert self._correlate is not None
         assert self._day is not None
@@ -218,7 +218,7 @@ class FieldProcess:
         return mean + (expected - mean) / self._correlate(day, self._day)
 
     def _newly_superseded(self) -> NDArray[np.intp]:
-        """Return the indices of readings newly superseded by a later day's reading of the same cell."""
+        """Return the indices of readings that a later day's reading of the same cell now supersedes."""
         known, count = self._superseded, len(self)
         if len(known) == count:
             return np.empty(0, np.intp)
@@ -241,7 +241,7 @@ class FieldProcess:
 
     @property
     def change_a_day(self) -> float:
-        """Mean squared change per day of cells read on two days; 0 if there are no such cells."""
+        """Mean squared change per day of cells that were read on two days; 0 without such cells."""
         return self._changed / self._days_of_change if self._days_of_change else 0.0
 
     def _take(
@@ -250,7 +250,7 @@ class FieldProcess:
         which: NDArray[np.intp],
         sign: float,
     ) -> None:
-        """Add the readings `which` to a posterior, or remove them if `sign` is -1."""
+        """Add the readings with indices `which` to a posterior; if `sign` is -1, remove the readings."""
         if not len(which):
             return
         x, y = self._cells.array[which].T
@@ -271,16 +271,16 @@ class FieldProcess:
 
     @property
     def used_kernel(self) -> RbfKernel:
-        """Kernel of the posterior. Tiles raise the noise to a lower bound."""
+        """The kernel that the posterior uses. With tiles, the noise has a lower bound."""
         return self.kernel if self._posterior is None else self._posterior.kernel
 
     def write_all(self, value: NDArray[np.float32], uncertainty: NDArray[np.float32], *, clip: bool) -> None:
-        """Write the estimate's value and uncertainty into any arrays [W, H]."""
+        """Write the value and uncertainty of all cells into arrays [W, H]."""
         posterior = self._posterior
         if not isinstance(posterior, CellPosterior):
             self._written = None
             self.write_changes(value, uncertainty, clip=clip)
-            # The next `write_changes` has other arrays, so it must write all cells.
+            # The next `write_changes` gets other arrays and must write all cells.
             self._written = None
             return
         mean = self.prior_mean(len(self))
@@ -297,9 +297,9 @@ class FieldProcess:
     def write_changes(
         self, value: NDArray[np.float32], uncertainty: NDArray[np.float32], *, clip: bool
     ) -> NDArray[np.bool_]:
-        """Update the changed cells of two arrays, the same at each call, and return the written tiles.
+        """Write the changed cells to two arrays and return the written tiles.
 
-        Call it only if the posterior is not exact.
+        The arrays must be the same at each call, and the posterior must not be exact.
         """
         posterior = self._posterior
         assert posterior is not None
@@ -324,7 +324,7 @@ class FieldProcess:
         return changed
 
     def _show_readings(self, value: NDArray[np.float32], uncertainty: NDArray[np.float32]) -> None:
-        """Write today's last readings as known values, if all readings are exact."""
+        """Write today's readings as certain values if all readings are exact class values."""
         assert self.classes is not None
         if not self._exact or self._day is None:
             return
@@ -348,8 +348,8 @@ class FieldProcess:
         return LocalPosterior(self._shape, replace(self.kernel, noise=noise))
 
     def _whole_posterior(self) -> WholePosterior | None:
-        """Return a posterior in functions over the whole farm; None if it would need too many functions."""
-        # Imported here because loading compiled code is slow.
+        """Return a posterior in functions over the whole farm; None if too many functions are needed."""
+        # The import is here because loading compiled code is slow.
         from sensors.estimators.gp.local import WholePosterior
 
         spectrum = WholePosterior.spectrum_of_farm(
@@ -364,7 +364,7 @@ def _nearest_class(values: NDArray[np.floating]) -> Floats:
 
 
 def due_fit(n: int) -> int:
-    """Return the greatest of 0, 16, 32, ..., 512, 2048, 8192, ... up to n: the observations of the last fit.
+    """Return at how many of `n` observations the last kernel fit was due: 0, 16, 32, ..., 512, 2048, ...
 
     >>> [due_fit(n) for n in (15, 16, 31, 32, 1000, 2047, 2048, 10_000)]
     [0, 16, 16, 32, 512, 512, 2048, 8192]
@@ -372,13 +372,13 @@ def due_fit(n: int) -> int:
     if n < _FIRST_FIT:
         return 0
     due = 1 << (n.bit_length() - 1)
-    # A fit restarts the posterior. Beyond `_FIT_POINTS`, which a fit uses at most, fits are less frequent.
+    # A fit restarts the posterior. A fit uses at most `_FIT_POINTS`, so fits become rarer beyond this number.
     late = due > _FIT_POINTS and (due // _FIT_POINTS).bit_length() % 2 == 0
     return due // 2 if late else due
 
 
 def _fit_subset(n: int) -> NDArray[np.intp]:
-    """Return the indices of the observations, among the first `n`, that a kernel fit uses."""
+    """Return the indices of the observations among the first `n` that a kernel fit uses."""
     if n <= _FIT_POINTS:
         return np.arange(n)
     run = _FIT_POINTS // _FIT_RUNS

@@ -1,8 +1,8 @@
-"""Lattice of nodes for the posterior of a Gaussian process, with interpolation between the nodes.
+"""Lattice of nodes that have the posterior of a Gaussian process; cells between nodes are interpolated.
 
-Nodes are a quarter of a lengthscale apart, or on every cell if a quarter is under two cells along both axes.
-Between nodes, mean and variance are interpolated with polynomials of degree five through six nodes along each
-axis. The interpolation error for a field of unit variance is 2e-5 in the mean and 1e-4 in the variance.
+Nodes are a quarter of a lengthscale apart. If that is below two cells along both axes, every cell is a node.
+Between nodes, mean and variance are interpolated by polynomials of degree five through six nodes along each
+axis. For a field of unit variance, the interpolation error is 2e-5 in the mean and 1e-4 in the variance.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ Values = NDArray[np.float32]
 
 
 def lagrange_weights(step: int) -> Values:
-    """Return the weights of the six nearest nodes for each cell between two nodes, float32[6, step].
+    """Return the weights of six nodes for each cell from one node to the next, float32[6, step].
 
-    The nodes are the last three up to the cell and the next three after it.
+    The six nodes are the last three nodes up to the cell and the next three nodes after the cell.
 
     Examples
     --------
@@ -57,13 +57,13 @@ def write_from_nodes(
     value: Values,
     uncertainty: Values,
 ) -> None:
-    """Write value and uncertainty in a box of cells, interpolated between nodes.
+    """Interpolate between nodes, and write value and uncertainty of the cells in a box.
 
     Parameters
     ----------
     posterior : float32[3, w, h]
         Posterior at the nodes: response to the values, response to a constant, and reduction of the variance.
-        The third node along each axis is at cell 0.
+        Along each axis, the third node is at cell 0.
     weights_x, weights_y : float32[6, step]
         Interpolation weights from `lagrange_weights`.
     box : tuple of four ints
@@ -98,7 +98,7 @@ def write_from_nodes(
             w0, w1, w2 = weights_y[0, t0:t1], weights_y[1, t0:t1], weights_y[2, t0:t1]
             w3, w4, w5 = weights_y[3, t0:t1], weights_y[4, t0:t1], weights_y[5, t0:t1]
             values, deviations = value[x, first:last], uncertainty[x, first:last]
-            # The sums are written out, so that the compiler uses vector instructions for this loop.
+            # Because the sums are written out, the compiler uses vector instructions for this loop.
             for t in range(len(values)):
                 shift = w0[t] * a0 + w1[t] * a1 + w2[t] * a2 + w3[t] * a3 + w4[t] * a4 + w5[t] * a5
                 known = w0[t] * b0 + w1[t] * b1 + w2[t] * b2 + w3[t] * b3 + w4[t] * b4 + w5[t] * b5
@@ -115,12 +115,12 @@ def write_cells(
     value: Values,
     uncertainty: Values,
 ) -> None:
-    """Write value and uncertainty of tiles in which every cell is a node; see `write_from_nodes`.
+    """Write value and uncertainty of tiles whose cells are all nodes; see `write_from_nodes`.
 
     Parameters
     ----------
     posterior : float32[slots, 3, w, h]
-        Posterior of each slot, beginning at the first node of the slot's tile.
+        Posterior of each slot; the slot's array begins at the first node of its tile.
     tiles : int64[n, 5]
         Slot of each tile, and half-open ranges of cells along x and along y: x0, x1, y0, y1.
     """
@@ -140,7 +140,7 @@ def write_cells(
 NODES_PER_LENGTH = 4
 _COLUMNS_AT_ONCE = 256
 _STRIP_COLUMNS = 32
-_PARTS_PER_CORE = 8  # Several parts per core balance the load
+_PARTS_PER_CORE = 8  # Several parts for each core balance the load
 
 Box = tuple[int, int, int, int]
 Strip = tuple[slice, slice, NDArray[np.bool_] | None]
@@ -151,7 +151,7 @@ Item = TypeVar("Item")
 
 
 def in_parallel(work: Callable[[Sequence[Item]], None], items: Sequence[Item]) -> None:
-    """Call `work` with parts of the items in threads on all cores; `work` must release the GIL."""
+    """Call `work` with each part of the items, in threads on all cores; `work` must release the GIL."""
     cores = os.cpu_count() or 1
     if not items:
         return
@@ -166,11 +166,11 @@ def in_parallel(work: Callable[[Sequence[Item]], None], items: Sequence[Item]) -
 
 
 class LatticeAxis:
-    """Nodes along one axis, grouped into tiles.
+    """The nodes along one axis, which are grouped into tiles.
 
-    With `single`, each cell is a node. If `single` is false, additional nodes outside the farm support the
-    interpolation at the border. `edges` holds the first node of each tile and the end of the last tile.
-    `first` is the position of the first node, in cells.
+    With `single`, each cell is a node. Otherwise further nodes outside the farm serve the interpolation at
+    the border. `edges` holds the first node of each tile and the end of the last tile. `first` is the
+    position of the first node, in cells.
     """
 
     def __init__(self, cells: int, step: int, *, single: bool, tile_cells: float) -> None:
@@ -189,7 +189,7 @@ class LatticeAxis:
         return self.first + self.step * np.arange(self.nodes, dtype=np.float64)
 
     def reached(self, cells: NDArray[np.integer], reach: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the first and the last tile with a node within `reach` of each cell."""
+        """Return, for each cell, the first and the last tile that has a node within `reach` of the cell."""
         places = cells.astype(np.int64)
         low = -((self.first - places + reach) // self.step)
         high = (places + reach - self.first) // self.step
@@ -204,17 +204,17 @@ class LatticeAxis:
         low, high = int(self.edges[first]), int(self.edges[last + 1])
         if self.single:
             return low, high
-        # A cell depends on the last three nodes up to the cell and on the next three.
+        # A cell depends on the last three nodes up to the cell and on the three nodes after it.
         return max(0, (low - POINTS + 1) * self.step), min(self.cells, high * self.step)
 
 
 class NodeLattice:
-    """Posterior at nodes, in tiles, with a record of the tiles not yet written to the cells.
+    """Posterior at nodes, in tiles, and a record of the tiles still to be written to the cells.
 
-    The posterior of a node has three parts: the mean under a zero prior mean, the same mean if all
-    observations were 1, and the reduction of the variance. `posterior` is float32[slots, 3, w, h].
-    If every cell is a node, each solved tile has a slot; otherwise slot 0 holds all nodes. After a change of
-    `posterior`, `changed` must be called.
+    The posterior of a node has three parts: the mean under a prior mean of zero, this mean if all
+    observations were 1, and the reduction of the variance. `posterior` is float32[slots, 3, w, h]. If every
+    cell is a node, each solved tile has a slot; otherwise slot 0 holds all nodes. Whoever changes `posterior`
+    must call `changed`.
     """
 
     def __init__(self, shape: tuple[int, int], kernel: RbfKernel, tile_cells: tuple[float, float]) -> None:
@@ -238,13 +238,13 @@ class NodeLattice:
 
     @property
     def posterior(self) -> Values:
-        """Posterior of all slots; `places_of` may replace the array."""
+        """Posterior of all slots; after a call of `places_of` this may be another array."""
         return self._tiles.array
 
     def places_of(self, tiles: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the slot of each tile and the slot's first node along x and y, int64[n, 3].
+        """Return the slot of each tile, and the slot's first node along x and along y, int64[n, 3].
 
-        `tiles` is int64[n, 2]. A tile without a slot gets a slot filled with zeros.
+        `tiles` is int64[n, 2]. A tile that has no slot yet gets a slot filled with zeros.
         """
         i, j = tiles.T
         if not self._single:
@@ -256,7 +256,7 @@ class NodeLattice:
         return np.column_stack([self._slots[i, j], self.x.edges[i], self.y.edges[j]])
 
     def changed(self, tiles: NDArray[np.bool_]) -> None:
-        """Mark tiles of nodes with a changed posterior."""
+        """Mark the tiles at whose nodes the posterior has changed."""
         self._touched |= tiles
         self._unwritten |= tiles
 
@@ -270,10 +270,10 @@ class NodeLattice:
         uncertainty: NDArray[np.float32],
         then: Then | None = None,
     ) -> NDArray[np.bool_]:
-        """Write value and standard deviation (including noise) of the cells; return the written tiles.
+        """Write value and standard deviation (noise included) of cells; return the written tiles.
 
-        With `whole`, all cells are written, not only those changed since the last call. `then` comes last,
-        with columns, rows, and a mask of written cells (None: all). Each written cell is in one call only.
+        Only cells changed since the last call are written, but with `whole` all cells. At the end, `then` is
+        called with columns, rows and a mask of written cells (None: all); calls do not overlap.
         """
         kernel = self.kernel
         limits = (0.0, 1.0) if clip else (-math.inf, math.inf)
@@ -316,10 +316,10 @@ class NodeLattice:
         return tiles_of_boxes(self.shape, *np.array(boxes, np.int64).reshape(-1, 4).T)
 
     def _boxes(self, tiles: NDArray[np.bool_]) -> Iterator[Box]:
-        """Yield boxes of the cells that depend on the nodes of the masked tiles."""
+        """Yield boxes of cells that depend on nodes of the masked tiles."""
         for i in np.flatnonzero(tiles.any(axis=1)).tolist():
             x0, x1 = self.x.span(i, i)
-            # Start and end of each run of neighbouring tiles.
+            # `ends` has the start and end of each run of neighbouring tiles.
             ends = np.flatnonzero(np.diff(tiles[i].astype(np.int8), prepend=0, append=0))
             for first, end in ends.reshape(-1, 2).tolist():
                 y0, y1 = self.y.span(first, end - 1)
@@ -328,7 +328,7 @@ class NodeLattice:
 
 
 def _apart(boxes: Sequence[Box]) -> Iterator[Strip]:
-    """Yield the cells of possibly overlapping boxes as strips that do not overlap."""
+    """Yield the cells of boxes, which may overlap, as strips that do not overlap."""
     strips: dict[int, list[Box]] = {}
     for box in boxes:
         for strip in range(box[0] // _STRIP_COLUMNS, -(-box[1] // _STRIP_COLUMNS)):

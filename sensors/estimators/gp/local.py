@@ -1,9 +1,9 @@
 """Posteriors of a Gaussian process for farms of any size.
 
-`LocalPosterior` is for lengthscales that are short compared with the farm. Tiles of about eight lengthscales
-are solved separately, each with the observations in the tile and within seven lengthscales around the tile.
-`WholePosterior` is for long lengthscales. Sine functions over the whole farm approximate the process, and
-observations add to the sums of a regression. Neither class thins the observations; merging repeated
+`LocalPosterior` is for lengthscales that are short compared with the farm. It solves tiles of about eight
+lengthscales separately, each with the observations in the tile and up to seven lengthscales around it.
+`WholePosterior` is for long lengthscales. It approximates the process by sine functions over the whole farm,
+and observations add to the sums of a regression. Neither class drops observations, as merging repeated
 observations of a cell is exact. The parameter `weights` reduces the influence of observations.
 """
 
@@ -25,9 +25,9 @@ TILE_LENGTHS = 8.0
 REACH_LENGTHS = 7.0
 FAR_REACH_LENGTHS = 10.0
 LITTLE_NOISE = 0.1
-"""Ratio of noise to amplitude below which observations act farther away, through other observations."""
+"""If the ratio of noise to amplitude is less, observations act farther away, through other observations."""
 LEAST_NOISE = 0.003
-"""Ratio of noise to amplitude below which tiles do not approximate the posterior accurately."""
+"""If the ratio of noise to amplitude is less, tiles do not approximate the posterior accurately."""
 TOUCH_LENGTHS = 5.0
 _LEAST_TILE_CELLS = 16
 _OUTSIDE_LENGTHS = 2.5
@@ -40,13 +40,13 @@ _Sums = NDArray[np.floating]
 
 
 class Spectrum:
-    """Sine functions on a box, and their prior variances (Solin & Särkkä 2020, eq. 21 and 56).
+    """Sine functions on a box, with their prior variances (Solin & Särkkä 2020, eq. 21 and 56).
 
-    A function is omitted if observations of the given density would reduce its variance by less than a
+    A function is left out if observations of the given density reduce the function's variance by less than a
     thousandth.
 
     `density` is the greatest number of observations per cell. `roots` are the square roots of the functions'
-    variances along each axis. `terms`, int64[n, 2], are the index pairs of the products in use.
+    variances along each axis. `terms`, int64[n, 2], has the pairs of indices of the products that are used.
     """
 
     def __init__(self, kernel: RbfKernel, sides: tuple[float, float], density: float = 1.0) -> None:
@@ -70,25 +70,25 @@ class Spectrum:
 
     @staticmethod
     def _highest(kernel: RbfKernel, density: float) -> float:
-        """Return the highest relevant frequency, in units of the inverse lengthscale."""
+        """Return the highest frequency of a function in use, in units of the inverse lengthscale."""
         scale = 2.0 * math.pi * kernel.length_x * kernel.length_y * kernel.amplitude
         least = min(0.1, _LEAST_INFORMATION * kernel.noise / (scale * density))
         return math.sqrt(-2.0 * math.log(least))
 
     @classmethod
     def fewest_functions(cls, kernel: RbfKernel, sides: tuple[float, float], density: float = 1.0) -> float:
-        """Return a lower bound of the number of functions, without constructing them."""
+        """Return a lower bound of the number of functions without computing the functions."""
         highest = cls._highest(kernel, density)
         along_x, along_y = (
             highest * side / (math.pi * length)
             for side, length in zip(sides, (kernel.length_x, kernel.length_y), strict=True)
         )
-        # Lattice points in a quarter ellipse: at least its area less the lengths of the half-axes.
+        # A quarter ellipse has at least as many lattice points as its area less the lengths of its half-axes.
         return 0.25 * math.pi * along_x * along_y - along_x - along_y
 
 
 class LocalPosterior:
-    """Posterior computed tile by tile, for lengthscales that are short compared with the farm."""
+    """Posterior that is solved tile by tile, for lengthscales that are short compared with the farm."""
 
     def __init__(self, shape: tuple[int, int], kernel: RbfKernel) -> None:
         self.kernel = kernel
@@ -105,7 +105,7 @@ class LocalPosterior:
             for axis, reach, length in zip((x, y), self._reach, lengths, strict=True)
         ]
         self._spectrum = Spectrum(kernel, (sides[0], sides[1]))
-        # Observed cells, x * H + y in ascending order, and the sums of their weights and weighted values
+        # Observed cells as x * H + y, ascending, and the sums of each cell's weights and weighted values.
         self._cells = np.empty(0, np.int64)
         self._sums = np.empty((0, 2))
         self._waiting = np.zeros((x.tiles, y.tiles), np.bool_)
@@ -117,7 +117,7 @@ class LocalPosterior:
         further = np.unique(cells)
         where = np.searchsorted(self._cells, further)
         is_new = np.append(self._cells, -1)[where] != further
-        # Few cells are new: inserting them is much faster than sorting all cells again.
+        # Few cells are new, so inserting them is much faster than sorting all cells again.
         self._cells = np.insert(self._cells, where[is_new], further[is_new])
         self._sums = np.insert(self._sums, where[is_new], 0.0, axis=0)
         weighted = np.column_stack([parts, parts * values])
@@ -131,7 +131,7 @@ class LocalPosterior:
             self._waiting[i0 : i1 + 1, j0 : j1 + 1] = True
 
     def solve(self) -> None:
-        """Solve the tiles within reach of new observations."""
+        """Solve the tiles that are within reach of new observations."""
         x, y = self.lattice.x, self.lattice.y
         kernel = self.kernel
         parameters = kernel.length_x, kernel.length_y, kernel.noise, kernel.amplitude
@@ -174,7 +174,7 @@ class WholePosterior:
         self._spectrum = spectrum
         self._middle = tuple(0.5 * (side - 1) for side in shape)
         functions = len(spectrum.terms)
-        self._precision = np.eye(functions)  # Only the upper triangle is used
+        self._precision = np.eye(functions)  # The lower triangle is not used
         self._response = np.zeros((functions, 2))
         self._waiting = False
 
@@ -182,7 +182,7 @@ class WholePosterior:
     def spectrum_of_farm(
         shape: tuple[int, int], kernel: RbfKernel, observations: int, most_functions: float = math.inf
     ) -> Spectrum | None:
-        """Return the functions for a farm and a number of observations; None if too many are needed."""
+        """Return the functions for a farm and a number of observations; None if they are too many."""
         sides = [
             side + 2.0 * _OUTSIDE_LENGTHS * length
             for side, length in zip(shape, (kernel.length_x, kernel.length_y), strict=True)
@@ -207,7 +207,7 @@ class WholePosterior:
                     found[begin] = _upper_product(counted.T, functions), product(counted.T, data)
 
             in_parallel(work, range(start, min(start + _BATCH * _BATCHES, len(x)), _BATCH))
-            # A fixed order of summation makes the result independent of the number of cores.
+            # The sums are added in a fixed order, so that the result does not depend on the number of cores.
             for begin in sorted(found):
                 self._precision += found[begin][0] / self.kernel.noise
                 self._response += found[begin][1] / self.kernel.noise
@@ -219,7 +219,7 @@ class WholePosterior:
         self._waiting = True
 
     def solve(self) -> None:
-        """Update the posterior at the nodes."""
+        """Bring the posterior at the nodes up to date."""
         if not self._waiting:
             return
         self._waiting = False
@@ -255,7 +255,7 @@ class WholePosterior:
 
 
 def _upper_product(a: _Sums, b: _Sums) -> _Sums:
-    """Return a product of matrices, float64[n, n], without the blocks below its diagonal."""
+    """Return a product of matrices, float64[n, n], but leave the blocks below the diagonal zero."""
     found = np.zeros((len(a), len(a)))
     for first in range(0, len(a), _ROWS_AT_ONCE):
         rows = slice(first, first + _ROWS_AT_ONCE)

@@ -1,9 +1,9 @@
 """Priors of the Gaussian process: means and kernels, learned from simulated environments.
 
-The simulations have separate seeds. The results are the mean, and the covariance of cells at each distance.
-Let S be this covariance for a set of cells, and K the kernel's covariance. The fitted kernel minimises
-``log det K + trace(K^-1 S)``, which is the Kullback-Leibler divergence up to a constant factor and term. The
-link from means to a disease's classes is also learned from simulations (`sensors.estimators.gp.classes`).
+The simulations have seeds of their own. They give the mean, and the covariance of cells at each distance. Let
+S be this covariance for a set of cells, and K the kernel's covariance for these cells. The fitted kernel
+minimises ``log det K + trace(K^-1 S)``, which is the Kullback-Leibler divergence up to a constant factor and
+term. Simulations also give the link from means to a disease's classes (`sensors.estimators.gp.classes`).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from sensors.estimators.gp.rbf import (
 from sensors.fields import Field, FieldSet
 
 VERSION = 3
-"""Version in the keys of files; raise it with every change of the learned priors."""
+"""Version, part of the digests that name files; raise it with every change of the learned priors."""
 _WINDOW = 1000
 _SIMULATED_CELLS = 8_000_000
 _MOST_SIMULATIONS = 400
@@ -70,10 +70,10 @@ class FieldPrior:
 def learn_priors(
     grid: FarmGrid, fields: FieldSet, day: int, seed: int, folder: Path, step: Step = no_step
 ) -> tuple[FieldPrior, ...]:
-    """Return the priors of all fields on a day, from memory, from a file in the folder, or newly learned.
+    """Return the priors of all fields on a day, from memory or a file in the folder, or learn them.
 
-    An unusable file is replaced. If the folder is not writeable, every process repeats the simulations, which
-    take one or two seconds.
+    A file that cannot be used is replaced. If the folder cannot be written, every process repeats the
+    simulations, which take one or two seconds.
     """
     if not 0 <= day <= MAX_DAYS:
         raise EstimatorError(f"gp: day {day} is not in 0..{MAX_DAYS}, the days of an environment")
@@ -115,7 +115,7 @@ def _learn(field: Field, grid: FarmGrid, day: int, seed: int) -> FieldPrior:
 
 
 def measured_prior(parameters: Measured, default: float, cell_size_m: float) -> FieldPrior:
-    """Return the prior of a field without a dynamic model, from its given parameters.
+    """Return the prior of a field that has no dynamic model, from the given parameters.
 
     >>> measured_prior(Measured(correlation_length_m=10.0, spread=0.5, noise=0.1), 0.5, 2.0).kernel
     RbfKernel(length_x=5.0, length_y=5.0, noise=0.010000000000000002, amplitude=0.25)
@@ -129,8 +129,8 @@ def disease_prior(
 ) -> FieldPrior:
     """Return the prior of a disease on its hosts.
 
-    For farms of more than a million cells, the simulation uses a window full of hosts, with the farm's number
-    of seeds per host.
+    For a farm of more than a million cells, the simulated land is a window full of hosts, with as many seeds
+    per host as the farm.
     """
     count = int(np.count_nonzero(hosts))
     if not count:
@@ -147,14 +147,14 @@ def disease_prior(
     inside = land.astype(np.float64)
     for i in range(number):
         onset = simulate_outbreak(land, parameters, day, stream(seed, "gp", name, str(i)))
-        # Illness (1 minus the value) is 0 almost everywhere, which keeps the products exact.
+        # Illness (1 minus the value) is 0 almost everywhere, so that the products are exact.
         illness = np.where(land, 1.0 - values[onset.view(np.uint8)], 0.0)
         total += float(illness.sum())
         sick += int(np.count_nonzero(illness))
         products += _lagged_products(illness, _LAGS)
     pairs = _lagged_products(inside, _LAGS) * number
     mean = total / (number * inside.sum())
-    # Lags beyond the field's size have no pairs. Counts from Fourier transforms are integers up to rounding.
+    # No pairs of cells exist at lags beyond the field's size. Fourier transforms give counts up to rounding.
     width, height = (int(np.count_nonzero(along > 0.5)) for along in (pairs[:, 0], pairs[0]))
     covariance = products[:width, :height] / np.maximum(pairs[:width, :height], 1.0) - mean**2
     x, y = (part.ravel() for part in np.indices(covariance.shape))
@@ -171,11 +171,11 @@ def disease_prior(
 def _outbreaks(
     land: NDArray[np.bool_], parameters: EpidemicParameters, values: Floats, day: int, seed: int, name: str
 ) -> Iterator[tuple[Floats, NDArray[np.bool_], float, np.random.Generator]]:
-    """Yield windows of simulated farms for `link_slope`.
+    """Yield windows of simulated farms, from which `link_slope` learns.
 
-    Outbreaks are rare in windows of a farm with more than 128 x 128 cells. On large farms, the simulation
-    therefore samples only pieces of land with an outbreak, and yields the probability of an outbreak too. The
-    seeds of the disease are arrivals of a Poisson process.
+    Outbreaks are rare in windows of a farm with more than 128 x 128 cells. On such farms, only pieces of land
+    with an outbreak are simulated, and the probability of an outbreak is yielded too. The seeds of the
+    disease are arrivals of a Poisson process.
     """
     whole = land.size <= _WHOLE_CELLS
     piece = land if whole else np.ones((_PIECE_CELLS, _PIECE_CELLS), np.bool_)
@@ -186,7 +186,7 @@ def _outbreaks(
         rng = stream(seed, "gp", name, "link", str(number))
         drawn = parameters
         if not whole:
-            # Number of arrivals until time 1, given a first arrival before time 1.
+            # The seeds are the arrivals until time 1, given that the first arrival is before time 1.
             first = -math.log1p(-float(rng.random()) * there) / expected
             drawn = replace(parameters, seeds=1 + int(rng.poisson(expected * max(0.0, 1.0 - first))))
         onset = simulate_outbreak(piece, drawn, day, rng)
@@ -198,7 +198,7 @@ def _outbreaks(
 def continuous_prior(
     parameters: ContinuousDynamics, shape: tuple[int, int], day: int, seed: int, name: str = "soil"
 ) -> FieldPrior:
-    """Return the prior of a continuous field. A coarse grid suffices, as the humps scale with the farm."""
+    """Return the prior of a continuous field. A coarse grid suffices, as humps scale with the farm."""
     rngs = [stream(seed, "gp", name, str(number)) for number in range(_SOIL_SIMULATIONS)]
     fields = parameters.simulate_coarse(shape, (day,), _SOIL_CELLS, rngs)[0]
     coarse = fields.shape[1:]
@@ -215,7 +215,7 @@ def continuous_prior(
 
 
 def _lagged_products(field: Floats, lags: int) -> Floats:
-    """Return the sums over all cells of field[x, y] * field[x + i, y + j], float64[lags, lags]."""
+    """Return, for each lag (i, j), the sum of field[x, y] * field[x + i, y + j], float64[lags, lags]."""
     from scipy import fft
 
     shape = [fft.next_fast_len(side + lags, real=True) for side in field.shape]
@@ -227,7 +227,7 @@ def _lagged_products(field: Floats, lags: int) -> Floats:
 def _nearest_kernel(
     x: NDArray[np.integer], y: NDArray[np.integer], moments: Floats, length_bounds: tuple[float, float]
 ) -> RbfKernel:
-    """Return the kernel with the least divergence from given moments at some positions (see the module)."""
+    """Return the kernel of least divergence (see the module) from given moments at positions x, y."""
     variance = float(np.trace(moments)) / len(moments)
     if variance < 2 * _LEAST_VARIANCE:
         return RbfKernel(2.0, 2.0, _LEAST_VARIANCE, _LEAST_VARIANCE)
@@ -267,7 +267,7 @@ def _save(priors: tuple[FieldPrior, ...], path: Path, fields: FieldSet) -> None:
 
 
 def _load(path: Path, fields: FieldSet) -> tuple[FieldPrior, ...] | None:
-    """Return the priors in a file; None if the file is missing or unusable."""
+    """Return the priors in a file, or None if the file is missing or cannot be used."""
     try:
         contents = json.loads(path.read_text(encoding="utf-8"))
         priors = tuple(_prior_of(contents[name]) for name in fields.names)

@@ -1,4 +1,4 @@
-"""Squared exponential kernel with white noise on a grid of cells, and its maximum likelihood fit."""
+"""The squared exponential kernel with white noise on a grid of cells, and its maximum likelihood fit."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sensors.errors import EstimatorError
 Floats = NDArray[np.float64]
 Cells = NDArray[np.int32]
 
-SINGULAR_COST = 1e25  # Finite, so that the optimiser can back off
+SINGULAR_COST = 1e25  # The cost is finite, so that the optimiser can turn back
 _CONVERGED: Any = {"ftol": 1e-10, "xtol": 1e-8, "gtol": 1e-7, "maxfun": 2000}
 
 
@@ -52,11 +52,11 @@ class RbfKernel:
                 raise EstimatorError(f"kernel: {name} is {value}, expected a positive number")
 
     def along_x(self, a: NDArray[Any], b: NDArray[Any]) -> Floats:
-        """Return the kernel's x factor between columns a[n] and b[m], float64[n, m]."""
+        """Return the kernel's factor along x between columns a[n] and b[m], float64[n, m]."""
         return _factor(a, b, self.length_x)
 
     def along_y(self, a: NDArray[Any], b: NDArray[Any]) -> Floats:
-        """Return the kernel's y factor between rows a[n] and b[m], float64[n, m]."""
+        """Return the kernel's factor along y between rows a[n] and b[m], float64[n, m]."""
         return _factor(a, b, self.length_y)
 
     def between(self, x: Cells, y: Cells) -> Floats:
@@ -65,7 +65,7 @@ class RbfKernel:
 
 
 def _factor(a: NDArray[Any], b: NDArray[Any], length: float) -> Floats:
-    # Distances on a grid are small integers, so a table saves most exponentials.
+    # Since distances on a grid are small whole numbers, a table saves most exponentials.
     distance = np.abs(np.subtract.outer(a.astype(np.intp), b.astype(np.intp)))
     table: Floats = exp(-0.5 * (np.arange(int(distance.max(initial=0)) + 1) / length) ** 2)
     return table[distance]
@@ -83,8 +83,8 @@ def fit_kernel(
 ) -> RbfKernel:
     """Fit the kernel by maximum marginal likelihood (truncated Newton method with gradients).
 
-    Return the best optimum over all starts, or the first start if no optimum is found. A parameter with equal
-    bounds is fixed.
+    Return the best optimum that is found from the starts, or the first start if there is none. A parameter
+    with two equal bounds is fixed.
     """
     dx2 = np.subtract.outer(x, x).astype(np.float64) ** 2
     dy2 = np.subtract.outer(y, y).astype(np.float64) ** 2
@@ -107,15 +107,15 @@ def least_in_box(
     arguments: tuple[Floats, ...],
     bounds: list[tuple[float, float]],
 ) -> Any:
-    """Minimise a function within bounds; the function returns its value and gradient."""
+    """Minimise within bounds the function `cost`, which returns value and gradient."""
     from scipy.optimize import minimize
 
-    # TNC computes its own sums. L-BFGS-B calls BLAS, with results that depend on the processor.
+    # TNC computes its sums itself. L-BFGS-B calls BLAS, whose results depend on the processor.
     return minimize(cost, first, arguments, method="TNC", jac=True, bounds=bounds, options=_CONVERGED)
 
 
 def _cost(theta: Floats, dx2: Floats, dy2: Floats, residuals: Floats) -> tuple[float, Floats]:
-    """Return negative log marginal likelihood and gradient (Rasmussen & Williams 2006, eq. 5.8 and 5.9)."""
+    """Return the negative log marginal likelihood and its gradient (Rasmussen & Williams, eq. 5.8, 5.9)."""
     smooth, factor = factor_covariance(theta, dx2, dy2)
     if factor is None:
         return SINGULAR_COST, np.zeros(len(theta))
@@ -128,7 +128,7 @@ def _cost(theta: Floats, dx2: Floats, dy2: Floats, residuals: Floats) -> tuple[f
 
 
 def factor_covariance(theta: Floats, dx2: Floats, dy2: Floats) -> tuple[Floats, Floats | None]:
-    """Return the covariance without noise, and the Cholesky factor with noise (None if singular)."""
+    """Return the covariance without noise, and the Cholesky factor with noise, which is None if singular."""
     length_x, length_y, noise, amplitude = exp(theta)
     smooth = amplitude * exp(-0.5 * (dx2 / length_x**2 + dy2 / length_y**2))
     covariance = smooth.copy()
@@ -140,7 +140,7 @@ def factor_covariance(theta: Floats, dx2: Floats, dy2: Floats) -> tuple[Floats, 
 
 
 def kernel_gradient(theta: Floats, smooth: Floats, inner: Floats, dx2: Floats, dy2: Floats) -> Floats:
-    """Return ``trace(inner dK/dtheta)`` for each log parameter; `smooth` is the covariance without noise."""
+    """Return ``trace(inner dK/dtheta)`` by log parameter; `smooth` is the covariance without noise."""
     length_x, length_y, noise, _ = exp(theta)
     by_smooth = inner * smooth
     by_x, by_y = (by_smooth * dx2).sum() / length_x**2, (by_smooth * dy2).sum() / length_y**2

@@ -1,11 +1,11 @@
-"""Compiled solution of a tile of the local Gaussian process from the observations around the tile.
+"""Compiled code that solves a tile of the local Gaussian process from observations around the tile.
 
-With few observations, the covariance of the observations is factored. With more observed cells than
-functions, the process is approximated by sine functions on a box around the tile (Solin & Särkkä 2020,
-"Hilbert space methods for reduced-rank Gaussian process regression"), and the precision of their weights is
-factored. Let L be the factor in either case, and c a node's covariance with the observations, or the node's
-function values. The products of ``L^-1 c`` with the solved data give the mean, and the square of
-``L^-1 c`` gives the variance.
+With few observations, the observations' covariance is factored. With more observed cells than functions, the
+process is approximated by sine functions on a box around the tile (Solin & Särkkä 2020, "Hilbert space
+methods for reduced-rank Gaussian process regression"), and the precision of the functions' weights is
+factored. Let L be the factor in either case, and c a node's covariance with the observations, or the
+functions' values at the node. Products of ``L^-1 c`` with the solved data give the mean, and the square of
+``L^-1 c`` the variance.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _BATCH = 256
 
 @compiled(nogil=True)
 def gather(cells: Places, sums: Floats, height: int, box: Any) -> Floats:
-    """Return x, y, weight and mean value of the observed cells in a box, float64[n, 4], sorted by x and y."""
+    """Return x, y, weight and mean of the observed cells in a box, float64[n, 4], sorted by x, then y."""
     x0, x1, y0, y1 = box
     spans = np.empty((x1 - x0, 2), np.int64)
     count = 0
@@ -63,13 +63,13 @@ def fill_nodes(
     factor : float64[n, n]
         Lower triangular factor L.
     weights : float64[n, 2]
-        Solved data: for the values, and for observations that are all one.
+        Solved data: first for the observed values, then as if all observed values were 1.
     along_x, along_y : float64[k, w], float64[l, h]
-        Factors of the right-hand sides along each axis.
+        Factors along each axis whose products are the right-hand sides.
     terms : int64[n, 2]
-        Indices of the rows in `along_x` and `along_y` whose product is row i of the right-hand side.
+        For each row of the right-hand side, the indices of the rows of `along_x` and `along_y` to multiply.
     posterior : float32[3, w, h]
-        Posterior mean under a zero prior mean, the same for observations that are all one, and sum of the
+        Posterior mean under a prior mean of zero, this mean if all observed values were 1, and sum of the
         squared rows. Changed in place.
     """
     n = len(factor)
@@ -102,7 +102,7 @@ def fill_nodes(
 
 @compiled(nogil=True)
 def _bells(places: Floats, axis: int, nodes: Floats, length: float, amplitude: float) -> Floats:
-    """Return the covariance's factor along one axis between places and nodes, float64[places, nodes]."""
+    """Return the kernel's factor along one axis between places and nodes, float64[places, nodes]."""
     out = np.empty((len(places), len(nodes)))
     scale = -0.5 / (length * length)
     for i in range(len(places)):
@@ -129,7 +129,7 @@ def _covariance(seen: Floats, kernel: Any) -> Floats:
 
 @compiled(nogil=True)
 def sines(places: Floats, low: float, high: float, roots: Floats) -> Floats:
-    """Return sine functions on the interval low..high times `roots`, float64[functions, places]."""
+    """Return sine functions on low..high times `roots` at places, float64[functions, places]."""
     out = np.empty((len(roots), len(places)))
     scale = np.sqrt(2.0 / (high - low))
     for i in range(len(roots)):
@@ -143,7 +143,7 @@ def sines(places: Floats, low: float, high: float, roots: Floats) -> Floats:
 def _precision(
     seen: Floats, noise: float, spectrum: Any, terms: Places, span_x: Any, span_y: Any, weights: Floats
 ) -> Floats:
-    """Return the precision of the sine functions' weights, float64[m, m]; add the data to `weights`."""
+    """Return the precision of the m sine functions' weights, float64[m, m]; add the data to `weights`."""
     m = len(terms)
     precision = np.zeros((m, m))
     for i in range(m):
@@ -183,7 +183,7 @@ def solve_tiles(
     terms: Places,
     posterior: NDArray[np.float32],
 ) -> None:
-    """Solve some tiles of the lattice.
+    """Compute the posterior at the nodes of some tiles of the lattice.
 
     Parameters
     ----------
@@ -192,9 +192,9 @@ def solve_tiles(
     places : int64[n, 3]
         Slot of each tile in `posterior`, and the first node of the slot along x and y.
     edges_x, edges_y : int64[columns + 1], int64[rows + 1]
-        First node of each column and row of tiles, and the end of the last.
+        First node of each column and of each row of tiles, and the end of the last column or row.
     lattice : tuple of four ints
-        Position of the first node along each axis, and node spacing along each axis, in cells.
+        Position of the first node along x and y, and spacing of the nodes along x and y, in cells.
     cells : int64[n]
         Observed cells, x * H + y in ascending order.
     sums : float64[n, 2]
@@ -202,18 +202,18 @@ def solve_tiles(
     shape : tuple of two ints
         Width and height of the farm, W and H.
     reach : tuple of two ints
-        Greatest distance along each axis of observations used for a tile, in cells.
+        Greatest distance along each axis, in cells, from a tile to an observation that is used for it.
     touch : tuple of two ints
         Greatest distance along each axis at which an observation changes a node, in cells.
     kernel : tuple of four floats
-        Both lengthscales (cells), variance of the noise, variance of the latent function.
+        The two lengthscales (cells), the variance of the noise and the variance of the latent function.
     spectrum : tuple of float64[k], float64[l], float, float
         Square roots of the variances of the sine functions along each axis, and the sides of their box in
         cells. The box is centred on the tile.
     terms : int64[m, 2]
-        Index pairs of the products of sine functions, used if there are more observed cells than functions.
+        Pairs of indices of sine functions to multiply, used if there are more observed cells than functions.
     posterior : float32[slots, 3, w, h]
-        Result as for `fill_nodes`, with the reduction of the variance as third part. Changed in place.
+        Result as in `fill_nodes`, but the third part is the reduction of the variance. Changed in place.
     """
     first_x, first_y, step_x, step_y = lattice
     for k in range(len(tiles)):
@@ -233,7 +233,7 @@ def solve_tiles(
         n, m = len(seen), len(terms)
         if n == 0:
             continue
-        # Nodes out of reach of all observations keep the prior.
+        # Nodes that no observation reaches keep the prior.
         low_x, high_x, low_y, high_y = seen[0, 0], seen[0, 0], seen[0, 1], seen[0, 1]
         for p in range(1, n):
             low_x, high_x = min(low_x, seen[p, 0]), max(high_x, seen[p, 0])

@@ -77,7 +77,7 @@ def test_policies_are_made_by_name_or_taken_as_they_are():
         make_policy(FixedPlan)
     with pytest.raises(PlanningError, match="policy object is no policy"):
         make_policy(object())
-    with pytest.raises(ParameterError, match="has its parameters already"):
+    with pytest.raises(ParameterError, match="already has its parameters"):
         make_policy(policy, planner="lawnmower")
 
 

@@ -306,8 +306,6 @@ def test_a_benchmark_with_failures_says_so(tmp_path, capsys):
     told = capsys.readouterr()
     assert code == 1
     assert told.err.count("warning: ") == 7
-    assert "0 environments count; 7 do not: nobody has a score there (seeds 0..6)" in " ".join(
-        told.err.split()
-    )
+    assert "0 environments count; 7 do not: no run has a score (seeds 0..6)" in " ".join(told.err.split())
     assert "2 more runs failed" in told.err
     assert "7 failed" in told.out

@@ -70,7 +70,7 @@ def test_bench_run_flies_a_family(capsys, tmp_path):
         "unknown family 'smoth' (is 'smooth' meant?): choose own, worlds, smooth" in capsys.readouterr().err
     )
     assert main(["bench", "run", str(tmp_path / "a.toml"), "--family", "smooth", *few]) == 2
-    assert "give one of them" in capsys.readouterr().err
+    assert "give only one of the two" in capsys.readouterr().err
 
 
 def test_an_unknown_family_is_told():

@@ -115,7 +115,7 @@ def test_only_one_process_writes(tmp_path):
 
 def test_a_damaged_journal_is_named(tmp_path):
     (tmp_path / "journal.jsonl").write_bytes(b'{"key": 3}\n')
-    with pytest.raises(ResultError, match=r"journal.jsonl: line 1 is no row"):
+    with pytest.raises(ResultError, match=r"journal.jsonl: line 1 is not a row"):
         BenchStore(tmp_path)
     (tmp_path / "journal.jsonl").unlink()
     with BenchStore(tmp_path):

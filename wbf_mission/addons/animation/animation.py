@@ -1,4 +1,4 @@
-"""Animation of a run: truth, estimate and uncertainty of each field, and the vehicles, over time.
+"""Animation of a run: the vehicles, and the truth, estimate and uncertainty of each field, over time.
 
 A run stores no intermediate estimates. A fresh estimator learns the observations again, in the order of
 their arrival. To save memory, only the pixel means of truth and estimates are kept.
@@ -49,13 +49,13 @@ if TYPE_CHECKING:
 MOST_FRAMES = 300
 _FRAMES = 150
 _FRAMES_A_SECOND = 12
-_LARGEST_SHARE = 0.02  # Least value at the top of the colour scale of sick plants on a large farm
+_LARGEST_SHARE = 0.02  # Minimum for the top of the colour scale of sick plants, on large farms.
 _COLUMNS = ("truth", "estimate", "uncertainty")
-# Length of the path shown on truth and estimate (s), at least one frame: a whole path would hide the maps.
+# Duration (s), at least one frame, of the path drawn over the maps: a whole path would hide the maps.
 _TAIL_S = 30.0
 _MARGIN = 0.02
 _UNCERTAIN = "viridis"
-# Columns of cells per strip of the truth: strips save memory on a large farm.
+# Number of cell columns in a strip of the truth: reading strips saves memory on a large farm.
 _STRIP_CELLS = 500
 _VEHICLES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#000000")
 
@@ -63,16 +63,16 @@ _Floats = NDArray[np.float64]
 
 
 class AnimationError(WbfMissionError, ValueError):
-    """A run that cannot be animated, or an invalid file name or number of frames."""
+    """The run cannot be animated, or the file name or the number of frames is invalid."""
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """Moment of a run shown in one frame."""
+    """Moment of a run that one frame shows."""
 
-    flights: tuple[FlightRecord, ...]  # Simultaneous flights of all vehicles
-    time_s: float  # Time on the clock of the flights' tracks
-    seen: int  # Number of known observations
+    flights: tuple[FlightRecord, ...]  # Simultaneous flights of all vehicles.
+    time_s: float  # Time since the start of these flights, as in their tracks.
+    seen: int  # Number of observations known at this moment.
 
     @property
     def day(self) -> int:
@@ -81,7 +81,7 @@ class Moment:
 
 
 def moments(record: RunRecord, frames: int) -> list[Moment]:
-    """Return about `frames` moments of a run, evenly spaced over its time in the air.
+    """Return about `frames` moments of a run, evenly spaced over the time in the air.
 
     The moments include the start and the end of each flight.
     """
@@ -116,11 +116,11 @@ def animate(
     estimator: Estimator | None = None,
     progress: Progress | None = None,
 ) -> Path:
-    """Write the animation of a run as .gif or .mp4; parameters and errors are those of `Result.animate`."""
+    """Write the animation of a run as .gif or .mp4; parameters and errors are as in `Result.animate`."""
     if not 2 <= frames <= MOST_FRAMES:
         raise AnimationError(f"animation: {frames} frames; give 2 to {MOST_FRAMES}")
     if path.suffix not in (".gif", ".mp4"):
-        raise AnimationError(f"{path}: a moving picture is a .gif or an .mp4 file")
+        raise AnimationError(f"{path}: an animation must be a .gif or .mp4 file")
     if path.suffix == ".mp4" and not FFMpegWriter.isAvailable():
         raise AnimationError(f"{path}: ffmpeg is not installed; give a .gif file")
     shown = moments(record, frames)
@@ -166,7 +166,7 @@ def _estimates(
                 for whole in (model.value, model.uncertainty)
             )
             known = value, uncertainty
-            del model  # Models of large farms take much memory
+            del model  # Models of large farms take much memory.
         assert known is not None
         yield moment, (truth, *known)
 
@@ -178,7 +178,7 @@ def _truth(
     masks: NDArray[np.bool_],
     day: int,
 ) -> list[_Floats]:
-    """Return the pixel means of a day's truth, from the record or else from the environment in strips."""
+    """Return the pixel means of a day's truth: from the record, or else from strips of the environment."""
     values = kept_truths(record).get(day)
     if values is not None:
         return [pixel_means(grid, mask, values[k]) for k, mask in enumerate(masks)]
@@ -248,7 +248,7 @@ class _Sheet:
     def show(
         self, moment: Moment, truth: list[_Floats], value: list[_Floats], uncertainty: list[_Floats]
     ) -> None:
-        """Update all panels, paths and the title to a moment."""
+        """Show a moment in all panels, paths and the title."""
         if not self._has_scale:
             self._has_scale = True
             for k, field in enumerate(self._fields):
@@ -300,7 +300,7 @@ def _shown_m(record: RunRecord) -> tuple[tuple[float, float], tuple[float, float
 
 
 def _flown(track: Track | None, since_s: float, until_s: float) -> tuple[_Floats, _Floats]:
-    """Return x and y of a track in a range of times; at least the last position before `until_s`."""
+    """Return x and y of a track from `since_s` to `until_s`, or else its last position before `until_s`."""
     if track is None:
         return np.empty(0), np.empty(0)
     until = int(np.searchsorted(track.time_s, until_s, "right"))
@@ -323,10 +323,10 @@ def _vehicle(axes: Axes, system_id: int) -> tuple[Line2D, Line2D]:
 
 
 _MOST_COLOURS = 255
-"""Maximum number of palette colours; the 256th index marks pixels unchanged since the previous frame."""
+"""Maximum number of palette colours; index 255 marks pixels that equal those of the previous frame."""
 _GREYS = 16
 _SHADES = (0.35, 0.7, 1.0)
-"""Opacities of a line's anti-aliased edge on white and on black."""
+"""Opacities at which line colours are mixed with white and black, for anti-aliased edges."""
 
 
 class GifWriter(PillowWriter):
@@ -352,7 +352,7 @@ class GifWriter(PillowWriter):
 
 
 def palette_of(maps: Sequence[Colormap], lines: Sequence[str]) -> NDArray[np.uint8]:
-    """Return a palette of at most 255 colours, uint8[n, 3]: greys, shades of the lines, and the colour maps.
+    """Return a palette of at most 255 colours, uint8[n, 3]: greys, shades of line colours, colour maps.
 
     Examples
     --------
@@ -371,7 +371,7 @@ def palette_of(maps: Sequence[Colormap], lines: Sequence[str]) -> NDArray[np.uin
 
 
 class _Animation:
-    needs_estimate = False  # The estimates are computed again
+    needs_estimate = False  # The animation computes the estimates again.
 
     def require(self, scenario: Scenario) -> None:
         pass

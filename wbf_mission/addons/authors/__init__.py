@@ -1,1 +1,1 @@
-"""Policies and estimators from the papers and code of the benchmark's authors."""
+"""Policies and estimators from the papers and the published code of the benchmark's authors."""

@@ -1,4 +1,4 @@
-"""The adaptive disk of the authors' code, for comparison with their published data."""
+"""The adaptive-disk estimator of the authors' code, for comparison with their published data."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sensors.estimators.disks import Disk, half_widths
 
 
 def misplaced_disk(radius: int) -> Disk:
-    """Return the authors' disk. Its mask lacks the last row and column; its *corner* is at the observation.
+    """Return the authors' disk: its *corner* is at the observation, and it lacks the last row and column.
 
     The disk is therefore centred at (x + radius, y + radius) and does not cover the observed cell.
 
@@ -27,16 +27,16 @@ def misplaced_disk(radius: int) -> Disk:
 
 
 class AuthorsAdaptiveDiskEstimator(AdaptiveDiskEstimator):
-    """The adaptive disk with the authors' misplaced mask and their default of 0 ("destroyed") everywhere.
+    """Adaptive disk with the authors' misplaced mask and their default value 0 ("destroyed") for all fields.
 
-    Old readings count as much as new ones.
+    Old readings have the same weight as new readings.
 
     Use it only for comparison with the authors' published results; otherwise use ``adaptive-disk``.
 
     Parameters
     ----------
     default_values : sequence of float
-        Value of each field outside all disks: 0, 0, 0 in the authors' first code, 1, 1, 0 in its successor.
+        Value of each field outside all disks: 0, 0, 0 in the authors' first code, 1, 1, 0 in their second.
     radius : int, optional
         Fixed radius in cells; by default adaptive.
     """

@@ -1,4 +1,4 @@
-"""The confidence-guided policy: fly to the least certain cell nearby, repeatedly.
+"""The confidence-guided policy: fly repeatedly to the least certain cell nearby.
 
 Source: ``papers/y2023_confidenceguided`` of the authors' repository WaterberryFarms.
 """
@@ -26,18 +26,18 @@ ALL = "all"
 _NAME = "confidence-guided"
 _MOST_SPAN = 1000
 # The authors' Gaussian process has a lengthscale of 2 cells: at a distance of d cells, an observation reduces
-# the variance by the fraction exp(-d^2 / 4). These fractions of the variance affect only the choice of the
-# waypoints that follow the next one.
+# the variance by the fraction exp(-d^2 / 4). These fractions do not affect the choice of the next waypoint,
+# only the choice of the waypoints after it.
 _SHARES = neighbour_shares(1.0, 4.0, 3)
 _SAME_CELLS = 0.5
 
 
 class ConfidenceGuided:
-    """Fly to the least certain cell in a square around the vehicle, and choose again on arrival.
+    """Fly to the least certain cell in a square around the vehicle; on arrival, choose the next cell.
 
-    Ties between equally uncertain cells are broken at random. A chosen waypoint does not change, whatever the
-    vehicle observes on the way. If the square has no uncertain cell, its side is doubled. Further waypoints
-    are chosen as if the next one had been observed, so that the vehicle always has a path.
+    Ties between equally uncertain cells are broken at random. Observations on the way do not change a chosen
+    waypoint. If the square has no uncertain cell, its side is doubled. Each further waypoint is chosen as if
+    the waypoints before it had been observed, so that the vehicle always has a path.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ class ConfidenceGuided:
         return [Route(np.array(corners), found[0])] if found else []
 
     def _on_its_way(self, problem: RouteProblem) -> bool:
-        """Return whether the vehicle has not yet reached the waypoint chosen for it."""
+        """Return whether the vehicle is still on its way to the waypoint chosen for it."""
         vehicle = problem.vehicle
         target = self._targets.get(vehicle.system_id)
         if target is None or not len(vehicle.rest_m):
@@ -152,7 +152,7 @@ class ConfidenceGuided:
 
     @staticmethod
     def _reached(problem: RouteProblem, x: float, y: float, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return which cells a straight leg inside the area reaches: all cells, if (x, y) lies outside."""
+        """Return which cells a straight leg from (x, y) inside the area reaches; all if (x, y) is outside."""
         planning_grid = problem.planning_grid
         here = np.array([x, y]) * planning_grid.cell_m
         if (

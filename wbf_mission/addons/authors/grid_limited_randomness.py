@@ -1,4 +1,4 @@
-"""Grid-limited randomness: in each round, a random place in each cell of a grid.
+"""Grid-limited randomness: a policy that visits, in each round, a random place in each cell of a grid.
 
 Source: S. Matloob, A. Dutta, O. P. Kreidl, D. Turgut and L. Boloni, "Exploring the tradeoffs between
 systematic and random exploration in mobile sensors", MSWiM 2023, and ``papers/y2023_glr`` of the authors'
@@ -34,18 +34,18 @@ _NAME = "grid-limited-randomness"
 
 
 class GridLimitedRandomness:
-    """Draw a place in each cell of a grid, round by round, and fly as many as the budget allows.
+    """Draw a random place in each cell of a grid, round by round, and visit as many as the budget allows.
 
-    A single cell gives a random walk; more cells give a more systematic path. The path is not changed in
-    flight. Each vehicle draws its own places.
+    A grid of one cell gives a random walk; more cells give a more systematic path. The path is not changed in
+    flight. Each vehicle draws separate places.
 
     Parameters
     ----------
     h_cells, v_cells : int
         Number of cells along x and y, over the bounds of the area.
     order : str
-        Order of the places. ``end``: as drawn, boustrophedon (the authors' GLR-EOP). ``detour``: each is
-        inserted where it lengthens the path least (GLR-SD). ``tour``: a short tour of all places (GLR-CA).
+        Order of the places. ``end``: as drawn, boustrophedon (the authors' GLR-EOP). ``detour``: each place
+        is inserted where it lengthens the path least (GLR-SD). ``tour``: a short tour of all (GLR-CA).
 
     Raises
     ------
@@ -70,7 +70,7 @@ class GridLimitedRandomness:
         """Do nothing: the policy has no state."""
 
     def decide(self, observation: PolicyObservation) -> Decision:
-        """Draw a path for each vehicle at the start; return no change later."""
+        """Draw a path for each vehicle at the start; later return no change."""
         if observation.event is not Event.START:
             return NO_CHANGE
         return Decision({one.system_id: self._path(one) for one in observation.steerable}, reason="draw")
@@ -113,7 +113,7 @@ class GridLimitedRandomness:
 
 
 class _Draws:
-    """Endless sequence of places, drawn on demand: one per cell in each round."""
+    """Endless sequence of random places, drawn on demand: in each round, one place per grid cell."""
 
     def __init__(self, cells: list[Area], vehicle: VehicleReport) -> None:
         seed, name = vehicle.request.seed, f"vehicle-{vehicle.system_id}"
@@ -139,7 +139,7 @@ _LEAST_GAIN = 1e-9
 
 
 def insert_by_detour(start_m: Points, places_m: Points, *, returns: bool) -> NDArray[np.int64]:
-    """Order places into a path: insert each place where it lengthens the path least."""
+    """Return an order of the places: each place is inserted where it lengthens the path least."""
     following = _insert(np.vstack((start_m, places_m)), returns)
     order = np.empty(len(places_m), np.int64)
     node = 0
@@ -152,7 +152,7 @@ def insert_by_detour(start_m: Points, places_m: Points, *, returns: bool) -> NDA
 def shorten(
     start_m: Points, places_m: Points, order: NDArray[np.int64], *, returns: bool
 ) -> NDArray[np.int64]:
-    """Reverse parts of a path while that shortens it (2-opt, Croes 1958, among near neighbours)."""
+    """Return a better order: parts are reversed while this shortens the path (2-opt with near neighbours)."""
     points = np.vstack((start_m, places_m))
     near = cKDTree(points).query(points, k=min(_NEIGHBOURS + 1, len(points)))[1].reshape(len(points), -1)
     tour = np.concatenate((np.zeros(1, np.int64), order + 1))
@@ -163,7 +163,7 @@ def shorten(
 
 @compiled
 def _insert(points: Any, returns: bool) -> Any:
-    """Return the successor of each point; -1 for the last."""
+    """Return the successor of each point in the path; -1 for the last point."""
     count = len(points)
     following = np.full(count, -1, np.int64)
     for new in range(1, count):
@@ -189,7 +189,7 @@ def _insert(points: Any, returns: bool) -> Any:
 
 @compiled
 def _gain(points: Any, tour: Any, first: int, last: int, returns: bool) -> float:
-    """Return the length saved by reversing the part of the tour from `first + 1` to `last`."""
+    """Return the length that is saved if the tour's part from `first + 1` to `last` is reversed."""
     a, b, c = tour[first], tour[first + 1], tour[last]
     gain = math.hypot(points[a, 0] - points[b, 0], points[a, 1] - points[b, 1])
     gain -= math.hypot(points[a, 0] - points[c, 0], points[a, 1] - points[c, 1])
@@ -210,7 +210,7 @@ def _two_opt(points: Any, near: Any, tour: Any, returns: bool) -> None:
         better = False
         for node in range(count):
             for other in near[node]:
-                # The two new legs join either both points to their successors, or both to their predecessors.
+                # One new leg joins node and other; the second joins their successors, or their predecessors.
                 for before in range(2):
                     first, last = min(at[node], at[other]) - before, max(at[node], at[other]) - before
                     if first < 0 or last <= first + 1:

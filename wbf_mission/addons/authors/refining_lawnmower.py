@@ -1,4 +1,4 @@
-"""Refining lawnmower: coarse rows, left for a detour as soon as a sick plant is found."""
+"""Refining lawnmower: a policy that flies coarse rows, and makes a detour when it finds a sick plant."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ _NOTHING: Points = np.empty((0, 2))
 class _Rows:
     """The unflown part of a vehicle's coarse rows."""
 
-    rest: Points  # float64[n, 2]: points still to reach, metres
-    begin: NDArray[np.float64]  # float64[2]: start of the unflown part
+    rest: Points  # Points that are still to be reached, float64[n, 2], metres.
+    begin: NDArray[np.float64]  # Start of the unflown part, float64[2], metres.
 
     def resumed(self, from_m: NDArray[np.float64]) -> Points:
         """Return the unflown points, starting at the point of the interrupted row nearest to `from_m`."""
@@ -49,22 +49,22 @@ class _Rows:
 
 
 class RefiningLawnmower:
-    """Fly coarse rows; if a sick plant is seen, detour until all plants beside it are known.
+    """Fly coarse rows; if a sick plant is observed, make a detour until all plants beside it are known.
 
-    The land of the crop whose disease has the largest weight in the score is flown first. Its rows are as
-    close as the budget allows, but not closer than outbreaks are wide. The remaining budget goes to the rows
-    of the next crop. After the rows, `mission.policies.map_policies.RollingHorizon` uses the rest. Until then
-    only observations matter, so any estimator works. If there are several vehicles, the land is divided into
-    strips.
+    The vehicle first flies over the crop whose disease has the largest weight in the score. The rows there
+    are as close as the budget allows, but not closer than `gap`, the width of an outbreak. The remaining
+    budget goes to rows over the next crop. After the rows, `mission.policies.map_policies.RollingHorizon`
+    spends the rest of the budget. The rows and detours depend only on observations, so any estimator works.
+    Several vehicles divide the land into strips.
 
     Parameters
     ----------
     coarse : float
         Fraction of the budget for the rows.
     gap, later_gap : float
-        Minimum row spacing on the land flown first, and on the land of other crops, cells.
+        Minimum row spacing (cells) over the first crop, and over the other crops.
     least_rate : float
-        Minimum number of plants beside sick ones per cell of flight for a detour.
+        A detour must reach at least this number of plants beside sick plants per cell of flight.
     every : int
         Number of observations between two searches for a detour.
 
@@ -103,7 +103,7 @@ class RefiningLawnmower:
         self._after.start()
 
     def decide(self, observation: PolicyObservation) -> Decision:
-        """Return rows at the start; later detours, resumed rows, and finally routes after the rows."""
+        """Return rows at the start, then detours and resumed rows, and after the rows other routes."""
         if observation.event is Event.START:
             return self._begin(observation)
         paths: dict[int, Points] = {}
@@ -147,7 +147,7 @@ class RefiningLawnmower:
         return Decision({system_id: rows.rest for system_id, rows in self._rows.items()}, reason="rows")
 
     def _plan(self, vehicle: VehicleReport, part: Area, observation: PolicyObservation) -> Points:
-        """Return the rows of each crop's land in turn, as far as the budget for rows reaches."""
+        """Return the rows over the land of each crop in turn, as long as the budget for rows lasts."""
         request, cell_m = vehicle.request, observation.farm.cell_size_m
         points, here = _NOTHING, vehicle.position_m
         for number, land in enumerate(self._lands(vehicle, part, observation)):
@@ -175,7 +175,7 @@ class RefiningLawnmower:
 
     @staticmethod
     def _lands(vehicle: VehicleReport, part: Area, observation: PolicyObservation) -> list[Area]:
-        """Return the land of each crop in a part of the area, by the largest weight of its diseases."""
+        """Return the land of each crop in a part of the area, largest weight of a disease first."""
         fields, weights = observation.fields, observation.weights.field
         weight_of = {
             crop: max(
@@ -204,7 +204,7 @@ class RefiningLawnmower:
     ) -> Points | None:
         """Return a vehicle's new path and update its progress on the rows; None for no change.
 
-        The window searched is appended to `windows`.
+        The window that was searched for a detour is appended to `windows`.
         """
         here = np.asarray(vehicle.position_m)
         if len(vehicle.rest_m) <= len(rows.rest):
@@ -227,9 +227,9 @@ class RefiningLawnmower:
         return self._joined(vehicle, [rows.resumed(here)])
 
     def _joined(self, vehicle: VehicleReport, pieces: list[Points]) -> Points:
-        """Join pieces of a path inside the area, as far as the vehicle's budget reaches.
+        """Join the parts of `pieces` inside the area into one path, as long as the vehicle's budget lasts.
 
-        A detour may begin, or the budget end, during the transit between two parts of the area.
+        Points outside are dropped: a detour may begin, or the budget end, in transit between two parts.
         """
         area = shapely.buffer(vehicle.request.room, TOLERANCE_M)
         kept = [piece[shapely.covers(area, shapely.points(piece))] for piece in pieces if len(piece)]
@@ -242,7 +242,7 @@ class RefiningLawnmower:
 
 @dataclass(frozen=True, slots=True)
 class _PartOf:
-    """A budget with only a part of the limit of `whole`."""
+    """A budget with the path costs of the budget `whole`, but with a smaller limit."""
 
     whole: Budget
     limit: float
@@ -262,7 +262,7 @@ def _nearly_flown(vehicle: VehicleReport, cell_m: float) -> bool:
 
 _WINDOW = 24
 _MAP_BLOCKS = 1024
-"""Maximum number of blocks along the longer side of the reported map, as many as displays show."""
+"""Maximum number of blocks along the longer side of the reported map; displays show no more."""
 _HORIZON = 20.0
 _LONGEST_LEG = 10
 _INTERVAL = 3.0
@@ -275,7 +275,7 @@ _ALONE = neighbour_shares(0.0, 1.0, 1)
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Values of plants around a vehicle: float32[w, h] of cells from `low` on; 0 outside the flyable area."""
+    """Values of plants around a vehicle: float32[w, h], cells from `low` on; 0 outside the flyable area."""
 
     low: NDArray[np.int_]
     values: NDArray[np.float32]
@@ -285,8 +285,8 @@ class Window:
 def window_of(vehicle: VehicleReport, observation: PolicyObservation, promised: Iterable[Points]) -> Window:
     """Return the values of the plants around a vehicle.
 
-    Only unobserved plants that can have the disease of a sick plant nearby have a value: 1 beside the sick
-    plant, and 0.3 within three cells of it. Plants on the paths of other vehicles have no value.
+    An unobserved plant that can have the disease of a sick plant nearby has a value: 1 beside the sick plant,
+    and 0.3 within three cells of it. Other plants, and plants on the paths of other vehicles, have value 0.
     """
     cell_m, shape = observation.farm.cell_size_m, np.array(observation.model.shape)
     here = np.asarray(vehicle.position_m) / cell_m
@@ -304,7 +304,7 @@ def window_of(vehicle: VehicleReport, observation: PolicyObservation, promised: 
 def detour(
     vehicle: VehicleReport, observation: PolicyObservation, window: Window, least_rate: float
 ) -> Points:
-    """Return a route past plants beside sick plants, most of them early; empty if no detour is worth it."""
+    """Return a route that soon passes many plants beside sick plants; empty if no detour is worth it."""
     if not window.values.any():
         return _NOTHING
     cell_m = observation.farm.cell_size_m
@@ -325,7 +325,7 @@ def detour(
 
 
 def _joined(windows: Sequence[Window], observation: PolicyObservation) -> AcquisitionMap | None:
-    """Return the detour values over the whole farm; None if all are 0."""
+    """Return the values of plants in all windows as a map of the whole farm; None if all are 0."""
     worth = [window for window in windows if window.values.any()]
     if not worth:
         return None
@@ -375,7 +375,7 @@ def _beside_sick(
 
 
 def _take(values: NDArray[np.float32], path: NDArray[np.float64]) -> None:
-    """Set the value of the cells under a path to 0; the path is in cells of the window."""
+    """Set the value of the cells under a path to 0; the path's coordinates are cells of the window."""
     for begin, end in itertools.pairwise(path):
         steps = max(1, math.ceil(float(np.hypot(*(end - begin)))))
         cells = np.floor(begin + np.linspace(0.0, 1.0, steps + 1)[:, None] * (end - begin)).astype(int)

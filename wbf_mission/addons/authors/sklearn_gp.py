@@ -1,4 +1,4 @@
-"""The paper's Gaussian process with scikit-learn: fitted from scratch for every estimate."""
+"""The paper's Gaussian process, by scikit-learn: it is fitted from scratch for every estimate."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ _CHUNK_CELLS = 2000
 
 
 class SklearnGaussianProcessEstimator(BaseEstimator):
-    """The paper's Gaussian process, for comparison: slow, zero prior mean, fitted anew for every estimate.
+    """The paper's Gaussian process, for comparison: slow, prior mean 0, fitted again for every estimate.
 
-    Per field ``RBF([2, 2], bounds 1..10) + WhiteKernel(0.5, bounds 1e-5..1e5)`` in
+    Each field has ``RBF([2, 2], bounds 1..10) + WhiteKernel(0.5, bounds 1e-5..1e5)`` in
     `sklearn.gaussian_process.GaussianProcessRegressor` with ``alpha=1e-10`` and random restarts.
     The uncertainty is the standard deviation of an observation, noise included. Use ``gp`` for anything else.
 
@@ -119,8 +119,8 @@ class SklearnGaussianProcessEstimator(BaseEstimator):
         width, height = self.grid_.shape
         if points > self.max_points or points * width * height > self.max_entries:
             raise EstimatorError(
-                f"gp-sklearn: {points} observations on {width} x {height} cells need fits of so many points,"
-                f" {points * width * height / 1e6:.0f} million covariances, the limits are max_points"
+                f"gp-sklearn: {points} observations on {width} x {height} cells need"
+                f" {points * width * height / 1e6:.0f} million covariances, but the limits are max_points"
                 f" {self.max_points} and max_entries {self.max_entries / 1e6:.0f} million;"
                 " use the estimator 'gp' or 'adaptive-disk'"
             )

@@ -1,1 +1,1 @@
-"""Parts that several add-ons share and the core does not need."""
+"""Modules that several add-ons share, but the core does not need."""

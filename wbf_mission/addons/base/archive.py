@@ -1,4 +1,4 @@
-"""ZIP archives of users, read within limits."""
+"""Writes ZIP archives, and reads ZIP archives of users within size limits."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from pathlib import Path
 from geo.system import Closing
 from geo.texts import one_line
 
-MAX_MEMBERS = 1000  # Files per archive
-_MEMBER = b"PK\x01\x02"  # Signature of an entry in an archive's directory
+MAX_MEMBERS = 1000  # Maximum number of files in an archive.
+_MEMBER = b"PK\x01\x02"  # Signature of an entry in the directory of an archive.
 _UNZIP_ERRORS = (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, ValueError)
 
 
 class ArchiveError(ValueError):
-    """An archive that is damaged or too large."""
+    """The archive is damaged or too large."""
 
 
 class Archive(Closing):
@@ -25,7 +25,7 @@ class Archive(Closing):
 
     `source` is a file or its content. `room` is the total number of bytes that may still be unpacked. `names`
     lists the members in their order, without the members that macOS adds (``__MACOSX/``, ``._x``).
-    ArchiveError if `source` is no archive, or holds more than `MAX_MEMBERS` files.
+    Raises ArchiveError if `source` is not a ZIP archive, or has more than `MAX_MEMBERS` files.
     """
 
     def __init__(self, source: Path | bytes, room: int) -> None:
@@ -60,7 +60,7 @@ class Archive(Closing):
 
 
 def _is_of_macos(name: str) -> bool:
-    """Return whether macOS added this member, which holds attributes of another member.
+    """Return whether macOS added this member, in which it stores attributes of another member.
 
     >>> [_is_of_macos(name) for name in ("__MACOSX/My Farm/._a.shp", "My Farm/._a.shp", "My Farm/a.shp")]
     [True, True, False]
@@ -73,7 +73,7 @@ def _damaged(error: Exception) -> ArchiveError:
 
 
 def archive_of(members: Mapping[str, str | bytes]) -> bytes:
-    """Return a ZIP archive of members by name; equal members give equal bytes.
+    """Return a ZIP archive of the `members`, keyed by name; equal members give equal bytes.
 
     >>> archive_of({"a.txt": "one"}) == archive_of({"a.txt": b"one"})
     True
@@ -82,5 +82,5 @@ def archive_of(members: Mapping[str, str | bytes]) -> bytes:
     with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in members.items():
             data = content.encode() if isinstance(content, str) else content
-            archive.writestr(zipfile.ZipInfo(name), data, zipfile.ZIP_DEFLATED)  # ZipInfo's date is fixed
+            archive.writestr(zipfile.ZipInfo(name), data, zipfile.ZIP_DEFLATED)  # ZipInfo has a fixed date.
     return made.getvalue()

@@ -1,4 +1,4 @@
-"""Compilation of the vehicle motion before a user or client waits for it."""
+"""Compiles the motion of vehicles before a user or client has to wait for it."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ _WIND = Wind(1.0, gust_m_s=0.5)
 def warm_up(spec: VehicleSpec) -> None:
     """Compile the motion of a vehicle by simulating a two-second flight.
 
-    The motion of a vehicle is compiled on its first flight. Compilation takes up to a minute once per
-    machine, and loading takes half a second in each further process. A client that has just ordered a
-    take-off would time out. `geo.compiled.compile_notices` names the functions being compiled. The ideal
-    vehicle needs no compiler.
+    Without this, the motion of a vehicle is compiled on its first flight, and a client that orders a take-off
+    would time out. Compilation takes up to a minute once per machine; loading the compiled functions takes
+    half a second in each process. `geo.compiled.compile_notices` names the functions that are being compiled.
+    The ideal vehicle needs no compiled functions.
 
     Examples
     --------
@@ -53,9 +53,9 @@ def warm_up(spec: VehicleSpec) -> None:
 
 
 def compile_all(progress: Callable[[str, int, int], None] | None = None) -> None:
-    """Compile the dynamics of all vehicles, alone and in batches, unless they are cached.
+    """Compile the motion of all vehicles, for single flights and for batches, unless it is cached.
 
-    `progress` is called before each with a title, the number done, and the total number.
+    `progress` is called before each vehicle with a title, the number of finished vehicles, and the total.
     """
     dynamics = _dynamics()
     for done, (name, spec) in enumerate(dynamics):

@@ -21,7 +21,7 @@ Colours = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True)
 class FarmDrawing:
-    """Drawing area around the owner's land, in metres, y downwards; `unit`: 1 % of the longer side."""
+    """Drawing area around the owner's land, in metres, y downwards; `unit` is 1 % of the longer side."""
 
     farm: Farm
     left: float
@@ -38,7 +38,7 @@ class FarmDrawing:
         return cls(farm, left, right, height - high, height - low, max(right - left, high - low) / 100.0)
 
     def down(self, y_m: float) -> float:
-        """Return the downward coordinate of `y_m`, a y of the farm's frame (m)."""
+        """Return the y coordinate in the drawing, which points down, for `y_m` in the farm's frame (m)."""
         return self.farm.height_cells * self.farm.cell_size_m - y_m
 
     def text(self, x: float, y: float, text: str, size: float = 3.0, **attributes: str) -> str:
@@ -88,7 +88,7 @@ class FarmDrawing:
         )
 
     def _edges(self) -> str:
-        """Return the block names along the edges, as the report's sentences use them."""
+        """Return the names of blocks along the edges of the map; the sentences of reports use these names."""
         grid, unit = MapGrid.of(self.farm), self.unit
         side = grid.block * grid.cell_size_m
         label = partial(self.text, size=2.3, text_anchor="middle", fill="#55534f")
@@ -106,7 +106,7 @@ class FarmDrawing:
         return "".join(texts)
 
     def _scale(self) -> str:
-        """Return a scale bar of at most 0.3 of the map's width: 1, 2 or 5 times a power of ten."""
+        """Return a scale bar: 1, 2 or 5 times a power of ten long, at most 0.3 of the map's width."""
         longest, unit = 0.3 * (self.right - self.left), self.unit
         power = 10.0 ** math.floor(math.log10(longest))
         length = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= longest)

@@ -1,4 +1,4 @@
-"""Outlines of a fence, for drawing."""
+"""Outlines of a geofence, for drawing on a map."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from mission.files.fence import geo_fence
 from mission.model import MissionItem
 
 CIRCLE_CORNERS = 48
-"""Corners of a circle drawn as a polygon; the sides are within 0.2 % of the radius."""
+"""Number of corners of a circle drawn as a polygon; the sides are within 0.2 % of the radius."""
 
 
 def fence_rings(items: Sequence[MissionItem], frame: LocalFrame) -> list[tuple[NDArray[np.float64], bool]]:
-    """Return each outline of a fence (float64[n, 2], m in `frame`), and whether it is an inclusion zone.
+    """Return each outline of a geofence (float64[n, 2], m in `frame`) and whether it is an inclusion zone.
 
-    Circles become polygons of `CIRCLE_CORNERS` corners. Outlines beyond the range of the frame are left out.
+    Circles become polygons of `CIRCLE_CORNERS` corners. Outlines outside the range of the frame are left out.
     Invalid fence items give an empty list.
     """
     try:

@@ -1,4 +1,4 @@
-"""HTML documents in a single file, which load no other resource.
+"""Makes HTML documents, each in a single file that loads no other resource.
 
 All HTML documents are made here, so that they share one Content Security Policy
 (https://www.w3.org/TR/CSP3/). The policy allows the document's own style and script by their digests, and
@@ -20,7 +20,7 @@ def html_document(title: str, body: str, *, style: str, script: str = "", data: 
     """Return an HTML document with its Content Security Policy.
 
     `title` is plain text. `body` is HTML without style attributes and event handlers, which the policy
-    forbids. `script` runs after the body has been parsed; `data` is HTML with its data (`data_element`).
+    forbids. `script` runs after the body has been parsed; `data` has the data elements (`data_element`).
     """
     style, script = style.replace("</style", "<\\/style"), script.replace("</script", "<\\/script")
     own_script = _digest(script) if script else "'none'"
@@ -41,7 +41,7 @@ def html_document(title: str, body: str, *, style: str, script: str = "", data: 
 def data_element(name: str, data: Any, *, packed: bool = False) -> str:
     """Return an element with the id `name` and `data` as JSON, encoded by msgspec.
 
-    `packed`: the JSON is compressed by zlib and encoded as base64; ``data-packed`` is "deflate".
+    If `packed`, the JSON is compressed by zlib and encoded as base64; ``data-packed`` is "deflate".
     """
     json = msgspec.json.encode(data)
     if packed:

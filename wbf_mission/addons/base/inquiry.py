@@ -1,4 +1,4 @@
-"""Inquiry of a vehicle's parameters and state."""
+"""Queries the parameters and the state of a vehicle over MAVLink."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _KINDS = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
 
 @dataclass(frozen=True, slots=True)
 class FirmwareVersion:
-    """The version of an autopilot's firmware; a `kind` (FIRMWARE_VERSION_TYPE) of 255 is an official release.
+    """Version of an autopilot's firmware; `kind` is a FIRMWARE_VERSION_TYPE, 255 for an official release.
 
     Examples
     --------
@@ -70,22 +70,22 @@ class Gps:
 
 @dataclass(frozen=True, slots=True)
 class VehicleSnapshot:
-    """Answers of a vehicle; None for unanswered values."""
+    """State and parameters that a vehicle sent; a value that it did not send is None."""
 
-    # From the heartbeat: system id, MAV_AUTOPILOT, MAV_TYPE
+    # The heartbeat has the system id, MAV_AUTOPILOT and MAV_TYPE.
     system_id: int
     autopilot: int
     vehicle_type: int
     armed: bool = False
-    # The requested parameters that the vehicle sent
+    # Requested parameters that the vehicle sent, by name.
     parameters: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     version: FirmwareVersion | None = None
-    # Of SYS_STATUS: MAV_SYS_STATUS_SENSOR
+    # Bits of MAV_SYS_STATUS_SENSOR from SYS_STATUS.
     sensors_present: int | None = None
     sensors_enabled: int | None = None
     sensors_health: int | None = None
     gps: Gps | None = None
-    # ESTIMATOR_STATUS_FLAGS, or EKF_STATUS_FLAGS, whose lower bits mean the same
+    # Bits of ESTIMATOR_STATUS_FLAGS, or of EKF_STATUS_FLAGS: the lower bits of both have the same meaning.
     estimator_flags: int | None = None
     position: GeoPoint | None = None  # Position of the vehicle
     battery: float | None = None  # Remaining fraction
@@ -93,15 +93,15 @@ class VehicleSnapshot:
 
     @property
     def questions(self) -> Questions:
-        """Parameters on which plans depend, by meaning."""
+        """Parameters on which plans depend, keyed by meaning."""
         return profile_for(self.autopilot).settings.asked_of(self.vehicle_type)
 
     def told(self, meaning: Meaning) -> tuple[str, float] | None:
-        """Return name and value (SI units) of a parameter; None if the vehicle did not send it."""
+        """Return name and value (SI units) of the parameter with a meaning; None if it was not received."""
         return self._first(self.questions.get(meaning, {}))
 
     def _first(self, units: Mapping[str, float]) -> tuple[str, float] | None:
-        """Return name and value (SI units) of the first parameter that the vehicle sent, else None."""
+        """Return name and value (SI units) of the first parameter that was received, if any."""
         known = self.parameters
         return next(((name, known[name] * unit) for name, unit in units.items() if name in known), None)
 
@@ -119,7 +119,7 @@ class VehicleSnapshot:
             if told is None or known is None or not known.low <= told[1] <= known.high:
                 continue
             value = told[1]
-            # MAVLink carries parameters as float32.
+            # MAVLink sends parameters as float32.
             if not math.isclose(value, parameter_value(spec, name, table), rel_tol=1e-6, abs_tol=1e-9):
                 found[name] = round(value) if known.integer else float(f"{value:.7g}")
         return replace(options, parameters={**options.parameters, **found}) if found else options
@@ -138,11 +138,11 @@ STATE_MESSAGES = (
 """Requested from every vehicle."""
 _PLACE_MESSAGES = (int(m.MAVLINK_MSG_ID_GPS_RAW_INT), int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT))
 ESTIMATES = (int(m.MAVLINK_MSG_ID_ESTIMATOR_STATUS), int(m.MAVLINK_MSG_ID_EKF_STATUS_REPORT))
-"""Messages with the estimator's status: that of most autopilots, and that of ArduPilot."""
+"""Messages with the status of the vehicle's estimator: for most autopilots, and for ArduPilot."""
 
 
 def _changes(message: Message) -> dict[str, Any]:
-    """Return the contents of a message by the field names of `VehicleSnapshot`."""
+    """Return the contents of a message, keyed by the field names of `VehicleSnapshot`."""
     if isinstance(message, m.MAVLink_autopilot_version_message):
         return {"version": FirmwareVersion.of(message.flight_sw_version)}
     if isinstance(message, m.MAVLink_sys_status_message):
@@ -184,11 +184,11 @@ _INTEGERS = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 class Inquiry:
     """Component that queries one vehicle: the vehicle of `system_id`, or the first vehicle heard.
 
-    Unanswered requests are retried, at an interval that depends on the delay of the first answer. A parameter
-    that the vehicle does not have is never answered, so retries are limited.
+    Unanswered requests are retried, at an interval that depends on the delay of the first answer. Retries are
+    limited, because a vehicle never answers a request for a parameter that it does not have.
 
-    With `placed` the inquiry waits until the vehicle knows its position, at most three minutes. ArduCopter
-    sends positions before it knows them, for 40 s after boot.
+    With `placed`, the inquiry waits up to three minutes until the vehicle knows its position. For 40 s after
+    boot, ArduCopter sends positions before it knows where it is.
     """
 
     system_id, component_id = GROUND_STATION
@@ -210,7 +210,7 @@ class Inquiry:
         self._contact = Contact()
         self._ids: set[int] = set()
         self._told: dict[str, Any] = {}
-        self._alternatives: list[Mapping[str, float]] = []  # Possible names per parameter
+        self._alternatives: list[Mapping[str, float]] = []  # Possible names of each parameter.
         self._parameters: dict[str, float] = {}
         self._tries: dict[str | int, int] = {}
         self._begun_s = math.inf
@@ -221,7 +221,7 @@ class Inquiry:
 
     @property
     def vehicle(self) -> tuple[int, int] | None:
-        """System and component id; None before the vehicle is heard."""
+        """System and component id of the vehicle; None before its first heartbeat."""
         found = self.search.found
         return None if found is None else (found.system_id, found.component_id)
 
@@ -251,14 +251,14 @@ class Inquiry:
         return out
 
     def next_deadline(self) -> float:
-        """Time of the next `poll` that does anything (s); infinite after the end."""
+        """Time (s) of the next `poll` that sends a message or ends the inquiry; infinite after the end."""
         if self.done:
             return math.inf
         waits_s = self._due_s if self._settled_s is None else self._settled_s
         return min(self._heartbeat.due_s, waits_s)
 
     def snapshot(self) -> VehicleSnapshot:
-        """Return the answers received by now; requires that the vehicle was heard."""
+        """Return the answers received until now; the vehicle must have been heard."""
         assert self.vehicle is not None
         monitor, gate = self._contact.monitor, ArmingGate(self.vehicle)
         for _, _, text in self._contact.texts.texts:
@@ -289,7 +289,7 @@ class Inquiry:
 
     @property
     def _open(self) -> list[str | int]:
-        """Names of parameters and ids of messages that are unanswered and still retried."""
+        """Names of parameters and ids of messages that are still requested: unanswered, with retries left."""
         unread = [names for names in self._alternatives if self._parameters.keys().isdisjoint(names)]
         names = dict.fromkeys(name for names in unread for name in names)
         asked = (*STATE_MESSAGES, self._contact.profile.estimator_message)
@@ -318,7 +318,7 @@ class Inquiry:
 
     @property
     def _pace_s(self) -> float:
-        """Time between two requests (s); the delay of the link is unknown before the first answer."""
+        """Time between two requests (s): a fixed time before the first answer, then based on its delay."""
         return 2.0 * _FIRST_RETRY_S if self._answer_s is None else max(_FIRST_RETRY_S, 1.5 * self._answer_s)
 
     def _take(self, message: Message, now_s: float) -> None:
@@ -328,7 +328,7 @@ class Inquiry:
             self._ids.add(type(message).id)
             self._told |= _changes(message)
             if not self._alternatives:
-                # A parameter measures the delay better: this message may be streamed, not an answer.
+                # A parameter measures the delay better, because this message may be streamed, not an answer.
                 self._measure_pace(now_s)
 
     def _on_parameter(self, message: m.MAVLink_param_value_message, now_s: float) -> None:
@@ -347,7 +347,7 @@ class Inquiry:
             self._due_s = min(self._due_s, now_s + self._pace_s)
 
     def _settle(self, now_s: float) -> None:
-        """End once every request is settled, and the vehicle had time to send its reasons not to arm."""
+        """End if no request is open, and the vehicle had time to send its reasons for not arming."""
         if self.vehicle is None:
             return
         longest_s = _LONGEST_SILENCE_S if self._answer_s is None else _LONGEST_S
@@ -365,7 +365,7 @@ class Inquiry:
 def decoded(value: float, kind: int, *, bytewise: bool) -> float | None:
     """Return the number in a PARAM_VALUE of MAV_PARAM_TYPE `kind`; None if it is not finite.
 
-    `bytewise`: integers are encoded as the float's bytes (PX4), otherwise as numbers (ArduPilot).
+    If `bytewise`, integers are encoded as the bytes of the float (PX4), otherwise as numbers (ArduPilot).
 
     Examples
     --------
@@ -389,8 +389,8 @@ def ask_vehicle(
 ) -> VehicleSnapshot:
     """Wait for the vehicle behind a link, and read its state and the settings that plans assume.
 
-    `placed` as in `Inquiry`. Raises LinkError without a link, NoVehicleError without a vehicle, and
-    KeyboardInterrupt at Ctrl-C.
+    `placed` is as in `Inquiry`. Raises LinkError if the link fails, NoVehicleError if no vehicle is heard,
+    and KeyboardInterrupt at Ctrl-C.
     """
     inquiry = Inquiry(system_id=system_id, placed=placed)
     with Server([inquiry], [url]) as server:
@@ -400,7 +400,7 @@ def ask_vehicle(
         if reason is StopReason.FINISHED:
             reason = server.run(until=lambda _now_s: inquiry.done or inquiry.waits_for_place)
         if reason is StopReason.FINISHED and not inquiry.done:
-            note("waiting until the vehicle knows where it is")
+            note("waiting until the vehicle knows its position")
             reason = server.run(until=lambda _now_s: inquiry.done)
     if reason is StopReason.STOPPED:
         raise KeyboardInterrupt

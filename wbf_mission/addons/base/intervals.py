@@ -2,15 +2,15 @@
 
 The method is the bootstrap-t of Fieller's statistic. If r is the ratio of the means of `values` and `others`,
 the differences ``values - r * others`` have mean 0. The interval contains each r for which a t-test does not
-reject this (E. C. Fieller, "Some problems in interval estimation", J. R. Stat. Soc. B 16, 1954). The
+reject mean 0 (E. C. Fieller, "Some problems in interval estimation", J. R. Stat. Soc. B 16, 1954). The
 distribution of t is taken from resamples (J. T. G. Hwang, "Fieller's problems and resampling techniques",
-Statistica Sinica 5, 1995), but its limits are never narrower than those of Student's distribution. A mean is
-computed as a ratio whose `others` are all 1.
+Statistica Sinica 5, 1995), but its limits are never narrower than the limits of Student's distribution. A
+mean is computed as a ratio whose `others` are all 1.
 
 A resample weights each environment by a draw from Beta(1/2, 3/2). To second order, this is as accurate as
-drawing whole environments, but the intervals are shorter, and those of means are always finite (A. B. Owen,
-"Better bootstrap t confidence intervals for the mean", arXiv:2508.10083, 2025).
-`benchmarks/interval_coverage.py` compares the method with others.
+drawing whole environments, but the intervals are shorter, and the intervals of means are always finite (A. B.
+Owen, "Better bootstrap t confidence intervals for the mean", arXiv:2508.10083, 2025).
+`benchmarks/interval_coverage.py` compares this method with other methods.
 
 Sums run over the environments in order, and weights need only basic arithmetic, so equal rows give bit-equal
 intervals on every processor.
@@ -31,7 +31,7 @@ Pair = tuple[NDArray[np.float64], NDArray[np.float64]]
 _DRAWS = 1999  # one less than a multiple of 40, so that the 2.5 % and 97.5 % limits are draws
 _SEED = 0
 MISSED = 0.05
-"""Fraction of cases in which an interval misses."""
+"""Fraction of cases in which an interval does not contain the true value."""
 _FEWEST_TO_RESAMPLE = 5
 FEWEST_FOR_A_RATIO = 8
 _NONE = 1e-12  # below this relative spread, values differ only by rounding
@@ -41,7 +41,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """A mean and its 95 % interval; `low` and `high` are nan if there is no interval."""
+    """A mean or ratio with its 95 % interval; `low` and `high` are nan if there is no interval."""
 
     mean: float
     low: float
@@ -51,23 +51,23 @@ class Interval:
 def mean_intervals(several: Iterable[NDArray[np.float64]], *, together: bool = False) -> list[Interval]:
     """Return means over environments with their 95 % intervals.
 
-    Each array has one value per environment, nan if missing. Below five values the interval is Student's.
+    Each array has one value per environment, nan if it is missing. Below five values, Student's t is used.
 
-    With `together` the intervals are simultaneous: all hold at once in 95 of 100 cases. All intervals are
-    widened to the same quantile, at which 5 % of the resamples leave at least one interval (R. Beran,
-    "Balanced simultaneous confidence sets", J. Am. Stat. Assoc. 83, 1988). All arrays list the environments
-    in the same order.
+    With `together`, the intervals are simultaneous: all of them hold in 95 of 100 cases. All intervals are
+    widened to the same quantile, chosen so that 5 % of the resamples lie outside at least one interval (R.
+    Beran, "Balanced simultaneous confidence sets", J. Am. Stat. Assoc. 83, 1988). All arrays must have the
+    environments in the same order.
     """
     known = [values[np.isfinite(values)] for values in several]
     return _intervals([(values, np.ones(len(values))) for values in known], fewest=2, together=together)
 
 
 def ratio_intervals(pairs: Sequence[Pair], *, together: bool = False) -> list[Interval]:
-    """Return the ratios of the means of two arrays each, with 95 % intervals.
+    """Return a ratio of means with its 95 % interval for each pair of arrays.
 
-    Two arrays have one value per environment, in the same order. Below eight environments there is no
-    interval. Without a positive mean of the second array there is no ratio. `high` is infinite if a mean near
-    0 cannot be excluded. `together` as for `mean_intervals`.
+    The ratio is the mean of the first array divided by the mean of the second. Both arrays have one value per
+    environment, in the same order. Below eight environments there is no interval. If the second mean is not
+    positive, there is no ratio. `high` is infinite if it may be 0. `together` is as for `mean_intervals`.
     """
     return _intervals(pairs, fewest=FEWEST_FOR_A_RATIO, together=together)
 
@@ -93,7 +93,7 @@ def _ratio(values: NDArray[np.float64], others: NDArray[np.float64]) -> float:
 
 
 def _limits(residuals: Sequence[NDArray[np.float64]], together: bool) -> NDArray[np.float64]:
-    """Return the lower and upper limit of each t-statistic, float64[residuals, 2]."""
+    """Return the lower and upper limit of t for each array of residuals, float64[residuals, 2]."""
     counts = np.array([len(values) for values in residuals], dtype=np.int64)
     many = np.flatnonzero(counts >= _FEWEST_TO_RESAMPLE)
     missed = np.full(len(counts), MISSED / (max(len(counts), 1) if together else 1))
@@ -115,7 +115,7 @@ def _limits(residuals: Sequence[NDArray[np.float64]], together: bool) -> NDArray
 def _drawn(
     residuals: Sequence[NDArray[np.float64]], many: NDArray[np.int64], counts: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """Return t-statistics, float64[comparison, draw]; all comparisons use the same weights."""
+    """Return resampled t-statistics, float64[comparison, draw]; all comparisons use the same weights."""
     draw = np.random.default_rng(_SEED)
     t = np.empty((len(many), _DRAWS))
     sums, squares, weights = np.zeros_like(t), np.zeros_like(t), np.zeros(_DRAWS)
@@ -142,7 +142,7 @@ def _weights(draw: np.random.Generator) -> NDArray[np.float64]:
 def _fieller(
     values: NDArray[np.float64], others: NDArray[np.float64], least: float, most: float
 ) -> tuple[float, float]:
-    """Return the lowest and highest ratio with t of ``values - ratio * others`` from `least` to `most`."""
+    """Return the lowest and highest ratio for which t of ``values - ratio * others`` is in its limits."""
     count = len(values)
     above, below = math.fsum(values) / count, math.fsum(others) / count
     up, down = values - above, others - below
@@ -161,7 +161,7 @@ def _fieller(
 
 
 def score_text(value: float) -> str:
-    """Return a score or loss with four decimals, a small number with two significant digits, nan as "-".
+    """Return a score or loss as text: four decimals, two significant digits if it is small, "-" for nan.
 
     >>> [score_text(score) for score in (-0.12345, -0.0008, -3.83e-6, -1e-17, float("nan"))]
     ['-0.1235', '-0.00080', '-3.8e-6', '0.0000', '-']

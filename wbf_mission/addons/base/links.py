@@ -1,4 +1,4 @@
-"""Vehicles behind links: access by MAVLink, the scenario fitted to them, checked uploads."""
+"""Connects to vehicles over MAVLink links, fits the scenario to them, and uploads checked missions."""
 
 from __future__ import annotations
 
@@ -47,17 +47,17 @@ Tap = Callable[[bytes, float], None]
 Note = Callable[[str], None]
 Heard = tuple[str, Vehicle]
 """A vehicle with its link."""
-_NAMED = 4  # Largest number of named senders in a line about dropped datagrams
+_NAMED = 4  # Maximum number of senders in a note about dropped datagrams.
 
 
 class LiveFlightError(WbfMissionError, ValueError):
-    """A run that is not possible with a vehicle behind a link."""
+    """The run is not possible with the vehicle at the other end of the link."""
 
 
 def fitted_to(scenario: Scenario, *vehicles: Vehicle) -> Scenario:
-    """Return the scenario with the vehicles that were heard, and the rules of their autopilots.
+    """Return the scenario with the vehicles that were heard, and with their autopilots.
 
-    For an unknown autopilot the scenario's rules are kept.
+    If a vehicle's autopilot is unknown, the scenario's autopilot is kept.
 
     `vehicles` are in the order of the scenario's vehicles; the returned scenario orders them by system id.
     Raises LiveFlightError if a vehicle is of another kind.
@@ -68,7 +68,7 @@ def fitted_to(scenario: Scenario, *vehicles: Vehicle) -> Scenario:
         planned, kind = get_vehicle(name).kind, kind_of_type(heard.vehicle_type)
         if planned != kind:
             which = "" if len(vehicles) == 1 else f" as system {heard.system_id}"
-            does = f"a {kind} is heard{which}; name one of its kind with --vehicle"
+            does = f"a {kind} is heard{which}; name a {kind} with --vehicle"
             msg = f"vehicle {name} is a {planned}, but {does}"
             raise LiveFlightError(msg)
         fitted.append((heard.system_id, name, name_of_number(heard.autopilot) or planned_for))
@@ -80,12 +80,12 @@ def fitted_to(scenario: Scenario, *vehicles: Vehicle) -> Scenario:
 
 
 def _for_each(names: Sequence[str]) -> str:
-    """Return the names of all vehicles for a scenario, a single name if all are equal."""
+    """Return a scenario's value for all vehicles: one name if all are equal, else a list with commas."""
     return names[0] if len(set(names)) == 1 else ",".join(names)
 
 
 def typical_vehicle(vehicle: Vehicle) -> str:
-    """Return the default vehicle of the kind that was heard, for a run without a vehicle name.
+    """Return the name of the default vehicle of the kind that was heard.
 
     Examples
     --------
@@ -106,14 +106,14 @@ def upload_checked(
     force: bool = False,
     open_driver: DriverMaker = own_driver,
 ) -> tuple[TransferReport, Report]:
-    """Query a vehicle; check, upload and read back a mission; return the transfer and the findings.
+    """Query a vehicle, then check, upload and read back a mission; return the transfer and the findings.
 
-    `around` returns the circumstances of the check for the vehicle's answers. The other parameters and errors
-    are those of `mission.ground.link.upload`. Raises PreflightError if the check finds errors, unless
-    `force`.
+    `around` is called with the vehicle's answers, and returns the circumstances for the check. The other
+    parameters, and the errors, are described at `mission.ground.link.upload`. If the check finds errors, this
+    raises PreflightError unless `force` is set.
     """
     snapshot = ask_vehicle(link, wait_s=wait_s, system_id=system_id, note=events.note)
-    # The check ignores the vehicle's present state, which matters only for a start.
+    # The findings leave out the vehicle's present state, which matters only before a take-off.
     found = check_mission(mission, around(snapshot)).report.about(Concern.PLAN, Concern.PARAMETERS)
     found.require_no_errors("nothing was sent", events, force=force)
     report = upload(
@@ -131,7 +131,7 @@ def upload_checked(
 
 
 def links_of(heard: Iterable[Heard]) -> tuple[ServerUrl, ...]:
-    """Return the links of vehicles that were heard; each of several links accepts only its vehicles."""
+    """Return the links of the vehicles that were heard; each of several links accepts only its vehicles."""
     systems: dict[str, set[int]] = {}
     for url, vehicle in heard:
         systems.setdefault(url, set()).add(vehicle.system_id)
@@ -141,10 +141,10 @@ def links_of(heard: Iterable[Heard]) -> tuple[ServerUrl, ...]:
 
 
 class LinkHost(Server):
-    """Host of real links; Ctrl-C raises KeyboardInterrupt in the caller.
+    """Server of real links; Ctrl-C raises KeyboardInterrupt in the caller.
 
-    ``through`` filters messages that a component sends directly: its arguments are the messages and the time,
-    and it returns the messages to send.
+    ``through`` filters the messages that a component sends by `send`: its arguments are the messages and the
+    time, and it returns the messages to send.
     """
 
     def __init__(
@@ -161,30 +161,30 @@ class LinkHost(Server):
         self._note = note
 
     def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
-        """Serve until a condition holds or time is up; a KeyboardInterrupt leaves the link open."""
+        """Serve until a condition holds or time is up; a KeyboardInterrupt leaves the links open."""
         reason = super().run(until=until, limit_s=limit_s)
         if reason is StopReason.STOPPED:
             raise KeyboardInterrupt
         return reason
 
     def send(self, component: Component, messages: Iterable[Message]) -> None:
-        """Send messages of a component at the current time."""
+        """Send the filtered messages of a component."""
         super().send(component, self._through(messages, self.now_s))
 
     def close(self) -> None:
         """Close the links."""
         if dropped := self.dropped.most_common(_NAMED):
             named = ", ".join(f"{sender} ({count})" for sender, count in dropped)
-            self._note(f"datagrams of {named} were dropped: this program was too busy to take them")
+            self._note(f"datagrams of {named} were dropped: this program was too busy to receive them")
         super().close()
 
 
 class Via:
-    """Access to vehicles by MAVLink; add-ons override it for other libraries."""
+    """Access to vehicles by this program's MAVLink; add-ons override it for other MAVLink libraries."""
 
     @property
     def transfers(self) -> TransferMaker:
-        """Factory of mission transfers."""
+        """Factory that makes mission transfers."""
         return OWN_TRANSFERS
 
     def serve(
@@ -205,14 +205,14 @@ class Via:
         return own_driver(url, on_event, on_text)
 
     def check_count(self, vehicles: int) -> None:
-        """Raise LiveFlightError for more vehicles than this access supports."""
+        """Raise LiveFlightError if this access does not support this number of vehicles."""
 
     def check(self, scenario: Scenario, vehicle: Vehicle) -> None:
-        """Raise LiveFlightError if a discovered vehicle cannot fly the scenario over this kind of link."""
+        """Raise LiveFlightError if a discovered vehicle cannot fly the scenario with this access."""
 
 
 def via_named(name: str) -> Via:
-    """Return the `Via` of a name: ``own``, or the name of an entry point, which is loaded on demand."""
+    """Return the `Via` for a name: `Via` itself for ``own``, otherwise the class of this entry point."""
     entry = entry_named("wbf_mission.vias", name)
     if entry is None:
         return Via()

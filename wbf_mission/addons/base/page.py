@@ -1,4 +1,4 @@
-"""Pages of captions, pictures and tables with their Markdown files, and tables and curves of standings."""
+"""Pages of captions, pictures and tables, written as Markdown; also tables and curves of standings."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """A page with a title, an introduction and sections; all texts are plain."""
+    """A page with a title, an introduction and sections; no text has markup."""
 
     title: str
     about: str
@@ -91,7 +91,7 @@ class Page:
                 yield from ("", f"### {table.title.translate(_ESCAPED)}", "", *_markdown_table(table))
 
 
-# Names come from other people's files: their markup and links are escaped.
+# Names come from files of other people, so markup and links in names are escaped.
 _ESCAPED = str.maketrans({"|": "\\|", "<": "&lt;", "[": "\\["})
 
 
@@ -110,7 +110,7 @@ _FEWEST_FOR_A_BAND = 5
 
 
 def standing_table(title: str, found: Sequence[Standing], *, whole: bool = False) -> Table:
-    """Return a table of standings; with `whole`, for several scenarios, it has a column `scenario`."""
+    """Return a table of standings; with `whole`, it has a column `scenario` for several scenarios."""
     named = ("scenario", "planner or policy", "estimator") if whole else ("planner, estimator",)
     header = (*named, "run", "95 %", "end", "95 %", "rank", "wins", "runs", "bad answers", "CPU, s")
     rows = tuple(
@@ -144,29 +144,29 @@ def field_table(found: Sequence[Standing]) -> Table:
         for standing in found
     )
     header = ("planner, estimator", *(f"{name}, {when}" for name in fields for when in ("run", "end")))
-    return Table("Loss of each field, the mean a cell", header, rows)
+    return Table("Mean loss per cell of each field", header, rows)
 
 
 def interval_cells(of: Interval) -> tuple[str, str]:
-    """Return the table cells of a mean and of its interval."""
+    """Return two table cells: a mean, and its interval."""
     limits = "-" if math.isnan(of.low) else f"{score_text(of.low)} to {score_text(of.high)}"
     return score_text(of.mean), limits
 
 
 def number_text(value: float, digits: int) -> str:
-    """Return a number with some digits after the point, nan as "-"."""
+    """Return a number with `digits` digits after the point; nan becomes "-"."""
     return "-" if math.isnan(value) else f"{value:.{digits}f}"
 
 
 def score_over_time(rows: Sequence[BenchRow]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return times (s) and the scores of rows with a history at these times, float64[runs, times]."""
+    """Return evenly spaced times (s), and the rows' scores at these times, float64[runs, times]."""
     last_s = max(row.times_s[-1] for row in rows)
     times_s = np.linspace(0.0, last_s, _POINTS)
     return times_s, np.array([scores_at(row, times_s) for row in rows])
 
 
 def scores_at(row: BenchRow, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the last score of a run at each time; before the first scored time, the first score."""
+    """Return the latest score of a run at each time, or the first score before the first scored time."""
     at = np.searchsorted(row.times_s, times_s, side="right") - 1
     scores: NDArray[np.float64] = np.array(row.scores)[np.maximum(at, 0)]
     return scores

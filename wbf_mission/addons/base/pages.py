@@ -1,4 +1,4 @@
-"""Pages that add-ons make for each other: entry points of the group `wbf_mission.pages`."""
+"""Interfaces of pages that add-ons provide to each other: entry points of the group `wbf_mission.pages`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class FollowedSimulation(Protocol):
-    """``live.simulation``: shows simulated vehicles on the live page, and carries out the page's orders.
+    """Entry point ``live.simulation``: shows simulated vehicles on the live page, and obeys its orders.
 
     Attributes
     ----------
@@ -36,19 +36,19 @@ class FollowedSimulation(Protocol):
         """Follow the vehicles; without `orders`, the page cannot command them."""
 
     def begin(self) -> Callable[[float], bool]:
-        """Publish the first events, once the page listens; return the callback for each later step."""
+        """Publish the first events; call this when the page listens. Return the callback for later steps."""
 
 
 class RunPage(Protocol):
-    """``run``: page of one run, filled while the run is flown, with the acquisition map of each decision."""
+    """Entry point ``run``: page of a run, filled during the run, with an acquisition map per decision."""
 
     def __init__(self, events: EventStream, scored: int) -> None:
-        """Listen to a run with `scored` scored times."""
+        """Listen to the events of a run that has `scored` scored times."""
 
     def write(
         self, path: Path, record: RunRecord, *, log: Path | None, notes: Sequence[str], progress: Progress
     ) -> Sequence[str]:
-        """Write the page; return the notes on it: `notes`, and notes on data left out of the page."""
+        """Write the page; return its notes: `notes`, and notes about data that the page leaves out."""
 
 
 def followed_simulation() -> type[FollowedSimulation]:
@@ -66,8 +66,8 @@ def run_page() -> type[RunPage]:
 def bench_page() -> Callable[..., None]:
     """Return the writer of a report as one HTML file; TargetError if no add-on provides it.
 
-    Its arguments are the file, the `Page`, the folder of the page's pictures and, for a table of all
-    standings, rows of a benchmark.
+    The arguments of the writer are the file, the `Page` and the folder of the page's pictures. If the rows of
+    a benchmark follow, the file has a table of all standings.
     """
     page: Callable[..., None] = provided("bench")
     return page
@@ -76,7 +76,7 @@ def bench_page() -> Callable[..., None]:
 def bench_report() -> Callable[..., Page]:
     """Return the maker of a benchmark's report; TargetError if no add-on provides it.
 
-    Its arguments are the rows, the folder for pictures, ``title`` and, for a list of the requests, ``asked``.
+    Its arguments are the rows, the folder for pictures, ``title``, and the requests to list as ``asked``.
     """
     report: Callable[..., Page] = provided("bench.report")
     return report

@@ -1,4 +1,4 @@
-"""Figures, colours and farms for all pictures by matplotlib."""
+"""Makes matplotlib figures, colours and drawings of farms, for all pictures."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CROP_COLOURS: dict[str, str] = {
 }
 _FURTHER_CROPS = ("#d9c58b", "#c9b3d6", "#a8cfd0", "#e3b78c", "#c2c2b0", "#d8a8c2")
 LINE_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8c6d31")
-"""Colours of curves: the palette of Okabe and Ito, readable with colour blindness, and brown."""
+"""Colours of curves: brown, and the palette of Okabe and Ito, readable with colour blindness."""
 LAND = "#e9e6df"
 FLOWN = "#c8102e"  # Colour of flown paths
 WORST_COLOURS = ("#3d0a3a", "#f29e38", "#dfeaf2")  # Lost, infected, healthy: distinct without red and green
@@ -63,7 +63,7 @@ def ramp(colours: Sequence[str], steps: int) -> NDArray[np.uint8]:
 
 
 def new_figure(width: float, height: float, *, dpi: int = 110) -> Figure:
-    """Return a figure; `width` and `height` in inches."""
+    """Return a figure; `width` and `height` are in inches."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), dpi=dpi)
@@ -83,7 +83,7 @@ def save_figure(figure: Figure, path: Path) -> Path:
 
 
 def new_sheet(width: float, height: float) -> Figure:
-    """Return a figure for print with constrained layout; `width` and `height` in inches."""
+    """Return a figure for print with constrained layout; `width` and `height` are in inches."""
     figure = new_figure(width, height, dpi=200)
     figure.set_layout_engine("constrained")
     return figure
@@ -96,7 +96,7 @@ def save_sheet(figure: Figure, paths: Sequence[Path]) -> None:
 
 
 def shown_every(shape: Sequence[int]) -> int:
-    """Return the stride between the cells of a crop map that are shown."""
+    """Return the stride that thins the cells of a crop map for drawing."""
     return max(1, -(-max(shape) // MAX_PIXELS))
 
 
@@ -114,7 +114,7 @@ def crop_colours(crops: Sequence[str]) -> dict[str, str]:
 def draw_farm(axes: Axes, farm: Farm, *, legend: bool = True) -> None:
     """Draw crops, the owner's land and obstacles into ``axes`` (metres along the farm's axes).
 
-    `legend`: draw home and the rally points, too, and a legend beside the map.
+    With `legend`, also draw home, the rally points, and a legend beside the map.
     """
     from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.patches import Patch as LegendPatch

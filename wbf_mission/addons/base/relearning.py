@@ -1,4 +1,4 @@
-"""Repeats the estimates of a run: a new estimator learns the observations in order."""
+"""Recomputes the estimates of a run: a new estimator learns the run's observations in order."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 def fresh_estimator(record: RunRecord, progress: Progress, estimator: Estimator | None = None) -> Estimator:
     """Return an estimator that is fitted to the farm, without observations.
 
-    `estimator` is used if given; otherwise the estimator of the run's scenario, or a copy of the scenario's
-    estimator object.
+    This is `estimator` if it is given. Otherwise it is the estimator named in the run's scenario, or a copy
+    of the scenario's estimator object.
     """
     if estimator is None:
         choice = record.scenario.estimate.estimator
@@ -41,10 +41,10 @@ def fresh_estimator(record: RunRecord, progress: Progress, estimator: Estimator 
 def estimates_again(
     record: RunRecord, estimator: Estimator, moments: Iterable[tuple[int, int, bool]]
 ) -> Iterator[InformationModel | None]:
-    """Yield a fresh estimator's estimates at moments; the arrays are not copies.
+    """Yield the estimates of a fresh estimator at `moments`; the arrays are not copies.
 
-    A moment is a day, the number of known observations, and whether the estimate is wanted. None is yielded
-    for an estimate that is not wanted, or equal to the previous one.
+    A moment is a day, the number of known observations, and whether the estimate is wanted. The estimate of a
+    moment is None if it is not wanted, or equal to the previous estimate.
     """
     day, seen, is_known = None, 0, False
     for of_day, known, is_wanted in moments:
@@ -64,7 +64,7 @@ def estimates_again(
 
 
 def kept_truths(record: RunRecord) -> dict[int, NDArray[np.float32]]:
-    """Return the recorded truths by day, float32[n, W, H]; for large farms only the last day has one."""
+    """Return the recorded truths by day, float32[n, W, H]; for large farms only the last day has a truth."""
     truths = {one.day: one.truth for one in record.days}
     if record.days and truths[record.days[-1].day] is None:
         truths[record.days[-1].day] = record.truth

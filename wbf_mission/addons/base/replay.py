@@ -40,22 +40,22 @@ _SEEN_S = 1.0
 
 _SAME_S = 1e-3  # Times in a log are whole microseconds
 _LONGEST_GAP_S = 5.0
-"""Longest gap in the telemetry within which the last state applies (s)."""
+"""A state in the telemetry is valid until the next state, but at most for this time (s)."""
 
 _Timed = tuple[float, events.Event]
 
 
 @dataclass(frozen=True, slots=True)
 class _Flight:
-    """Records of a joint flight."""
+    """Records of the vehicles that fly at the same time."""
 
     records: tuple[FlightRecord, ...]
-    begun_s: float  # Seconds after the start of the run
-    seen: slice  # Observations of the flight
+    begun_s: float  # Start of the flight, in seconds after the start of the run.
+    seen: slice  # Slice of the flight's observations among the run's observations.
 
     @property
     def started_s(self) -> float:
-        """Time of the flight's first position fix, of any vehicle (s after the start of the run)."""
+        """Time of the first position fix of any vehicle in the flight (s after the start of the run)."""
         firsts = [float(record.track.time_s[0]) for record in self.records if len(record.track.time_s)]
         return self.begun_s + min(firsts, default=0.0)
 
@@ -72,7 +72,7 @@ def events_of(
 
     Unknown values are None. Without a log, only position and speed of a vehicle's state are known. On large
     farms, only the last day's truth is known. Every scored time is an `Estimated` event, in the order of the
-    history. With several vehicles, observations may arrive out of order of their times.
+    history. With several vehicles, the observations in the events may not be in order of time.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def _flights(result: RunRecord) -> list[_Flight]:
     firsts = [flight[0].seen_before for flight in together] + [len(result.observations)]
     found, end_s = list[_Flight](), 0.0
     for number, each in enumerate(together):
-        # Results of earlier versions lack the starts of flights: let each flight follow the previous flight.
+        # Results of earlier versions lack the starts of flights: each flight then begins after the last.
         begun_s = max(each[0].begun_s, end_s)
         found.append(_Flight(each, begun_s, slice(firsts[number], firsts[number + 1])))
         ends = [float(one.track.time_s[-1]) for one in each if len(one.track.time_s)]
@@ -196,7 +196,7 @@ def _decisions(result: RunRecord, flight: _Flight) -> list[DecisionRecord]:
 
 
 def _changed(record: FlightRecord, change: PathChange) -> Mission:
-    """Return the mission of a changed path."""
+    """Return the flight's mission with the new path of a change."""
     mission = record.plan.mission
     waypoints = [item for item in mission.items if item.command == Command.NAV_WAYPOINT]
     if not waypoints:
@@ -214,7 +214,7 @@ def _changed(record: FlightRecord, change: PathChange) -> Mission:
 def _moved(flight: _Flight, record: FlightRecord, step: int, told: StateLog | None) -> Iterator[_Timed]:
     """Yield a vehicle's positions with its logged states, or with speeds from its track.
 
-    The last position has the last logged state, which is disarmed.
+    The last position gets the last logged state, in which the vehicle is disarmed.
     """
     track, last = record.track, len(record.track.time_s) - 1
     if last < 0:
@@ -260,7 +260,7 @@ def _ended(flight: _Flight, record: FlightRecord) -> Iterator[_Timed]:
 
 
 def _seen(result: RunRecord, flight: _Flight) -> Iterator[_Timed]:
-    """Yield the observations, in parts as in flight."""
+    """Yield the observations of a flight, grouped by the second in which they became known."""
     part = result.observations[flight.seen]
     if not len(part):
         return
@@ -273,7 +273,7 @@ def _seen(result: RunRecord, flight: _Flight) -> Iterator[_Timed]:
 
 def _decided(result: RunRecord, flight: _Flight) -> Iterator[_Timed]:
     for record in _decisions(result, flight):
-        # The first paths are decided before the flight.
+        # A decision at time 0 is made before the flight.
         time_s = flight.started_s + record.time_s if record.time_s > 0.0 else flight.begun_s
         yield time_s, events.Decided(time_s, record)
 
@@ -314,7 +314,7 @@ class StateLog:
     """State and name of the flight mode at each time."""
 
     def at(self, time_s: NDArray[np.float64]) -> list[tuple[VehicleState, str] | None]:
-        """Return state and mode at times; None without recent telemetry."""
+        """Return state and mode at each time; None if the telemetry has no recent state."""
         last = np.searchsorted(self.time_s, time_s + _SAME_S, side="right") - 1
         is_known = (last >= 0) & (time_s - self.time_s[np.maximum(last, 0)] <= _LONGEST_GAP_S)
         return [
@@ -324,9 +324,9 @@ class StateLog:
 
 
 def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], StateLog]:
-    """Read the states of the vehicles in a .tlog, by system id and part; ResultError if it cannot be read.
+    """Read the states of vehicles in a .tlog, by system id and part; ResultError if it cannot be read.
 
-    Part k begins `begins_s[k]` seconds after the start of the log, and does not use earlier telemetry.
+    Part k begins `begins_s[k]` seconds after the start of the log; telemetry before a part does not count.
     """
     begun_s: float | None = None
     monitors: dict[tuple[int, int], VehicleMonitor] = {}
@@ -342,7 +342,7 @@ def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], St
             monitor.receive(message, time_s)
             rows = found.setdefault(key, [])
             state, mode = monitor.state, monitor.mode
-            # Arming, disarming and mode changes get rows of their own: the last may follow the last position.
+            # Arming and mode changes get separate rows, since disarming may follow the last position.
             changes = bool(rows) and (rows[-1][1].armed, rows[-1][2]) != (state.armed, mode)
             if changes or is_a(message, m.MAVLink_global_position_int_message):
                 rows.append((time_s, state, mode))

@@ -1,4 +1,4 @@
-"""Simulated vehicles and their cameras as components of the simulator on sockets."""
+"""Makes simulated vehicles and their cameras, as components that a server on sockets runs."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class Simulated:
     """Simulated vehicles with their cameras."""
 
     fleet: Fleet
-    cameras: tuple[LeafCameraComponent, ...]  # One for each vehicle, or empty
+    cameras: tuple[LeafCameraComponent, ...]  # One camera for each vehicle, or empty.
     farm: Farm
-    environment: Environment | None  # Environment that the cameras sense
+    environment: Environment | None  # The fields that the cameras observe.
 
     @property
     def vehicles(self) -> tuple[SimVehicle, ...]:
@@ -46,7 +46,7 @@ class Simulated:
 
     @property
     def components(self) -> list[Component]:
-        """All components that a host has to run."""
+        """All vehicles and cameras, which a server has to run."""
         return [*self.vehicles, *self.cameras]
 
     @property
@@ -91,12 +91,12 @@ def make_components(
     """Make simulated vehicles with cameras from the scenario's farm, vehicle, weather, seed, day and camera.
 
     `homes` are pairs of position and heading in degrees (default: the farm's home). `count` is the number of
-    vehicles (default: one for each home). Vehicles that share a home stand `spacing_m` apart. With
-    `with_camera` None, the autopilot decides whether there are cameras; without cameras no environment is
-    made. `cold` autopilots boot at their first contact. With `sitl_rates` vehicles stream the messages and
-    rates of the autopilot's own simulator.
+    vehicles (default: one for each home). Vehicles that share a home stand `spacing_m` apart. If
+    `with_camera` is None, there are cameras if the autopilot supports them; without cameras no environment is
+    made. With `cold`, an autopilot boots when a client first contacts it. With `sitl_rates`, vehicles stream
+    the same messages at the same rates as the autopilot's SITL simulator.
 
-    WbfMissionError if a name is unknown or an option out of range.
+    Raises WbfMissionError if a name is unknown or an option is out of range.
     """
     farm = scenario.farm.load()
     spec = flown_vehicle(scenario.vehicle)

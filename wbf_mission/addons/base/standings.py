@@ -1,8 +1,8 @@
-"""Standings of benchmark rows: unambiguous names, the environments that count, means and ranks.
+"""Standings of benchmark rows: the scores, losses and ranks of each planner with each estimator.
 
 An environment (seed) counts only if every pair of planner and estimator has a row on it. A failed run gets
 the worst loss of any row on its environment at any scored time; this is normally the loss before the first
-observation. So neither a lucky choice of seeds nor failed runs can improve a result.
+observation. Therefore, neither a lucky choice of seeds nor a failed run can improve a result.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _NAMED = (("scenario", "code"), ("scenario", "scenario"), ("planner", "planner")
 
 
 def _of_old(row: BenchRow, key: str) -> str:
-    """Return the digest of a row's code, scenario, planner or estimator; the version if it has none."""
+    """Return the digest of a row's code, scenario, planner or estimator, or words for a missing digest."""
     unknown = f"unknown {build_of(row)}" if key == "code" else "unknown"
     return row.codes.get(key, "") or ("built in" if row.codes else unknown)
 
@@ -34,12 +34,12 @@ def _words(row: BenchRow, key: str) -> str:
 
 
 def apart(rows: Sequence[BenchRow]) -> Sequence[BenchRow]:
-    """Return rows with ambiguous names extended, so that equal names mean the same thing.
+    """Return the rows; ambiguous names are extended, so that rows with equal names ran the same code.
 
-    A name is ambiguous if the program, a file or the user's code changed between runs, or if an object has
-    other parameters. The extension is the version and commit (``WBF/Miniberry-30-v1 [0.1.0, 4622a3d6]``), an
-    object's parameters (``UCB(beta=9.0)``), or else the start of the digest. Other rows are returned
-    unchanged.
+    A name is ambiguous if the program, a file or the user's code changed between runs, or if objects of this
+    name have different parameters. The extension is the version and commit (``WBF/Miniberry-30-v1 [0.1.0,
+    4622a3d6]``), an object's parameters (``UCB(beta=9.0)``), or else the start of the digest. Rows without
+    ambiguous names are returned unchanged.
     """
     for name, key in _NAMED:
         words: dict[str, dict[str, str]] = {}
@@ -69,7 +69,7 @@ def _labels(name: str, words: dict[str, str]) -> dict[str, str]:
 
 
 def builds_in_words(rows: Iterable[BenchRow]) -> str:
-    """Return, in words, the builds that flew rows and how many behaviours they have; empty for one build."""
+    """Return, in words, the builds that flew the rows and their behaviours; empty for a single build."""
     count = Counter((build_of(row), _of_old(row, "code")) for row in rows)
     if len(count) <= 1:
         return ""
@@ -90,26 +90,26 @@ _SHOWN = 3
 
 @dataclass(frozen=True, slots=True)
 class Scored:
-    """Counted rows of one scenario, as arrays float64[pairs, seeds]; nan where a field has no loss."""
+    """Rows of one scenario that count, as arrays float64[pairs, seeds]; nan if a field has no loss."""
 
     scenario: str
     pairs: tuple[Pair, ...]
-    """Planners (or policies) with estimators."""
+    """Pairs of a planner (or policy) and an estimator."""
     seeds: tuple[int, ...]
     """Seeds of the counted environments."""
     rows: tuple[tuple[BenchRow, ...], ...]
     """Rows by pair and seed."""
     scores: NDArray[np.float64]
-    """Scores over the run; `final_scores` are the scores at its end."""
+    """Scores over the run; `final_scores` are the scores at the end of the run."""
     final_scores: NDArray[np.float64]
     losses: dict[str, NDArray[np.float64]]
-    """Losses by field over the run; `final_losses` are the losses at its end."""
+    """Losses by field over the run; `final_losses` are the losses at the end of the run."""
     final_losses: dict[str, NDArray[np.float64]]
     left_out: dict[int, tuple[Pair, ...]]
-    """Environments that do not count, with the pairs that have no row on them; no pair if all runs failed."""
+    """Seeds that do not count, each with the pairs that have no row on it; no pairs if all runs failed."""
 
     def environments_in_words(self) -> str:
-        """Return the counted environments, the other environments and the pairs that lack these, in words."""
+        """Return, in words, which environments count, and which pairs have no row on the others."""
         count = f"{len(self.seeds)} environments count" + (f" ({_seeds(self.seeds)})" if self.seeds else "")
         if not self.left_out:
             return f"{count}."
@@ -120,9 +120,9 @@ class Scored:
         unscored = lacking.pop(_NOBODY, [])
         missing = [f"{name} ({_seeds(seeds)})" for name, seeds in lacking.items()]
         more = f" and {len(missing) - _SHOWN} more" if len(missing) > _SHOWN else ""
-        missing_text = f"not all have a row there, missing are {'; '.join(missing[:_SHOWN])}{more}"
+        missing_text = f"there is no row of {'; '.join(missing[:_SHOWN])}{more}"
         parts = [missing_text] if missing else []
-        parts += [f"nobody has a score there ({_seeds(unscored)})"] if unscored else []
+        parts += [f"no run has a score ({_seeds(unscored)})"] if unscored else []
         which = "does" if len(self.left_out) == 1 else "do"
         return f"{count}; {len(self.left_out)} {which} not: {' and '.join(parts)}."
 
@@ -170,11 +170,11 @@ def _scored(scenario: str, rows: Sequence[BenchRow]) -> Scored:
 
 
 _SCORE = ""
-"""Key of the score among the field names; its loss is the negative score."""
+"""Key of the score, beside the names of fields; the loss of the score is its negative."""
 
 
 def _value(row: BenchRow, name: str, over_run: bool) -> float:
-    """Return the loss of a field, or of the score, for a successful run."""
+    """Return the loss of a field, or the negative score, of a successful run."""
     if name == _SCORE:
         value = row.score if over_run else row.final_score
         return np.nan if value is None else -value
@@ -184,7 +184,7 @@ def _value(row: BenchRow, name: str, over_run: bool) -> float:
 
 
 def _worst(rows: Iterable[BenchRow]) -> dict[int, dict[str, float]]:
-    """Return the largest loss of any row at any scored time, by seed and field; `_SCORE` included."""
+    """Return the largest loss of any row at any scored time, by seed and by field or `_SCORE`."""
     found: dict[int, dict[str, float]] = {}
     for row in rows:
         ends = [-score for score in (row.score, row.final_score) if score is not None]
@@ -205,20 +205,20 @@ def _seeds(seeds: Sequence[int]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """Result of a planner with an estimator, over the counted environments of a scenario (`scored`)."""
+    """Result of a planner with an estimator, over the environments of a scenario that count (`scored`)."""
 
     scenario: str
     planner: str
     estimator: str
     environments: int
     failed: int
-    """Number of failed runs, which count as the worst result; includes environments where all failed."""
+    """Number of failed runs, including runs on environments where every run failed; they count as worst."""
     score: Interval
-    """Mean score over the scored times of a run; 0 is perfect."""
+    """Mean over the environments of a run's mean score; 0 is perfect."""
     final_score: Interval
-    """Score at the end of a run; 0 is perfect."""
+    """Mean over the environments of the score at a run's end; 0 is perfect."""
     behind: Interval
-    """Best score of the scenario minus this score, paired by environment.
+    """Score of the scenario's best pair minus this score, on the same environments.
 
     The intervals of a scenario are simultaneous. The best pair has 0 and no interval."""
     losses: dict[str, float]
@@ -236,7 +236,7 @@ class Standing:
     decisions: int
     """Number of answers of the policy in all runs."""
     bad_answers: dict[str, int]
-    """Number of answers not flown or too late, by fault; failed runs included."""
+    """Number of answers that were not flown or came too late, by fault; answers in failed runs count."""
 
     @property
     def named(self) -> str:
@@ -245,14 +245,14 @@ class Standing:
 
     @property
     def bad_share(self) -> float:
-        """Fraction of answers that are bad; nan for a planner, which answers once per run."""
+        """Fraction of bad answers; nan for a planner, which answers only once per run."""
         if self.decisions <= self.environments and not self.bad_answers:
             return np.nan
         return sum(self.bad_answers.values()) / max(self.decisions, 1)
 
 
 def standings(rows: Sequence[BenchRow]) -> list[Standing]:
-    """Return the standing of each planner with each estimator, by scenario, the best score first.
+    """Return the standing of each planner with each estimator, by scenario, best score first.
 
     Rows of different code get different names (`apart`).
     """
@@ -260,7 +260,7 @@ def standings(rows: Sequence[BenchRow]) -> list[Standing]:
 
 
 def standings_of(group: Scored) -> list[Standing]:
-    """Return the standings in one scenario, the best score first."""
+    """Return the standings in one scenario, best score first."""
     ranks, wins = _places(group.scores)
     means, ends = mean_intervals(group.scores), mean_intervals(group.final_scores)
     best = max(range(len(means)), key=lambda k: (np.isfinite(means[k].mean), means[k].mean))
@@ -304,7 +304,7 @@ def _mean(values: Iterable[float]) -> float:
 
 
 def _places(scores: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the mean rank and the wins of each row of float64[rows, seeds]; ranks are nan without seeds."""
+    """Return the mean rank and the wins of each row of `scores`, float64[rows, seeds]; nan without seeds."""
     if not scores.shape[1]:
         return np.full(len(scores), np.nan), np.zeros(len(scores))
     ranks = stats.rankdata(-scores, axis=0, method="average")

@@ -1,4 +1,4 @@
-"""XML output of mission files and exports."""
+"""Writes XML for mission files and exports."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ GPX = {"version": "1.1", "creator": "wbf-mission", "xmlns": "http://www.topograf
 
 
 def decimal(value: float) -> str:
-    """Return a number as an XML decimal: without exponent, and exact when read back.
+    """Return a number as an XML decimal, without exponent; reading it gives exactly this number.
 
     >>> decimal(1e-7), decimal(30)
     ('0.0000001', '30.0')

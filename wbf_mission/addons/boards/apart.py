@@ -1,8 +1,8 @@
-"""Submitted planners, policies and estimators, each in a separate process without access to the run.
+"""Run submitted planners, policies and estimators, each in a separate process without access to the run.
 
-The run is flown in this process. The other process receives only the inputs of a planner, policy or
-estimator. It answers with plain numbers and texts, so none of its objects is executed here. The process is no
-sandbox: submitted code can read every file its user can read.
+The parent process simulates the run. The other process receives only the inputs of a planner, policy or
+estimator. It answers with plain numbers and texts, so the parent process executes no submitted code. The
+other process is no sandbox: submitted code can read every file that its user can read.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def _sent(array: Array) -> tuple[str, tuple[int, ...], bytes]:
 
 
 def _received(_kind: type, plain: Any) -> Array:
-    """Return the array of `_sent`; ValueError or TypeError if `plain` is anything else."""
+    """Rebuild an array from the plain values of `_sent`; ValueError or TypeError for other values."""
     number, shape, content = plain
     if number not in ("<f8", "<f4"):
         raise ValueError(f"an array of {number[:8]!r}")
@@ -63,7 +63,7 @@ def _received(_kind: type, plain: Any) -> Array:
 
 
 class Estimate(msgspec.Struct, kw_only=True):
-    """Plain values of an `InformationModel`."""
+    """An `InformationModel` as plain values that can be sent."""
 
     value: Array
     uncertainty: Array
@@ -94,14 +94,14 @@ _decoder = msgspec.msgpack.Decoder(Said, dec_hook=_received)
 class Apart(Closing):
     """A planner, policy or estimator from a folder of submitted code, run in a separate process.
 
-    `kind` is ``planner`` (also for a policy) or ``estimator``; `label` and `digest` are those of a benchmark
-    row. ResultError if no file of the folder defines the object.
+    `kind` is ``planner`` (also for a policy) or ``estimator``; `label` and `digest` are the object's name and
+    code digest in a benchmark row. Raises ResultError if no file of the folder defines the object.
     """
 
     def __init__(self, folder: Path, kind: str, label: str, digest: str) -> None:
         self.name = label
         self._private = tempfile.TemporaryDirectory()
-        # The process gets no other variables and caches of this process: they could reveal environments.
+        # Pass no other variables or caches of this process: they could reveal the simulated fields.
         home = dict.fromkeys(("HOME", "TMPDIR", "XDG_CACHE_HOME", "XDG_CONFIG_HOME"), self._private.name)
         kept = {key: os.environ[key] for key in ("PATH", "LANG", "LD_LIBRARY_PATH") if key in os.environ}
         found = os.pathsep.join(str(Path(one).resolve()) for one in sys.path if one)
@@ -125,14 +125,14 @@ class Apart(Closing):
             raise
 
     def __deepcopy__(self, _memory: object) -> Self:
-        """Return the object itself: `start` and `fit` reset the process."""
+        """Return the object itself: a copy is unnecessary, as `start` and `fit` reset the process."""
         return self
 
     def call(self, method: str, *given: Any) -> Said:
-        """Call a method in the other process; its error is raised as PlanningError or `_OwnCodeError`."""
+        """Call a method in the other process, and raise its error as PlanningError or `_OwnCodeError`."""
         import cloudpickle
 
-        # The time limit holds for the whole answer: hostile code may begin an answer and never end it.
+        # The time limit covers the whole answer: hostile code may begin an answer and never finish it.
         limit = threading.Timer(_MOST_S, self._process.kill)
         limit.start()
         try:
@@ -141,7 +141,7 @@ class Apart(Closing):
         except (OSError, EOFError, msgspec.MsgspecError) as error:
             self._process.kill()  # A late answer would be taken for the answer to the next call.
             raise _LostError(
-                f"{self.name}: its process ended or answers no more ({one_line(repr(error))})"
+                f"{self.name}: its process ended or stopped answering ({one_line(repr(error))})"
             ) from None
         finally:
             limit.cancel()
@@ -183,7 +183,7 @@ class PolicyApart(Apart):
 
     @property
     def triggers(self) -> Triggers:
-        """Triggers that the policy returned at its last call."""
+        """Triggers of the policy, as the other process reported them after the last call."""
         assert self.said.triggers is not None
         return self.said.triggers
 
@@ -253,7 +253,7 @@ def _nobody(_done: int, _total: int) -> None:
 
 
 def _sent_cost(vehicle: VehicleReport) -> Any:
-    """Return a vehicle's cost function with a request that can be sent."""
+    """Return a vehicle's cost function, without a progress callback so that it can be sent."""
     cost: Any = vehicle.travel_cost
     return replace(cost, request=_alone(cost.request)) if hasattr(cost, "request") else cost
 
@@ -265,7 +265,7 @@ def answer_all() -> None:
     made: Any = None
     while True:
         try:
-            method, given = pickle.loads(pipe.recv_bytes())  # noqa: S301 (of the process that started this one)
+            method, given = pickle.loads(pipe.recv_bytes())  # noqa: S301 (sent by the parent process)
         except EOFError:
             return
         try:
@@ -287,7 +287,7 @@ def held_by(files: Iterable[Path], kind: str, label: str, digest: str) -> Choice
     from wbf_mission.bench.digests import own_digest
     from wbf_mission.own_code import own_choice
 
-    why = "no file of its code has it"
+    why = "no file of the code defines it"
     for path in files:
         try:
             choice = own_choice(f"{path}:{label}", kind)
@@ -298,8 +298,8 @@ def held_by(files: Iterable[Path], kind: str, label: str, digest: str) -> Choice
             continue
         if (found := own_digest(choice.made)) == digest:
             return choice
-        differs = f"its digest, with the files beside it, is {found}, not {digest}"
-        why = f"{path.name} has another {label} than the one that flew the rows: {differs}"
+        differs = f"its digest, computed with the files beside it, is {found}, not {digest}"
+        why = f"{path.name} defines a {label} that differs from the one that flew the rows: {differs}"
     raise ResultError(f"{kind} {label}: {why}")
 
 

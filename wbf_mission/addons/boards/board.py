@@ -1,8 +1,8 @@
-"""Leaderboard of submissions and frozen baselines, compared if flown on the same environments.
+"""Leaderboard: compares submissions and frozen baselines that were flown on the same environments.
 
-There is one table for each scenario, behaviour of the program and set of environments. A table has every
-method that was flown on all of the table's environments, so a submission with few environments does not
-shrink the other tables.
+There is one table for each combination of scenario, behaviour numbers and set of environments. A table has
+every method that was flown on all environments of the table. Therefore, a submission with few environments
+does not shrink the other tables.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ SHOWN_DIGEST = 8
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A pack that passed the audit."""
+    """A submitted file (pack) that passed the audit."""
 
     path: Path
     frozen: bool
@@ -57,7 +57,7 @@ class Line:
     own: str
     """Digests of submitted code; empty for a built-in method."""
     against: Comparison | None
-    """Comparison with the best frozen baseline of the table; None for that baseline, or without one."""
+    """Comparison with the table's best frozen baseline; None for this baseline, or without a baseline."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +86,7 @@ class BoardTable:
 
 @dataclass(frozen=True, slots=True)
 class Board:
-    """All tables, and the reasons for refused packs."""
+    """All tables of a leaderboard, and the reason for each refused pack."""
 
     tables: tuple[BoardTable, ...]
     entries: tuple[Entry, ...]
@@ -95,7 +95,7 @@ class Board:
 
 @functools.cache
 def frozen_sums() -> Mapping[str, str]:
-    """Return the SHA-256 of each frozen baseline by folder and name, such as ``0.1.0/own.zip``."""
+    """Return the SHA-256 of each frozen baseline, keyed by folder and file, such as ``0.1.0/own.zip``."""
     return msgspec.json.decode(FROZEN.read_bytes(), type=dict[str, str])
 
 
@@ -106,12 +106,12 @@ def is_frozen(path: Path, digest: str) -> bool:
     """
     name = "/".join(path.resolve().parts[-2:])
     if frozen_sums().get(name, digest) != digest:
-        raise ResultError(f"{path}: is not the frozen {name}, whose SHA-256 is another; get the file again")
+        raise ResultError(f"{path}: differs from the frozen baseline {name} (SHA-256); get the file again")
     return digest in frozen_sums().values()
 
 
 def packs_of(sources: Iterable[Path]) -> list[tuple[Path, bool]]:
-    """Return the packs named directly, and the packs in folders at any depth, which are frozen baselines.
+    """Return each pack and whether it is a baseline: packs in folders are, packs named directly are not.
 
     Raises ResultError if a folder has no pack.
     """
@@ -122,11 +122,11 @@ def packs_of(sources: Iterable[Path]) -> list[tuple[Path, bool]]:
             continue
         inside = sorted(one for one in source.rglob(f"*{SUFFIX}") if one.is_file() and not one.is_symlink())
         if not inside:
-            msg = f"{source}: holds no pack; give files of 'bench submit', or a folder of them"
+            msg = f"{source}: has no pack; give files written by 'bench submit', or a folder of such files"
             raise ResultError(msg)
         found |= dict.fromkeys(inside, True)
     if len(found) > _MOST_PACKS:
-        raise ResultError(f"{len(found)} packs, at most {_MOST_PACKS} are read: make several boards")
+        raise ResultError(f"{len(found)} packs; a board takes at most {_MOST_PACKS}: make several boards")
     return list(found.items())
 
 
@@ -141,8 +141,8 @@ def board_of(
 
     A pack that fails a check is listed in `Board.refused`; the others are compared. `verify` is the number of
     rows of each method that are flown again. By default it is 0 for frozen baselines known by their SHA-256,
-    and `VERIFIED` for all other packs. Submitted code is never run. With the `secret` of a round that has
-    ended, the tables on its environments are marked as held out.
+    and `VERIFIED` for all other packs. Submitted code is never run. If the `secret` of a finished round is
+    given, the tables on the environments of this round are marked as held out.
     """
     entries: list[Entry] = []
     refused: dict[str, str] = {}
@@ -167,7 +167,7 @@ def _entry(path: Path, *, frozen: bool, verify: int | None, progress: Progress) 
         require_whole(pack.rows, sealed=bool(pack.submission.seal))
     except ResultError as error:
         raise ResultError(f"{path}: {error}") from None
-    # Packs in the baselines' folder that this version does not list are baselines, too, but are verified.
+    # A pack from a folder is a baseline even if `frozen.json` does not list it; it is then verified.
     listed = frozen and is_frozen(path, pack.digest)
     count = verify if verify is not None else 0 if listed else VERIFIED
     verification = fly_again(pack.rows, count, progress=progress)

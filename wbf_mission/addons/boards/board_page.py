@@ -22,14 +22,14 @@ _MOST_DRAWN, _FEWEST_DRAWN = 24, 2
 _GREY, _BLUE = "#777777", "#1f6fb4"
 _NAMED = ("planner, estimator", "submission", "kind")
 _ABOUT = (
-    "Scores: 0 is perfect; the mean over the run and the score at its end, each with its 95 % interval over"
-    " the environments. Difference: the score over the run minus that of the best frozen baseline, in pairs"
-    " of runs on the same environment; positive is better; the intervals of a table hold all at once in 95 of"
-    " 100 cases. Failed: the number of runs without a result, which count as the worst score. Bad: the share"
-    " of a policy's answers that were not flown, or came too late. Flown again: the number of rows that were"
-    " flown again for this board, and whether the results were the same; if none was, only the submission"
-    " vouches for the results. In brackets after a name: digests of submitted code. A baseline is a pack in"
-    " the folder of frozen baselines; every other pack is a submission."
+    "Scores: 0 is perfect; a table has the mean over the run and the score at its end, each with a 95 %"
+    " interval over the environments. Difference: the score over the run minus the score of the best frozen"
+    " baseline on the same environment; positive is better; all intervals of a table hold together in 95 of"
+    " 100 cases. Failed: the number of runs without a result, which count as the worst score. Bad: the"
+    " fraction of a policy's answers that were not flown, or came too late. Flown again: the number of rows"
+    " that were flown again for this board, and whether the results were the same; if no row was flown again,"
+    " only the author vouches for the results. Brackets after a name contain digests of submitted code. A"
+    " baseline is a pack in the folder of frozen baselines; every other pack is a submission."
 )
 
 
@@ -53,7 +53,7 @@ def board_page(board: Board, pictures: Mapping[int, Picture] | None = None) -> P
 
 
 def draw_board(board: Board, folder: Path) -> dict[int, Picture]:
-    """Draw the scores over the run of each table with several methods into `folder`."""
+    """For each table with several methods, draw the scores over the run into `folder`."""
     found = {}
     for number, table in enumerate(board.tables):
         lines = [line for line in table.lines if math.isfinite(line.standing.score.low)][:_MOST_DRAWN]
@@ -67,7 +67,7 @@ def draw_board(board: Board, folder: Path) -> dict[int, Picture]:
             axes.plot(score.mean, place, "o", color=colour, markersize=5.0)
         axes.set_yticks(range(len(lines)), [_label(line) for line in lines], fontsize=8)
         axes.set_ylim(len(lines) - 0.5, -0.5)
-        axes.set_xlabel("score over the run, 0 is perfect, with its interval of 95 %", fontsize=8)
+        axes.set_xlabel("score over the run (0 is perfect) with its 95 % interval", fontsize=8)
         axes.tick_params(axis="x", labelsize=8)
         axes.grid(axis="x", alpha=0.3)
         figure.tight_layout()
@@ -84,18 +84,18 @@ def _label(line: Line) -> str:
 
 
 def title_of(table: BoardTable) -> str:
-    """Return the scenario and environments of a table, as its title."""
+    """Return the title of a table: its scenario and environments."""
     return f"{table.scenario}, {table.environments}"
 
 
 def board_table(table: BoardTable) -> Table:
-    """Return the methods of a board table as texts, best first."""
+    """Return a table of the methods and their scores, best method first."""
     columns = ("run", "run 95 %", "end", "end 95 %", "failed", "bad", "flown again")
     return _table("Scores", table.lines, columns)
 
 
 def difference_table(table: BoardTable) -> Table:
-    """Return the differences of a table's methods from its best baseline; no rows without a baseline."""
+    """Return a table of score differences from the best baseline; it is empty if there is no baseline."""
     best = next((_cells(line)[_NAMED[0]] for line in table.lines if line.against is None), "")
     others = [line for line in table.lines if line.against is not None]
     columns = ("difference", "difference 95 %", "verdict", "better on")
@@ -103,7 +103,7 @@ def difference_table(table: BoardTable) -> Table:
 
 
 def short_table(table: BoardTable) -> Table:
-    """Return the columns of a board table that fit a terminal."""
+    """Return a table of the methods with fewer columns, so that it fits a terminal."""
     columns = ("run", "run 95 %", "end", "difference", "verdict", "failed", "flown again")
     return _table(title_of(table), table.lines, columns)
 
@@ -116,7 +116,7 @@ def _table(title: str, lines: Sequence[Line], columns: Sequence[str]) -> Table:
 
 
 def _cells(line: Line) -> dict[str, str]:
-    """Return the cells of a method by the names of their columns."""
+    """Return the table cells of a method, keyed by column name."""
     standing, against = line.standing, line.against
     run, run_limits = _interval(standing.score)
     end, end_limits = _interval(standing.final_score)

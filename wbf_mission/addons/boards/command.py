@@ -1,4 +1,4 @@
-"""``wbf-mission bench submit``, ``board``, ``verify`` and ``seal``: results that others can check.
+"""Commands ``submit``, ``board``, ``verify`` and ``seal``, for results that others can check.
 
 All four are commands of the group ``bench``.
 """
@@ -53,13 +53,11 @@ wbf-mission bench run --sealed round.secret --scenarios WBF/Miniberry-30-v1 --ou
 _CHECKED = "What is checked"
 _SHOWN = 5
 
-_VERIFY = "Number of rows of each method to fly again and compare; 0: none."
+_VERIFY = "Number of rows of each method to fly again and compare; 0 flies none."
 _rows = options.whole_number_in(0, 10_000_000)
-SealFile = Annotated[
-    Path | None, option("The seal of a round that has ended; with --secret.", panel=_CHECKED)
-]
+SealFile = Annotated[Path | None, option("Seal file of a finished round; requires --secret.", panel=_CHECKED)]
 SecretFile = Annotated[
-    Path | None, option("The secret of that round: identifies its environments.", panel=_CHECKED)
+    Path | None, option("Secret file of that round; it identifies the environments.", panel=_CHECKED)
 ]
 
 
@@ -81,9 +79,9 @@ def submit_command(
     by: Annotated[str, option("Author of the submission.")],
     about: Annotated[str, option("Short description.")] = "",
     code: Annotated[
-        list[Path] | None, option("A file or folder of your own code to be packed; several times.")
+        list[Path] | None, option("File or folder of your own code to pack; may be repeated.")
     ] = None,
-    out: Annotated[Path | None, option("The pack.  [default: the name, in small letters, .zip]")] = None,
+    out: Annotated[Path | None, option("Pack file.  [default: NAME.zip in lower case]")] = None,
     verify: Annotated[
         int,
         option(_VERIFY, panel=_CHECKED, parser=_rows),
@@ -111,7 +109,7 @@ def submit_command(
     rows = rows_in(folder)
     path = out or Path(file_stem(name.lower(), "submission", "a-z0-9") + SUFFIX)
     if path.suffix.lower() != SUFFIX:
-        raise ResultError(f"--out {path}: a pack is a {SUFFIX} file; give a name that ends so")
+        raise ResultError(f"--out {path}: a pack is a {SUFFIX} file; give a name with this suffix")
     options.refuse_overwrite(path, suffixes=(SUFFIX,))
     opened = _secret(seal, secret)
     try:
@@ -130,7 +128,7 @@ def submit_command(
         for one in found.differing[:_SHOWN]:
             output.warn(one.why)
         raise ResultError(
-            f"{folder}: {len(found.differing)} of {len(found.rows)} rows are not what is flown again"
+            f"{folder}: {len(found.differing)} of {len(found.rows)} rows differ from a second flight"
         )
     _warn_of(output, rows, found)
     told = write_pack(
@@ -178,7 +176,7 @@ def _warn_of(output: Output, rows: Sequence[BenchRow], found: Verification) -> N
 
 
 def _own(code: Sequence[Path], rows: Sequence[BenchRow]) -> dict[str, Choice]:
-    """Return the submitted planners, policies and estimators of rows, by digest.
+    """Return the submitted planners, policies and estimators of the rows, keyed by code digest.
 
     Raises ResultError unless the files and folders have every one of them unchanged.
     """
@@ -193,12 +191,12 @@ def _own(code: Sequence[Path], rows: Sequence[BenchRow]) -> dict[str, Choice]:
         if kind in row.codes
     }
     if not wanted:
-        raise ResultError(f"--code {names}: nothing of it flew, all methods are built in; leave it out")
+        raise ResultError(f"--code {names}: the rows use only built-in methods; leave --code out")
     files = [file for one in code for file in (sorted(one.rglob("*.py")) if one.is_dir() else [one])]
     try:
         return {digest: held_by(files, kind, label, digest) for kind, label, digest in sorted(wanted)}
     except ResultError as error:
-        raise ResultError(f"--code {names}: {error}; give what flew, or fly it again") from None
+        raise ResultError(f"--code {names}: {error}; give the code that flew, or fly again") from None
 
 
 @options.speaks()
@@ -206,7 +204,7 @@ def board_command(
     output: Output,
     packs: Annotated[
         list[Path],
-        typer.Argument(help="Files of 'bench submit', and folders of baselines, such as results."),
+        typer.Argument(help="Files written by 'bench submit', and folders of baselines, like results/."),
     ],
     *,
     out: Annotated[
@@ -218,7 +216,7 @@ def board_command(
             _VERIFY,
             panel=_CHECKED,
             parser=_rows,
-            show_default="1; none of the frozen baselines that this version knows",
+            show_default="1, but 0 for the frozen baselines of this version",
         ),
     ] = None,
     seal: SealFile = None,
@@ -226,7 +224,7 @@ def board_command(
 ) -> int:
     """Make a leaderboard of submissions and frozen baselines.
 
-    A table has the methods flown with the same behaviour numbers on the same environments. A file that fails
+    A table compares methods flown with the same behaviour numbers on the same environments. A file that fails
     a check is left out with a warning; the exit code is then 1. Code in a pack is never run.
     """
     from wbf_mission.addons.boards.board import board_of, packs_of
@@ -234,7 +232,7 @@ def board_command(
 
     opened = _secret(seal, secret)
     if out is not None:
-        bench_page()  # Fails before the flights if no page can be written
+        bench_page()  # Without a web add-on, this fails before the flights
     with output.progress() as progress:
         board = board_of(packs_of(packs), verify=verify, secret=opened, progress=progress)
     if not board.entries:
@@ -243,7 +241,7 @@ def board_command(
         more = len(board.refused) - 1
         first = next(iter(board.refused.values()))
         raise ResultError(
-            f"{first}; nothing is left to make a board of" + (f" ({more} more refused)" if more else "")
+            f"{first}; no pack is left for a board" + (f" ({more} more refused)" if more else "")
         )
     for why in board.refused.values():
         output.warn(f"left out: {why}")
@@ -282,7 +280,7 @@ def _write(output: Output, board: Board, out: Path) -> None:
 def seal_command(
     output: Output,
     *,
-    out: Annotated[Path, option("First part of the names of the two files.")],
+    out: Annotated[Path, option("Path of the two files, without their suffixes.")],
     environments: Annotated[
         int, option("Number of environments of the round.", parser=options.whole_number_in(1, 10_000))
     ] = 40,
@@ -290,9 +288,9 @@ def seal_command(
         str | None, option("Ids of the round's scenarios, separated by commas.  [default: any]")
     ] = None,
 ) -> int:
-    """Draw the secret of a round of held-out environments, and its seal, to be published at once.
+    """Create the secret of a round of held-out environments, and its seal.
 
-    NAME.secret, readable only by you, is for 'bench run --sealed', and is published when the round ends.
+    Publish NAME.seal.json at once. Keep NAME.secret for 'bench run --sealed', and publish it after the round.
     """
     from wbf_mission.addons.boards.sealed import new_secret, write_round
 
@@ -313,19 +311,19 @@ def seal_command(
 @options.speaks()
 def verify_command(
     output: Output,
-    pack: Annotated[Path, typer.Argument(help="A file of 'bench submit' with --code.")],
+    pack: Annotated[Path, typer.Argument(help="File written by 'bench submit --code'.")],
     *,
     environments: Annotated[
         int,
         option("Number of fresh environments of each scenario.", parser=options.whole_number_in(2, 10_000)),
     ] = 20,
 ) -> int:
-    """Fly the own code of a submission on fresh environments, and compare with the submitted scores.
+    """Fly the code of a submission on fresh environments, and compare the scores with the submitted scores.
 
     The seeds are drawn from the system's randomness, and printed after the last flight. The code runs in a
-    process of its own that has neither the run nor its files. Read the code first, and make sure that it can
-    do no harm (a container without network). The exit code is 1 if a method is worse than its rows or was not
-    flown, 2 if no method was flown.
+    separate process, which receives neither the run nor its files. Read the code first, and run it where it
+    can do no harm, such as in a container without network. The exit code is 1 if a method scores worse than
+    in its rows or was not flown, and 2 if no method was flown.
     """
     import tempfile
 
@@ -363,7 +361,7 @@ def verify_command(
         for gap in found.gaps
     ]
     header = ["scenario, planner, estimator", "open", "fresh", "gap", "95 %", "verdict"]
-    title = f"{pack}: scores on open environments and on {environments} fresh ones"
+    title = f"{pack}: scores on the open and on {environments} fresh environments"
     if output.as_json:
         left = [{"method": method, "why": why} for method, why in found.left_out]
         output.raw_json({"gaps": values, "seeds": found.seeds, "left_out": left})

@@ -13,20 +13,20 @@ from wbf_mission.addons.base.intervals import FEWEST_FOR_A_RATIO, MISSED, Interv
 from wbf_mission.addons.base.standings import apart, scored
 from wbf_mission.bench.rows import BenchRow
 
-# Least number of environments, and coverage (%) of the 95 % interval for a mean with 10 % rare outbreaks.
+# Minimum number of environments, and true coverage (%) of the 95 % interval if 10 % have a rare outbreak.
 _HELD_WITH_RARE = ((40, None), (20, 75), (0, 50))
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Difference between the scores of `mine` and `against`; positive is better for `mine`."""
+    """Difference between the scores of the planners `mine` and `against`; positive if `mine` is better."""
 
     scenario: str
     estimator: str
     mine: str
     against: str
     environments: int
-    """Number of environments on which both have a score."""
+    """Number of environments on which both planners have a score."""
     score: Interval
     """Mean difference of the scores over the run."""
     final_score: Interval
@@ -75,7 +75,7 @@ def compare(rows: Sequence[BenchRow], mine: str | Sequence[str], against: Sequen
 
 
 def difference(scores: Interval) -> list[str]:
-    """Return the table cells of a difference of scores and its interval."""
+    """Return two table cells: the difference of scores, and its interval."""
     return [
         "-" if math.isnan(scores.mean) else f"{scores.mean:+.4f}",
         "-" if math.isnan(scores.low) else f"{scores.low:+.3f} to {scores.high:+.3f}",
@@ -83,19 +83,19 @@ def difference(scores: Interval) -> list[str]:
 
 
 def doubt_in_words(count: int) -> str:
-    """Return, in words, what intervals over `count` environments may miss.
+    """Return a warning, in words, about rare environments that `count` environments may lack.
 
     >>> doubt_in_words(40)
-    'What befalls fewer than 7 % of environments may be missing among 40, and no interval covers it.'
+    'Events in fewer than 7 % of environments may be missing from these 40, and no interval covers them.'
     """
     if count < 2:
         return "One environment has no interval." if count else ""
     rare = 100.0 * (1.0 - MISSED ** (1.0 / count))
-    unseen = f"What befalls fewer than {rare:.0f} % of environments may be missing among {count}"
-    texts = [f"{unseen}, and no interval covers it."]
+    unseen = f"Events in fewer than {rare:.0f} % of environments may be missing from these {count}"
+    texts = [f"{unseen}, and no interval covers them."]
     held = next((held for fewest, held in _HELD_WITH_RARE if count >= fewest), None)
     if held is not None:
-        texts.append(f"Where few decide a mean, 95 % intervals may hold in {held} of 100 cases only.")
+        texts.append(f"If few of them decide a mean, its 95 % interval may hold in only {held} of 100 cases.")
     if count < FEWEST_FOR_A_RATIO:
         texts.append(f"Ratios over fewer than {FEWEST_FOR_A_RATIO} have no interval.")
     return " ".join(texts)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from wbf_mission.run.record import RunRecord
 
 MOST_DECISIONS = 6
-"""Maximum number of decisions in the picture, evenly spread, including the first and the last."""
+"""Maximum number of decisions in the picture: first, last, and others that are evenly spread between."""
 _MOST_CANDIDATES = 12
 _SICK, _HEALTHY = "#8e1f1c", "#1d91c0"
 _SICK_BEFORE, _BEFORE = "#d9a09e", "#a8a59d"
@@ -33,9 +33,9 @@ def plot_decisions(
 ) -> None:
     """Draw at most `MOST_DECISIONS` decisions, one column each: candidates and choice above, outcome below.
 
-    The lower panel shows the readings until the decision of the next column. The text below also gives the
-    readings until the next decision of the run. `acquisitions` has the map of each decision. The suffix of
-    each of the `paths` selects its format.
+    The lower panel shows the readings until the decision of the next column. The text below it also gives the
+    readings until the next decision of the run. `acquisitions` has the acquisition map of each decision, if
+    any. The suffix of each path selects the format of the file.
     """
     from matplotlib.colors import PowerNorm
 
@@ -55,7 +55,7 @@ def plot_decisions(
     for (above, below), k, column in zip(panels.T, shown, [*shown[1:], len(record.decisions)], strict=True):
         decision = record.decisions[k]
         image = _draw_choice(above, record, decision, acquisitions[k], norm) or image
-        # Number of observations at the next decision that has more of them.
+        # Number of observations at the next decision that has more observations than this decision.
         later = next((count for count in counts[k + 1 :] if count > counts[k]), counts[-1])
         _draw_outcome(below, record, (counts[k], later, counts[column]))
         day = f"day {decision.day}, " if len(record.days) > 1 else ""
@@ -120,7 +120,7 @@ def _draw_choice(
 
 
 def _draw_outcome(axes: Axes, record: RunRecord, counts: tuple[int, int, int]) -> None:
-    """Draw the readings; `counts`: observations at this decision, the next decision and the next column."""
+    """Draw the readings; `counts`: their numbers before this decision, the next decision, the next column."""
     _frame(axes, record)
     begin, until, end = counts
     seen, grid = record.observations, record.farm.grid()
@@ -150,7 +150,7 @@ def _draw_outcome(axes: Axes, record: RunRecord, counts: tuple[int, int, int]) -
 
 
 def _loss_after(record: RunRecord, count: int) -> float | None:
-    """Return the loss of the latest estimate from at most `count` observations; None before the first."""
+    """Return the loss of the last estimate from at most `count` observations; None before any estimate."""
     history = record.history
     known = int(np.searchsorted(history.observations, count, side="right"))
     return history.entries[known - 1].loss if known else None

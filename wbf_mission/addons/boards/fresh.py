@@ -32,28 +32,28 @@ _CHANCE = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """Scores of a method on open environments, from its rows, and on fresh environments."""
+    """Scores of a method: on open environments (from its rows), and on fresh environments."""
 
     method: Method
     open_scores: tuple[float, ...]
     fresh_scores: tuple[float, ...]
-    """A failed run counts as the worst score of its method, open or fresh."""
+    """A failed run gets the worst score that its method had at any scored time of any run."""
     failed: tuple[str, ...]
     """Causes of failed fresh runs."""
     gap: Interval
-    """Mean fresh score minus mean open score, with Welch's interval, 95 % for all methods together."""
+    """Mean fresh score minus mean open score, with Welch's interval (95 % for all methods together)."""
 
     @property
     def verdict(self) -> str:
         """Meaning of the gap, in words."""
         if self.gap.high < 0.0:
-            return "worse where nobody knows the environments"
+            return "worse on unknown environments"
         return "no difference can be told"
 
 
 @dataclass(frozen=True, slots=True)
 class Fresh:
-    """Results of `fly_fresh`: gaps, the drawn seeds, and the methods not flown with the reasons."""
+    """Results of `fly_fresh`: gaps, drawn seeds, and the methods that were not flown, with the reasons."""
 
     gaps: tuple[Gap, ...]
     seeds: dict[str, tuple[int, ...]]
@@ -63,7 +63,7 @@ class Fresh:
 def fly_fresh(
     rows: Sequence[BenchRow], folder: Path, environments: int, *, progress: Progress = silent
 ) -> Fresh:
-    """Fly the submitted methods of a folder on fresh environments, each in a process of its own.
+    """Fly the submitted methods of a folder on fresh environments, each method in a separate process.
 
     The seeds of a scenario come from the system's randomness, and are the same for all its methods.
     """
@@ -118,7 +118,7 @@ def _apart(folder: Path, kind: str, label: str, digest: str) -> Apart:
 
 
 def _row_of(run: BenchRun) -> BenchRow:
-    """Fly a run without the caches, which contain environments."""
+    """Fly a run without caches: these contain environments, and submitted code could read them."""
     try:
         return flown(run, use_cache=False)[0]
     except WbfMissionError as error:

@@ -27,7 +27,7 @@ from wbf_mission.scenario.parts import UNLIMITED
 _SLACK, _SLACK_S, _SLACK_M = 1.5, 60.0, 30.0
 # Vehicles that wait, turn or revisit a place give more readings per metre than predicted.
 _READINGS, _SLACK_READINGS = 3.0, 50
-# Estimates go from 0 to 1, but some estimators extrapolate: no error exceeds this.
+# Largest possible error of an estimate: health lies between 0 and 1, but some estimators extrapolate.
 _WIDEST_ERROR = 5.0
 _NUMBERS = (
     "observations",
@@ -54,7 +54,7 @@ class Limits:
         first, camera, text = builders[0], scenario.camera, scenario.mission.budget
         ideal = all(builder.vehicle.is_ideal for builder in builders)
         self.flights = scenario.farm.days * scenario.farm.flights_per_day
-        # Budget texts of one flight, as in rows: for a planner and for a policy.
+        # The budget of one flight, as rows state it for a planner and for a policy.
         self.budgets = {make_budget(text, first, steered=steered)[1] for steered in (False, True)}
         value, unit = math.inf, ""
         if text is None and ideal:
@@ -64,11 +64,11 @@ class Limits:
         # Largest flight time per flight, and path length per flight and vehicle, that the budget allows.
         self.flight_s = value if unit in ("s", "steps") else math.inf
         self.flight_m = {"m": value, "steps": value * self.farm.cell_size_m}.get(unit, math.inf)
-        # Sum of the top speeds of all vehicles, and wind.
+        # Sum of the vehicles' top speeds, each increased by the wind speed.
         self.speed_m_s = sum(builder.vehicle.top_speed_m_s for builder in builders)
         self.speed_m_s += len(builders) * scenario.weather.wind_speed_m_s
-        # Cells that the paper's robots cover per second (0 for other vehicles); cells covered per metre of
-        # path.
+        # Cells that the paper's robots observe per second (0 for other vehicles), and cells that a vehicle
+        # observes per metre of path.
         seen = camera.footprint**2
         self.readings_s = len(builders) * seen / first.vehicle.step_s if ideal else 0.0
         self.readings_m = seen / (camera.spacing_m or self.farm.cell_size_m * camera.footprint)
@@ -109,7 +109,7 @@ def limits_of(scenario: str) -> Limits:
 
 
 def impossible(row: BenchRow, limits: Limits) -> str:
-    """Return the first value of a row that no run of its scenario can have; empty if there is none."""
+    """Describe the first impossible value of a row; empty if a run of its scenario can have all values."""
     return next(_impossible(row, limits), "")
 
 
@@ -119,24 +119,24 @@ def _impossible(row: BenchRow, limits: Limits) -> Iterator[str]:
         if value is not None and not (math.isfinite(value) and value >= 0.0):
             yield f"its {name} is {value:g}"
     if any(not (math.isfinite(value) and value >= 0.0) for value in row.timings_s.values()):
-        yield "a part of it took less than no time"
+        yield "the time of one of its parts is negative or not finite"
     bad = sum(row.bad_answers.values())
     if any(count < 0 for count in row.bad_answers.values()) or bad > (row.decisions or 0):
-        yield f"it counts {bad} bad answers among {row.decisions or 0}"
+        yield f"it counts {bad} bad answers among {row.decisions or 0} answers"
     for name, most in limits.losses.items():
         if any(not 0.0 <= loss <= most for loss in row.history.get(name, ())):
-            yield f"a loss {name} is not between 0 and {most:g}"
+            yield f"a loss of {name} is not between 0 and {most:g}"
     if row.error is not None:
         if row.score is None and (len(row.scores) or row.history):
-            yield "it has a history and no score"
+            yield "it has a history, but no score"
         return
     if missing := [name for name in _NEEDED if getattr(row, name) is None]:
-        yield f"it does not say its {missing[0]}"
+        yield f"it has no value for {missing[0]}"
         return
     if bad > MOST_BAD * (row.decisions or 0):
-        yield f"{bad} of {row.decisions} answers were bad, and it did not fail"
+        yield f"{bad} of {row.decisions} answers were bad, but it is not marked as failed"
     if row.outcome not in {one.value for one in Outcome if one.is_good}:
-        yield f"its outcome is {row.outcome}, and it did not fail"
+        yield f"its outcome is {row.outcome}, but it is not marked as failed"
     yield from _beyond(row, limits)
     yield from _odd_history(row, limits)
 
@@ -146,20 +146,20 @@ def _beyond(row: BenchRow, limits: Limits) -> Iterator[str]:
     readings, cells = row.observations or 0, row.cells_observed or 0
     length_m, flown_s, flights = row.path_length_m or 0.0, row.flight_time_s or 0.0, limits.flights
     if row.budget not in limits.budgets:
-        yield f"its budget is {row.budget}, that of the scenario {' or '.join(sorted(limits.budgets))}"
+        yield f"its budget is {row.budget}, but the scenario has {' or '.join(sorted(limits.budgets))}"
     # The paper's robot takes one step after its last reading.
     ideal = limits.readings_s > 0.0
     most_s = limits.flight_s + 1.0 if ideal else _SLACK * limits.flight_s + _SLACK_S
     if flown_s > flights * most_s:
-        yield f"it flew for {flown_s:g} s, more than its budget"
+        yield f"it flew for {flown_s:g} s, longer than its budget allows"
     if length_m > flights * (limits.flight_m * _SLACK + _SLACK_M) * len(limits.scenario.vehicle.fleet):
-        yield f"its path of {length_m:g} m is more than its budget"
+        yield f"its path of {length_m:g} m is longer than its budget allows"
     if length_m > limits.speed_m_s * (flown_s + flights * (1.0 if ideal else _SLACK_S)):
-        yield f"no vehicle of it flies {length_m:g} m in {flown_s:g} s"
+        yield f"its vehicles cannot fly {length_m:g} m in {flown_s:g} s"
     most = (flown_s + flights) * limits.readings_s
     most = most or _READINGS * limits.readings_m * length_m + flights * _SLACK_READINGS
     if readings > most:
-        yield f"{readings} readings are more than its path gives"
+        yield f"{readings} readings are more than its path can give"
     if not 1 <= cells <= min(readings, limits.cells):
         yield f"{cells} cells observed are not possible with {readings} readings of {limits.cells} cells"
 
@@ -167,15 +167,15 @@ def _beyond(row: BenchRow, limits: Limits) -> Iterator[str]:
 def _odd_history(row: BenchRow, limits: Limits) -> Iterator[str]:
     """Yield contradictions in the history of scored times of a complete row."""
     last_s = (row.flight_time_s or 0.0) * _SLACK + limits.flights * _SLACK_S
-    # Images of other vehicles arrive late, so their scored times may be out of order.
+    # Images of vehicles other than the paper's robots arrive late: scored times may be out of order.
     ordered = row.times_s if limits.readings_s else sorted(row.times_s)
     if any(later < sooner for sooner, later in pairwise((0.0, *ordered, last_s))):
-        yield "its scored times do not go on from 0 to the end of its flights"
+        yield "its scored times do not rise from 0 to the end of its flights"
     fewest = limits.fewest_scored(row)
     if len(row.scores) < fewest:
-        yield f"it has {len(row.scores)} scored times, its readings give {fewest} at least"
+        yield f"it has {len(row.scores)} scored times, but its readings give at least {fewest}"
     most = (row.observations or 0) + limits.flights * (2 + (limits.scenario.score.points or len(row.scores)))
     if len(row.scores) > most:
-        yield f"it has {len(row.scores)} scored times, its readings give {most} at most"
+        yield f"it has {len(row.scores)} scored times, but its readings give at most {most}"
     if any(score >= 0.0 for score in row.scores) and (row.cells_observed or 0) < limits.scored:
-        yield f"an estimate is perfect, with {row.cells_observed} cells observed"
+        yield f"an estimate is perfect, but only {row.cells_observed} cells were observed"

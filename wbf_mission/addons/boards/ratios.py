@@ -1,4 +1,4 @@
-"""Losses relative to those of the best fixed planner."""
+"""Ratios of losses: a loss of a planner or policy divided by the loss of the best fixed planner."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from wbf_mission.addons.base.standings import Scored
 from wbf_mission.bench.rows import BenchRow
 
 WHOLE = "whole"
-"""Key of the whole score among the field names."""
+"""Key of the total score, beside the names of fields."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ratio:
-    """Losses of a planner or policy divided by those of the best fixed planner with the same estimator."""
+    """Losses of a planner or policy, divided by the losses of the best fixed planner with its estimator."""
 
     planner: str
     estimator: str
@@ -28,7 +28,7 @@ class Ratio:
     ratios: dict[str, Interval]
     """Ratio for `WHOLE` and each field; below 1 is better. The intervals of an estimator are simultaneous."""
     best: dict[str, str]
-    """Best fixed planner for `WHOLE` and for each field, whose loss is the divisor."""
+    """Best fixed planner, whose loss is the divisor, for `WHOLE` and for each field."""
 
     @property
     def named(self) -> str:
@@ -37,7 +37,7 @@ class Ratio:
 
 
 def by_fixed(group: Scored, *, over_run: bool) -> list[Ratio]:
-    """Return the losses of each pair divided by those of the best fixed planner, the smallest first.
+    """Return, for each planner and estimator, the ratios of losses to the best fixed planner, lowest first.
 
     Each field has its own best fixed planner. Estimators without a fixed planner are skipped.
     """
@@ -72,7 +72,7 @@ def _is_fixed(rows: Sequence[BenchRow]) -> bool:
 
 
 def ratio_table(ratios: Sequence[Ratio], when: str) -> Table:
-    """Return a table of losses divided by those of the best fixed planner, named in a separate line."""
+    """Return a table of loss ratios; for each estimator, an extra line names the best fixed planners."""
     names = list(ratios[0].ratios) if ratios else []
     lines: list[tuple[str, ...]] = []
     estimators: set[str] = set()
@@ -93,7 +93,7 @@ def _ratio(ratio: Interval) -> str:
 
 
 def worse_in_words(ratios: Sequence[Ratio], when: str) -> str:
-    """Return, in words, the policies' losses that significantly exceed those of the best fixed planner."""
+    """Return a sentence that lists policies with significantly larger losses than the best fixed planner."""
     worse: dict[str, list[str]] = {}
     for policy in ratios:
         for name, ratio in policy.ratios.items():

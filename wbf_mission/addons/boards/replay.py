@@ -1,4 +1,4 @@
-"""Replay of a benchmark run: fly the run of a row again and compare the rows to the bit."""
+"""Replay of a benchmark run: fly the run of a row again, and compare the new row with it bit for bit."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _VALUES = (
 _LISTS = ("times_s", "scores")
 _CODES = {
     "code": "the program's behaviour",
-    "scenario": "what the scenario means",
+    "scenario": "the scenario's settings",
     "planner": "the planner or policy",
     "estimator": "the estimator",
 }
@@ -48,7 +48,7 @@ _CODES = {
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """A repeated run, whose row `again` is compared with the stored row."""
+    """A repeated run: its row `again`, compared with the stored row."""
 
     row: BenchRow
     again: BenchRow
@@ -62,7 +62,7 @@ class Replay:
 
     @property
     def equal(self) -> bool:
-        """Whether all values are equal to the bit."""
+        """Whether all values are equal, bit for bit."""
         return not self.differences
 
     @property
@@ -72,7 +72,7 @@ class Replay:
         if self.equal:
             text = f"equal to the bit: score, final score and history ({points} scored times)"
             return f"{text}, though there is {' and '.join(self.causes)}" if self.causes else text
-        why = " and ".join(self.causes) or "nothing that is known: the same code, versions, scenario and seed"
+        why = " and ".join(self.causes) or "unknown: code, versions, scenario and seed are the same"
         return f"differs in {'; '.join(self.differences)}. Why: {why}"
 
 
@@ -93,8 +93,8 @@ def row_named(rows: Sequence[BenchRow], key: str, folder: Path) -> BenchRow:
 def run_of(row: BenchRow, *, planner: Choice | None = None, estimator: Choice | None = None) -> BenchRun:
     """Return the benchmark run that a row describes.
 
-    If the row's planner or estimator is an object, `planner` and `estimator` give the user's object: a row
-    stores only its name. ScenarioError if the row's scenario is unknown, or an object is missing or has
+    If the row's planner or estimator is an object, `planner` or `estimator` must be this object: a row stores
+    only its name. ScenarioError if the row's scenario is unknown, or an object is missing or has
     another name.
     """
     mover = _given(row, "planner", planner, (*names_of("planner"), *names_of("policy")))
@@ -107,10 +107,10 @@ def _given(row: BenchRow, what: str, own: Choice | None, known: Sequence[str]) -
     name: str = getattr(row, what)
     if own is not None:
         if str(own) != name:
-            raise ScenarioError(f"--{what} {own} is not that of the row, {name}")
+            raise ScenarioError(f"--{what} {own} is not the {what} of the row, {name}")
         return own
     if name.partition(":")[0].lower() not in known:
-        msg = f"the {what} {name} was an object, which a row does not hold; give --{what} FILE.py:NAME"
+        msg = f"the {what} {name} was an object, which rows do not store; give --{what} FILE.py:NAME"
         raise ScenarioError(msg)
     return name
 
@@ -145,14 +145,14 @@ def _pooled(acquisition: AcquisitionMap) -> AcquisitionMap:
 def differences(row: BenchRow, again: BenchRow, near: float = 0.0) -> Iterator[str]:
     """Yield the values that differ between two rows, in words; costs are not compared.
 
-    Values are compared to the bit. With `near` above 0, floats may differ by this relative or absolute
+    Values must be equal bit for bit. If `near` is above 0, floats may differ by this relative or absolute
     tolerance.
     """
     for name in _VALUES:
         old, new = getattr(row, name), getattr(again, name)
         if old != new and not (isinstance(old, float) and isinstance(new, float) and _near(old, new, near)):
             yield f"{name} ({old!r} then, {new!r} now)"
-    # The time that an answer takes depends on the machine.
+    # Late answers are not compared: the time of an answer depends on the machine.
     then, now = ({**flown.bad_answers, TOO_LATE: 0} for flown in (row, again))
     if then != now:
         yield f"bad_answers ({row.bad_answers} then, {again.bad_answers} now)"
@@ -192,15 +192,15 @@ def _where(old: Sequence[float], new: Sequence[float]) -> str:
 def causes(row: BenchRow, again: BenchRow) -> Iterator[str]:
     """Yield possible causes of differences between two rows, such as other versions, in words."""
     if not row.codes:
-        yield "no behaviour numbers in the row"
+        yield "no record of behaviour numbers in the row"
     else:
         changed = [what for key, what in _CODES.items() if row.codes.get(key) != again.codes.get(key)]
         if changed:
-            yield f"another state of {', '.join(changed)}"
+            yield f"a change of {', '.join(changed)}"
     for name in dict.fromkeys([*row.versions, *again.versions]):
         old, new = row.versions.get(name, "unknown"), again.versions.get(name, "unknown")
         if old != new:
             yield f"another {name} ({old} then, {new} now)"
     old, new = (flown.hardware.get(KERNELS, "") for flown in (row, again))
     if old and new and old != new:
-        yield f"other kernels of linear algebra ({old} then, {new} now)"
+        yield f"other linear algebra kernels ({old} then, {new} now)"

@@ -44,7 +44,7 @@ def replay_command(
     row: Annotated[
         str | None,
         typer.Argument(
-            help="Key of a row, or its first digits.  [default: fly nothing, list the keys, the worst first]"
+            help="Key of a row, or its first digits.  [default: list the keys, worst score first]"
         ),
     ] = None,
     out: Annotated[Path, option("Folder for the page and the pictures.")] = Path("replays"),
@@ -58,10 +58,10 @@ def replay_command(
         str | None, option("Estimator, if it was an object: FILE.py:NAME.", panel=_OWN)
     ] = None,
 ) -> int:
-    """Fly a benchmark run again, compare the rows to the bit, and show the run's decisions.
+    """Fly a benchmark run again, compare the rows bit for bit, and show the run's decisions.
 
-    The page is that of 'report', with the acquisition map of each decision, which results do not store. The
-    picture shows up to six decisions side by side: the candidates, the choice and the outcome.
+    The page shows the same as 'report', and the acquisition map of each decision, which results do not store.
+    The picture shows up to six decisions side by side: the candidates, the choice and the outcome.
     """
     from wbf_mission.addons.boards.replay import row_named, run_of
 
@@ -89,12 +89,12 @@ def _own(text: str | None, what: str) -> Choice | None:
         return None
     own = own_choice(text, what)
     if own is None:
-        raise ScenarioError(f"--{what} {text}: give FILE.py:NAME; what is built in is taken from the row")
+        raise ScenarioError(f"--{what} {text}: give FILE.py:NAME; a built-in {what} is taken from the row")
     return own
 
 
 def _list(output: Output, rows: Sequence[BenchRow], folder: Path) -> None:
-    """Print the keys of rows, the worst first."""
+    """Print the keys of the rows, worst score first."""
     from wbf_mission.bench.rows import KEY_DIGITS
 
     worst = sorted(rows, key=lambda row: -1e9 if row.score is None else row.score)
@@ -126,7 +126,7 @@ def _replay(output: Output, row: BenchRow, run: BenchRun, out: Path, formats: Se
         decided = sum(acquisition is not None for acquisition in again.acquisitions)
         notes = [f"Row {row.key} flown again: {again.verdict}"]
         if again.result.decisions and not decided:
-            notes.append(f"{row.planner} chooses by no acquisition map: there is none to be shown")
+            notes.append(f"{row.planner} uses no acquisition map, so none is shown")
         files: dict[str, Any] = {}
         if page is not None:
             path, own_log = out / f"{name}.html", log if log.is_file() else None
@@ -153,7 +153,7 @@ def _replay(output: Output, row: BenchRow, run: BenchRun, out: Path, formats: Se
     shown = {
         "run": row.named,
         "again": again.verdict,
-        "decisions": f"{len(again.result.decisions)}, {decided} of them by an acquisition map",
+        "decisions": f"{len(again.result.decisions)}, {decided} of them with an acquisition map",
         "written": "\n".join([*([files["page"]] if "page" in files else []), *files.get("pictures", [])]),
     }
     output.result(values, shown)

@@ -32,16 +32,16 @@ from wbf_mission.bench.rows import BenchRow, by_pair, commit_of, digest_of
 from wbf_mission.scenario import load_scenario, scenario_ids
 
 READING = (
-    "Scores: 0 is perfect; the mean over the run and the score at its end, each with its 95 % interval over"
-    " the environments. The intervals of a table of differences are simultaneous: all hold at once in 95 of"
-    " 100 cases. So are those of ratios with one estimator. An environment counts only if every planner and"
-    " estimator has a row on it. A failed run counts as the worst score and the worst losses of any row on "
-    "its environment. Losses are means per cell. Rank: the mean rank among all rows on the same "
-    "environment. Wins: the number of environments on which a row was the best; ties are shared. Bad "
-    "answers: the share of a policy's answers that were not flown or came too late. How sure, how right: of"
-    " the last estimate, on relevant cells that were not observed. Plants that may be sick are those in the"
-    " estimate's 90 % set: sick held is the share of the sick plants in this set, ideally 90 %; healthy "
-    "held, of the healthy plants."
+    "Scores: 0 is perfect; a table has the mean over the run and the score at its end, each with a 95 %"
+    " interval over the environments. The intervals of a table of differences are simultaneous: all hold"
+    " together in 95 of 100 cases. So do the intervals of ratios with one estimator. An environment counts"
+    " only if every planner and estimator has a row on it. A failed run counts as the worst score and the"
+    " worst losses of any row on its environment. Losses are means per cell. Rank: the mean rank among all"
+    " rows on the same environment. Wins: the number of environments on which a row was the best; ties are"
+    " shared. Bad answers: the fraction of a policy's answers that were not flown or came too late. The table"
+    " 'How sure, how right' is about the last estimate, on relevant cells that were not observed. The"
+    " estimate's 90 % set has the plants that may be sick. Sick held is the fraction of the sick plants that"
+    " are in this set, ideally 90 %; healthy held is the same fraction for the healthy plants."
 )
 _MOST_LINES = 8
 
@@ -50,7 +50,7 @@ def _behind(found: Sequence[Standing]) -> Table:
     """Return a table of the differences from the best score of a scenario."""
     known = (standing for standing in found if math.isfinite(standing.behind.low))
     rows = tuple((standing.named, *interval_cells(standing.behind)) for standing in known)
-    return Table("Behind the best, in pairs of runs on the same environment", ("run", "mean", "95 %"), rows)
+    return Table("Score behind the best score on the same environment", ("run", "mean", "95 %"), rows)
 
 
 def _bad_answers(found: Sequence[Standing]) -> Table:
@@ -65,9 +65,9 @@ def _bad_answers(found: Sequence[Standing]) -> Table:
 
 
 def report_page(rows: Sequence[BenchRow], folder: Path, *, title: str, asked: AskedFor | None = None) -> Page:
-    """Write a picture of each scenario into `folder`, which is created, and return the report.
+    """Create `folder`, write a picture of each scenario into it, and return the report.
 
-    With the requests in `asked`, the report lists the commands and specifications to repeat the benchmark.
+    If `asked` has the requests, the report lists the commands and specifications to repeat the benchmark.
     """
     folder.mkdir(parents=True, exist_ok=True)
     separated = apart(rows)
@@ -111,13 +111,13 @@ def _section(group: Scored, folder: Path) -> Section:
 
 
 def _repeat(asked: AskedFor, rows: Sequence[BenchRow]) -> Iterator[Section]:
-    """Yield the sections of the requests and of the scenario cards, if known."""
+    """Yield a section of the requests and a section of the scenario cards, if these are known."""
     if asked.asked:
         listings = []
         for request in asked.asked:
             command = request.command or "(from Python)"
             listings.append(Listing(f"Asked for at {request.when}", command, "text"))
-            listings.append(Listing("As a file for bench run", request.specification, "toml"))
+            listings.append(Listing("The request as a file for bench run", request.specification, "toml"))
         yield Section("To repeat it", listings=tuple(listings))
     others = {row.scenario for row in rows} - {card.scenario for card in asked.cards}
     known = sorted(others.intersection(scenario_ids()))
@@ -128,7 +128,7 @@ def _repeat(asked: AskedFor, rows: Sequence[BenchRow]) -> Iterator[Section]:
 
 
 def _plot(scenario: str, found: Sequence[Standing], rows: Sequence[BenchRow], folder: Path) -> Picture:
-    """Draw the mean score over time of the best pairs, with 95 % bands."""
+    """Draw the mean score over time, with 95 % bands, for the best pairs of planner and estimator."""
     figure = new_figure(8.0, 4.5)
     axes = figure.add_subplot()
     pairs = by_pair(rows)
@@ -138,7 +138,7 @@ def _plot(scenario: str, found: Sequence[Standing], rows: Sequence[BenchRow], fo
     axes.set_xlabel("time, s")
     axes.set_ylabel("score, 0 is perfect")
     left_out = f" (the best {_MOST_LINES} of {len(found)})" if len(found) > _MOST_LINES else ""
-    axes.set_title(f"{scenario}: mean score, with its interval of 95 %{left_out}", fontsize=10, loc="left")
+    axes.set_title(f"{scenario}: mean score with its 95 % interval{left_out}", fontsize=10, loc="left")
     axes.set_ylim(top=0.0)
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc="lower right")
@@ -175,7 +175,7 @@ def _calibration(good: Sequence[BenchRow]) -> Table:
 
 
 def _flown(good: Sequence[BenchRow]) -> Table:
-    """Return a table of a scenario's flights against their predictions: time, length and battery."""
+    """Return a table that compares a scenario's flights with their predictions: time, length and battery."""
     table = []
     for planner in sorted({row.planner for row in good}):
         own = [row for row in good if row.planner == planner and row.flight_time_s and _is_predicted(row)]
@@ -211,7 +211,7 @@ def _mean(values: Iterable[float | None], form: str = "{:.1f}") -> str:
 
 
 def _costs(good: Sequence[BenchRow]) -> Table:
-    """Return a table of the mean times of a scenario's runs, by part, the cheapest first."""
+    """Return a table of a scenario's mean computing times, total and by part, least CPU time first."""
     stages = list(dict.fromkeys(name for row in good for name in row.timings_s))
     means = []
     for pair, own in by_pair(good).items():
@@ -221,7 +221,7 @@ def _costs(good: Sequence[BenchRow]) -> Table:
     means.sort(key=lambda line: line[1][1])
     lines = ((name, *(f"{cell:.3f}" for cell in cells)) for name, cells in means)
     header = ("planner, estimator", "wall", "CPU", *stages)
-    return Table("What a run takes, s, and its parts, s of wall time", header, tuple(lines))
+    return Table("Computing time of a run, and wall time of its parts, s", header, tuple(lines))
 
 
 def _failures(rows: Sequence[BenchRow]) -> Table:
@@ -230,7 +230,7 @@ def _failures(rows: Sequence[BenchRow]) -> Table:
 
 
 def _what_was_run(rows: Sequence[BenchRow]) -> Table:
-    """Return a table of the distinct versions, commits, digests and objects' parameters of rows."""
+    """Return a table of the distinct versions, commits, digests and object parameters in the rows."""
     count: Counter[tuple[str, ...]] = Counter()
     for row in rows:
         python = ", ".join(f"{key} {row.versions[key]}" for key in ("python", "numpy") if key in row.versions)
@@ -247,7 +247,7 @@ def _what_was_run(rows: Sequence[BenchRow]) -> Table:
 
 
 def _machines(rows: Sequence[BenchRow]) -> Table:
-    """Return a table of the machines that flew rows, with their total times."""
+    """Return a table of the machines that flew the rows, with the total computing times."""
     found: dict[tuple[str, ...], list[BenchRow]] = {}
     for row in rows:
         machine = (row.hardware.get(key, "-") for key in ("processor", "cores", "memory_gb", "system"))
@@ -262,4 +262,4 @@ def _machines(rows: Sequence[BenchRow]) -> Table:
         for machine, own in sorted(found.items())
     )
     header = ("processor", "cores", "memory, GB", "system", "rows", "wall time, s", "CPU time, s")
-    return Table("Machines, and what all runs took", header, lines)
+    return Table("Machines, and total time of all runs", header, lines)

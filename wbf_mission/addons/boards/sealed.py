@@ -38,10 +38,10 @@ class Seal(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 
     format: int = _FORMAT
     seal: str
-    """SHA-256 of the secret with the other values, hexadecimal."""
+    """SHA-256 of the secret and the round's settings, in hexadecimal digits."""
     environments: int
     scenarios: list[str] = []
-    """Ids of the round's scenarios; empty: any."""
+    """Ids of the round's scenarios; an empty list allows any scenario."""
     made: str
     """Time of creation, UTC."""
 
@@ -87,7 +87,7 @@ def new_secret(environments: int, scenarios: Sequence[str], made: datetime.datet
     known = scenario_ids()
     for name in scenarios:
         if name not in known:
-            raise ScenarioError(f"scenarios: {name!r} is no id of the catalogue; 'bench list' prints them")
+            raise ScenarioError(f"scenarios: {name!r} is not in the catalogue; 'bench list' prints the ids")
     return Secret(
         secret=secrets.token_hex(_SECRET_BYTES),
         environments=environments,
@@ -104,7 +104,7 @@ def write_round(secret: Secret, stem: Path) -> tuple[Path, Path]:
     paths = stem.with_name(f"{stem.name}.secret"), stem.with_name(f"{stem.name}.seal.json")
     for path in paths:
         if path.exists():
-            raise ScenarioError(f"{path}: already exists, of an older round; give another name")
+            raise ScenarioError(f"{path}: already exists, from an older round; give another name")
     # Created with mode 0600, because a later chmod would leave a moment in which others could read the file.
     with open(os.open(paths[0], os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:  # noqa: PTH123
         file.write(_document(secret))
@@ -118,14 +118,14 @@ def _document(what: Seal | Secret) -> bytes:
 
 
 def read_secret(path: Path) -> Secret:
-    """Read the secret file of `write_round`; ScenarioError if the file is anything else."""
+    """Read a secret file that `write_round` wrote; ScenarioError for any other file."""
     found = _read(path, Secret)
     try:
         right = len(bytes.fromhex(found.secret)) == _SECRET_BYTES
     except ValueError:
         right = False
     if not right:
-        raise ScenarioError(f"{path}: the secret is not one of {_SECRET_BYTES} bytes in hexadecimal digits")
+        raise ScenarioError(f"{path}: the secret is not {_SECRET_BYTES} bytes in hexadecimal digits")
     return found
 
 
@@ -136,37 +136,37 @@ def opened(seal_file: Path, secret_file: Path) -> Secret:
     """
     seal, secret = _read(seal_file, Seal), read_secret(secret_file)
     if secret.seal() != seal:
-        raise ScenarioError(f"{secret_file}: is not the secret of {seal_file}; give those of one round")
+        raise ScenarioError(f"{secret_file}: is not the secret of {seal_file}; give two files of one round")
     return secret
 
 
 def of_round(selected: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """Return arguments for `BenchSpec.of` with the seeds of the round in the secret file `path`.
 
-    ScenarioError if `selected` names seeds, or scenarios outside the round.
+    Raises ScenarioError if `selected` has seeds, or a scenario that is not in the round.
     """
     secret = read_secret(path)
     if selected.get("seeds") is not None:
-        raise ScenarioError(f"seeds are those of {path}; leave --seeds out, or --sealed")
+        raise ScenarioError(f"the seeds come from {path}; leave out --seeds, or --sealed")
     scenarios = selected.get("scenarios") or secret.scenarios or None
     for name in scenarios or ():
         if secret.scenarios and name not in secret.scenarios:
             known = ", ".join(secret.scenarios)
-            raise ScenarioError(f"scenarios: {name} is none of the round in {path}, which has {known}")
+            raise ScenarioError(f"scenarios: {name} is not in the round of {path}, which has {known}")
     return {**selected, "scenarios": scenarios, "seeds": list(secret.seeds())}
 
 
 def require_seeds(secret: Secret, rows: Iterable[BenchRow]) -> None:
-    """Raise ResultError unless each scenario is of the round, and has exactly the round's environments."""
+    """Raise ResultError unless each scenario is in the round, and has exactly the round's environments."""
     seeds = set(secret.seeds())
     for scenario, here in by_scenario(rows).items():
         own = {row.seed for row in here}
         if secret.scenarios and scenario not in secret.scenarios:
-            raise ResultError(f"{scenario} is no scenario of the round; pack its rows apart")
+            raise ResultError(f"{scenario} is not in the round; pack its rows separately")
         if own != seeds:
             known = len(own & seeds)
             msg = f"{scenario} has {known} of the {len(seeds)} environments, and {len(own) - known} others"
-            raise ResultError(f"{msg}; fly it by 'bench run --sealed'")
+            raise ResultError(f"{msg}; fly it with 'bench run --sealed'")
 
 
 _T = TypeVar("_T", Seal, Secret)

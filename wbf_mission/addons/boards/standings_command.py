@@ -1,4 +1,4 @@
-"""``wbf-mission bench report`` and ``bench compare``, and the standings that ``bench run`` prints."""
+"""Commands ``bench report`` and ``bench compare``, and the standings that ``bench run`` prints."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def report_command(
         option("Write a report into this folder: report.md, report.html and a picture for each scenario."),
     ] = None,
 ) -> int:
-    """Print the standings of the results in a folder, also during a benchmark, or write a report."""
+    """Print the standings of a benchmark, even while it runs; with --out, write a report, too."""
     from wbf_mission.addons.boards.report import report_page
     from wbf_mission.bench.requests import read_asked
 
@@ -91,8 +91,8 @@ def compare_command(
 ) -> int:
     """Compare a planner or policy with others, on the same environments.
 
-    Prints differences of scores with 95 % intervals, positive if the first is better. With --out, only
-    missing runs are flown.
+    Prints differences of scores with 95 % intervals, positive if the first planner is better. With --out,
+    only missing runs are flown.
     """
     from dataclasses import asdict
 
@@ -160,11 +160,11 @@ def print_table(output: Output, table: Table) -> None:
 
 
 def _warn_of_uncounted(output: Output, rows: Sequence[BenchRow]) -> None:
-    """Warn if rows are of several versions, or some environments do not count."""
+    """Warn if the rows are from several versions, or if some environments do not count."""
     from wbf_mission.addons.base.standings import apart, builds_in_words, scored
 
     if builds := builds_in_words(rows):
-        output.warn(f"{builds}; tables separate them where they differ, and 'bench report --out' lists them")
+        output.warn(f"{builds}; tables keep different behaviours apart, and 'bench report --out' lists them")
     for group in scored(apart(rows)):
         if group.left_out:
             output.warn(f"{group.scenario}: {group.environments_in_words()}")

@@ -2,7 +2,7 @@
 
 The file is a zip of ``submission.json``, ``rows.parquet`` and, under ``code/``, source files of the submitted
 methods. The source files are for people to read and are not run here. Time stamps are fixed, so equal content
-gives equal bytes. The summary of the rows in ``submission.json`` is derived again when the file is read.
+gives equal bytes. Reading a file checks the summary in ``submission.json`` against the rows.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ class Flown(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     meaning: str
     """Digest of the scenario's settings."""
     methods: list[tuple[str, str]]
-    """Planners (or policies) with their estimators."""
+    """Pairs of a planner (or policy) and an estimator."""
     seeds: str
-    """Seeds of every method, in the syntax of `bench run`."""
+    """Seeds on which every method was flown, in the syntax of `bench run`."""
 
 
 class Own(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -91,17 +91,17 @@ class Pack:
     submission: Submission
     rows: list[BenchRow]
     code: dict[str, bytes]
-    """Submitted files by their names in the pack."""
+    """Submitted files, keyed by their names in the pack."""
     digest: str
 
 
 def write_pack(
     path: Path, rows: Sequence[BenchRow], *, code: Mapping[str, bytes] | None = None, **texts: str
 ) -> Submission:
-    """Write a submission without checking its rows; `code` are submitted files of `code_files`.
+    """Write a submission without checking its rows; `code` has the source files from `code_files`.
 
     `texts` are `name`, `by`, `about`, `made` and `seal` of the `Submission`. ResultError if a text is too
-    long or no plain line, or the pack would be too large.
+    long or not one printable line, or if the pack would be too large.
     """
     members = {TABLE: table_bytes(rows_table(rows)), **(code or {})}
     files = {member: hashlib.sha256(content).hexdigest() for member, content in members.items()}
@@ -123,7 +123,7 @@ def made_when(folder: Path) -> str:
 
 
 def _submission(rows: Sequence[BenchRow], **given: Any) -> Submission:
-    """Return the submission of rows of one version and behaviour, with the given texts."""
+    """Return the submission that summarises rows of one version; `given` are its texts and file digests."""
     keys = dict.fromkeys(key for row in rows for key in row.versions)
     machines = {tuple(sorted(row.hardware.items())) for row in rows if row.hardware}
     own = {
@@ -152,9 +152,9 @@ def _submission(rows: Sequence[BenchRow], **given: Any) -> Submission:
 
 
 def code_files(paths: Iterable[Path]) -> dict[str, bytes]:
-    """Return source files by their names in a pack; folders without hidden files and caches.
+    """Return source files, keyed by name in the pack; hidden files and caches of folders are left out.
 
-    A file includes the files beside it that are part of its digest (`files_beside`).
+    With a single file, the files beside it that its digest covers are returned, too (`files_beside`).
 
     Raises ResultError if there is no file, or a file is too large or has an unsafe name.
     """
@@ -182,9 +182,9 @@ def code_files(paths: Iterable[Path]) -> dict[str, bytes]:
             try:
                 found[member] = read_file(path, _MAX_CODE_BYTES)
             except UnreadableError as error:
-                raise ResultError(f"{path}: {error}; --code takes files of source") from None
+                raise ResultError(f"{path}: {error}; --code takes source files") from None
     if len(found) > _MAX_CODE_FILES:
-        raise ResultError(f"--code gives {len(found)} files, at most {_MAX_CODE_FILES} are packed")
+        raise ResultError(f"--code gives {len(found)} files, but a pack takes at most {_MAX_CODE_FILES}")
     return found
 
 
@@ -202,13 +202,13 @@ def read_pack(path: Path) -> Pack:
     digests = {name: hashlib.sha256(content).hexdigest() for name, content in members.items()}
     if told.files != digests:
         wrong = min(name for name, _ in told.files.items() ^ digests.items())
-        raise ResultError(f"{path}: {wrong} is not what {ABOUT} says; get the file again")
+        raise ResultError(f"{path}: {wrong} does not match {ABOUT}; get the file again")
     try:
-        # A table may state a size that is less than its real size.
+        # A table may take more memory than the size that it states.
         with memory_bounded(_MAX_MEMORY_BYTES):
             rows = list(rows_of(path / TABLE, members[TABLE]))
     except MemoryError:
-        raise ResultError(f"{path}: {TABLE} takes more memory than a submission may") from None
+        raise ResultError(f"{path}: {TABLE} takes more memory than a submission is allowed") from None
     if not rows:
         raise ResultError(f"{path}: holds no rows")
     _require_labels(path, rows)
@@ -216,7 +216,7 @@ def read_pack(path: Path) -> Pack:
     again = _submission(rows, **given)
     for field in Submission.__struct_fields__:
         if getattr(told, field) != getattr(again, field):
-            raise ResultError(f"{path}: {ABOUT} has other {field} than the rows; pack it again")
+            raise ResultError(f"{path}: {ABOUT} and the rows differ in {field}; pack it again")
     code = {name: content for name, content in members.items() if name != TABLE}
     return Pack(told, rows, code, hashlib.sha256(data).hexdigest())
 
@@ -227,15 +227,15 @@ def unpack_code(pack: Pack, folder: Path) -> None:
     Raises ResultError if the pack has no code.
     """
     if not pack.code:
-        raise ResultError("holds no code; it is packed by 'bench submit --code FILE|DIR'")
+        raise ResultError("has no code; 'bench submit --code FILE|DIR' packs code")
     for name, content in pack.code.items():
-        file = folder.joinpath(*name.split("/")[1:])  # Plain names only (`_CODE_NAME`)
+        file = folder.joinpath(*name.split("/")[1:])  # `_CODE_NAME` allows only plain names
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(content)
 
 
 def _members(path: Path, data: bytes) -> dict[str, bytes]:
-    """Return the files of a pack's archive; ResultError for a name that packs do not have."""
+    """Return the files of a pack's archive; ResultError if a name is unexpected, repeated or missing."""
     try:
         with Archive(data, _MAX_UNPACKED_BYTES) as archive:
             for name in archive.names:
@@ -243,13 +243,13 @@ def _members(path: Path, data: bytes) -> dict[str, bytes]:
                     not (name in (ABOUT, TABLE) or _CODE_NAME.fullmatch(name))
                     or archive.names.count(name) > 1
                 ):
-                    raise ResultError(f"{path}: holds {name[:80]!r}, which has no place in a submission")
+                    raise ResultError(f"{path}: holds {name[:80]!r}, which does not belong in a submission")
             found = {name: archive.read(name) for name in archive.names}
     except ArchiveError as error:
         raise ResultError(f"{path}: {error}") from None
     for name in (ABOUT, TABLE):
         if name not in found:
-            raise ResultError(f"{path}: has no {name}; it is no file of 'bench submit'")
+            raise ResultError(f"{path}: has no {name}; it was not written by 'bench submit'")
     return found
 
 
@@ -257,7 +257,7 @@ def _told(path: Path, data: bytes) -> Submission:
     try:
         version = msgspec.json.decode(data, type=_Format).format
         if version != FORMAT:
-            msg = f"is of format {version}, this version reads {FORMAT}; use the version that wrote it"
+            msg = f"has format {version}, but this version reads {FORMAT}; use another version"
             raise ResultError(f"{path}: {msg}")
         told = msgspec.json.decode(data, type=Submission)
     except msgspec.ValidationError as error:
@@ -275,15 +275,15 @@ class _Format(msgspec.Struct):
 
 
 def require_texts(told: Mapping[str, Any], where: str = "") -> None:
-    """Raise ResultError if a text of a submission is too long, no plain line, or no seal."""
+    """Raise ResultError if a text is too long or not one printable line, or if the seal is malformed."""
     if told.get("seal") and not _SEAL.fullmatch(told["seal"]):
-        raise ResultError(f"{where}seal is none of 'bench seal', which has 64 hexadecimal digits")
+        raise ResultError(f"{where}seal does not have the 64 hexadecimal digits of a seal of 'bench seal'")
     limits = {"name": (1, _MAX_NAME), "by": (1, _MAX_NAME), "about": (0, _MAX_ABOUT), "made": (0, 40)}
     for field, (least, most) in limits.items():
         text = told.get(field)
         if text is None or (least <= len(text) <= most and text.isprintable() and text == text.strip()):
             continue
-        raise ResultError(f"{where}{field} {text[:most]!r} is no line of {least} to {most} characters")
+        raise ResultError(f"{where}{field} {text[:most]!r} is not a line of {least} to {most} characters")
 
 
 def _require_labels(path: Path, rows: Iterable[BenchRow]) -> None:

@@ -26,11 +26,11 @@ from wbf_mission.scenario.choice import choose
 from wbf_mission.version import behaviour
 
 VERIFIED = 1
-"""Default number of rows of each submitted method to fly again."""
+"""Default number of rows that are flown again for each submitted method."""
 NEAR = 1e-6
 """Relative differences below this come from different linear algebra libraries, not from different code."""
 EQUAL, CLOSE, OTHER, ENDLESS = "equal", f"within {NEAR:g}", "differ", "not ended"
-OTHER_CODE = "flown with other behaviour numbers than this version's"
+OTHER_CODE = "flown with behaviour numbers that differ from this version's"
 _MOST_S = 600.0
 Method = tuple[str, str, str]
 """Scenario, planner (or policy) and estimator."""
@@ -38,7 +38,7 @@ Method = tuple[str, str, str]
 
 @dataclass(frozen=True, slots=True)
 class FlownAgain:
-    """Comparison of a row with that of a second flight: `EQUAL`, `CLOSE`, `OTHER`, or `ENDLESS` (timeout)."""
+    """Comparison of a row with its second flight: `EQUAL`, `CLOSE`, `OTHER`, or `ENDLESS` (timeout)."""
 
     method: Method
     seed: int
@@ -68,7 +68,7 @@ class Verification:
         )
 
     def __str__(self) -> str:
-        """Return, in words, the number of rows by result, and the methods not flown."""
+        """Return, in words, the number of rows with each result, and the methods that were not flown."""
         counts = Counter(row.same for row in self.rows)
         told = [f"{counts[same]} {same}" for same in (OTHER, ENDLESS, CLOSE, EQUAL) if counts[same]]
         if self.left_out:
@@ -92,7 +92,7 @@ def fly_again(
     The rows are drawn at random by the checker, so that their author cannot predict them. Only built-in
     methods and the methods in `own` (by digest) are flown. Without `own`, rows are flown in another process
     with a timeout of ten minutes each, because the parameters in a row may cause an endless run. `count` rows
-    of each method are drawn. The seed of the draw is `salt`, or comes from the system's randomness.
+    of each method are drawn. `salt` seeds the draw; without it, the seed comes from the system's randomness.
     """
     if count < 1:
         return Verification()
@@ -134,7 +134,7 @@ def _flown_apart(runs: Iterable[BenchRun]) -> Iterator[BenchRow | None]:
 def _compared(row: BenchRow, again: BenchRow | None) -> FlownAgain:
     why = ""
     if again is None:
-        same, why = ENDLESS, f"{one_line(row.named, 200)}: was not flown again in {_MOST_S:g} s"
+        same, why = ENDLESS, f"{one_line(row.named, 200)}: the second flight did not end in {_MOST_S:g} s"
     elif not (found := list(differences(row, again))):
         same = EQUAL
     elif not list(differences(row, again, NEAR)):

@@ -1,4 +1,4 @@
-"""``wbf-mission farm``: list, show, draw, save."""
+"""Commands ``wbf-mission farm list``, ``show``, ``draw`` and ``save``."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ FarmArgument = Annotated[
 _READS_FARM = options.scenario_options(
     "farm", without=(*options.OF_DAYS, "farm", "fields", "seed", "scenario")
 )
-"""Decorator that adds the options for reading a farm file, for a command with the farm as an argument."""
+"""Decorator that adds the options for reading a farm file to a command whose argument is a farm."""
 
 
 def _load(given: options.Given, name: str, output: Output) -> Farm:
-    """Return the farm, and print the notes of its reader."""
+    """Return the farm, and print the notes that were made when it was read."""
     farm = replace(given.scenario().farm, name=name).load()
     output.notes(farm.notes)
     return farm
@@ -66,7 +66,7 @@ _PLACE = ("frame.latitude_deg", "frame.longitude_deg")
 
 
 def _values(farm: Any, *names: str) -> dict[str, Any]:
-    """Return attributes of a farm by the last part of their dotted names."""
+    """Return attributes of a farm, keyed by the last part of their dotted names."""
     return {name.rpartition(".")[2]: attrgetter(name)(farm) for name in names}
 
 
@@ -169,7 +169,7 @@ def save_command(
     out: Annotated[Path, option("GeoJSON file.")],
     overwrite: Overwrite = False,
 ) -> None:
-    """Save a farm as GeoJSON, to convert or repair another program's file, or to start one of your own."""
+    """Save a farm as GeoJSON: convert or repair a file of another program, or start your own farm file."""
     from geo import save_farm
 
     refuse_overwrite(out, [farm], suffixes=(".geojson",), overwrite=overwrite)
@@ -183,7 +183,7 @@ def _require_suffix(path: Path, *suffixes: str) -> None:
     from geo import FarmError
 
     if path.suffix.lower() not in suffixes:
-        msg = f"{path}: the file's name has to end in {' or '.join(suffixes)}"
+        msg = f"{path}: the file name must end in {' or '.join(suffixes)}"
         raise FarmError(msg)
 
 

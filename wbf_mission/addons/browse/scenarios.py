@@ -1,4 +1,4 @@
-"""``wbf-mission bench list`` and ``bench show``."""
+"""Commands ``wbf-mission bench list`` and ``bench show``."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ def list_command(
     families: Annotated[
         bool,
         option(
-            "List the families of scenarios, with their differences from the benchmark's own world.",
+            "List families of scenarios, each with its differences from the benchmark's default world.",
             "--families",
         ),
     ] = False,
 ) -> int:
-    """List the scenarios of the catalogue, by which results can be compared.
+    """List the scenarios of the catalogue; results on the same scenario can be compared.
 
-    The meaning of an id never changes; a changed scenario gets a new version.
+    A scenario id always has the same settings; a changed scenario gets a new version.
     """
     from msgspec import to_builtins
 
@@ -67,7 +67,7 @@ def list_command(
 
 
 def _meaning(scenario: Scenario) -> str | None:
-    """Return the digest of a scenario's meaning; None if its kind of vehicle is not installed."""
+    """Return the digest of a scenario's settings; None if its kind of vehicle is not installed."""
     from sim_vehicle.errors import VehicleError
     from wbf_mission.bench.digests import meaning_of
 
@@ -79,9 +79,9 @@ def _meaning(scenario: Scenario) -> str | None:
 
 @options.speaks(quiet=False)
 def show_command(
-    output: Output, scenario: Annotated[str, typer.Argument(help="An id (see 'bench list') or a file.")]
+    output: Output, scenario: Annotated[str, typer.Argument(help="Scenario id (see 'bench list') or file.")]
 ) -> int:
-    """Show a scenario: its farm, its scored fields and times, and its options that are not at defaults."""
+    """Show a scenario: its farm, scored fields and times, and options that differ from the defaults."""
     from msgspec import to_builtins
 
     from wbf_mission.bench.requests import card_of

@@ -1,4 +1,4 @@
-"""``wbf-mission vehicle``: list, show."""
+"""Commands ``wbf-mission vehicle list`` and ``show``."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 VehicleArgument = Annotated[
     str,
-    typer.Argument(help="Name of a vehicle or a TOML file.", autocompletion=options.complete("vehicle")),
+    typer.Argument(help="Name or TOML file of a vehicle.", autocompletion=options.complete("vehicle")),
 ]
 
 
 @options.speaks()
 def list_command(output: Output) -> None:
-    """List the vehicles that are known by name, with the endurance of their cruise flight."""
+    """List the vehicles that are known by name, with the endurance at cruise speed."""
     from sim_vehicle.airframe.catalog import get_vehicle, vehicle_names
 
     vehicles = [get_vehicle(name) for name in vehicle_names()]
@@ -70,7 +70,7 @@ def show_command(output: Output, vehicle: VehicleArgument) -> None:
 
 
 def _by_autopilot(spec: VehicleSpec, speed: Callable[[VehicleSpec], float]) -> str:
-    """Return a speed of the vehicle under each autopilot, in words."""
+    """Return, in words, a speed that the vehicle has with each autopilot."""
     from sim_vehicle.autopilot import autopilot_names, with_autopilot
 
     speeds: dict[str, list[str]] = {}
@@ -82,7 +82,7 @@ def _by_autopilot(spec: VehicleSpec, speed: Callable[[VehicleSpec], float]) -> s
 
 
 def _add_endurance(spec: VehicleSpec, values: dict[str, Any], rows: dict[str, str]) -> None:
-    """Add the predicted time and distance on one battery, and the manufacturer's published endurance."""
+    """Add the predicted endurance and range on one battery, and the manufacturer's stated endurance."""
     from sim_vehicle.energy.power import best_speeds, endurance_s, flight_power_w
 
     battery, power = spec.battery, spec.power
@@ -121,7 +121,7 @@ def _add_endurance(spec: VehicleSpec, values: dict[str, Any], rows: dict[str, st
 
 
 def _least_airspeed_m_s(spec: VehicleSpec) -> float | None:
-    """Return the least airspeed in a fixed wing's parameters for the default autopilot; None if not set."""
+    """Return the minimum airspeed in a fixed wing's parameters (default autopilot); None if it is not set."""
     from sim_vehicle.airframe.kind import DEFAULT_AUTOPILOT
     from sim_vehicle.autopilot import fixed_wing_procedures
 

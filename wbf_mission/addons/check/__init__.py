@@ -1,4 +1,4 @@
-"""Conformance kit: checks whether a MAVLink autopilot does what ground software expects."""
+"""Conformance kit: checks that a MAVLink autopilot behaves as ground software expects."""
 
 from typing import TYPE_CHECKING
 

@@ -35,10 +35,10 @@ def check_command(
     wait: options.Wait = 10.0,
     list_checks: Annotated[bool, option("List the checks.", "--list")] = False,
 ) -> None:
-    """Check whether a vehicle does what ground software expects of a MAVLink autopilot.
+    """Check that a vehicle's autopilot behaves on MAVLink as ground software expects.
 
-    The vehicle is not armed unless --fly is given, and its plans are restored at the end. Exit code 1: a
-    required check failed.
+    The vehicle is not armed unless --fly is given, and its plans are restored at the end. The exit code is 1
+    if a required check failed.
     """
     from wbf_mission.addons.check import Verdict, all_checks, check_vehicle
 

@@ -38,7 +38,7 @@ def ack_address(peer: Peer) -> str | None:
     answer = needed(peer.command(_UNKNOWN), "no COMMAND_ACK")
     target = (answer.target_system, answer.target_component)
     if target == (0, 0):
-        return "to nobody: where there are several ground stations, each takes it for its own"
+        return "a broadcast: each of several ground stations takes it for an answer to itself"
     if target != (peer.endpoint.system_id, peer.endpoint.component_id):
         raise FailedError(f"it is addressed to {target}")
     return None
@@ -52,7 +52,7 @@ def request_message(peer: Peer) -> None:
 
 @check("command.request-unknown")
 def request_unknown(peer: Peer) -> None:
-    """REQUEST_MESSAGE for a message that does not exist is not accepted."""
+    """REQUEST_MESSAGE for a message id that does not exist is refused."""
     answer = needed(peer.command(m.MAV_CMD_REQUEST_MESSAGE, 65500.0), "no COMMAND_ACK")
     if answer.result not in _REFUSED:
         raise FailedError(f"it is answered {result_name(answer.result)}")
@@ -88,7 +88,7 @@ def broadcast(peer: Peer) -> None:
 
 @check("command.bad-arming")
 def bad_arming(peer: Peer) -> str:
-    """Arming with a parameter that is neither 0 nor 1 does not arm."""
+    """COMPONENT_ARM_DISARM with a parameter other than 0 and 1 does not arm the vehicle."""
     answer = peer.command(m.MAV_CMD_COMPONENT_ARM_DISARM, 0.3)
     peer.sleep(1.2)
     if peer.armed:

@@ -1,4 +1,4 @@
-"""Checks that arm and fly the vehicle; run only with ``fly=True``."""
+"""Checks that arm and fly the vehicle; they are run only with ``fly=True``."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def takeoff_land(peer: Peer) -> str:
 
 @check("fly.mission", flies=True)
 def mission(peer: Peer) -> str:
-    """The vehicle flies a mission, reports the waypoints reached, returns and disarms."""
+    """The vehicle flies a mission, reports each waypoint that it reaches, returns and disarms."""
     home = peer.home
     items = (
         MissionItem(Command.NAV_TAKEOFF, 3, x=home.latitude_deg, y=home.longitude_deg, z=_ALTITUDE_M),
@@ -98,7 +98,7 @@ def mission(peer: Peer) -> str:
             reached.add(message.seq - first)
         return peer.now() > began_s + 5.0 and _is_disarmed(message)
 
-    _wait(peer, "it does not come back and disarm", _FLIGHT_S, done)
+    _wait(peer, "it does not return and disarm", _FLIGHT_S, done)
     missing = [seq for seq in (1, 2) if seq not in reached]
     if missing:
         raise FailedError(f"no MISSION_ITEM_REACHED for item {missing[0]}, only for {sorted(reached)}")

@@ -40,7 +40,7 @@ def heartbeat_fields(peer: Peer) -> str:
     if message.autopilot == m.MAV_AUTOPILOT_INVALID:
         raise FailedError("autopilot is INVALID")
     if not message.base_mode & m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
-        raise FailedError("base_mode lacks the custom mode bit: the mode is not read")
+        raise FailedError("base_mode lacks the custom mode bit: clients cannot read the flight mode")
     if message.system_status not in range(1, 9):
         raise FailedError(f"system_status {message.system_status} has no meaning")
     return f"type {message.type}, autopilot {message.autopilot}, custom mode {message.custom_mode:#x}"
@@ -73,7 +73,7 @@ def version(peer: Peer) -> str:
     return f"firmware {number >> 24}.{number >> 16 & 255}.{number >> 8 & 255}"
 
 
-@check("identity.version-old", required=False, suffers="older clients; MAVSDK for every second request")
+@check("identity.version-old", required=False, suffers="older clients; every second request of MAVSDK")
 def version_old(peer: Peer) -> None:
     """AUTOPILOT_VERSION is sent on REQUEST_AUTOPILOT_CAPABILITIES."""
     peer.forget()
@@ -84,9 +84,9 @@ def version_old(peer: Peer) -> None:
 
 @check("identity.capabilities")
 def capabilities(peer: Peer) -> str:
-    """Capabilities: MISSION_INT, MAVLINK2, parameters not encoded in two ways.
+    """Capabilities include MISSION_INT, MAVLINK2 and exactly one encoding of parameters.
 
-    Parameters are cast when PARAM_FLOAT is the only encoding bit set, as on ArduPilot.
+    If PARAM_FLOAT is the only encoding bit that is set, as on ArduPilot, parameters are cast to float.
     """
     message = needed(peer.request(m.MAVLink_autopilot_version_message), "no AUTOPILOT_VERSION")
     bits = message.capabilities
@@ -122,13 +122,13 @@ class _Stream:
     problem: Callable[[Any], str | None] | None = None
 
     def __call__(self, peer: Peer) -> str:
-        """Look for the message; request the stream if absent, as some autopilots start none by themselves."""
+        """Wait for the message; if it does not come, request the stream, which some autopilots require."""
         found, asked = peer.collect(self.kind, 2.5), ""
         if not found:
             peer.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(self.kind.id), self.interval_us)
             found, asked = peer.collect(self.kind, 3.0), ", after SET_MESSAGE_INTERVAL"
         if not found:
-            raise FailedError(f"no {self.kind.msgname} in 3 s, also not after SET_MESSAGE_INTERVAL")
+            raise FailedError(f"no {self.kind.msgname} in 3 s, not even after SET_MESSAGE_INTERVAL")
         if self.problem is not None:
             message = peer.expect(self.kind, 3.0)
             problem = None if message is None else self.problem(message)
@@ -149,14 +149,14 @@ def _sensors_problem(message: m.MAVLink_sys_status_message) -> str | None:
 
 def _landed_problem(message: m.MAVLink_extended_sys_state_message) -> str | None:
     if message.landed_state != m.MAV_LANDED_STATE_ON_GROUND:
-        return f"landed_state is {message.landed_state} on a vehicle that is disarmed"
+        return f"landed_state is {message.landed_state}, but the vehicle is disarmed"
     return None
 
 
 for _name, _text, _stream in (
     (
         "position",
-        "GLOBAL_POSITION_INT comes, with a position on the globe",
+        "GLOBAL_POSITION_INT comes, with valid latitude and longitude",
         _Stream(m.MAVLink_global_position_int_message, problem=_position_problem),
     ),
     ("attitude", "ATTITUDE comes", _Stream(m.MAVLink_attitude_message)),
@@ -198,7 +198,7 @@ def home(peer: Peer) -> str:
 
 @check("telemetry.interval")
 def interval(peer: Peer) -> str:
-    """SET_MESSAGE_INTERVAL changes the rate: ATTITUDE at 5 Hz."""
+    """SET_MESSAGE_INTERVAL changes the rate of ATTITUDE to 5 Hz."""
     kind = m.MAVLink_attitude_message
     peer.must(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(kind.id), 200_000.0)
     found = [message.time_boot_ms for _, message in peer.collect(kind, 3.0)]
@@ -236,7 +236,7 @@ def interval_get(peer: Peer) -> str:
 
 @check("telemetry.timesync")
 def timesync(peer: Peer) -> None:
-    """TIMESYNC is answered with the vehicle's time and the sender's own."""
+    """TIMESYNC is answered with the time of the vehicle and the time of the sender."""
     own = 123_456_789_123
     kind = m.MAVLink_timesync_message
     answer = needed(
@@ -250,7 +250,7 @@ def timesync(peer: Peer) -> None:
 @check(
     "telemetry.ping",
     required=False,
-    suffers="round-trip measurements; MAVSDK pings all but ArduPilot every 5 s",
+    suffers="round-trip measurements; MAVSDK pings all autopilots except ArduPilot every 5 s",
 )
 def ping(peer: Peer) -> None:
     """A PING sent as a broadcast is answered to its sender."""

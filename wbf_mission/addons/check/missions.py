@@ -1,4 +1,4 @@
-"""Checks of whole plans: uploaded, downloaded and compared by our own transfer client."""
+"""Checks with whole plans, which this program's transfer client uploads, downloads and compares."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ check(
     "mission.five-hundred-items",
     "a mission of 500 items fits",
     required=False,
-    suffers="surveys; 100 waypoints of MAVSDK with camera and gimbal are 500 items",
+    suffers="surveys; MAVSDK makes 500 items from 100 waypoints with camera and gimbal",
 )(_round_trip(500))
 
 
@@ -108,9 +108,9 @@ def clear_empty(peer: Peer) -> None:
     suffers="MAVProxy, Mission Planner and QGroundControl, which show item 0 as home",
 )
 def home(peer: Peer) -> str:
-    """Item 0 is the vehicle's own home, not the one uploaded, if the autopilot keeps home in the mission."""
+    """Item 0 is the vehicle's home, not the uploaded item, if the autopilot keeps home in the mission."""
     if not peer.profile.home_at_zero:
-        raise SkippedError("its autopilot keeps no home in the mission")
+        raise SkippedError("its autopilot does not keep home in the mission")
     place = peer.request(m.MAVLink_home_position_message)
     if place is None:
         raise SkippedError("its home is not known")
@@ -139,12 +139,12 @@ def clear_all(peer: Peer) -> str:
         return "cleared"
     if peer.profile.clear_all_types:
         raise FailedError(told(answer))
-    return f"refused, so each plan is cleared by itself: {result_text(answer.type)}"
+    return f"refused, so each type of plan must be cleared separately: {result_text(answer.type)}"
 
 
 @check("mission.part")
 def part(peer: Peer) -> str:
-    """MISSION_WRITE_PARTIAL_LIST changes the items named and no others, or is refused."""
+    """MISSION_WRITE_PARTIAL_LIST changes only the items that it names, or is refused."""
     items = peer.items(5)
     peer.upload(items)
     changed = (items[0], replace(items[1], z=items[1].z + 7.0), *items[2:])
@@ -167,12 +167,12 @@ def part(peer: Peer) -> str:
     if peer.profile.partial_write:
         raise FailedError(note)
     peer.require_equal(items)
-    return f"not taken ({note}): MAVProxy cannot move a single waypoint"
+    return f"refused ({note}): MAVProxy cannot move a single waypoint"
 
 
 @check("mission.total", required=False, suffers="displays of mission progress")
 def total(peer: Peer) -> str:
-    """MISSION_CURRENT gives the number of items without home."""
+    """MISSION_CURRENT reports the total number of items, without home."""
     peer.upload(peer.items(7))
     end_s = peer.now() + 4.0
     while True:
@@ -201,7 +201,7 @@ def set_current(peer: Peer) -> str:
 
 @check("mission.set-current-beyond")
 def set_current_beyond(peer: Peer) -> None:
-    """An item beyond the mission does not become the current one."""
+    """An item number beyond the mission does not become the current item."""
     peer.upload(peer.items(5))
     answer = peer.command(m.MAV_CMD_DO_SET_MISSION_CURRENT, 999.0, tries=1)
     peer.send(m.MAVLink_mission_set_current_message(*peer.address, 999))
@@ -223,7 +223,7 @@ def _becomes(peer: Peer, number: int) -> bool:
 def _needs(peer: Peer, bit: int, what: str) -> None:
     message = peer.request(m.MAVLink_autopilot_version_message)
     if message is not None and not message.capabilities & bit:
-        raise SkippedError(f"its capabilities say that it has no {what}")
+        raise SkippedError(f"its capabilities do not include {what}")
 
 
 def _corner(peer: Peer, north: float, east: float) -> tuple[float, float]:

@@ -16,7 +16,7 @@ _NOBODYS = "NO_SUCH_THING_X"
 _QUIET_S = 1.5
 _LONGEST_S = 120.0
 _ROUNDS = 5
-# Parameters that are safe to change on the ground: of PX4, of ArduCopter 4.7, of ArduCopter before 4.7.
+# Parameters that are safe to change on the ground, for PX4, ArduCopter 4.7 and older ArduCopter versions.
 _HARMLESS = (
     "MIS_TAKEOFF_ALT",
     "RTL_RETURN_ALT",
@@ -78,7 +78,7 @@ def _some(peer: Peer) -> _Value:
 
 @check("param.list")
 def param_list(peer: Peer) -> str:
-    """PARAM_REQUEST_LIST sends every index once, all with the same count."""
+    """PARAM_REQUEST_LIST is answered with every index once, always with the same count."""
     found = _listed(peer)
     if not found:
         raise FailedError("no PARAM_VALUE")
@@ -105,7 +105,7 @@ def read_index(peer: Peer) -> str:
 
 @check("param.read-name")
 def read_name(peer: Peer) -> str:
-    """PARAM_REQUEST_READ by name returns the same value as by index."""
+    """PARAM_REQUEST_READ by name returns the same value as PARAM_REQUEST_READ by index."""
     question = m.MAVLink_param_request_read_message(*peer.address, b"", 0)
     first = needed(
         peer.ask(question, _Value, where=lambda a: a.param_index == 0),
@@ -155,7 +155,7 @@ def _set(peer: Peer, name: str, value: float, kind: int, tries: int = 3) -> _Val
     return peer.ask(question, _Value, where=lambda answer: _name(answer) == name, tries=tries)
 
 
-@check("param.set-unknown", required=False, suffers="users who load the parameter file of another version")
+@check("param.set-unknown", required=False, suffers="users with parameter files of other firmware")
 def set_unknown(peer: Peer) -> None:
     """PARAM_SET of an unknown name adds no parameter."""
     _set(peer, _NOBODYS, 1.0, m.MAV_PARAM_TYPE_REAL32, tries=1)

@@ -1,4 +1,4 @@
-"""The checker's side of the link: requests, commands and plan transfers to the vehicle under test."""
+"""Ground station of the checks: sends requests, commands and plans to the vehicle under test."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from mission.transfer.vehicles import Vehicle
 
 
 class CheckError(WbfMissionError, ValueError):
-    """A check that does not exist."""
+    """An unknown check is named, or the vehicle is armed before the checks."""
 
 
 class FailedError(WbfMissionError):
-    """Raised by a check that fails; the text is the observation."""
+    """Raised by a check that fails; the text describes the observation."""
 
 
 class SkippedError(WbfMissionError):
-    """Raised by a check that cannot be run on this vehicle; the text is the reason."""
+    """Raised by a check that cannot be run on this vehicle; the text states the reason."""
 
 
 M = TypeVar("M", bound=Message)
@@ -41,7 +41,7 @@ _LONGEST_WAIT_S = 0.1
 _ANSWER_S = 1.5
 _TRIES = 3
 BUSY_S = 12.0
-"""Longest time an autopilot holds a transfer or refuses the next one (s): PX4 takes 5 s, ArduPilot 8 s."""
+"""Longest time (s) for which an autopilot refuses a new transfer: PX4 refuses for 5 s, ArduPilot for 8 s."""
 _SLOW_S = 3.0
 _SPARE_S = 0.3
 _SOMEWHERE = GeoPoint(47.397742, 8.545594, 488.0)
@@ -160,7 +160,7 @@ class Peer:
     ) -> M | None:
         """Return the first message of one of these kinds, or None after `seconds`.
 
-        `to`: accept only messages to this system. By default, messages to other ground stations are ignored.
+        With `to`, only messages to this system count. By default, messages to other stations are ignored.
         """
         wanted = kinds if isinstance(kinds, tuple) else (kinds,)
         for _, message in self.heard(seconds):
@@ -195,9 +195,9 @@ class Peer:
         kinds: type[M] | tuple[type[M], ...],
         where: Callable[[M], bool] = lambda answer: not (is_a(answer, ACK) and answer.type == wire.ERROR),
     ) -> M | None:
-        """Repeat `question` until an earlier transfer has ended and the answer satisfies `where`.
+        """Repeat `question` until `where` holds for the answer: an earlier transfer may have to end first.
 
-        After `BUSY_S` the last answer is returned even if `where` does not hold for it.
+        After `BUSY_S` the last answer is returned, even if `where` does not hold for it.
         """
         end_s = self.now() + BUSY_S
         while True:
@@ -208,14 +208,14 @@ class Peer:
                 self.sleep(_ANSWER_S)
 
     def left(self, expected: int) -> int:
-        """Return the number of mission items, polling a few seconds until it equals `expected`."""
+        """Return the number of mission items; poll it for a few seconds until it equals `expected`."""
         end_s = self.now() + _SLOW_S
         while (found := len(self.download())) != expected and self.now() < end_s:
             self.sleep(0.5)
         return found
 
     def command(self, command: int, *params: float, tries: int = _TRIES) -> Ack | None:
-        """Send COMMAND_LONG; return its COMMAND_ACK, after IN_PROGRESS the last; None without an answer."""
+        """Send COMMAND_LONG; return the COMMAND_ACK that follows any IN_PROGRESS; None without an answer."""
         values = [*params, *[0.0] * (7 - len(params))]
         for number in range(tries):
             question = m.MAVLink_command_long_message(*self.address, command, number, *values)
@@ -227,7 +227,7 @@ class Peer:
         return None
 
     def acknowledged(self, question: CommandMessage, tries: int = _TRIES) -> Ack | None:
-        """Send a command until its COMMAND_ACK arrives, at most `tries` times; None without one."""
+        """Send a command until its COMMAND_ACK arrives, at most `tries` times; None without an answer."""
         return self.ask(question, Ack, where=lambda answer: answer.command == question.command, tries=tries)
 
     def must(self, command: int, *params: float) -> Ack:
@@ -293,7 +293,7 @@ class Peer:
         """Download the mission; FailedError if it differs from `items`."""
         differences = compare_plans(items, self.download(), self.profile)
         if differences:
-            raise FailedError(f"the mission is another: {differences[0]}")
+            raise FailedError(f"the mission differs: {differences[0]}")
 
     def settle(self) -> None:
         """Cancel pending transfers and wait until an upload works, so that the next check starts clean."""
@@ -308,7 +308,7 @@ class Peer:
         while self.now() < end_s and self.expect(MISSION_ANSWERS, quiet_s) is not None:
             pass
         self._others.clear()
-        # `upload` retries for longer than a vehicle stays busy.
+        # `upload` retries longer than the vehicle refuses new transfers.
         with suppress(TransferError):
             self.upload(self.items(1))
         self._unsettled = False

@@ -32,12 +32,12 @@ class Check:
 
     id: str  # ``group.name``
     text: str  # The requirement in one line
-    # Returns whether an autopilot with a profile must pass: ground software relies on the behaviour, and real
-    # autopilots have it. A check that is not required is advice.
+    # Returns whether an autopilot with a given profile must pass: ground software relies on the behaviour,
+    # and real autopilots have it. A check that is not required gives only advice.
     requirement: Requirement
     flies: bool  # Whether the check arms the vehicle
-    suffers: str  # Software that fails with a vehicle that does not pass; empty if all autopilots must pass
-    function: Function  # Returns a note or None, and raises `FailedError` or `SkippedError`
+    suffers: str  # Software that has trouble with a failing vehicle; empty if all autopilots must pass.
+    function: Function  # Returns a note or None, and raises `FailedError` or `SkippedError`.
 
     @property
     def required_of(self) -> str:
@@ -53,7 +53,7 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """Result of a check. `required`: whether the vehicle has to pass. `detail`: what was observed."""
+    """Result of a check. `required` is whether the vehicle must pass, `detail` describes the observation."""
 
     check: Check
     required: bool
@@ -68,7 +68,7 @@ class CheckResult:
 
     @property
     def told(self) -> str:
-        """The observation; if the check failed and was not required, also the software that is affected."""
+        """The observation; if the check failed and is only advice, also the affected software."""
         if self.verdict is Verdict.FAILED and not self.required and self.check.suffers:
             return f"{self.detail} (trouble for {self.check.suffers})"
         return self.detail

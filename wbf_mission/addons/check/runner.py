@@ -41,7 +41,7 @@ def all_checks() -> tuple[Check, ...]:
 
 
 def chosen_checks(only: tuple[str, ...], *, fly: bool) -> tuple[Check, ...]:
-    """Return the checks selected by id or group (empty `only`: all); CheckError for an unknown name."""
+    """Return the checks with an id or group in `only` (empty: all); CheckError for an unknown name."""
     checks = all_checks()
     known = {check.id for check in checks} | {check.group for check in checks}
     for name in only:
@@ -62,7 +62,7 @@ OnResult = Callable[[CheckResult], None]
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
-    """Results of the checks of one vehicle; `warnings` names plans that could not be restored."""
+    """Results of the checks of one vehicle; `warnings` tells why plans could not be restored."""
 
     name: str
     vehicle: Vehicle
@@ -163,7 +163,7 @@ def check_vehicle(
         vehicle = peer.driver.wait_for_vehicle(wait_s, system_id=system_id)
         peer.sleep(1.5)
         if peer.armed:
-            msg = f"{link.name}: the vehicle is armed; land and disarm it before it is checked"
+            msg = f"{link.name}: the vehicle is armed; land and disarm it before the checks"
             raise CheckError(msg)
         _find_home(peer)
         kept = False
@@ -185,7 +185,7 @@ def _keep_plans(peer: Peer, stack: ExitStack, warnings: list[str]) -> None:
     try:
         plans = peer.driver.download()[0]
     except RemoteTransferError as error:
-        warnings.append(f"the vehicle's own plans could not be read, so they are not put back: {error}")
+        warnings.append(f"the vehicle's plans could not be read, so they will not be restored: {error}")
         return
 
     def put_back() -> None:
@@ -193,11 +193,11 @@ def _keep_plans(peer: Peer, stack: ExitStack, warnings: list[str]) -> None:
             try:
                 peer.put_back(plans)
             except TransferError:
-                # The vehicle waits for an upload that a check left open until the vehicle's timer expires.
+                # A check left an upload open: the vehicle waits for it until its timer expires.
                 peer.sleep(peer.profile.abort_s + 1.0)
                 peer.put_back(plans)
         except TransferError as error:
-            warnings.append(f"the vehicle's own plans could not be put back: {error}")
+            warnings.append(f"the vehicle's plans could not be restored: {error}")
 
     stack.callback(put_back)
 
@@ -206,7 +206,7 @@ _Where: TypeAlias = m.MAVLink_home_position_message | m.MAVLink_global_position_
 
 
 def _find_home(peer: Peer) -> None:
-    """Read the vehicle's position, which the missions of the checks start from."""
+    """Read the vehicle's position, at which the missions of the checks start."""
     kinds: tuple[type[_Where], ...] = (m.MAVLink_home_position_message, m.MAVLink_global_position_int_message)
     for kind in kinds:
         message = peer.expect((kind,), 1.2)

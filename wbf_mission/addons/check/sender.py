@@ -15,7 +15,7 @@ _SETTLE_S = 1.0  # A slow radio may still deliver messages of the previous check
 
 
 class Sender:
-    """Mission upload under manual control: each message can be sent, omitted or altered."""
+    """A mission upload in which a check can send, omit or alter each message."""
 
     def __init__(self, peer: Peer, items: Sequence[MissionItem]) -> None:
         self.peer = peer
@@ -46,7 +46,7 @@ class Sender:
         self.peer.send(self.message(number))
 
     def send_first(self, count: int) -> None:
-        """Send the first items, each once the vehicle has requested it."""
+        """Send the first `count` items; after each item, wait until the vehicle requests the next item."""
         for number in range(count):
             self.send(number)
             self.peer.expect(REQUESTS, RE_REQUEST_S, lambda a, number=number: a.seq == number + 1)  # type: ignore[misc]
@@ -62,20 +62,20 @@ class Sender:
         for _ in range(4 * len(self.items) + 20):
             answer = self.peer.expect(ANSWERS, RE_REQUEST_S)
             if answer is None:
-                raise FailedError("the vehicle falls silent in the middle of the upload")
+                raise FailedError("the vehicle stops answering during the upload")
             if is_a(answer, ACK):
                 if answer.type == self.peer.profile.order_result:
                     continue
                 return answer
             if answer.seq >= len(self.items):
-                raise FailedError(f"item {answer.seq} of {len(self.items)} is asked for")
+                raise FailedError(f"the vehicle requests item {answer.seq} of {len(self.items)}")
             if answer.seq > asked + 1:
                 self.cancel()
-                raise FailedError(f"item {answer.seq} is asked for after item {asked}")
+                raise FailedError(f"the vehicle requests item {answer.seq} after item {asked}")
             asked = answer.seq
             self.send(asked)
         self.cancel()
-        raise FailedError(f"the vehicle does not come to an end; it asks for item {asked}")
+        raise FailedError(f"the vehicle does not end the upload; it still requests item {asked}")
 
     def cancel(self) -> None:
         """Cancel the upload and wait until the vehicle has processed the message."""

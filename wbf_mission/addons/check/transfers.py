@@ -1,4 +1,4 @@
-"""Checks of the mission transfer: broken rules, several ground stations, addressing."""
+"""Checks of the mission transfer protocol: broken rules, several ground stations, addresses of messages."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _listing(peer: Peer) -> Message:
 
 
 def _require_ours(peer: Peer, answer: wire.RequestMessage | wire.AckMessage) -> None:
-    """Raise FailedError unless the answer is addressed to us: MAVSDK takes a broadcast ACK as the end."""
+    """Raise FailedError unless the answer is addressed to this station: MAVSDK stops at a broadcast ACK."""
     target = answer.target_system, answer.target_component
     if target[0] != peer.endpoint.system_id or target[1] not in (0, peer.endpoint.component_id):
         raise FailedError(f"it is addressed to {target[0]}/{target[1]}")
@@ -79,7 +79,7 @@ def asks_again(peer: Peer) -> str:
     after_s = peer.now() - began_s
     if seen < 2:
         sender.cancel()
-        raise FailedError(f"it is not asked for again in {RE_REQUEST_S} s")
+        raise FailedError(f"it is not requested again in {RE_REQUEST_S} s")
     sender.complete(1)
     return f"after {after_s:.2f} s"
 
@@ -105,7 +105,7 @@ def duplicate_item(peer: Peer) -> None:
 
 @check("transfer.out-of-order")
 def out_of_order(peer: Peer) -> None:
-    """An item out of order is not taken for the one requested."""
+    """An item out of order is not accepted in place of the requested item."""
     sender = Sender.begun(peer, peer.items(5))
     sender.send(2)
     answer = _answer_to_wrong_item(sender)
@@ -117,7 +117,7 @@ def out_of_order(peer: Peer) -> None:
 
 @check("transfer.wrong-type")
 def wrong_type(peer: Peer) -> None:
-    """An item of another plan is not taken into the mission."""
+    """An item of another type of plan is not accepted as a mission item."""
     sender = Sender.begun(peer, peer.items(4))
     peer.send(sender.message(0, int(MissionType.FENCE)))
     _answer_to_wrong_item(sender)
@@ -125,11 +125,11 @@ def wrong_type(peer: Peer) -> None:
 
 
 def _answer_to_wrong_item(sender: Sender) -> wire.RequestMessage | wire.AckMessage | None:
-    """Return the answer to an item that was not requested; FailedError if the vehicle takes the item."""
+    """Return the answer to an item that was not requested; FailedError if the vehicle accepts the item."""
     answer = sender.peer.expect(ANSWERS, RE_REQUEST_S)
     if answer is not None and wire.is_request(answer) and answer.seq > 0:
         sender.cancel()
-        raise FailedError(f"it is taken: the vehicle asks for item {answer.seq}")
+        raise FailedError(f"it is accepted: the vehicle asks for item {answer.seq}")
     if answer is not None and is_a(answer, ACK) and answer.type == wire.ACCEPTED:
         raise FailedError("it is accepted")
     return answer
@@ -156,7 +156,7 @@ def cancel_download(peer: Peer) -> None:
 @check(
     "transfer.old-plan-kept",
     required=lambda profile: profile.atomic,
-    suffers="users whose link breaks in an upload: a mix of the new and the old mission is flown",
+    suffers="users whose link breaks in an upload: the vehicle flies a mix of the new and the old mission",
 )
 def old_plan_kept(peer: Peer) -> None:
     """A cancelled upload leaves the old mission unchanged."""
@@ -166,14 +166,14 @@ def old_plan_kept(peer: Peer) -> None:
     sender.send_first(len(sender.items) - 2)
     sender.cancel()
     if not peer.profile.atomic:
-        # ArduPilot ignores OPERATION_CANCELLED: the upload ends by timeout, and a download before it fails.
+        # ArduPilot ignores OPERATION_CANCELLED: the upload ends by timeout; until then, downloads fail.
         peer.sleep(peer.profile.abort_s + 2.0)
     peer.require_equal(old)
 
 
 @check("transfer.silence")
 def silence(peer: Peer) -> str:
-    """A new upload works 12 s after a client stopped in the middle of one."""
+    """A new upload works 12 s after a client stopped during an upload."""
     sender = Sender.begun(peer, peer.items(6))
     sender.send(0)
     peer.sleep(_GIVE_UP_S)
@@ -193,10 +193,10 @@ def late_item(peer: Peer) -> None:
 @check(
     "transfer.last-ack-again",
     required=False,
-    suffers="clients that lost the last ACK and then report a failed upload",
+    suffers="clients that lose the last ACK: they report a failed upload",
 )
 def last_ack_again(peer: Peer) -> None:
-    """The last item sent again is acknowledged again."""
+    """If the last item is sent again, it is acknowledged again."""
     sender = Sender.begun(peer, peer.items(4))
     sender.complete()
     peer.forget()
@@ -224,7 +224,7 @@ def unknown_frame(peer: Peer) -> str:
 @check(
     "transfer.bad-latitude",
     required=False,
-    suffers="clients without checks of their own: MAVSDK, scripts (PX4 stores it and does not fly it)",
+    suffers="clients that do not check coordinates: MAVSDK, scripts (PX4 stores it, but does not fly it)",
 )
 def bad_latitude(peer: Peer) -> str:
     """A latitude of 95 degrees is refused."""
@@ -284,7 +284,7 @@ def count_zero(peer: Peer) -> None:
         raise FailedError(f"{left} items are left")
 
 
-@check("transfer.unknown-type", required=False, suffers="clients with plans of a later protocol")
+@check("transfer.unknown-type", required=False, suffers="clients that send plans of a later protocol")
 def unknown_type(peer: Peer) -> str:
     """A COUNT with a plan type that does not exist is refused."""
     answer = _opened_and_cancelled(peer, _COUNT(*peer.address, 3, 77))
@@ -295,7 +295,7 @@ def unknown_type(peer: Peer) -> str:
 
 @check("transfer.request-beyond")
 def request_beyond(peer: Peer) -> None:
-    """A request for an item beyond the mission is not answered by an item."""
+    """A request for an item number beyond the mission is not answered with an item."""
     peer.upload(peer.items(3))
     peer.opened(_listing(peer), _COUNT)
     peer.forget()
@@ -369,7 +369,7 @@ def _refused(peer: Peer, items: Sequence[MissionItem]) -> str:
 
 
 def _refused_message(sender: Sender, wrong: wire.ItemMessage, number: int) -> str:
-    """Upload a mission with one item replaced, and return the refusal in words."""
+    """Upload a mission with `wrong` in place of item `number`, and return the refusal in words."""
     peer = sender.peer
     sender.begin()
     sender.send(0)

@@ -1,1 +1,1 @@
-"""Benchmarks on the workers of a Dask cluster."""
+"""Flies benchmarks on the workers of a Dask cluster."""

@@ -1,4 +1,4 @@
-"""Dask scheduler and workers that fly the runs of a benchmark."""
+"""Flies the runs of a benchmark on the workers of a Dask scheduler."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class DaskCluster:
 
     The address ``local`` starts a cluster with `workers` workers on the loopback interface; `close` ends it.
 
-    ClusterError if Dask is not installed, the scheduler does not answer or has no workers, or a worker has
-    several threads: a run needs its own process.
+    Raises ClusterError if Dask is not installed, the scheduler does not answer or has no workers, or a worker
+    has several threads: each run needs a separate process.
     """
 
     def __init__(self, address: str, workers: int) -> None:
@@ -35,9 +35,9 @@ class DaskCluster:
             )
         try:
             self._client = dask.Client(self._local or address, set_as_default=False)
-        except (OSError, ValueError) as error:  # TimeoutError is an OSError
+        except (OSError, ValueError) as error:  # TimeoutError is a kind of OSError.
             why = one_line(str(error)) or "no answer"
-            raise ClusterError(f"--dask {address}: no scheduler answers there ({why})") from None
+            raise ClusterError(f"--dask {address}: no scheduler answers at this address ({why})") from None
         try:
             self.most = 2 * self._require_workers()
             self._executor = self._client.get_executor(pure=False)
@@ -46,14 +46,14 @@ class DaskCluster:
             raise
 
     def submit(self, function: Callable[..., _T], /, *arguments: Any) -> Future[_T]:
-        """Submit a call to the workers; the function is sent by its name."""
+        """Submit a call to the workers, to which only the function's name is sent."""
         future: Future[_T] = self._executor.submit(function, *arguments)
         return future
 
     def result(self, future: Future[_T]) -> _T | None:
         """Return the result of a finished future; None if the call killed several workers.
 
-        ClusterError if the scheduler is lost, or a worker has other code.
+        Raises ClusterError if the scheduler is lost, or a worker raises an error.
         """
         from distributed import KilledWorker
 
@@ -62,9 +62,9 @@ class DaskCluster:
         except KilledWorker:
             return None
         except CancelledError:
-            msg = f"--dask {self._address}: the scheduler is lost; the same command flies the missing runs"
+            msg = f"--dask {self._address}: the scheduler is lost; repeat the command to fly the missing runs"
             raise ClusterError(msg) from None
-        except Exception as error:  # such as an error raised by a worker with an older wbf-mission
+        except Exception as error:  # Any error of the worker, for example of an older wbf-mission
             why = one_line(str(error)) if isinstance(error, WbfMissionError) else one_line(repr(error))
             raise ClusterError(f"--dask {self._address}: a worker cannot fly: {why}") from None
 
@@ -78,7 +78,7 @@ class DaskCluster:
         try:
             self._client.wait_for_workers(1, timeout=_WAIT_S)
         except TimeoutError:
-            msg = f"--dask {self._address}: no worker came in {_WAIT_S:.0f} s; start some with 'dask worker'"
+            msg = f"--dask {self._address}: no worker after {_WAIT_S:.0f} s; start workers: 'dask worker'"
             raise ClusterError(msg) from None
         threads = self._client.nthreads()
         for name, count in threads.items():

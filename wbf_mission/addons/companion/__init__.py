@@ -1,1 +1,1 @@
-"""A real camera on a companion computer, as the camera of a vehicle."""
+"""Uses a real camera on a companion computer as the camera of a vehicle."""

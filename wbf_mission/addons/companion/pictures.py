@@ -1,4 +1,4 @@
-"""Camera component for a real camera on a companion computer."""
+"""MAVLink camera component for a real camera on a companion computer."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 __all__ = ["PictureCamera"]
 
 P = TypeVar("P")
-_CHECK_S = 0.05  # interval of checks for readings
+_CHECK_S = 0.05  # Interval between two checks for new readings.
 
 
 class PictureCamera(CameraComponent, Generic[P]):
-    """A camera with user functions that take pictures and read fields from the pictures.
+    """A camera that uses functions of the user to take pictures and to read field values from them.
 
-    The triggers are the same as for `CameraComponent`. Pictures are taken at once and classified in sequence
-    by a thread, so that a slow classifier delays neither the next picture nor the link. A picture that cannot
+    It takes pictures on the same triggers as `CameraComponent`. A thread classifies the pictures one after
+    the other, so that a slow classifier delays neither the next picture nor the link. A picture that cannot
     be taken or classified becomes an image without readings, with a note.
 
     Parameters
@@ -46,7 +46,7 @@ class PictureCamera(CameraComponent, Generic[P]):
     footprint_cells : int
         Side of the square footprint of a picture, in cells of the farm.
     system_id, component_id : int
-        MAVLink address; the system is that of the vehicle.
+        MAVLink address of the camera; `system_id` is the system id of the vehicle.
     note : callable, optional
         Called with a line of text for each failed picture.
 
@@ -99,7 +99,7 @@ class PictureCamera(CameraComponent, Generic[P]):
         for exposure in exposures:
             try:
                 picture = self._picture(exposure)
-            except Exception as error:  # any error of the user's camera
+            except Exception as error:  # Any error of the user's camera function.
                 self._say(f"picture {self.image_count + self.waiting + 1} was not taken: {told_error(error)}")
                 future: Future[NDArray[np.float32]] = Future()
                 future.set_result(self._nothing())
@@ -117,7 +117,7 @@ class PictureCamera(CameraComponent, Generic[P]):
         return messages
 
     def _values(self, picture: P) -> NDArray[np.float32]:
-        """Return the readings of a picture, float32[cells, fields]; NaN for fields that were not seen."""
+        """Return the readings of a picture, float32[cells, fields]; NaN for fields that it does not show."""
         values = self._nothing()
         try:
             for name, given in self._classify(picture).items():
@@ -130,7 +130,7 @@ class PictureCamera(CameraComponent, Generic[P]):
                         f"{name} is {float(seen[(seen < 0.0) | (seen > 1.0)][0]):g}, not in 0..1"
                     )
                 values[:, self._names.index(name)] = readings
-        except Exception as error:  # any error of the user's classifier
+        except Exception as error:  # Any error of the user's classifier.
             self._say(f"a picture was not understood: {told_error(error)}")
             return self._nothing()
         return values

@@ -1,1 +1,1 @@
-"""Contract checks: whether a planner, policy or estimator keeps its contract."""
+"""Checks that a planner, policy or estimator fulfils its contract."""

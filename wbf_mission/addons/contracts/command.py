@@ -1,4 +1,4 @@
-"""``wbf-mission check-planner``, ``check-policy`` and ``check-estimator``."""
+"""Commands ``wbf-mission check-planner``, ``check-policy`` and ``check-estimator``."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ wbf-mission check-policy greedy:least_weight=0.35
 wbf-mission check-policy my_policy.py:MyPolicy
 wbf-mission check-estimator my_estimator.py:Mine
 """
-_Name = Annotated[str, typer.Argument(help="A name with parameters, or FILE.py:NAME of yours.")]
+_Name = Annotated[str, typer.Argument(help="Name with any parameters, or FILE.py:NAME of your own code.")]
 
 
 @options.speaks(quiet=False)
@@ -32,15 +32,15 @@ def check_planner_command(
     land: Annotated[
         str | None,
         option(
-            "Kinds of land that the planner is made for, separated by commas: convex, concave, pierced, apart"
-            " (disconnected parts).",
+            "Kinds of land on which the planner is checked, separated by commas: convex, concave, pierced,"
+            " apart (disconnected parts).",
             "--land",
             metavar="KINDS",
             show_default="all",
         ),
     ] = None,
 ) -> int:
-    """Check that a planner keeps its contract: budget, area, repeatable paths."""
+    """Check that a planner fulfils its contract: paths within the budget and the area, and repeatable."""
     from wbf_mission.addons.contracts.planners import LANDS, check_planner
 
     lands = LANDS if land is None else tuple(kind.strip() for kind in land.split(","))
@@ -49,11 +49,11 @@ def check_planner_command(
 
 @options.speaks(quiet=False)
 def check_policy_command(output: Output, name: _Name) -> int:
-    """Check that a policy keeps its contract.
+    """Check that a policy fulfils its contract.
 
-    The checks are: budget, area, repeatable answers, no use of the truth, and sensible answers when no cell
-    or every cell was observed and when a vehicle is lost. The share of the allowed computing time is
-    measured.
+    Its paths must stay within the budget and the area, its answers must be repeatable and must not use the
+    truth. It must also answer if no cell or every cell was observed, or if a vehicle is lost. The command
+    prints the fraction of the allowed computing time that an answer takes.
     """
     from wbf_mission.addons.contracts.policies import check_policy
 
@@ -62,7 +62,7 @@ def check_policy_command(output: Output, name: _Name) -> int:
 
 @options.speaks(quiet=False)
 def check_estimator_command(output: Output, name: _Name) -> int:
-    """Check that an estimator keeps its contract: scikit-learn's conventions, shapes, ranges, equal maps."""
+    """Check that an estimator fulfils its contract: scikit-learn's conventions; valid, repeatable maps."""
     from sensors.fields import PAPER_FIELDS
     from wbf_mission.addons.contracts.estimators import check_estimator
     from wbf_mission.run.estimation import estimator_of

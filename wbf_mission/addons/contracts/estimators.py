@@ -20,7 +20,7 @@ WIDE_SHAPE = (150, 70)
 
 
 def check_estimator(estimator: Estimator, *, n_observations: int = 14) -> None:
-    """Check that an estimator fulfils the contract of `Estimator`. The object itself is copied, not changed.
+    """Check that an estimator fulfils the contract of `Estimator`. The checks use copies of the object.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def check_estimator(estimator: Estimator, *, n_observations: int = 14) -> None:
     Raises
     ------
     AssertionError
-        If a rule is broken; the text names the first one.
+        If a rule is broken; the text names the first broken rule.
 
     Examples
     --------
@@ -144,7 +144,7 @@ def _check_parameters(subject: _Subject) -> None:
 
     estimator: Any = subject.fresh()
     if not (hasattr(estimator, "get_params") and hasattr(estimator, "set_params")):
-        text = "must have get_params and set_params as scikit-learn's, such as by BaseEstimator"
+        text = "must have get_params and set_params like scikit-learn's BaseEstimator"
         raise AssertionError(f"{subject.name}: {text}")
     before = estimator.get_params()
     try:
@@ -158,7 +158,7 @@ def _check_parameters(subject: _Subject) -> None:
         estimator.set_params(**before) is estimator, "set_params must return the estimator itself"
     )
     same = all(estimator.get_params()[name] is value for name, value in before.items())
-    subject.require(same, "set_params must store what it is given")
+    subject.require(same, "set_params must store the given values")
     subject.require_error(
         ValueError,
         partial(estimator.set_params, no_such_parameter=1),
@@ -179,7 +179,7 @@ def _check_nothing_seen(subject: _Subject) -> None:
     subject.require_same(
         nothing,
         subject.model(Observations.empty(subject.fields)),
-        "no observations and an empty set of them must be the same",
+        "fit with None and with empty observations must predict the same",
     )
     later = subject.fresh().fit(subject.grid, subject.seen)
     before = later.predict()
@@ -204,7 +204,7 @@ def _check_deterministic(subject: _Subject) -> None:
     subject.require_same(first, second, "two copies with the same random_state must predict the same")
     estimator = subject.fresh().fit(subject.grid, subject.seen)
     subject.require_same(
-        estimator.predict(), estimator.predict(), "predict must give the same again when nothing was learned"
+        estimator.predict(), estimator.predict(), "predict must repeat its map if nothing was learned"
     )
 
 
@@ -215,7 +215,7 @@ def _check_chunks(subject: _Subject) -> None:
     for start in range(0, len(subject.seen), step):
         estimator.partial_fit(subject.seen[start : start + step])
         estimator.predict()
-    text = "partial_fit piece by piece must predict what fit on everything at once predicts"
+    text = "partial_fit in pieces must give the same prediction as fit on all observations"
     subject.require_same(whole, estimator.predict(), text, 1e-4)
 
 
@@ -232,10 +232,10 @@ def _check_arrays(subject: _Subject) -> None:
     model = estimator.predict()
     kept = model.copy()
     estimator.partial_fit(subject.observations([5], [5], [subject.readings(0.0, 0.0, 1.0)])).predict()
-    # A writeable array belongs to the caller and must not change; a read-only view may change in place.
+    # Writeable arrays belong to the caller and must not change; read-only views may change in place.
     for array, before in ((model.value, kept.value), (model.uncertainty, kept.uncertainty)):
         if array.flags.writeable:
-            text = "an array that can be written to must not change when the estimator learns more"
+            text = "a returned writeable array must not change when the estimator learns more"
             subject.require(np.array_equal(array, before), text)
     estimator = subject.fresh().fit(subject.grid, subject.seen)
     spoilt = estimator.predict()
@@ -297,7 +297,7 @@ def _check_not_sensed(subject: _Subject) -> None:
 
 def _check_duplicates(subject: _Subject) -> None:
     often = subject.observations([4] * 6, [3] * 6, [subject.readings(0.5, 1.0, 0.25)] * 6)
-    subject.require_form(subject.model(often), "when one cell was observed again and again")
+    subject.require_form(subject.model(often), "when one cell was observed several times")
 
 
 def _check_outside(subject: _Subject) -> None:

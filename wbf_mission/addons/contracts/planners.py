@@ -64,7 +64,7 @@ def check_planner(planner: str | Planner, lands: Collection[str] = LANDS, /, **p
     Raises
     ------
     AssertionError
-        If a rule is broken; the text names the rule and the problem.
+        If a rule is broken; the text names the rule and the test problem.
     PlanningError, ParameterError
         If the object is not a planner, a parameter is unknown, or a kind of land is unknown.
 
@@ -78,7 +78,7 @@ def check_planner(planner: str | Planner, lands: Collection[str] = LANDS, /, **p
     chosen = make_planner(planner, **parameters)
     for name, argument in inspect.signature(chosen.planner).parameters.items():
         catches_all = argument.kind in (argument.VAR_KEYWORD, argument.VAR_POSITIONAL)
-        _require(not catches_all, f"parameter {name}", "it takes any name, so a wrong one goes unnoticed")
+        _require(not catches_all, f"parameter {name}", "it takes any name, so a misspelt name goes unnoticed")
     for name, default in planner_parameters(chosen).items():
         _require(default is not inspect.Parameter.empty, f"parameter {name}", "it has no default")
     for what, request in conformance_requests(lands):
@@ -86,7 +86,7 @@ def check_planner(planner: str | Planner, lands: Collection[str] = LANDS, /, **p
 
 
 def conformance_requests(lands: Collection[str] = LANDS) -> Iterator[tuple[str, PlanningRequest]]:
-    """Yield the test problems on some kinds of land, each as a description and a request."""
+    """Yield the test problems on the given kinds of land, each as a description and a request."""
     areas: dict[str, tuple[str, Area]] = {
         "square": ("convex", shapely.box(0, 0, 60, 60)),
         "oblong off the origin": ("convex", shapely.box(1000, -500, 1100, -440)),
@@ -135,7 +135,7 @@ def _check_one(planner: Planner, what: str, request: PlanningRequest) -> None:
     after = np.random.get_state(legacy=False)  # noqa: NPY002
     _require(str(state) == str(after), what, "the planner drew from numpy's global generator")
     _require(shapely.to_wkb(request.area) == before, what, "the planner changed the area")
-    _require((path is None) == (again is None), what, "the same request once gave a path and once an error")
+    _require((path is None) == (again is None), what, "equal requests gave a path and an error")
     if path is None or again is None:
         return
     same = np.array_equal(path.points_m, again.points_m) and path.spacing_m == again.spacing_m
@@ -145,7 +145,7 @@ def _check_one(planner: Planner, what: str, request: PlanningRequest) -> None:
     _require(math.isfinite(cost) and cost <= limit, what, f"the path costs {cost}, the budget is {limit}")
     points = path.points_m
     line = LineString(points) if len(points) > 1 else Point(points[0])
-    # A path may cross from one separate part to another in a straight line.
+    # A path may cross between separate parts of the area in a straight line.
     room = request.room.convex_hull if isinstance(request.room, MultiPolygon) else request.room
     _require(bool(room.buffer(_INSIDE_M).covers(line)), what, "the path leaves the area")
 

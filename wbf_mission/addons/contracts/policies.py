@@ -32,8 +32,8 @@ _FARM = "miniberry-30"
 _DAY = 6
 _COMPUTE_S = 2.0
 _AREA_M = 1e-6
-_LOST_AFTER = 0.4  # Fraction of the budget after which a vehicle is lost
-_MOST_STEPS = 20_000  # Many times the longest budget: a flight with more steps never ends
+_LOST_AFTER = 0.4  # Fraction of the budget after which a vehicle is lost.
+_MOST_STEPS = 20_000  # Many times the longest budget: a flight with more steps would never end.
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,12 +55,12 @@ def check_policy(policy: str | Policy, **parameters: Any) -> PolicyCheck:
     inside and outside the area. Budgets are in steps, or in metres including the return. The contract has
     these rules:
 
-    - A decision names only steerable vehicles, and at the start every vehicle.
+    - A decision names only vehicles that can be steered. The decision at the start names every vehicle.
     - A path of the first flight has a length above zero.
     - Each path lies in the area of its vehicle's request and costs at most the remaining budget.
-    - Equal flights give equal decisions, also on a farm that differs only in unseen cells: any difference
-      would prove access to the truth.
-    - The policy decides also if nothing was seen, if everything is known, and if a vehicle is lost.
+    - Equal flights give equal decisions. Farms that differ only in unobserved cells give equal decisions,
+      too: a difference would prove access to the truth.
+    - The policy also decides if no cell was observed, if every cell was observed, and if a vehicle is lost.
     - The policy changes neither its observations nor numpy's global generator.
 
     Parameters
@@ -101,16 +101,16 @@ def check_policy(policy: str | Policy, **parameters: Any) -> PolicyCheck:
         _require(same, case.name, "the policy drew from numpy's global generator")
         second = _Flight(chosen, case, truth)
         second.fly(times)
-        _require(first.answers == second.answers, case.name, "the same flight twice has different answers")
+        _require(first.answers == second.answers, case.name, "two equal flights have different answers")
         elsewhere = np.where(first.looked, truth, 1.0 - truth).astype(np.float32)
         third = _Flight(chosen, case, elsewhere)
         third.fly(times)
         _require(
-            first.answers == third.answers, case.name, "its answers depend on cells that nobody looked at"
+            first.answers == third.answers, case.name, "its answers depend on cells that no vehicle observed"
         )
     _check_all_known(chosen, truth, times)
     share = float(np.median(times)) / _COMPUTE_S
-    _require(share <= 1.0, "computing time", f"an answer takes {share:.2g} of the time that it has")
+    _require(share <= 1.0, "computing time", f"an answer takes {share:.2g} of the allowed time")
     return PolicyCheck(len(times), share)
 
 
@@ -124,11 +124,11 @@ def _cases() -> Iterator[_Case]:
     home = farm.home_m
     yield _Case("whole farm, 150 steps", whole, home, StepBudget(150.0, cell))
     metres = LengthBudget(190.0 * cell, return_to=home)
-    yield _Case("farm with a pond, metres and the way home", whole - pond, home, metres)
+    yield _Case("farm with a pond, metres including the return", whole - pond, home, metres)
     yield _Case("two fields, 190 steps", parts, home, StepBudget(190.0, cell))
     outside = (-4.0 * cell, -3.0 * cell)
     away = LengthBudget(190.0 * cell, return_to=outside)
-    yield _Case("start outside, metres and the way home", whole, outside, away)
+    yield _Case("start outside, metres including the return", whole, outside, away)
     yield _Case("three vehicles, 130 steps each", whole, home, StepBudget(130.0, cell), 3)
     yield _Case("three vehicles, one is lost", whole, home, StepBudget(130.0, cell), 3, loses_one=True)
 
@@ -174,7 +174,7 @@ class _Vehicle:
 class _Flight:
     """A simulated flight of a test case under a policy.
 
-    `answers` holds the decisions as bytes, and `looked` marks the observed cells.
+    `answers` has the policy's decisions as bytes, and `looked` marks the observed cells.
     """
 
     def __init__(self, policy: Policy, case: _Case, truth: NDArray[np.float32]) -> None:
@@ -195,11 +195,11 @@ class _Flight:
         answer = self._ask(Event.START, 0, times)
         for vehicle in self._vehicles:
             named = vehicle.system_id in answer.paths
-            _require(named, case.name, f"vehicle {vehicle.system_id} is not named at the start")
+            _require(named, case.name, f"the first decision does not name vehicle {vehicle.system_id}")
         self._vehicles = [vehicle for vehicle in self._vehicles if len(vehicle.rest)]
         _require(bool(self._vehicles), case.name, "no vehicle has a path at the start of the first flight")
         farthest_m = max(float(np.abs(vehicle.rest - vehicle.here).max()) for vehicle in self._vehicles)
-        _require(farthest_m > 0.0, case.name, "no path of the first flight has a length: it has no score")
+        _require(farthest_m > 0.0, case.name, "all paths of the first flight have length 0: no score")
         triggers, fresh, step = policy.triggers, 0, 0
         step_cost = 1.0 if isinstance(case.budget, StepBudget) else self._farm.cell_size_m
         lose_at = round(_LOST_AFTER * case.budget.limit / step_cost) if case.loses_one else -1
@@ -289,7 +289,7 @@ def _lies_inside(vehicle: VehicleReport, points: Points) -> bool:
 
 
 def _check_all_known(policy: Policy, truth: NDArray[np.float32], times: list[float]) -> None:
-    """Check the decisions in flight, and before a later flight, when all cells have been observed."""
+    """Check the decisions when all cells have been observed, in flight and before a later flight."""
     case = next(iter(_cases()))
     farm = get_farm(_FARM)
     x, y = (part.ravel().astype(np.int32) for part in np.indices(farm.grid().shape))
@@ -312,7 +312,7 @@ def _check_all_known(policy: Policy, truth: NDArray[np.float32], times: list[flo
     answer = _answer(policy, later, "all is known before a later flight", times)
     named = waiting.system_id in answer.paths
     _require(
-        named, "all is known before a later flight", "vehicle 1 gets neither a path nor one without points"
+        named, "all is known before a later flight", "vehicle 1 gets no path, not even one without points"
     )
 
 
@@ -338,7 +338,7 @@ def _some_truth() -> NDArray[np.float32]:
 
 
 def _model(truth: NDArray[np.float32], seen: Observations) -> InformationModel:
-    """Return a simple estimate in read-only arrays: the truth in seen cells, nearly healthy elsewhere."""
+    """Return a simple estimate in read-only arrays: the truth in observed cells, nearly healthy elsewhere."""
     value = np.empty_like(truth)
     value[:] = np.array([0.9, 0.9, 0.4], np.float32)[:, None, None]
     uncertainty = np.full_like(value, 0.3)

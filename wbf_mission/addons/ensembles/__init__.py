@@ -1,4 +1,4 @@
-"""Ensembles: many environments of a farm, generated in parallel and stored."""
+"""Generates ensembles: many environments of one farm, generated in parallel and stored in a folder."""
 
 from typing import TYPE_CHECKING
 

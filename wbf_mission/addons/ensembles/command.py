@@ -31,17 +31,17 @@ def generate_command(
     days: Annotated[
         int | None,
         option(
-            "Days after the first one, 0 to 126.  [default: 15, or the last one of --keep]",
+            "Days after the first day, 0 to 126.  [default: 15, or the last day of --keep]",
             parser=options.whole_number_in(0, 126),
         ),
     ] = None,
     keep: Annotated[str | None, option("Days to keep, such as 6 or 1-15 or 0,6,15.  [default: all]")] = None,
     jobs: options.Jobs = 1,
-    out: Annotated[Path | None, option("Folder.  [default: environments/ and the farm's name]")] = None,
+    out: Annotated[Path | None, option("Folder.  [default: environments/NAME_OF_FARM]")] = None,
 ) -> int:
     """Generate environments of a farm: diseases and soil on each day, as Zarr stores.
 
-    Ctrl-C keeps the finished environments, and the same command makes the others.
+    Ctrl-C keeps the finished environments; repeat the command to generate the others.
     """
     import time
 
@@ -56,7 +56,7 @@ def generate_command(
     output.notes(shown.notes, "farm")
     kept = None if keep is None else _days(keep)
     if kept is not None and days is not None and max(kept) > days:
-        msg = f"--keep {keep} is beyond --days {days}: leave --days out, or keep days up to {days}"
+        msg = f"--keep {keep} has days after --days {days}: leave --days out, or keep days up to {days}"
         raise ScenarioError(msg)
     last = days if days is not None else 15 if kept is None else max(kept)
     folder = out or Path("environments") / shown.name.lower()
@@ -75,9 +75,7 @@ def generate_command(
                 progress=lambda done, total: progress("environments", done, total),
             )
     except KeyboardInterrupt:
-        output.warn(
-            f"stopped; finished environments in {folder} are kept, and the same command makes the others"
-        )
+        output.warn(f"stopped; finished environments in {folder} are kept; repeat the command for the others")
         return ExitCode.INTERRUPTED
     seconds = time.perf_counter() - begin
     size = sum(path.stat().st_size for path in ensemble.folder.rglob("*") if path.is_file())
@@ -115,7 +113,7 @@ def _days(text: str) -> list[int]:
         numbers = (first, last if dash else first)
         good = all(number.isascii() and number.isdecimal() and len(number) <= 3 for number in numbers)
         if not good or int(numbers[0]) > int(numbers[1]) or int(numbers[1]) > 126:
-            msg = f"--keep {text!r} are not days in 0..126: give such as 6, 1-15 or 0,6,15"
+            msg = f"--keep {text!r} is not a list of days in 0..126: give for example 6, 1-15 or 0,6,15"
             raise ScenarioError(msg)
         days.update(range(int(numbers[0]), int(numbers[1]) + 1))
     return sorted(days)

@@ -1,8 +1,8 @@
 """Ensembles: many environments of one farm, generated in parallel.
 
-Member k has the seed ``child_seed(seed, "ensemble", str(k))``, whatever the number of members and processes.
-An ensemble is a folder with a header and a folder for each member. A generation that was stopped can be
-resumed: finished members, and finished days of other members, are not generated again.
+Member k has the seed ``child_seed(seed, "ensemble", str(k))``, for any number of members and processes. An
+ensemble is a folder with a header and a folder for each member. A stopped generation can be resumed: finished
+members, and finished days of unfinished members, are not generated again.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ MAX_MEMBERS = 100_000
 
 Progress = Callable[[float, float], None]
 
-# Memory of a process for the interpreter and libraries, besides the environment.
+# Memory that a process needs for the interpreter and libraries, in addition to the environment.
 _PROCESS_BYTES = 150_000_000
 # Bytes per cell of a continuous field (float32) after lossless compression.
 _BYTES_A_CELL = 2.2
@@ -59,7 +59,7 @@ class EnsembleHeader(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, slots=True)
 class Ensemble:
-    """An ensemble on disk: a sequence of environments."""
+    """An ensemble on disk, as a sequence of environments (its members)."""
 
     folder: Path
     header: EnsembleHeader
@@ -138,8 +138,8 @@ def generate_ensemble(
 ) -> Ensemble:
     """Generate the missing members of an ensemble.
 
-    Ctrl-C, or an exception raised by `progress`, ends all processes; the next call resumes after the days
-    that were finished.
+    Ctrl-C, or an exception raised by `progress`, ends all processes; the next call resumes after the last
+    finished day of each member.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def generate_ensemble(
     jobs : int
         Number of processes.
     progress : callable, optional
-        Called as ``progress(done, total)``, in members with fractions.
+        Called as ``progress(done, total)``; both count members, and `done` may be a fraction.
 
     Raises
     ------
@@ -176,7 +176,7 @@ def generate_ensemble(
     if target.exists() and any(target.iterdir() if target.is_dir() else [target]):
         older = _read_header(target)
         if msgspec.structs.replace(older, members=members) != header:
-            raise EnvironmentDataError(f"{target}: this folder holds another ensemble; give another one")
+            raise EnvironmentDataError(f"{target}: this folder has another ensemble; give another folder")
         header = msgspec.structs.replace(header, members=max(members, older.members))
     _check_resources(plan, members, jobs)
     try:
@@ -237,7 +237,7 @@ def _read_header(folder: Path) -> EnsembleHeader:
         raise EnvironmentDataError(msg) from error
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         reason = " ".join(str(error).split())
-        raise EnvironmentDataError(f"{path}: not the header of an ensemble: {reason}") from error
+        raise EnvironmentDataError(f"{path}: is not the header of an ensemble: {reason}") from error
     fields_from_tables(header.fields, str(path))
     if not 1 <= header.members <= MAX_MEMBERS:
         raise EnvironmentDataError(f"{path}: {header.members} members are not in 1..{MAX_MEMBERS}")
@@ -266,5 +266,5 @@ def _check_resources(plan: _Plan, members: int, jobs: int) -> None:
     if needed > free:
         raise EnvironmentDataError(
             f"{plan.folder}: {missing} members of {len(plan.days)} days need about {human_bytes(needed)} "
-            f"of disk, {human_bytes(free)} are free; keep fewer days or members, or choose another folder"
+            f"of disk, but {human_bytes(free)} are free; keep fewer days or members, or give another folder"
         )

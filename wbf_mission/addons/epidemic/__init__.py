@@ -1,4 +1,4 @@
-"""The estimator epidemic, based on a model of the spread of diseases."""
+"""The estimator ``epidemic``, based on a model of how diseases spread."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ if TYPE_CHECKING:
     from geo.farm import Farm
 
 DEFAULT_CELLS = 128 * 128
-"""Largest farm with `epidemic` as default: on larger farms its gain over `gp` is not worth the time."""
+"""Largest farm (cells) on which `epidemic` is the default: on larger farms it takes too long."""
 
 
 def is_default(farm: Farm, fields: tuple[str, ...]) -> bool:
-    """Whether `epidemic` is the default: for the paper's fields, on farms of up to 128 x 128 cells.
+    """Return whether `epidemic` is the default: for the paper's fields, on farms of up to 128 x 128 cells.
 
     Examples
     --------

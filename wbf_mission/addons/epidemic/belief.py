@@ -31,7 +31,7 @@ from wbf_mission.addons.epidemic.network import FieldClassifier
 from wbf_mission.addons.epidemic.store import network_for
 from wbf_mission.addons.epidemic.training import TrainingTask, classes_of
 
-_EXACT = 1e-3  # A reading closer than this to the value of a class shows the class with certainty
+_EXACT = 1e-3  # Readings that differ by less than this from the value of a class certainly show the class.
 _SOFT = 1e-3
 _TINY = 1e-12
 _CHUNK_CELLS = 1 << 16
@@ -44,9 +44,9 @@ _Index = tuple[NDArray[np.intp], NDArray[np.intp]] | tuple[NDArray[np.bool_]]
 class DiseaseBelief:
     """Class probabilities of all cells on one day.
 
-    `value` is the estimate of least expected loss, and `uncertainty` the standard deviation of the true
-    value. `whole`: every update computes all cells, on farms of at most `WHOLE_FARM_CELLS`. `task` is the
-    training task of any day.
+    `value` is the estimate with the least expected loss; `uncertainty` is the standard deviation of the true
+    value. If `whole`, as on farms of at most `WHOLE_FARM_CELLS`, every update computes all cells. `task` is a
+    training task; its day does not matter.
     """
 
     def __init__(
@@ -69,14 +69,14 @@ class DiseaseBelief:
         self._seen = 0
         self.value = np.ones(self._hosts.shape, np.float32)
         self.uncertainty = np.zeros(self._hosts.shape, np.float32)
-        # Large farms compute probabilities and loss on demand.
+        # On large farms, probabilities and loss are computed on demand.
         self._probabilities: NDArray[np.float32] | None = None
         self._loss: NDArray[np.float32] | None = None
         if self.whole:
             self._add_maps()
 
     def _add_maps(self) -> None:
-        """Add maps of class probabilities, float32[3, W, H], and expected loss, with every plant healthy."""
+        """Add maps of class probabilities, float32[3, W, H], and of expected loss; all plants are healthy."""
         self._probabilities = np.zeros((len(CLASS_VALUES), *self._hosts.shape), np.float32)
         self._probabilities[0] = 1.0
         self._loss = np.zeros(self._hosts.shape, np.float32)
@@ -86,7 +86,7 @@ class DiseaseBelief:
         return [replace(self._task, day=day) for day in days] if self._has_hosts else []
 
     def update(self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats) -> None:
-        """Update `value` and `uncertainty` to `day` and the readings.
+        """Update `value` and `uncertainty` for `day`, given the readings.
 
         The arguments are all readings of the run, with NaN where the disease was not sensed. `day` is not
         earlier than any reading.
@@ -173,7 +173,7 @@ class DiseaseBelief:
     def _changed(
         self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats
     ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
-        """Return the cells (x, y) with possible changes, and their class probabilities, float64[n, 3]."""
+        """Return the cells (x, y) that may have changed, and their class probabilities, float64[n, 3]."""
         fresh = day != self._day
         if fresh:
             self._begin(day)
@@ -189,7 +189,7 @@ class DiseaseBelief:
             around = self._classifier.probabilities()
         else:
             if fresh or not exact:
-                # A new day changes the likelihoods of older readings, a new noise estimate all likelihoods.
+                # A new day changes the likelihoods of older readings; a new noise estimate changes them all.
                 both = np.union1d(x * shape[1] + y, flat)
                 x, y = (part.astype(np.intp) for part in np.divmod(both, shape[1]))
             around = self._far_field(x, y)
@@ -215,10 +215,10 @@ class DiseaseBelief:
     def _mark(
         self, flat: NDArray[np.int64], likelihood: Floats, ages: NDArray[np.int32]
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Enter the likeliest class of observed cells into the map of codes; return the changed cells.
+        """Enter the likeliest class of each observed cell into the map of codes; return the changed cells.
 
-        A plant observed as healthy on an earlier day becomes unknown if the disease may have reached it from
-        an observed sick plant, or if the reading is too old.
+        A plant that was healthy on an earlier day gets the code for unknown if the disease may have reached
+        it from an observed sick plant, or if the reading is too old.
         """
         codes = (np.argmax(likelihood * self._prior, axis=1) + 1).astype(np.uint8)
         x, y = (part.astype(np.intp) for part in np.divmod(flat, self._hosts.shape[1]))
@@ -245,7 +245,7 @@ class DiseaseBelief:
         """Return the likelihood of today's classes, given each cell's own readings.
 
         The results are: flat indices of the observed cells, ascending; likelihoods, float64[n, 3], up to a
-        factor per cell; days since each cell's latest reading; and whether readings are taken as the truth.
+        factor per cell; days since each cell's latest reading; and whether all readings are exact.
         """
         classes = classes_of(values)
         sensed = (classes >= 0) & self._hosts[cells[:, 0], cells[:, 1]]
@@ -253,7 +253,7 @@ class DiseaseBelief:
         flat = cells[:, 0].astype(np.int64) * self._hosts.shape[1] + cells[:, 1]
         off = np.abs(values - CLASS_VALUES[classes])
         if self._misreading_rate == 0.0 and not (off > _EXACT).any():
-            # Only the last reading of a cell counts.
+            # Exact readings: only the last reading of a cell counts.
             distinct, from_end = np.unique(flat[::-1], return_index=True)
             last = len(flat) - 1 - from_end
             likelihood = self._single(day, days[last], values[last], classes[last], 0.0)
@@ -292,8 +292,8 @@ class DiseaseBelief:
     def _since_healthy(self, day: int) -> Floats:
         """Return the likelihood of each class for a plant that was healthy 0, 1, ... days ago, [days, 3].
 
-        The likelihood of a class is the fraction of its plants that became infected since that day. Daily new
-        infections are assumed to grow linearly in time, as in an outbreak that spreads at constant speed.
+        The likelihood of a class is the fraction of today's plants of this class that became infected since
+        that day. Daily new infections are assumed to grow linearly, as if an outbreak spreads at fixed speed.
         """
         new = day - np.arange(day + 1.0)
         duration = self._task.parameters.duration_days

@@ -1,4 +1,4 @@
-"""Paths that chase a disease, for the observation of simulated outbreaks in training."""
+"""Paths that follow a disease, along which simulated outbreaks are observed in training."""
 
 from __future__ import annotations
 
@@ -22,10 +22,9 @@ def chasing_path(begun: Cells, sick: NDArray[np.bool_], longest: int, rng: Gener
     """Continue a path towards observed sick plants and unobserved cells.
 
     Each round draws random straight legs and follows the leg with the highest mean value for a few cells. The
-    value of a cell is higher near observed sick plants, lower near healthy ones, and 0 once observed.
-
-    The generator draws the legs and the attraction of sick plants. The truth `sick` is read only along the
-    path.
+    value of a cell is higher near observed sick plants, lower near observed healthy plants, and 0 after it
+    was observed. The legs, and the attraction of sick plants, are random draws from `rng`. The truth `sick`
+    is read only along the path.
     """
     out = np.zeros((longest, 2), np.intp)
     count = min(len(begun), longest)
@@ -33,7 +32,7 @@ def chasing_path(begun: Cells, sick: NDArray[np.bool_], longest: int, rng: Gener
     stride = int(rng.integers(3, 13))
     decisions = -(-(longest - count) // stride)
     draws = rng.random((max(decisions, 1), _CANDIDATES + _NEAR_SICK, 2))
-    # The other diseases attract the drone, too: random spots of higher value stand for them.
+    # Other diseases would attract the vehicle, too: random spots of higher value represent them.
     worth = np.full(sick.shape, 1.0)
     attraction = float(10.0 ** rng.uniform(0.3, 1.7))
     for spot in rng.random((int(rng.integers(0, 4)), 2)):
@@ -47,7 +46,7 @@ def chasing_path(begun: Cells, sick: NDArray[np.bool_], longest: int, rng: Gener
 def _see(
     x: int, y: int, sick: NDArray[np.bool_], seen: NDArray[np.bool_], worth: NDArray[np.float64], pull: float
 ) -> bool:
-    """Observe a cell; return whether it is newly found to be sick."""
+    """Observe a cell; return whether it is sick and was not observed before."""
     if seen[x, y]:
         return False
     seen[x, y] = True

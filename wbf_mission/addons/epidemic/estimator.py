@@ -1,4 +1,4 @@
-"""The estimator epidemic: values of least expected loss, learned from simulated outbreaks."""
+"""The estimator ``epidemic``: estimates with the least expected loss, learned from simulated outbreaks."""
 
 from __future__ import annotations
 
@@ -29,29 +29,29 @@ if TYPE_CHECKING:
 
 _Values = NDArray[np.float32]
 _Basis = tuple[object, int, int]
-"""The estimator's state behind a model: fit, estimated day, and number of learned observations."""
+"""State of the estimator when it made a model: fit, estimated day, and number of learned observations."""
 
 _SOIL = PAPER_FIELDS.index("soil")
-# Smaller deviations of readings from the smooth field are no noise: the prior's rough part is as large.
+# Smaller deviations of readings from the smooth field are not noise, but the rough part of the prior.
 _EXACT_SOIL = 0.015
 
 
 class EpidemicEstimator(BaseEstimator):
-    """Estimates the probabilities of healthy, infected and lost plants, and the value of least expected loss.
+    """Estimates the probabilities of healthy, infected and lost plants, and values of least expected loss.
 
     For each disease, a small network computes the class probabilities of a cell. The network's inputs are the
     observations and the crop within eight cells, and the observed fraction of the field. The network is
     trained on simulated outbreaks with other seeds (`wbf_mission.addons.epidemic.training`). The value
-    minimises the expected loss of the score, which punishes missed diseases; it is an expectile, not the
+    minimises the expected loss of the score, which weights missed diseases more; it is an expectile, not the
     mean. The uncertainty is the standard deviation of the cell's true value. Land without the disease's crop
-    has the value 1 and no uncertainty. The soil is a smooth random field with the lengthscales of the weather
+    has the value 1 and uncertainty 0. The soil is a smooth random field with the lengthscales of the weather
     model (`wbf_mission.addons.epidemic.soil`).
 
-    The estimated day is the latest observed day. Readings of earlier days are carried forward: infected
-    plants may be lost by now, and healthy plants may be infected.
+    The estimated day is the latest observed day. Readings of earlier days are carried forward: plants that
+    were infected may be lost now, and plants that were healthy may be infected now.
 
     Training takes about half a minute for each disease, crop map and block of eight days. Trained networks
-    are cached in a folder; those of the Miniberry farms are included.
+    are cached in a folder; the package includes the networks of the Miniberry farms.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class EpidemicEstimator(BaseEstimator):
     day : int
         Estimated day before the first observation.
     misreading_rate : float
-        Probability that a reading shows another class than the plant's. The noise of readings is estimated.
+        Probability that a reading shows a wrong class. The noise of readings is estimated.
     weights : ScoreWeights
         Weights of the score's errors.
     outbreaks, epochs : int
@@ -111,7 +111,7 @@ class EpidemicEstimator(BaseEstimator):
 
     @property
     def day_(self) -> int:
-        """The estimated day: the latest day observed or advanced to."""
+        """The estimated day: the latest day that was observed or that `advance` set."""
         self._check_fitted("day_")
         return self.day if self.latest_day_ is None else self.latest_day_
 
@@ -139,7 +139,7 @@ class EpidemicEstimator(BaseEstimator):
         self._values = GrowingArray((len(fields),), np.float64)
         weather = fields["soil"].continuous
         if not isinstance(weather, SoilParameters):
-            msg = f"epidemic: the soil changes by {weather.kind!r}, which it does not know; use 'gp'"
+            msg = f"epidemic: the dynamics {weather.kind!r} of the soil are not supported; use 'gp'"
             raise EstimatorError(msg)
         self._soil = SoilField(grid.shape, weather, self.training_seed)
         size = self.outbreaks, self.epochs, self.training_seed
@@ -171,18 +171,18 @@ class EpidemicEstimator(BaseEstimator):
             value[k], uncertainty[k] = belief.value, belief.uncertainty
         noise = self._soil.fill(day, value[_SOIL], uncertainty[_SOIL])
         if noise < _EXACT_SOIL:
-            # Later readings of a cell overwrite earlier ones.
+            # Later readings of a cell replace earlier readings.
             readings = self._values.array[:, _SOIL]
             taken = (self._days.array == day) & np.isfinite(readings)
             value[_SOIL, *self._cells.array[taken].T] = np.clip(readings[taken], 0.0, 1.0)
         basis = self._basis
         names = tuple(field.name for field in self.fields.diseases)
-        # Diseases have no correlation length: the network gives the probabilities around a sick plant.
+        # The correlation length of a disease is 0: its network gives the probabilities around a sick plant.
         lengths = (*(0.0 for _ in names), self._soil.correlation_length)
         probabilities: Mapping[str, _Values]
         loss_map: _Values | Callable[[], _Values]
         if all(belief.whole for belief in self._beliefs):
-            # Probabilities and loss exist already, in arrays that never change.
+            # The arrays of probabilities and loss exist already, and never change.
             probabilities = {name: read_only(self._class_probabilities(name, basis)) for name in names}
             loss_map = read_only(self._expected_loss(uncertainty, basis))
         else:
@@ -198,12 +198,12 @@ class EpidemicEstimator(BaseEstimator):
         )
 
     def _class_probabilities(self, disease: str, basis: _Basis) -> NDArray[np.float32]:
-        """Return the class probabilities of the model with this basis; EstimatorError if it is outdated."""
+        """Return the class probabilities of the model made in state `basis`; EstimatorError if outdated."""
         self._check_present("probabilities", basis)
         return self._beliefs[self.fields.index(disease)].probabilities
 
     def _expected_loss(self, uncertainty: NDArray[np.float32], basis: _Basis) -> NDArray[np.float32]:
-        """Return the expected loss of the model with this basis; EstimatorError if it is outdated."""
+        """Return the expected loss of the model made in state `basis`; EstimatorError if it is outdated."""
         self._check_present("expected_loss", basis)
         loss = np.empty_like(uncertainty)
         for k, belief in enumerate(self._beliefs):
@@ -218,9 +218,9 @@ class EpidemicEstimator(BaseEstimator):
     def _check_present(self, what: str, basis: _Basis) -> None:
         if basis != self._basis:
             raise EstimatorError(
-                f"epidemic: the {what} of a model of day {basis[1]} and {basis[2]} observations are gone, as"
-                f" the estimator went on to day {self.day_} and {self.n_observations_}, or was fitted anew;"
-                " take model.copy() before"
+                f"epidemic: the {what} of a model of day {basis[1]} and {basis[2]} observations are lost: the"
+                f" estimator is now at day {self.day_} and {self.n_observations_}, or was fitted again;"
+                " call model.copy() before"
             )
 
     def _check_parameters(self) -> None:

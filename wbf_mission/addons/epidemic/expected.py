@@ -1,4 +1,4 @@
-"""Values of least expected loss, expected losses and standard deviations, from class probabilities."""
+"""Computes, from class probabilities, estimates with least expected loss, their loss and their deviation."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from geo.linear_algebra import product
 from sensors.scoring.score import PAPER_WEIGHTS
 
 CLASS_VALUES = np.array([1.0, 0.5, 0.0])
-"""Values of the classes susceptible, infected, removed."""
+"""Values of the classes susceptible, infected and removed."""
 
 
 def least_loss_value(
@@ -17,14 +17,14 @@ def least_loss_value(
 ) -> NDArray[np.float64]:
     """Return the estimate that minimises the expected loss of the score.
 
-    The cost is ``a (v - e)^2`` if the estimate v is above the truth e, else ``(e - v)^2``. The best estimate
+    The loss is ``a (v - e)^2`` if the estimate v is above the truth e, else ``(e - v)^2``. The best estimate
     is an expectile (Newey & Powell 1987), the solution of::
 
         a sum_{e < v} p_e (v - e) = sum_{e > v} p_e (e - v)
 
     For the values 1, 0.5 and 0 this equation has a closed solution on each side of 0.5.
 
-    `probabilities` are float[..., 3], of the classes susceptible, infected, removed.
+    `probabilities`, float[..., 3], are for the classes susceptible, infected and removed.
 
     Examples
     --------
@@ -41,7 +41,7 @@ def least_loss_value(
 def expected_loss(
     probabilities: NDArray[np.floating], value: NDArray[np.floating], too_healthy: float, too_sick: float
 ) -> NDArray[np.float64]:
-    """Return the expected score loss of estimated values, averaged over the probabilities of the classes.
+    """Return the expected loss of estimated values: the mean over the classes, weighted by probability.
 
     Examples
     --------
@@ -58,7 +58,7 @@ def expected_loss(
 
 
 def standard_deviation(probabilities: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the standard deviation of a cell's value for class probabilities, float[..., 3].
+    """Return the standard deviation of a cell's true value, given class probabilities, float[..., 3].
 
     Examples
     --------

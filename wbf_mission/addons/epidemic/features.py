@@ -1,6 +1,6 @@
 """Features of cells for the networks: counts of observed plants of each class at each distance.
 
-A map of codes holds the observed class of each cell. The features of a cell are the counts of each code in
+A map of codes has the observed class of each cell. The features of a cell are the counts of each code in
 each ring of distances around the cell, without the cell itself. These counts are invariant under rotation
 and reflection, and depend only on cells at most `REACH` away along each axis. A few features of the whole
 field are appended.
@@ -11,7 +11,7 @@ of outbreaks. Refinement networks therefore also see the previous network's prob
 segmentation").
 
 Sums over rings are compiled. Cells are in C order. Runs of neighbouring cells along y share work, so that
-computing all cells of a crop costs little more than computing its rows.
+computing the features of all cells of a crop takes little more time than for single rows.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Rings:
         squares = axis[:, None] ** 2 + axis**2
         number = np.searchsorted(ends, squares)
         number[0, 0] = -1
-        # A distance pair stands for all its mirror images.
+        # A pair of distances represents all its mirror images.
         images = np.where(axis > 0, 2, 1)
         sizes = np.bincount(number[squares > 0], (images[:, None] * images)[squares > 0], len(ends))
         return cls(number.astype(np.intp), (1.0 / np.sqrt(sizes)).astype(np.float32))
@@ -77,7 +77,7 @@ class Rings:
 
 @compiled(nogil=True)
 def _run_end(x: Cells, y: Cells, start: int) -> int:
-    """Return the end index of the run of successive cells along y that begins at index `start`."""
+    """Return the end index of the run of neighbouring cells along y that begins at index `start`."""
     end = start + 1
     while end < len(x) and x[end] == x[start] and y[end] == y[end - 1] + 1:
         end += 1
@@ -88,7 +88,7 @@ def _run_end(x: Cells, y: Cells, start: int) -> int:
 def _add(both: Floats32, number: Cells, out: Floats32) -> None:
     """Add the sum of two columns, at the same distance along x, to the rings of a run of cells.
 
-    `both` holds this sum, from `REACH` cells before the run to `REACH` cells after the run.
+    `both` is the sum of the two columns, from `REACH` cells before the run to `REACH` cells after the run.
     """
     count = out.shape[1]
     for away in range(REACH + 1):
@@ -155,7 +155,7 @@ def local_features(codes: NDArray[np.uint8], x: Cells, y: Cells) -> Floats32:
     """Return the scaled counts of each code 1..4 in each ring of some cells, float32[n, N_LOCAL]."""
     if not len(x):
         return np.empty((0, N_LOCAL), np.float32)
-    # The sums read only the cells in reach.
+    # The sums read only cells within `REACH`.
     left, low = int(x.min()), int(y.min())
     near = codes[left : int(x.max()) + 2 * REACH + 1, low : int(y.max()) + 2 * REACH + 1]
     planes = np.stack([near == code for code in range(1, NO_HOST_CODE + 1)]).astype(np.float32)
@@ -189,7 +189,7 @@ def overall_features(codes: NDArray[np.uint8], hosts: int, seeds: int, day: int)
 def cells_in_reach(
     x: NDArray[np.intp], y: NDArray[np.intp], shape: tuple[int, int]
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the distinct cells of a farm at most `REACH` along each axis from the changed cells.
+    """Return all cells of a farm that are at most `REACH` along each axis from a changed cell (x, y).
 
     Examples
     --------
@@ -199,7 +199,7 @@ def cells_in_reach(
     """
     if not len(x):
         return np.empty(0, np.intp), np.empty(0, np.intp)
-    # Cells are marked in the bounding box, which needs no sorting.
+    # The cells are marked in their bounding box, so that no sorting is needed.
     left, low = int(x.min()) - REACH, int(y.min()) - REACH
     touched = np.zeros((int(x.max()) + REACH + 1 - left, int(y.max()) + REACH + 1 - low), np.bool_)
     axis = np.arange(-REACH, REACH + 1)
@@ -235,7 +235,7 @@ def context_features(
     logarithms of the cell's own probabilities of these two classes; and, for the whole field, the expected
     infected fraction, and the expected and the observed number of lost plants per seed of the disease.
 
-    `x` and `y` are all host cells. `rows` selects the cells of the result.
+    `x` and `y` list all host cells. `rows` selects the host cells of the result.
     """
     expected = np.stack([codes == code for code in _SICK]).astype(np.float32)
     unknown = codes[x + REACH, y + REACH] == UNKNOWN

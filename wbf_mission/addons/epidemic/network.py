@@ -79,7 +79,7 @@ class Network:
         return [inputs, *self.after_first([values])]
 
     def after_first(self, layers: list[Floats32]) -> list[Floats32]:
-        """Return all layers and the class probabilities, from the first layer's pre-activations, in place."""
+        """Return all layers and the class probabilities; `layers` is changed in place."""
         for weight, bias in zip(self.weights[1:], self.biases[1:], strict=True):
             np.maximum(layers[-1], 0.0, out=layers[-1])
             values = product(layers[-1], weight)
@@ -147,12 +147,12 @@ Cells = NDArray[np.intp]
 
 
 class FieldClassifier:
-    """Class probabilities of all host cells after all refinement networks, updated incrementally.
+    """Class probabilities of all host cells, refined by all refinement networks and updated incrementally.
 
     The contribution of a cell's rings to the first layers is cached, and recomputed only for cells near a new
     observation. The features of the whole field contribute equally to every cell.
 
-    `codes` is not copied. The cells `x`, `y` are in C order. `day` counts from the network's first day.
+    `codes` is not copied. The host cells `x`, `y` are in C order. `day` counts from the network's first day.
     """
 
     def __init__(
@@ -165,16 +165,16 @@ class FieldClassifier:
         self.touch(np.arange(len(x)))
 
     def touch(self, rows: Cells) -> None:
-        """Recompute the ring features of some cells after a change of the codes."""
+        """Recompute the ring features of the cells `rows` after a change of the codes."""
         local = local_features(self._codes, self._x[rows], self._y[rows])
         for kept, stage in zip(self._local, self._stages, strict=True):
             kept[rows] = product(local, stage.weights[0][:N_LOCAL])
 
     def probabilities(self, overall: Floats32 | None = None, found: Floats32 | None = None) -> Floats32:
-        """Return the class probabilities of the cells without their own readings, float32[n, 3].
+        """Return the class probabilities of the cells, float32[n, 3], regardless of the cells' readings.
 
         `overall` are the features of the whole field; None computes them. `found` are the probabilities of
-        the previous network; they are given only if this classifier has just a refinement network.
+        the previous network; they are given only if this classifier has no first network.
         """
         if overall is None:
             overall = overall_features(self._codes, len(self._x), self._seeds, self._day)

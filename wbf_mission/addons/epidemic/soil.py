@@ -2,21 +2,21 @@
 
 A shower is a sum of normal densities (humps) at random positions. Such a field has a squared exponential
 covariance with a lengthscale of sqrt(2) standard deviations of a hump. The mean at each position, and the
-variances of level and shape on a day, come from simulated weather. Humps lie beyond two sides of the farm
-only, so the land near the other sides is drier.
+variances of level and shape on a day, are computed from simulated weather. Outside the farm, there are humps
+only beyond two of its sides, so the land near the other sides is drier.
 
 The process is approximated by a few sine functions of x and of y (Solin & Särkkä 2020, "Hilbert space methods
 for reduced-rank Gaussian process regression"). Observations then add to the sums of a linear regression, and
-a prediction is a product of narrow matrices, whatever the size of the farm.
+a prediction is a product of narrow matrices for any size of the farm.
 
 The humidity is clipped at 1, and the edge of a clipped region is not smooth. The prior therefore has a rough
-part: 2 % of the variance with about a third of the lengthscale. A small variance (the misfit) stands for the
+part: 2 % of the variance with about a third of the lengthscale. A small variance (the misfit) represents the
 remaining difference between the humidity and the functions. The misfit is similar in neighbouring cells, so
 that readings within half a wavelength of the finest function do not average it out. The noise variance of a
 reading therefore grows with the square root of the number of cells within that length, a compromise between
-equal and independent errors. Otherwise exact readings along a path would determine all derivatives, and with
-them the field far away. Rough part and misfit were tuned on simulated fields to give the posterior correct
-standard deviations.
+equal and independent errors. Otherwise, exact readings along a path would determine all derivatives of the
+field, and thus its values far away. The rough part and the misfit were tuned on simulated fields, so that the
+standard deviations of the posterior are correct.
 """
 
 from __future__ import annotations
@@ -62,9 +62,9 @@ _MEAN_NOISE = 1e-4
 def _simulated_moments(
     parameters: SoilParameters, shape: tuple[int, int], block: int, seed: int
 ) -> tuple[tuple[Floats, float, float], ...]:
-    """Return the moments of the humidity on each day of a block, from the same simulated weathers.
+    """Return the moments of the humidity on each day of a block; all days use the same simulated weathers.
 
-    They are the mean at each position, float64[w, h] on a coarse grid with the farm's proportions; the
+    The moments are the mean at each position, float64[w, h] on a coarse grid with the farm's proportions; the
     variance of the farm's mean humidity (level); and the mean variance within the farm (shape).
     """
     names = (str(number) for number in range(_SIMULATED_FIELDS))
@@ -81,25 +81,25 @@ def _simulated_moments(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _WeightsPrior:
-    """Prior means and variances of the weights of the constant and the functions."""
+    """Prior means and variances of the weights of the constant and of the sine functions."""
 
     mean: Floats
     variance: Floats
 
 
 class SoilField:
-    """The posterior of the humidity of one farm.
+    """Posterior distribution of the soil humidity of one farm.
 
-    Observations of earlier days have less weight, with correlated errors (`sensors.estimators.days`). After
-    the first day, crowded readings have less weight, too (`Crowding`): the change of a day is small compared
-    with the prior, so that the model error matters more.
+    Observations of earlier days have less weight, and correlated errors (`sensors.estimators.days`). After
+    the first day, crowded readings also have less weight (`Crowding`): the humidity changes little in a day,
+    compared with the prior, so that the model error matters more.
     """
 
     def __init__(self, shape: tuple[int, int], parameters: SoilParameters, seed: int) -> None:
         self._shape = shape
         self._parameters = parameters
         self._seed = seed
-        # On small farms more functions give no accuracy, but make every update four times as expensive.
+        # On small farms, more functions would not be more accurate, but make updates four times as expensive.
         small = shape[0] * shape[1] <= _SMALL_FARM_CELLS
         self._functions_an_axis = _FUNCTIONS if small else _MORE_FUNCTIONS
         lengths = [np.sqrt(2.0) * parameters.spread * side for side in parameters.hump_sides(shape)]
@@ -115,7 +115,7 @@ class SoilField:
         self._sums: dict[int, _Sums] = {}
         self._crowding: dict[int, Crowding] = {}
         self._waiting: dict[int, list[tuple[Cells, Cells, Floats]]] = {}
-        # Readings of the earliest day, kept because their weights change if an even earlier day arrives.
+        # Readings of the earliest day are kept: their weights change if readings of an earlier day arrive.
         self._first: list[tuple[Cells, Cells, Floats]] = []
         self._posterior: _Posterior | None = None
         self._known_before: dict[object, tuple[Floats, Floats]] = {}
@@ -127,13 +127,13 @@ class SoilField:
     def learn(
         self, x: NDArray[np.integer], y: NDArray[np.integer], days: NDArray[np.integer], values: Floats
     ) -> None:
-        """Queue finite readings of cells for the next `fill`."""
+        """Queue readings of cells, all finite, for the next `fill`."""
         for day in np.unique(days).tolist():
             now = days == day
             self._waiting.setdefault(day, []).append((x[now], y[now], values[now]))
 
     def _take_in(self) -> None:
-        """Add all queued readings, at little more than the cost of one, to the sums and the posterior."""
+        """Add all queued readings to the sums and the posterior; this costs little more than one reading."""
         learned = []
         self._give_way()
         for day, parts in sorted(self._waiting.items()):
@@ -182,7 +182,7 @@ class SoilField:
         return day <= min(self._sums, default=day)
 
     def fill(self, day: int, value: NDArray[np.float32], uncertainty: NDArray[np.float32]) -> float:
-        """Write a day's posterior mean, clipped to 0..1, and standard deviation into arrays [W, H].
+        """Write the posterior mean of a day, clipped to 0..1, and the standard deviation into arrays [W, H].
 
         Return the standard deviation of the readings' noise.
         """
@@ -220,14 +220,14 @@ class SoilField:
         functions = _on_grid(
             *(axis.at(where) for axis, where in zip((self._x, self._y), places, strict=True))
         )
-        # The functions contribute to the variance of the farm's mean; the constant gets the remaining
-        # variance.
+        # The functions contribute to the variance of the farm's mean humidity; the constant gets the rest of
+        # this variance.
         own = float(product(self._spectrum, functions[:, 1:].mean(axis=0) ** 2))
         everywhere = float(np.mean(product(functions[:, 1:] ** 2, self._spectrum)))
         shape = shape / (everywhere - own) + _SMALLEST_VARIANCE
         level = max(level - shape * own, _SMALLEST_VARIANCE)
         variance = np.concatenate([[level], shape * self._spectrum])
-        # Prior means of the weights: a regression of the mean field with little noise.
+        # A regression of the mean field with little noise gives the prior means of the weights.
         mean = np.zeros(len(variance))
         mean[0] = mean_field.mean()
         precision = np.diag(1.0 / variance) + product(functions.T, functions) / _MEAN_NOISE
@@ -241,7 +241,7 @@ class SoilField:
         return _products(self._x.functions[x], self._y.functions[y])
 
     def _noise_from(self, day: int) -> int:
-        """Return the number of a day's readings used for the noise estimate; 0 if there are too few."""
+        """Return the number of readings of a day in its noise estimate; 0 if there are too few readings."""
         return self._sums[day].noise_from if day in self._sums else 0
 
     def _solve(self, day: int) -> _Posterior:
@@ -266,7 +266,7 @@ class SoilField:
         return _MISFIT * float(np.sqrt(self._cells_alike)) if self._is_first(day) else _MISFIT
 
     def _noise(self, day: int) -> float:
-        """Return the estimated noise variance of a day's readings, from the number of `_noise_from`."""
+        """Return the noise variance, estimated from the first `_noise_from(day)` readings of a day."""
         noise = _FIRST_NOISE
         today = self._sums[day].due if day in self._sums else None
         if today is None:
@@ -282,13 +282,13 @@ class SoilField:
             if today.weight - fitted < 0.1 * today.weight:
                 break
             left = today.power - product(weights, 2.0 * today.response - product(weights, today.squares))
-            # MacKay's update: residual sum of squares by the remaining degrees of freedom.
+            # MacKay's update: residual sum of squares divided by the remaining degrees of freedom.
             noise = max(_LEAST_NOISE, float(left / (today.weight - fitted)))
         self._noises[key] = noise
         return noise
 
     def _precision(self, day: int, noise: float, today: _Sums | None) -> tuple[Floats, Floats]:
-        """Return precision, and precision times mean, of a day's weights, from all readings up to the day."""
+        """Return precision, and precision times mean, of a day's weights, given all readings until then."""
         precision, response = (part.copy() for part in self._before(day))
         if today is not None:
             precision += today.squares / noise
@@ -296,7 +296,7 @@ class SoilField:
         return precision, response
 
     def _before(self, day: int) -> tuple[Floats, Floats]:
-        """Return precision, and precision times mean, of a day's weights, from earlier days only."""
+        """Return precision, and precision times mean, of a day's weights, given only earlier days."""
         variances = self._prior(day).variance
         last = max((seen for seen in self._sums if seen < day), default=None)
         if last is None:
@@ -323,10 +323,10 @@ class SoilField:
 
 @dataclass(slots=True, eq=False)
 class _Posterior:
-    """Mean and covariance of the functions' weights on a day, for a fixed noise.
+    """Mean and covariance of the functions' weights on a day, for a fixed noise variance `noise`.
 
-    `noise` is the noise variance in use. `shown` is the variance estimated from `noise_from` readings; it may
-    be below the lower bound of `noise`.
+    `shown` is the noise variance estimated from `noise_from` readings; unlike `noise`, it has no lower bound
+    from the misfit.
     """
 
     day: int
@@ -346,7 +346,7 @@ class _Posterior:
         return self.day != day or self.noise_from != noise_from
 
     def learn(self, functions: Floats, readings: Floats, counted: Floats) -> None:
-        """Update with further readings of the day, with weights `counted` (Woodbury identity)."""
+        """Update the posterior with more readings of the day, weighted by `counted` (Woodbury identity)."""
         moved = product(self.covariance, functions.T)
         within = product(functions, moved)
         within[np.diag_indices_from(within)] += self.noise / counted
@@ -360,7 +360,7 @@ class _Posterior:
 class _Sums:
     """Weighted sums of a day's linear regression: X'X, X'y, y'y, total weight, and number of readings.
 
-    `due` are the sums at the last noise estimate. The noise is estimated after 30, 36, 43, 51, ... readings,
+    `due` has the sums at the last noise estimate. The noise is estimated after 30, 36, 43, 51, ... readings,
     so that the result does not depend on the batches in which readings arrive.
     """
 
@@ -373,12 +373,12 @@ class _Sums:
 
     @property
     def noise_from(self) -> int:
-        """Number of readings of the last noise estimate; 0 if there are too few."""
+        """Number of readings in the last noise estimate; 0 before the first estimate."""
         return 0 if self.due is None else self.due.count
 
     @property
     def until_due(self) -> int:
-        """Number of readings until the next noise estimate."""
+        """Number of readings that are missing for the next noise estimate."""
         return max(_LEAST_FOR_NOISE, int(_NOISE_GROWTH * self.noise_from)) - self.count
 
     def add(self, functions: Floats, values: Floats, weights: Floats) -> None:

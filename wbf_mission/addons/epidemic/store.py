@@ -1,4 +1,4 @@
-"""Trained networks, kept in memory and in files; missing networks are trained."""
+"""Keeps trained networks in memory and in files, and trains missing networks."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from wbf_mission.addons.epidemic.network import Network
 from wbf_mission.addons.epidemic.training import FURTHER, FURTHER_LAYERS, LAYERS, TrainingTask, learn
 
 SUMS = 2
-"""Version in file names; raise it with changes of the arithmetic that do not change the random draws."""
+"""Version in file names; raise it if the arithmetic of the training changes, but not the random draws."""
 INCLUDED = Path(__file__).parent / "networks"
 """Networks of the Miniberry farms, which users need not train (`tools/write_networks.py`)."""
 
-_WORTH_A_PROCESS = 1000  # Smaller trainings (outbreaks x epochs) are not worth a process
+_WORTH_A_PROCESS = 1000  # Smaller trainings (outbreaks x epochs) are not worth a separate process.
 
 _in_memory: dict[str, Network] = {}
 
 
 def network_for(task: TrainingTask, folder: str | os.PathLike[str] | None) -> Network:
-    """Return the network of a task, from memory, from its file, or newly trained and stored in both.
+    """Return the network of a task from memory or its file; otherwise train it, and store it in both.
 
     An unusable file is replaced. If the folder is not writeable, every process trains again; this is not an
     error.
@@ -52,17 +52,17 @@ def learn_all(
         return
     step(0.0)
     with contextlib.ExitStack() as stack:
-        # A fixed order of the locks avoids deadlocks between processes.
+        # All processes take the locks in the same order, which avoids deadlocks.
         for path in sorted({network_file(task, folder) for task in tasks}):
             stack.enter_context(made_by_one(path))
         missing = {task.key: task for task in tasks if not _is_known(task, folder)}
         _learn_missing(list(missing.values()), folder, step)
     if not missing:
-        step(1.0)  # Another process has trained the networks in the meantime
+        step(1.0)  # Another process has trained the networks in the meantime.
 
 
 def _learn_missing(tasks: Sequence[TrainingTask], folder: str | os.PathLike[str] | None, step: Step) -> None:
-    """Train the missing networks: large trainings run in parallel processes, others one by one."""
+    """Train networks: in parallel processes if all trainings are large, otherwise one after the other."""
     done = 0
     long = all(task.outbreaks * task.epochs >= _WORTH_A_PROCESS for task in tasks)
     may_have_children = (os.cpu_count() or 1) > 1 and not multiprocessing.current_process().daemon
@@ -81,7 +81,7 @@ def _learn_missing(tasks: Sequence[TrainingTask], folder: str | os.PathLike[str]
 
 
 def _in_processes(tasks: Sequence[TrainingTask]) -> Iterator[Network]:
-    """Yield each task's network in order; stop early if a process dies."""
+    """Yield the networks of the tasks in order; stop early if a process dies."""
     from concurrent.futures.process import BrokenProcessPool
 
     calls = CallsAhead(learn, [(task,) for task in tasks])
@@ -101,7 +101,7 @@ def network_file(task: TrainingTask, folder: str | os.PathLike[str] | None) -> P
 
 
 def _is_known(task: TrainingTask, folder: str | os.PathLike[str] | None) -> bool:
-    """Return whether the network of a task is in memory or in a file; read it from the file."""
+    """Return whether the network of a task is in memory or in a file; load it into memory."""
     if task.key not in _in_memory:
         path = network_file(task, folder)
         network = load_network(INCLUDED / path.name) or load_network(path)

@@ -40,9 +40,9 @@ from wbf_mission.addons.epidemic.features import (
 from wbf_mission.addons.epidemic.network import FieldClassifier, Network, train
 
 VERSION = 5
-"""Version in file names; raise it with every change of the training."""
+"""Version in the keys of networks; raise it with every change of the training."""
 WHOLE_FARM_CELLS = 128 * 128
-"""Largest farm simulated as a whole. Training for larger farms uses windows, without whole-field features."""
+"""Largest farm (cells) simulated as a whole. Larger farms use windows, without whole-field features."""
 LAYERS = (N_FEATURES, 64, 32, 3)
 FURTHER_LAYERS = (N_FEATURES + N_CONTEXT, 64, 32, 3)
 _WINDOW = 64
@@ -92,12 +92,12 @@ class TrainingTask:
 
     @property
     def whole(self) -> bool:
-        """Whether farms are simulated as a whole."""
+        """Whether the training simulates the whole farm, not windows of it."""
         return self.hosts.size <= WHOLE_FARM_CELLS
 
     @property
     def first_day(self) -> int:
-        """First of the days that share the network.
+        """First of the days that share this network.
 
         >>> [TrainingTask(None, np.ones((side, side), bool), 6).first_day for side in (30, 300)]
         [0, 6]
@@ -106,19 +106,19 @@ class TrainingTask:
 
     @property
     def seeds(self) -> int:
-        """Number of the disease's seeds on the farm."""
+        """Number of seeds (first infections) of the disease on the farm."""
         return self.parameters.seed_count(self.hosts.shape)
 
     @property
     def key(self) -> str:
-        """File name, without suffix, of the network; EstimatorError if no environment has the day."""
+        """File name of the network, without suffix; EstimatorError if environments have no such day."""
         if not 0 <= self.day <= MAX_DAYS:
             raise EstimatorError(
                 f"epidemic: day {self.day} is not in 0..{MAX_DAYS}, the days of an environment"
             )
         parameters = asdict(self.parameters)
         if self.parameters.seed_spread_cells is None:
-            # A parameter that was added later: its default must change neither the name nor the seed.
+            # This parameter was added later: its default must change neither the file name nor the seed.
             del parameters["seed_spread_cells"]
         identity = {
             "parameters": parameters,
@@ -191,8 +191,8 @@ class Look:
 def draw_looks(task: TrainingTask, rng: Generator) -> list[Look]:
     """Return random looks at simulated fields.
 
-    Refinement networks evaluate all cells of each look. A training with such networks therefore has fewer
-    looks, with more samples each.
+    Refinement networks evaluate all cells of each look. To save time, a training with such networks has fewer
+    looks, and more samples in each look.
     """
     field = _Fields(task, rng)
     wanted = number = max(task.outbreaks, _SMALLEST_TRAINING)
@@ -223,7 +223,7 @@ def draw_looks(task: TrainingTask, rng: Generator) -> list[Look]:
 def _along_a_path(
     land: NDArray[np.bool_], truth: NDArray[np.int8], rng: Generator
 ) -> Iterator[NDArray[np.uint8]]:
-    """Yield maps of codes after random parts of a random path, which may chase sick plants."""
+    """Yield maps of codes after random parts of a random path, which may follow sick plants."""
     longest = max(1, int(_LONGEST_SHARE * land.size))
     cells = random_path(land.shape, longest, rng)
     if rng.random() < _CHASING_SHARE:
@@ -231,7 +231,7 @@ def _along_a_path(
         cells = chasing_path(begun, truth > 0, longest, rng)
     cells = cells[land[cells[:, 0], cells[:, 1]]]
     for look in range(_LOOKS):
-        # The first look follows a uniformly random part of the path; later looks mostly follow most of the
+        # The first look sees the path up to a uniformly random point; later looks usually see most of the
         # path.
         count = int(np.ceil(len(cells) * rng.random() ** (1.0 if look == 0 else 0.3)))
         codes = padded_codes(land)
@@ -243,7 +243,7 @@ def _along_a_path(
 def samples_of(
     looks: list[Look],
 ) -> tuple[NDArray[np.float32], NDArray[np.int8], NDArray[np.float32]]:
-    """Return features, classes, and weights (with mean 1) of all samples in the looks."""
+    """Return features, classes and weights of all samples in the looks; the mean of the weights is 1."""
     weights = np.concatenate([look.weights for look in looks])
     mean = weights.mean() if len(weights) else 1.0
     features = np.concatenate([look.features for look in looks])
@@ -258,9 +258,9 @@ def _with_context(
     last: Network,
     found: list[NDArray[np.float32] | None],
 ) -> NDArray[np.float32]:
-    """Return the samples' features with the context features from network `last` appended.
+    """Return the features of the samples, followed by the context features from network `last`.
 
-    `found` holds the last network's probabilities of all cells of each look, and is updated.
+    `found` has, for each look, probabilities of all cells; those of `last` replace the previous network's.
     """
     x, y = np.nonzero(task.hosts)
     row = np.zeros(task.hosts.shape, np.intp)
@@ -311,9 +311,9 @@ class _Fields:
         self.tables = [classes_of(value_table(self._parameters, day)) for day in days]
 
     def draw(self) -> tuple[NDArray[np.bool_], NDArray[np.int8], int, float]:
-        """Return a field: host cells, days of infection, margin without samples, and sample weight.
+        """Return a field: host cells, days of infection, width of the margin without samples, sample weight.
 
-        `tables` map the days of infection, read as unsigned bytes, to the classes on each day.
+        `tables` map days of infection, as unsigned bytes, to the classes on each day.
         """
         if self._task.whole:
             return self._land, self._simulate(self._land, self._task.seeds), 0, 1.0
@@ -324,7 +324,7 @@ class _Fields:
         if rng.random() >= _WITH_SEEDS_SHARE:
             return land, np.full(land.shape, NEVER, np.int8), REACH, none / (1.0 - _WITH_SEEDS_SHARE)
         # Outbreaks are rare on large farms. Windows with an outbreak are drawn more often, but weigh less.
-        # Seeds are arrivals of a Poisson process, given a first arrival before time 1.
+        # The seeds are the arrivals of a Poisson process whose first arrival is before time 1.
         first = -math.log1p(-float(rng.random()) * (1.0 - none)) / max(expected, 1e-300)
         later = int(rng.poisson(expected * max(0.0, 1.0 - first)))
         weight = (1.0 - none) / _WITH_SEEDS_SHARE

@@ -1,1 +1,1 @@
-"""Exports of finished runs to the file formats of other tools."""
+"""Exports finished runs to the file formats of other tools."""

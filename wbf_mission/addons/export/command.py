@@ -26,24 +26,24 @@ To = Literal["mcap", "rerun", "gpx", "kml", "geojson", "csv"]
 @options.speaks()
 def export_command(
     output: Output,
-    folder: Annotated[Path, typer.Argument(help="The folder of a finished run.", metavar="DIR")],
+    folder: Annotated[Path, typer.Argument(help="Folder of a finished run.", metavar="DIR")],
     to: Annotated[To, option("Format of the file.", "--to")],
     out: Annotated[
         Path | None,
-        option("The file.  [default: beside the folder, with its name]", "--out", panel=OUTPUT_PANEL),
+        option("File to write.  [default: beside DIR, with the same name]", "--out", panel=OUTPUT_PANEL),
     ] = None,
     estimates: Annotated[
         int | None,
         option(
-            "Approximate number of moments at which the estimate is shown, computed again from the readings"
-            " until then; 0: at the end only.  [default: 20]",
+            "Approximate number of moments for which the estimate is recomputed and shown; 0 shows only the"
+            " estimate at the end.  [default: 20]",
             "--estimates",
             parser=options.whole_number_in(0, 1000),
         ),
     ] = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Write a finished run for other tools: Foxglove, Rerun, Google Earth, GIS."""
+    """Export a finished run to a file for another tool: Foxglove, Rerun, Google Earth or a GIS."""
     from wbf_mission.addons.export.formats import FORMATS, export
     from wbf_mission.results.result import load_result
 
@@ -56,7 +56,7 @@ def export_command(
     for file in chosen.files(path):
         refuse_overwrite(file, [log])
         if file.is_file() and not overwrite:
-            raise TargetError(f"{file}: is there already; give another name (--out), or --overwrite")
+            raise TargetError(f"{file}: already exists; give another name (--out), or --overwrite")
     result = load_result(folder, probabilities=False, lazy=True)
     with output.progress() as progress:
         files = export(

@@ -1,4 +1,4 @@
-"""Formats to which a finished run can be exported."""
+"""Exports a finished run to one of the known file formats."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ Write: TypeAlias = "Callable[[RunRecord, tuple[Path, ...], Iterable[Event], floa
 
 @dataclass(frozen=True, slots=True)
 class ExportFormat:
-    """A file format: suffix, the tool it is for, and MODULE:FUNCTION that writes it."""
+    """A file format: its suffix, the tool that reads it, and the MODULE:FUNCTION that writes it."""
 
     suffix: str
     what: str
     writer: str
     shows_estimates: bool = False
-    beside: str = ""  # Suffix of the second file
+    beside: str = ""  # Suffix of a second file that is written, too.
 
     def files(self, path: Path) -> tuple[Path, ...]:
-        """Return the paths of all files written for `path`."""
+        """Return the paths of all files that an export to `path` writes."""
         return (path, path.with_suffix(self.beside)) if self.beside else (path,)
 
 
@@ -60,11 +60,11 @@ def export(
     log: Path | None = None,
     progress: Progress = silent,
 ) -> tuple[Path, ...]:
-    """Write a finished run in a format of `FORMATS`, and return the files; each is complete or absent.
+    """Write a finished run in a format of `FORMATS`, and return the files; no partly written file remains.
 
     The estimate is computed again at about `estimates` moments (see `events_of`). The run's telemetry `log`
-    gives the time of day and more details of the vehicles. EstimatorError if the run's estimator cannot be
-    created. ResultError if the log cannot be read. OSError if a file cannot be written.
+    adds the time of day and more details of the vehicles. Raises EstimatorError if the run's estimator cannot
+    be created, ResultError if the log cannot be read, and OSError if a file cannot be written.
     """
     chosen = FORMATS[to]
     write: Write = resolve_name(f"wbf_mission.addons.export.{chosen.writer}")
@@ -82,7 +82,7 @@ def export(
 
 
 def epoch_of(log: Path | None) -> float:
-    """Return the start of a run (s since 1970): the time in its log, or a fixed time without a log."""
+    """Return the start of a run (s since 1970): the first time in its log, or a fixed time without a log."""
     if log is None:
         return EPOCH_UNIX_S
     try:

@@ -1,4 +1,4 @@
-"""Export to an MCAP file for Foxglove: map, scene, layers, readings, plots and log on one time line.
+"""Exports a run to an MCAP file for Foxglove: map, scene, layers, readings, plots and log over time.
 
 Messages are JSON with the schemas of `wbf_mission.addons.export.foxglove_schemas`. The frame ``farm`` is the
 frame of the farm: metres along its x and y axes (east and north, unless the farm is rotated) and above home.
@@ -36,9 +36,9 @@ if TYPE_CHECKING:
 
 FARM = "farm"
 """Frame of all fixed objects."""
-_LEVELS = (5, 5, 5, 4, 3, 2, 2, 1)  # foxglove.LogLevel by MAV_SEVERITY
-_FLOAT, _BYTE = 7, 1  # foxglove.NumericType
-_STRIP, _LOOP = 0, 1  # foxglove.LineType
+_LEVELS = (5, 5, 5, 4, 3, 2, 2, 1)  # Values of foxglove.LogLevel, indexed by MAV_SEVERITY.
+_FLOAT, _BYTE = 7, 1  # Values of foxglove.NumericType.
+_STRIP, _LOOP = 0, 1  # Values of foxglove.LineType.
 _NOWHERE = {"x": 0.0, "y": 0.0, "z": 0.0}
 _LEVEL = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
 _POSE = {"position": _NOWHERE, "orientation": _LEVEL}
@@ -53,16 +53,16 @@ _Json = dict[str, Any]
 
 @dataclass(slots=True)
 class _Vehicle:
-    """State of a vehicle's display during a flight."""
+    """Drawing state of a vehicle during a flight."""
 
     flight: tuple[int, int]
     track: list[tuple[float, float, float]] = field(default_factory=list)
-    shown: int = 0  # Track points already shown
+    shown: int = 0  # Number of track points that are already drawn.
     yaw_rad: float = 0.0
 
 
 class FoxgloveFile(scene.Scene):
-    """An MCAP file: compressed chunks with indexes and statistics, which `finish` writes."""
+    """An MCAP file of a run, in compressed chunks; `finish` writes the indexes and statistics."""
 
     def __init__(self, stream: IO[bytes], record: RunRecord, epoch_s: float) -> None:
         super().__init__(record)
@@ -109,7 +109,7 @@ class FoxgloveFile(scene.Scene):
         self._write("/log", "foxglove.Log", time_s, {"timestamp": self._time(time_s), **line})
 
     def _write_scene(self, topic: str, time_s: float, **entity: Any) -> None:
-        """Write a scene that replaces the previous scene of the topic."""
+        """Write a scene that replaces the previous scene on the same topic."""
         parts: _Json = dict.fromkeys(_PRIMITIVES, ()) | {
             "frame_id": FARM,
             "frame_locked": True,
@@ -166,7 +166,7 @@ class FoxgloveFile(scene.Scene):
             self._vehicles[number] = _Vehicle((event.day, event.flight))
 
     def _write_body(self, time_s: float, number: int) -> None:
-        """Draw a vehicle as an arrow with its number, in the vehicle's own frame."""
+        """Draw a vehicle as an arrow with its number, in the frame of the vehicle."""
         size, colour = self.size_m, _colour(scene.vehicle_colour(number))
         arrow = {
             "pose": _POSE,
@@ -247,7 +247,7 @@ class FoxgloveFile(scene.Scene):
         self._write_track(event.time_s, event.system_id)
 
     def _write_track(self, time_s: float, number: int) -> None:
-        """Draw the track of a vehicle's current flight up to now."""
+        """Draw the track of a vehicle's current flight until now."""
         vehicle = self._vehicles.get(number)
         if vehicle is None or len(vehicle.track) < 2:
             return
@@ -295,7 +295,7 @@ class FoxgloveFile(scene.Scene):
             self._write("/score", "wbf_mission.Score", event.time_s, score)
 
     def _show_layer(self, time_s: float, name: str, means: scene.Pixels, colours: scene.Colours) -> None:
-        # Foxglove's grid rows run from the bottom up, each from left to right.
+        # Foxglove's grid begins with the bottom row; each row goes from left to right.
         width, height = means.shape
         rows = np.zeros((height, width), _PIXEL)
         rows["value"] = means.T
@@ -371,7 +371,7 @@ def _line(
 
 
 def _wall(ring: NDArray[np.float64], height_m: float) -> _Json:
-    """Return a vertical wall over a ring: two triangles per edge."""
+    """Return a vertical wall along a ring, made of two triangles per edge."""
     count = len(ring)
     edges = [(k, (k + 1) % count) for k in range(count)]
     corners = [(a, b, a + count, b, b + count, a + count) for a, b in edges]
@@ -400,7 +400,7 @@ def _way(farm: Farm, points_m: NDArray[np.float64], name: str, colour: str) -> _
 
 
 def _packed(layout: np.dtype[np.void]) -> list[_Json]:
-    """Return a packed layout as Foxglove's list of fields."""
+    """Return the fields of a packed numpy type as Foxglove lists them."""
     assert layout.names is not None and layout.fields is not None
     parts = {name: layout.fields[name][:2] for name in layout.names}
     return [
@@ -424,7 +424,7 @@ def write_mcap(
 
 
 def layout_of(result: RunRecord) -> _Json:
-    """Return a Foxglove layout for a run: map, scene, plots and log panels."""
+    """Return a Foxglove layout for a run, with panels for map, scene, plots and log."""
     farm, numbers = result.farm, sorted({flight.system_id for flight in result.flights})
     width_m, height_m = farm.width_cells * farm.cell_size_m, farm.height_cells * farm.cell_size_m
     shown = [f"/layers/{result.fields[0].name}/estimate", "/farm/scene", "/readings"]

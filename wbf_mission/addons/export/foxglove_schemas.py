@@ -1,7 +1,7 @@
-"""JSON schemas of the Foxglove messages that are written, and of our own messages.
+"""JSON schemas of the Foxglove messages, and of this program's messages, in exported files.
 
-Source of names and fields: Foxglove's message schemas (docs.foxglove.dev, "foxglove schemas"). In JSON a time
-is an object of seconds and nanoseconds, bytes are base64.
+Foxglove's message schemas are the source of names and fields (docs.foxglove.dev, "foxglove schemas"). In
+JSON, a time is an object of seconds and nanoseconds, and bytes are base64.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ _MESSAGES = {
 
 
 def schemas(fields: Collection[str]) -> dict[str, Schema]:
-    """Return the schemas by message name; our score message has a loss for each of the run's `fields`."""
+    """Return the schemas, keyed by message name; the score message has a loss for each of the `fields`."""
     known = dict(_PLAIN)
     for name, values in _ENUMS.items():
         numbered = [{"title": value, "const": number} for number, value in enumerate(values.split())]

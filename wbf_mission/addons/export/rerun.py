@@ -1,4 +1,4 @@
-"""Export to a Rerun recording: map, scene, layers, plots and log on one time line, with a blueprint."""
+"""Exports a run to a Rerun recording, with a blueprint: map, scene, layers, plots and log over time."""
 
 from __future__ import annotations
 
@@ -143,20 +143,20 @@ class RerunRecording(scene.Scene):
                 self._log(event.time_s, f"plots/loss/{name}", self._rr.Scalars(loss))
 
     def _show_layer(self, time_s: float, name: str, means: scene.Pixels, colours: scene.Colours) -> None:  # noqa: ARG002
-        # Image rows start at the top.
+        # The first row of an image is at the top.
         rows = np.ascontiguousarray(colours.transpose(1, 0, 2)[::-1])
         self._log(time_s, f"layers/{name}", self._rr.Image(rows, "RGBA"))
 
 
 def _raised(points: NDArray[np.floating], height_m: float) -> NDArray[np.float64]:
-    """Return points, float64[n, 2], with the height `height_m`."""
+    """Return points, float64[n, 2], with `height_m` as third coordinate."""
     return np.column_stack([points, np.full(len(points), height_m)])
 
 
 def _yaws(
     states: list[events.VehicleMoved], flown: NDArray[np.float64], rotation_deg: float
 ) -> NDArray[np.float64]:
-    """Return yaws, anticlockwise from the x axis: the heading if known, else the track direction."""
+    """Return yaws, anticlockwise from the x axis: from the heading if it is known, else from the track."""
     steps = np.diff(flown[:, :2], axis=0, append=flown[-1:, :2])
     along = np.arctan2(steps[:, 1], steps[:, 0])
     headings = np.array([math.nan if state.heading_rad is None else state.heading_rad for state in states])
@@ -165,7 +165,7 @@ def _yaws(
 
 
 def blueprint_of(rrb: Any, result: RunRecord) -> Any:
-    """Return the Rerun blueprint of a run: map and log, scene and layers, plots."""
+    """Return the Rerun blueprint of a run, with views of scene, map, layers, log and plots."""
     whats = ("truth", "estimate", "uncertainty")
     layers = [
         rrb.Horizontal(

@@ -1,4 +1,4 @@
-"""Parts that all exports share: places, colours, pixels, and the loop over the events of a run."""
+"""Code that all exports share: places, colours, pixels, and the loop over the events of a run."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ if TYPE_CHECKING:
     from wbf_mission.run.record import RunRecord
 
 OBSTACLE, FENCE, _LAND = "#b22222", "#e69f00", "#8c8c8c"
-SHOWN_AGAIN = 100  # Tracks and readings are written in full about this often per run
-TRACK_POINTS = 1000  # Maximum number of points in a displayed track
+SHOWN_AGAIN = 100  # Number of times per run that all tracks and readings until then are written.
+TRACK_POINTS = 1000  # Maximum number of points in a displayed track.
 LONGEST = 500
 """Maximum number of pixels along the longer side of a farm; smaller farms get one pixel per cell."""
-WARNING, INFO = 4, 6  # MAV_SEVERITY
-_LEAST_SHARE = 0.02  # Lower limit of a disease's colour scale on a large farm (share of sick plants)
-_UNCERTAIN = ("#440154", "#3b528b", "#21918c", "#5ec962", "#fde725")  # Five colours of matplotlib's viridis
+WARNING, INFO = 4, 6  # Values of MAV_SEVERITY.
+_LEAST_SHARE = 0.02  # Minimum for the top of a disease's colour scale on large farms (fraction of sick).
+_UNCERTAIN = ("#440154", "#3b528b", "#21918c", "#5ec962", "#fde725")  # Five colours of matplotlib's viridis.
 
 Pixels = NDArray[np.float32]
 Colours = NDArray[np.uint8]
 
 
 class ExportError(WbfMissionError, ValueError):
-    """A run that cannot be exported."""
+    """The run cannot be exported."""
 
 
 def vehicle_colour(system_id: int) -> str:
@@ -50,7 +50,7 @@ def crop_colour(crop: str) -> str:
 
 
 def places_of(farm: Farm, points_m: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return points of the farm frame, float64[n, 2 or more], as latitude and longitude, float64[n, 2]."""
+    """Return latitude and longitude, float64[n, 2], of points in the farm's frame, float64[n, 2 or more]."""
     return np.column_stack(farm.frame.to_wgs84(points_m[:, 0].copy(), points_m[:, 1].copy()))
 
 
@@ -70,19 +70,19 @@ def highest_m(mission: Mission, farm: Farm) -> float:
 
 
 class Scene(ABC):
-    """A file that shows a run: `take` passes each event to the method of the file's format."""
+    """A file that shows a run: `take` passes each event to a method, which each file format implements."""
 
     def __init__(self, record: RunRecord) -> None:
         self.farm, self.fields = farm, fields = record.farm, record.fields
         width, height = farm.width_cells, farm.height_cells
         self.size_m = max(width, height) * farm.cell_size_m / 60
-        """Size of a vehicle's symbol, visible on a view of the whole farm."""
+        """Size of a vehicle's symbol, large enough for a view of the whole farm."""
         self._grid = MapGrid((width, height), farm.cell_size_m, -(-max(width, height) // LONGEST), 1)
         self.pixel_m = self._grid.pixel * self._grid.cell_size_m
         self._masks = fields.masks(farm.grid())
         self._scales = _scales(record) if self._grid.pixel > 1 else [1.0] * len(fields)
-        self._doubts = [0.0] * len(fields)  # Tops of colour scales of the first uncertainties
-        self._seen: list[Observations] = []  # Readings of the current day
+        self._doubts = [0.0] * len(fields)  # Tops of the scales for uncertainty, from its first values.
+        self._seen: list[Observations] = []  # Readings of the current day.
         self._readings, self._readings_a_show = 0, max(1, len(record.observations) // SHOWN_AGAIN)
 
     def take(self, event: events.Event) -> None:
@@ -130,7 +130,7 @@ class Scene(ABC):
         self._readings = 0
         seen = Observations.concatenate(self._seen, self.fields.names)
         places_m = self.farm.cell_size_m * (np.stack([seen.x, seen.y], 1) + np.float64(0.5))
-        # The colour of the worst disease, or of the first field without a disease
+        # A reading has the colour of its worst disease, or of the first field if no field is a disease.
         shown = [k for k, field in enumerate(self.fields) if field.kind == "disease"] or [0]
         worst = np.fmin.reduce(seen.values[:, shown], axis=1)
         self._show_readings(time_s, places_m, seen.values, _painted(worst, self.fields[shown[0]].colours))
@@ -138,7 +138,7 @@ class Scene(ABC):
     def _draw(self, time_s: float, what: str, values: Pixels) -> None:
         """Draw the pixel means and colours of each field's values.
 
-        For a disease on a large farm, the scale ends at the highest share of sick plants in a pixel.
+        For a disease on a large farm, the scale ends at the highest fraction of sick plants in a pixel.
         """
         for k, (field, mask) in enumerate(zip(self.fields, self._masks, strict=True)):
             means = pixel_means(self._grid, mask, values[k]).astype(np.float32)
@@ -173,15 +173,15 @@ class Scene(ABC):
     def _show_readings(
         self, time_s: float, places_m: NDArray[np.float64], values: Pixels, colours: Colours
     ) -> None:
-        """Show all readings of the current day: float64[n, 2], float32[n, fields], uint8[n, 4]."""
+        """Show all readings of the current day: places [n, 2], values [n, fields], colours uint8[n, 4]."""
 
     @abstractmethod
     def _show_layer(self, time_s: float, name: str, means: Pixels, colours: Colours) -> None:
-        """Show a layer: float32[pixels along x, y], NaN outside the field; uint8[pixels along x, y, 4]."""
+        """Show a layer: means float32[x pixels, y pixels], NaN outside the field; colours uint8[..., 4]."""
 
 
 def _scales(record: RunRecord) -> list[float]:
-    """Return the top of each field's colour scale: the highest fraction of sick plants, or 1 (no disease)."""
+    """Return the top of each field's colour scale: a disease's highest fraction of sick plants, else 1."""
     scales = [1.0] * len(record.fields)
     for k, (field, shown) in enumerate(zip(record.fields, record.true_maps or record.maps, strict=False)):
         if field.kind == "disease":

@@ -1,4 +1,4 @@
-"""Export of tracks, planned missions and readings: GPX, KML for Google Earth, GeoJSON, CSV."""
+"""Exports tracks, planned missions and readings to GPX, KML (Google Earth), GeoJSON and CSV."""
 
 from __future__ import annotations
 
@@ -41,17 +41,17 @@ class _Flight:
     system_id: int
     vehicle: str
     states: list[VehicleMoved] = field(default_factory=list)
-    plan: Planned | None = None  # Plan before take-off
+    plan: Planned | None = None  # The plan before the take-off.
     outcome: str = ""
 
     @property
     def numbers(self) -> dict[str, int]:
-        """Numbers of the flight, by column."""
+        """Day, flight and vehicle numbers, keyed by column name."""
         return {"day": self.day, "flight": self.flight, "vehicle": self.system_id}
 
     @property
     def name(self) -> str:
-        """Name of the flight in all files."""
+        """Name of the flight, the same in all files."""
         return printable(f"day {self.day}, flight {self.flight}, vehicle {self.system_id} ({self.vehicle})")
 
 
@@ -92,11 +92,11 @@ class _Tracks:
         return time.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
     def places(self, points_m: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Return points, float64[n, 2 or more], as latitude and longitude to 8 digits, float64[n, 2]."""
+        """Return latitude and longitude of points, float64[n, 2], rounded to 8 digits."""
         return np.round(places_of(self.farm, points_m), 8)
 
     def track(self, flight: _Flight) -> list[tuple[VehicleMoved, float, float, float]]:
-        """Return the states of a flight with latitude, longitude and altitude above sea level."""
+        """Return each state of a flight with its latitude, longitude and altitude above sea level."""
         places = self.places(np.array([(state.x_m, state.y_m) for state in flight.states])).tolist()
         sea_m = self.farm.frame.altitude_m
         return [
@@ -172,7 +172,7 @@ def write_kml(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event
 def write_geojson(
     record: RunRecord, files: tuple[Path, ...], events: Iterable[Event], epoch_s: float
 ) -> None:
-    """Write the farm, planned waypoints, tracks with times, and readings as features with a ``kind``.
+    """Write the farm, planned waypoints, tracks with times, and readings as features of different ``kind``.
 
     The third coordinate of a track is the altitude above sea level; ``coordTimes`` has a time for each point.
     """
@@ -232,7 +232,7 @@ def _coordinate(latitude: float, longitude: float, height_m: float) -> str:
 
 
 def _mark(parent: ElementTree.Element, name: str, colour: str, *, opacity: int = 0xFF) -> ElementTree.Element:
-    """Add a placemark in a colour, which KML writes as opacity, blue, green, red."""
+    """Add a placemark with a colour, which KML writes in the order opacity, blue, green, red."""
     mark = add(parent, "Placemark")
     add(mark, "name", name)
     style = add(mark, "Style")

@@ -1,1 +1,1 @@
-"""Faults that are injected into simulated links, components and vehicles."""
+"""Injects faults into simulated links, components and vehicles."""

@@ -1,8 +1,8 @@
 """Specifications of faults: kind, time and vehicle, as values and as text.
 
 A fault is written ``KIND[=VALUE][,OPTION=VALUE...]``, for example ``loss=0.2,from=10,for=60`` or
-``no-final-ack,times=1`` or ``gps-loss,at=airborne,from=5,for=20``. `KINDS` lists the kinds. The kinds for the
-mission protocol are the usual failure modes in tests of ground stations. `FaultSession` applies the faults.
+``no-final-ack,times=1`` or ``gps-loss,at=airborne,from=5,for=20``. `KINDS` lists all kinds of faults. Kinds
+for the mission protocol are usual failures in tests of ground stations. `FaultSession` applies the faults.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ ValueKind = Literal[
 
 
 class FaultError(VehicleError, ValueError):
-    """An invalid fault specification."""
+    """The specification of a fault is invalid."""
 
 
 @dataclass(frozen=True, slots=True)
 class Kind:
     """A kind of fault: the affected group, the kind of value, and a description.
 
-    Without a `default` a fault must have a value, unless ``value`` is "none".
+    If there is no `default`, a fault must have a value, unless ``value`` is "none".
     """
 
     group: Group
@@ -49,12 +49,12 @@ class Kind:
 
 KINDS: dict[str, Kind] = {
     "link-loss": Kind("link", "none", "no frame passes the link"),
-    "loss": Kind("link", "chance", "each frame is lost with this chance"),
-    "duplicate": Kind("link", "chance", "each frame arrives twice with this chance"),
-    "corrupt": Kind("link", "chance", "one byte of each frame is changed with this chance"),
+    "loss": Kind("link", "chance", "each frame is lost with this probability"),
+    "duplicate": Kind("link", "chance", "each frame arrives twice with this probability"),
+    "corrupt": Kind("link", "chance", "one byte of each frame is changed with this probability"),
     "delay": Kind("link", "seconds", "every frame is delayed by this time"),
     "jitter": Kind(
-        "link", "seconds", "every frame is delayed by up to this time, and frames overtake each other"
+        "link", "seconds", "every frame is delayed by a random time up to this; frames may overtake others"
     ),
     "bandwidth": Kind("link", "baud", "the link has this bit rate and a buffer of 16 KiB", 57600.0),
     "drop": Kind("message", "message", "messages of this name (or id) do not arrive"),
@@ -66,10 +66,10 @@ KINDS: dict[str, Kind] = {
         "message", "item", "the next item is requested or sent in place of this item", 0.0
     ),
     "error-ack": Kind(
-        "message", "item", "a MISSION_ACK with an error in place of this item or its request", 0.0
+        "message", "item", "a MISSION_ACK with an error replaces this item or its request", 0.0
     ),
     "early-final-ack": Kind(
-        "message", "item", "an accepting MISSION_ACK in place of the request for this item", 1.0
+        "message", "item", "an accepting MISSION_ACK replaces the request for this item", 1.0
     ),
     "no-final-ack": Kind("message", "none", "the accepting MISSION_ACK is not sent"),
     "final-ack-error": Kind("message", "result", "the last MISSION_ACK has this result", 1.0),
@@ -77,14 +77,14 @@ KINDS: dict[str, Kind] = {
     "gps-loss": Kind("vehicle", "none", "the vehicle has no position"),
     "motor-failure": Kind("vehicle", "none", "a motor stops"),
     "dead-battery": Kind("vehicle", "none", "the battery is empty at once"),
-    "low-battery": Kind("vehicle", "part", "the battery drains to this part or less", 0.1),
+    "low-battery": Kind("vehicle", "part", "the battery drains to this fraction or less", 0.1),
     "battery-change": Kind(
-        "vehicle", "seconds", "this long after each landing a full battery is put in", 20.0
+        "vehicle", "seconds", "a full battery is inserted this long after each landing", 20.0
     ),
     "reboot": Kind("vehicle", "none", "the autopilot reboots and continues the flight"),
-    "stuck-camera": Kind("vehicle", "none", "the shutter does not open: images fail"),
+    "stuck-camera": Kind("vehicle", "none", "the camera's shutter does not open, so images fail"),
 }
-"""Every kind of fault by name."""
+"""All kinds of faults, keyed by name."""
 
 TRIGGERS = ("start", "armed", "airborne", "landed", "upload", "download", "item:N")
 """Values of ``at``. Only the first occurrence of an event is a trigger."""
@@ -92,15 +92,15 @@ TRIGGERS = ("start", "armed", "airborne", "landed", "upload", "download", "item:
 _ITEM = re.compile(r"item:[0-9]{1,5}")
 _DIRECTIONS = ("up", "down", "both")
 _RANGES: dict[ValueKind, tuple[float, float, str]] = {
-    "chance": (0.0, 1.0, "a chance from 0 to 1"),
-    "part": (0.0, 1.0, "a part from 0 to 1"),
+    "chance": (0.0, 1.0, "a probability from 0 to 1"),
+    "part": (0.0, 1.0, "a fraction from 0 to 1"),
     "command": (0.0, 65535.0, "the number of a command, such as 400"),
     "seconds": (0.0, 3600.0, "seconds from 0 to 3600"),
     "baud": (1.0, 1e9, "bits per second, such as 57600"),
-    "item": (0.0, 65535.0, "the number of an item, from 0"),
+    "item": (0.0, 65535.0, "an item number, from 0 up"),
     "message": (0.0, 16777215.0, "the name of a message, such as COMMAND_ACK"),
     "result": (1.0, 15.0, "a MAV_MISSION_RESULT from 1 to 15"),
-    "component": (1.0, 255.0, "a component from 1 to 255"),
+    "component": (1.0, 255.0, "a component id from 1 to 255"),
 }
 _KEYS = {
     "from": "start_s",
@@ -122,8 +122,8 @@ class Fault:
     kind : str
         Name in `KINDS`.
     value : float, str or None
-        Value as `Kind.value` defines it; None is the default of the kind. For ``drop`` the name or id of the
-        message.
+        Value, of the kind `Kind.value`; None is the default of the kind of fault. For ``drop``, this is the
+        name or id of the message.
     start_s, duration_s : float
         Start in seconds after the trigger, and duration.
     trigger : str
@@ -135,7 +135,7 @@ class Fault:
     link : str or None
         Part of the names of the affected links (such as ``14550``), or the number of a link, from 1 to 999.
     times : int or None
-        Largest number of occurrences of a message fault.
+        Maximum number of messages that a message fault affects.
 
     Raises
     ------
@@ -149,7 +149,7 @@ class Fault:
     >>> Fault("loss", 2.0)
     Traceback (most recent call last):
     ...
-    wbf_mission.addons.faults.fault.FaultError: fault loss: 2 is not a chance from 0 to 1
+    wbf_mission.addons.faults.fault.FaultError: fault loss: 2 is not a probability from 0 to 1
     """
 
     kind: str
@@ -167,7 +167,7 @@ class Fault:
         if kind is None:
             raise FaultError(unknown("fault", self.kind, KINDS))
         object.__setattr__(self, "value", self._checked_value(kind))
-        self._require(0.0 <= self.start_s < math.inf, f"from {self.start_s} is not seconds from 0")
+        self._require(0.0 <= self.start_s < math.inf, f"from {self.start_s} is not 0 or more seconds")
         self._require(self.duration_s > 0.0, f"for {self.duration_s} is not a positive number of seconds")
         self._require(
             self.trigger in TRIGGERS[:-1] or _ITEM.fullmatch(self.trigger) is not None,
@@ -177,12 +177,12 @@ class Fault:
             self.vehicle is None or 1 <= self.vehicle <= 255, f"vehicle {self.vehicle} is not 1 to 255"
         )
         self._require(self.direction in _DIRECTIONS, f"direction {self.direction!r} is not up, down or both")
-        self._require(self.times is None or self.times >= 1, f"times {self.times} is not a number from 1")
-        self._require(kind.group == "message" or self.times is None, "times is only for faults of messages")
-        self._require(kind.group == "link" or self.link is None, "link is only for faults of links")
+        self._require(self.times is None or self.times >= 1, f"times {self.times} is not 1 or more")
+        self._require(kind.group == "message" or self.times is None, "only message faults can have times")
+        self._require(kind.group == "link" or self.link is None, "only link faults can have a link")
         self._require(
             kind.group == "link" or self.kind == "drop" or self.direction == "both",
-            "direction is only for faults of links and for drop",
+            "only link faults and drop can have a direction",
         )
 
     def _require(self, condition: bool, text: str) -> None:
@@ -208,7 +208,7 @@ class Fault:
 
     @property
     def group(self) -> Group:
-        """Affected group: link, message or vehicle."""
+        """Group of things that the fault affects: link, message or vehicle."""
         return KINDS[self.kind].group
 
     @property
@@ -253,7 +253,7 @@ def _message_id(value: float | str | None) -> float:
 def parse_fault(text: str) -> Fault:
     """Read a fault from ``KIND[=VALUE][,OPTION=VALUE...]``; FaultError if it cannot be read.
 
-    The options are from and for (seconds), at (trigger), vehicle, direction, link and times, see `Fault`.
+    The options are from, for (seconds), at (trigger), vehicle, direction, link and times; see `Fault`.
 
     Examples
     --------
@@ -314,7 +314,7 @@ def faults_of(table: Mapping[str, Any], where: str) -> tuple[Fault, ...]:
     """Return the faults of a decoded TOML file; ``where`` is the file name for messages."""
     entries = table.get("fault", [])
     if not isinstance(entries, list) or not all(isinstance(entry, Mapping) for entry in entries):
-        raise FaultError(f"{where}: faults are written as [[fault]] tables")
+        raise FaultError(f"{where}: faults must be written as [[fault]] tables")
     faults: list[Fault] = []
     for number, entry in enumerate(entries, 1):
         try:

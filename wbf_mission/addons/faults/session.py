@@ -1,7 +1,7 @@
-"""Injection of faults into links, components and vehicles.
+"""Injects faults into links, components and vehicles of a simulation.
 
-A host makes one `FaultSession` per run. All random numbers come from named streams of the seed, so equal
-faults, seeds and inputs give equal bytes.
+A simulation makes one `FaultSession` per run. All random numbers come from named streams of the seed, so
+equal faults, seeds and inputs give equal bytes.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _FEWEST_PORT = 1000
 
 
 class FaultSession(Injection):
-    """Faults of a run (as values or text), with their triggers and random streams.
+    """The faults of a run, given as values or text, with their triggers and random streams.
 
     Examples
     --------
@@ -55,14 +55,14 @@ class FaultSession(Injection):
         self._fired: dict[tuple[int | None, str], float] = {}
 
     def fire(self, system: int, trigger: str, now_s: float) -> None:
-        """Record the time of a trigger of a vehicle; repetitions are ignored."""
+        """Record the time of a vehicle's trigger; only the first time counts."""
         self._fired.setdefault((system, trigger), now_s)
         self._fired.setdefault((None, trigger), now_s)
 
     def window(self, fault: Fault, system: int | None) -> tuple[float, float]:
-        """Return start and end of a fault for a vehicle; `NEVER` before the trigger.
+        """Return start and end of a fault for a vehicle; both are `NEVER` before the trigger.
 
-        With `system` None the first trigger of any vehicle counts.
+        If `system` is None, the first trigger of any vehicle counts.
         """
         origin_s = 0.0
         if fault.trigger != "start":
@@ -86,7 +86,7 @@ class FaultSession(Injection):
                 )
 
     def wrap(self, components: Sequence[Component]) -> list[Component]:
-        """Wrap each component that a fault affects in a `FaultyComponent`; errors as `require_vehicles`."""
+        """Check the faults (`require_vehicles`), and wrap each affected component in a `FaultyComponent`."""
         systems = {c.system_id for c in components if c.component_id == _AUTOPILOT}
         self.require_vehicles(systems)
         wrapped: list[Component] = []
@@ -106,7 +106,7 @@ class FaultSession(Injection):
 
 
 def _matches(wanted: str | None, name: str, number: int) -> bool:
-    """Return whether a fault's ``link`` (a number below 1000, or a part of the name) fits a link."""
+    """Return whether a fault's ``link`` fits a link: by number (below 1000), or by a part of its name."""
     if wanted is None:
         return True
     if wanted.isascii() and wanted.isdigit() and int(wanted) < _FEWEST_PORT:
@@ -127,7 +127,7 @@ def _affects(fault: Fault, component: Component, systems: set[int]) -> bool:
 
 
 def _break_vehicle(component: Component, kind: str, broken: bool, value: float = 0.0) -> None:
-    """Apply (or with `broken` False, end) a vehicle fault on a `SimVehicle`; other components are ignored."""
+    """Start a vehicle fault on a `SimVehicle`, or end it if not `broken`; ignore other components."""
     vehicle: Any = component
     if getattr(vehicle, "pilot", None) is None:
         return
@@ -136,7 +136,7 @@ def _break_vehicle(component: Component, kind: str, broken: bool, value: float =
     elif kind == "motor-failure":
         vehicle.pilot.fail_motor(broken)
     elif broken and kind in ("low-battery", "dead-battery"):
-        # The end of the fault does not recharge the battery, because nobody changes a battery in flight.
+        # The end of the fault does not recharge the battery: batteries are not changed in flight.
         vehicle.pilot.drain_battery(value)
     elif broken and kind == "battery-change":
         vehicle.pilot.change_battery()
@@ -158,7 +158,7 @@ class FaultyRadio(Radio):
         self._combined: dict[tuple[Fault, ...], Faults] = {}
 
     def faults_of(self, direction: Direction, system: int, now_s: float) -> Faults:
-        """Return the disturbances of the radio itself combined with those of the active faults."""
+        """Return the disturbances that the radio and the active faults cause together."""
         key = tuple(
             fault
             for fault in self._links[direction]
@@ -171,7 +171,7 @@ class FaultyRadio(Radio):
 
 
 def _combine(faults: Sequence[Fault], always: Faults) -> Faults:
-    """Return the combined disturbances of several faults and of the radio itself."""
+    """Combine the disturbances of several faults with the radio's lasting disturbances `always`."""
 
     def of(kind: str) -> list[float]:
         return [fault.number for fault in faults if fault.kind == kind]
@@ -195,7 +195,7 @@ class FaultyComponent:
 
     def __init__(self, component: Component, faults: Sequence[Fault], session: FaultSession) -> None:
         self.inner = component
-        # Cached, because an isinstance check of a Protocol takes longer than forwarding a message.
+        # This is cached: an isinstance check of a Protocol takes longer than forwarding a message.
         self._streams = component if isinstance(component, Streams) else None
         self.system_id = component.system_id
         self.component_id = component.component_id
@@ -214,7 +214,7 @@ class FaultyComponent:
         self._last_failed = False
         self._armed = self._flew = False
         self.link = ""
-        self._stopped_s = NEVER  # time of the last disarming; NEVER after the battery change
+        self._stopped_s = NEVER  # Time of the last disarming; NEVER after the battery was changed.
         self._now_s = -math.inf
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
@@ -244,7 +244,7 @@ class FaultyComponent:
             self._streams.open_links(names)
 
     def streamed(self) -> list[tuple[str, list[Message]]]:
-        """Return the component's telemetry on each link; nothing while the component is silent."""
+        """Return the component's telemetry on each link; there is none while the component is silent."""
         if self._streams is None or self._silent(self._now_s):
             return []
         return [
@@ -263,7 +263,7 @@ class FaultyComponent:
         return edge_s if self._silent(self._now_s) else min(edge_s, self.inner.next_deadline())
 
     def goodbye(self) -> list[Message]:
-        """Return the component's last messages without those that faults drop."""
+        """Return the component's last messages with faults applied."""
         if not isinstance(self.inner, SaysGoodbye) or self._silent(self._now_s):
             return []
         return self._apply_faults(self.inner.goodbye(), self._now_s)
@@ -272,7 +272,7 @@ class FaultyComponent:
         return any(self._session.is_active(fault, self.system_id, now_s) for fault in self._silences)
 
     def _update(self, now_s: float) -> None:
-        """Start and end vehicle faults that are due."""
+        """Start vehicle faults that are due, and end vehicle faults that are over."""
         self._now_s = now_s
         for fault, broken in self._broken.items():
             active = self._session.is_active(fault, self.system_id, now_s)
@@ -293,7 +293,7 @@ class FaultyComponent:
         return None
 
     def _refusal(self, message: Message, now_s: float) -> Message | None:
-        """Return the denial of a command by a fault; None if the component answers the command."""
+        """Return the COMMAND_ACK by which a fault denies a command; None if no fault denies it."""
         commands = (m.MAVLink_command_long_message, m.MAVLink_command_int_message)
         if not isinstance(message, commands) or message.target_system not in (0, self.system_id):
             return None
@@ -318,7 +318,7 @@ class FaultyComponent:
         return sent
 
     def _fail_image(self, message: Message) -> Message | None:
-        """Mark an image taken with a stuck shutter as failed, also in later requests for the image."""
+        """Mark an image as failed if the shutter was stuck; it stays failed if it is requested later."""
         if is_a(message, m.MAVLink_debug_float_array_message):
             return None if self._last_failed else message
         if not is_a(message, m.MAVLink_camera_image_captured_message):
@@ -374,7 +374,7 @@ def _accepts(message: Message, _fault: Fault) -> bool:
 
 
 def _with(message: Message, **fields: int) -> Message:
-    """Return a copy of a message with other values of some fields."""
+    """Return a copy of a message in which some fields have new values."""
     changed = copy(message)
     for name, value in fields.items():
         setattr(changed, name, value)
@@ -394,7 +394,7 @@ _DROPPED: dict[str, _Rule] = {
     "no-count": lambda message, _: type(message).id == m.MAVLINK_MSG_ID_MISSION_COUNT,
     "no-request": _is_request_of_item,
 }
-"""Rules by kind of fault: whether the fault drops a message to the component."""
+"""For each kind of fault, a rule that tells whether it drops a message to the component."""
 _REFUSED: dict[str, _Rule] = {"refuse": lambda command, fault: command.command == fault.number}
 _CHANGED: dict[str, _Rule] = {
     "drop": lambda message, fault: type(message).id == fault.number and fault.direction != "up",
@@ -405,7 +405,7 @@ _CHANGED: dict[str, _Rule] = {
     "early-final-ack": _is_request_of_item,
     "final-ack-error": _accepts,
 }
-"""Rules by kind of fault: whether the fault changes a message from the component."""
+"""For each kind of fault, a rule that tells whether it changes a message from the component."""
 _CHANGES: dict[str, Callable[[Any, Fault], Message | None]] = {
     **dict.fromkeys(("drop", "no-request", "no-final-ack"), lambda _message, _fault: None),
     "wrong-sequence": lambda message, _: _with(message, seq=message.seq + 1),
@@ -413,4 +413,4 @@ _CHANGES: dict[str, Callable[[Any, Fault], Message | None]] = {
     "early-final-ack": _acknowledge(int(m.MAV_MISSION_ACCEPTED)),
     "final-ack-error": lambda message, fault: _with(message, type=int(fault.number)),
 }
-"""Messages that are sent in place of those in `_CHANGED`; None drops the message."""
+"""For each kind of fault in `_CHANGED`, the message that is sent instead; None drops the message."""

@@ -1,1 +1,1 @@
-"""Files and logs of a simulated vehicle over MAVLink FTP and LOG_REQUEST_*."""
+"""Files and logs of a simulated vehicle, which clients read by MAVLink FTP and LOG_REQUEST_*."""

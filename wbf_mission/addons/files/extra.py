@@ -1,4 +1,4 @@
-"""Files and logs as an extra of the simulated vehicle."""
+"""Adds files and logs to the simulated vehicle, as an optional part of it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["Files"]
 
 
 class Files(VehicleExtra):
-    """MAVLink FTP, LOG_REQUEST_* and COMPONENT_METADATA."""
+    """Answers MAVLink FTP and LOG_REQUEST_*, and announces COMPONENT_METADATA."""
 
     capabilities = int(m.MAV_PROTOCOL_CAPABILITY_FTP)
 
@@ -40,7 +40,7 @@ class Files(VehicleExtra):
         self._logs.write(frame, message_id, now_s, armed=self.state.pilot.armed)
 
     def metadata(self) -> tuple[Message, ...]:
-        """Return COMPONENT_METADATA; empty if the autopilot has none."""
+        """Return the COMPONENT_METADATA message; empty if the autopilot has no metadata."""
         details = self.state.mavlink.component_metadata
         if details is None:
             return ()

@@ -1,4 +1,4 @@
-"""File system of a vehicle: an in-memory tree of limited size, and files generated when read."""
+"""File system of a vehicle: a tree in memory, of limited size, with files that are generated on reading."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _MOST_BYTES = 4_000_000
 _MOST_DEPTH = 8
 
 MadeFile = Callable[[str, int], bytes | None]
-"""``make(query, read_size)`` returns the contents of a generated file; None for a wrong query."""
+"""``make(query, read_size)`` returns the contents of a generated file; None if the query is invalid."""
 TakenFile = Callable[[bytes], bool]
 Mounted = Callable[[], Mapping[str, bytes | bytearray]]
 Path = tuple[str, ...]
@@ -41,7 +41,7 @@ class FileError(Exception):
 
 
 def path_of(text: str) -> Path:
-    """Split a path from the root into its steps, without ``.`` and empty steps; FileError for ``..``.
+    """Split a path from the root into its parts, without ``.`` and empty parts; FileError for ``..``.
 
     Examples
     --------
@@ -57,10 +57,10 @@ def path_of(text: str) -> Path:
 class FileTree:
     """Directories and files of a vehicle; methods raise FileError on failure.
 
-    Files can be written in ``directories`` and below. ``made`` maps a path to a function that returns the
-    contents when read; ``taken`` maps a path to a function that receives the written contents and returns
-    whether they are accepted; ``mounted`` maps a directory to a function that returns its read-only files by
-    path.
+    Files can be written in ``directories`` and below. ``made`` maps the path of a generated file to a
+    function that returns its contents. ``taken`` maps the path of an upload to a function that receives the
+    contents, and returns whether it accepts them. ``mounted`` maps a directory to a function that returns the
+    read-only files of this directory, keyed by path.
     """
 
     def __init__(
@@ -99,7 +99,7 @@ class FileTree:
         return sorted(entries)
 
     def opened(self, text: str) -> Callable[[int], bytes | None]:
-        """Return a function that takes the size of the first read and returns the contents of the file."""
+        """Return a function that returns the file's contents; its argument is the size of the first read."""
         name, _, query = text.partition("?")
         path = path_of(name)
         if path in self._made:
@@ -112,7 +112,7 @@ class FileTree:
         return lambda _size: contents
 
     def create(self, text: str, *, anew: bool) -> Path:
-        """Create a file or open an existing one, and return its path; `anew` empties it."""
+        """Create a file or open an existing file, and return its path; `anew` empties an existing file."""
         path = path_of(text)
         if path not in self._taken:
             path = self._place(text)
@@ -126,7 +126,7 @@ class FileTree:
         return path
 
     def write(self, path: Path, offset: int, data: bytes) -> None:
-        """Write `data` at `offset`; a gap before it is filled with zeros."""
+        """Write `data` at `offset`; a gap between the end of the file and `offset` is filled with zeros."""
         kept = self._files.get(path)
         if kept is None:
             raise FileError(FtpError.NOT_FOUND)
@@ -137,7 +137,7 @@ class FileTree:
         kept[offset:end] = data
 
     def close(self, path: Path) -> None:
-        """Close a written file and hand its contents to the vehicle; FileError if refused."""
+        """Close a written file and pass an upload to the vehicle; FileError if the vehicle refuses it."""
         if path in self._taken and not self._taken[path](bytes(self._files.pop(path, b""))):
             raise FileError(FtpError.FAIL)
 
@@ -189,7 +189,7 @@ class FileTree:
         }
 
     def _place(self, text: str) -> Path:
-        """Return the steps of a path in a writable directory; FileError otherwise."""
+        """Return the parts of a path in a writable directory; FileError if it is not writable."""
         path = path_of(text)
         if any(path in kept for kept in (self._made, self._taken, self._mounted_files())):
             raise FileError(FtpError.PROTECTED)

@@ -1,7 +1,7 @@
-"""MAVLink FTP server of a vehicle: payload of FILE_TRANSFER_PROTOCOL, and sessions.
+"""MAVLink FTP server of a vehicle: payloads of FILE_TRANSFER_PROTOCOL, and sessions.
 
-Layout, operations and errors: https://mavlink.io/en/services/ftp.html. The client chooses the session number,
-as with ArduPilot. PX4's clients read the number from the answer, and so get back the number they sent.
+Layout, operations and errors are as in https://mavlink.io/en/services/ftp.html. The client chooses the
+session number, as with ArduPilot. PX4's clients read this number from the answer, which repeats it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _HEADER = struct.Struct("<HBBBBBxI")
 _PAYLOAD = 251
 _MOST_SESSIONS = 8
 _MOST_PEERS = 32
-# ArduPilot ends a burst after 100 packets, so that the client can request missing ones.
+# ArduPilot ends a burst after 100 packets, so that the client can request missing packets.
 _BURST = 100
 _BATCH = 10
 _BATCH_S = 0.005
@@ -46,7 +46,7 @@ ACK, NAK = 128, 129
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """A request or an answer. An answer has the sequence number of its request plus one, modulo 65536.
+    """A request or an answer. An answer has the sequence number of the request plus 1, modulo 65536.
 
     Examples
     --------
@@ -58,10 +58,10 @@ class Packet:
     sequence: int
     session: int
     operation: int
-    size: int = -1  # Bytes of data; in a read request, the number of bytes requested
-    request: int = 0  # Operation of the request that is answered
-    complete: bool = False  # Last packet of a burst that ends before the file does
-    offset: int = 0  # In bytes; for LIST, the index of the first entry
+    size: int = -1  # Number of bytes of data, or of the requested bytes in a read request.
+    request: int = 0  # In an answer, the operation of the request.
+    complete: bool = False  # Whether a burst ends with this packet, before the end of the file.
+    offset: int = 0  # Offset in the file in bytes; for LIST, the index of the first entry.
     data: bytes = b""
 
     def __post_init__(self) -> None:
@@ -70,7 +70,7 @@ class Packet:
 
     @classmethod
     def parse(cls, payload: bytes) -> Packet | None:
-        """Parse a payload; None if it is too short or its size field too large."""
+        """Parse a payload; return None if the payload is too short, or its size field is too large."""
         if len(payload) < _HEADER.size:
             return None
         sequence, session, operation, size, request, complete, offset = _HEADER.unpack_from(payload)
@@ -100,7 +100,7 @@ class Packet:
 
     @property
     def text(self) -> str | None:
-        """The path in the data, up to the first zero; None if empty or not printable ASCII."""
+        """The path in the data, up to the first zero; None if it is empty or not printable ASCII."""
         raw = self.data.split(b"\0", 1)[0]
         if not raw.isascii() or not raw.decode("ascii").isprintable():
             return None
@@ -109,14 +109,14 @@ class Packet:
 
 @dataclass(slots=True)
 class _Session:
-    """An open file: `contents` if it is open for reading, `path` if it is open for writing."""
+    """An open file: it has `contents` if it is open for reading, and a `path` if it is open for writing."""
 
     contents: Callable[[int], bytes | None] | None = None
     path: Path = ()
     read: bytes | None = None
 
     def data(self, size: int) -> bytes:
-        """Return the contents, which are generated at the first read and do not change afterwards."""
+        """Return the contents: they are generated at the first read, and do not change afterwards."""
         if self.contents is None:
             raise FileError(FtpError.FAIL)
         if self.read is None:
@@ -128,7 +128,7 @@ class _Session:
 
 @dataclass(slots=True)
 class _Burst:
-    """Bytes still to send of a burst read."""
+    """A burst read: the bytes of the file that are still to be sent."""
 
     request: Packet
     data: bytes
@@ -138,7 +138,7 @@ class _Burst:
 
 
 class FtpServer:
-    """Server of FILE_TRANSFER_PROTOCOL requests."""
+    """Server that answers FILE_TRANSFER_PROTOCOL requests."""
 
     def __init__(self, files: FileTree) -> None:
         self._files = files
@@ -233,7 +233,7 @@ class FtpServer:
         return session
 
     def _begin(self, peer: Peer, request: Packet, session: _Session) -> None:
-        """Open a session; it replaces an older session of the same number, whose TERMINATE was lost."""
+        """Open a session; an older session with the same number, whose TERMINATE was lost, is replaced."""
         key = (peer, request.session)
         if key not in self._sessions and len(self._sessions) >= _MOST_SESSIONS:
             raise FileError(FtpError.NO_SESSIONS)

@@ -1,8 +1,8 @@
-"""Flight logs of a vehicle, and the LOG_REQUEST messages.
+"""Flight logs of a vehicle, and answers to the LOG_REQUEST messages.
 
-A log begins when the vehicle arms and ends one second after it has disarmed, as with autopilots (ArduPilot's
-LOG_DISARMED 0, PX4's SDLOG_MODE 0). The log is a telemetry log (.tlog) of the messages sent and received by
-the vehicle. Sources: ArduPilot's ``AP_Logger_MAVLinkLogTransfer.cpp``, PX4's ``mavlink_log_handler.cpp``.
+A log begins when the vehicle arms and ends one second after it has disarmed, as with real autopilots
+(ArduPilot's LOG_DISARMED 0, PX4's SDLOG_MODE 0). It is a .tlog of the messages sent and received by the
+vehicle. Sources: ArduPilot's ``AP_Logger_MAVLinkLogTransfer.cpp``, PX4's ``mavlink_log_handler.cpp``.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ __all__ = ["FlightLog", "FlightLogs", "LogMessage", "LogTransfer"]
 _MOST_BYTES = 16 * 2**20
 _MOST_LOGS = 32
 _AFTER_S = 1.0
-# Signing keys must not be logged; log and file messages would make a log grow while it is read.
+# Signing keys must not be logged. Log and file messages would make a log grow while a client reads it.
 _UNLOGGED = frozenset(
     {
         SETUP_SIGNING,
@@ -43,21 +43,21 @@ LogMessage = (
     | m.MAVLink_log_erase_message
 )
 _PART = 90
-# Batch size of ArduPilot's simulator.
+# Number of messages per batch, as in ArduPilot's simulator.
 _BATCH = 40
 _BATCH_S = 0.01
 
 
 @dataclass(slots=True)
 class FlightLog:
-    """One flight log; numbers start at 1 after the logs were erased."""
+    """One flight log; after the logs were erased, numbers start again at 1."""
 
     number: int
     begun_unix_s: float
     data: bytearray = field(default_factory=bytearray)
 
     def path(self, *, by_date: bool) -> str:
-        """Return the path below the log directory: by date and time as PX4, or by number as ArduPilot.
+        """Return the path below the log directory: date and time as on PX4, or the number as on ArduPilot.
 
         Examples
         --------
@@ -73,8 +73,8 @@ class FlightLog:
 class FlightLogs:
     """Flight logs of a vehicle.
 
-    The oldest logs are deleted to make room for new ones. A log that fills all the space stops growing.
-    `epoch_unix_s` is the time of day at the host's time 0.
+    The oldest logs are deleted to make room for new logs. A log that fills all the space stops growing.
+    `epoch_unix_s` is the Unix time at time 0 of the simulation.
 
     Examples
     --------
@@ -101,11 +101,11 @@ class FlightLogs:
         return tuple(self._logs)
 
     def files(self, *, by_date: bool) -> Mapping[str, bytearray]:
-        """Return the contents of the logs by path."""
+        """Return the contents of the logs, keyed by path."""
         return {log.path(by_date=by_date): log.data for log in self._logs}
 
     def write(self, frame: bytes, message_id: int, now_s: float, *, armed: bool) -> None:
-        """Log a frame at host time `now_s` if the vehicle is armed, or was armed within the last second."""
+        """Log a frame at time `now_s` if the vehicle is armed, or was armed within the last second."""
         if armed:
             self._ends_s = now_s + _AFTER_S
             if self._open is None:
@@ -142,7 +142,7 @@ class FlightLogs:
 
 @dataclass(slots=True)
 class _Sending:
-    """Part of a log still to send."""
+    """The part of a log that is still to be sent to a client."""
 
     peer: tuple[int, int]
     log: FlightLog
@@ -152,7 +152,7 @@ class _Sending:
 
 
 class LogTransfer:
-    """Server of log lists and log data; sends one log at a time."""
+    """Server that sends the list of logs, and the data of one log at a time."""
 
     def __init__(self, logs: FlightLogs, pilot: Pilot) -> None:
         self._logs = logs
@@ -227,7 +227,7 @@ class LogTransfer:
         return self.poll(now_s)
 
     def _next_part(self, sending: _Sending) -> Message:
-        """Return the next part; a short part or the requested end completes the transfer."""
+        """Return the next part of the log; the transfer ends at a short part or at the requested end."""
         part = bytes(sending.log.data[sending.offset : min(sending.end, sending.offset + _PART)])
         message = m.MAVLink_log_data_message(
             sending.number, sending.offset, len(part), list(part.ljust(_PART, b"\0"))

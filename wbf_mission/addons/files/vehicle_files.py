@@ -1,7 +1,7 @@
-"""Files that each autopilot provides: component metadata, packed parameters and plans, logs.
+"""Files that each autopilot provides: component metadata, packed parameters, packed plans and logs.
 
-Component metadata: https://mavlink.io/en/services/component_metadata.html, and ``parameter.schema.json`` of
-https://github.com/mavlink/mavlink/tree/master/component_metadata; the version that PX4 writes is 1.
+Component metadata follow https://mavlink.io/en/services/component_metadata.html and ``parameter.schema.json``
+of https://github.com/mavlink/mavlink/tree/master/component_metadata, in version 1, which PX4 also writes.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ __all__ = [
 GENERAL_PATH = "/etc/extras/component_general.json.xz"
 PARAMETERS_PATH = "/etc/extras/parameters.json.xz"
 _TYPE_PARAMETERS = 1
-# For each kind of choice, the metadata's entry and the key of the choice's number.
+# For each kind of choice: the name of its list in the metadata, and the key of a choice's number.
 _CHOICES = {"value": ("values", "value"), "bit": ("bitmask", "index")}
-# Small XZ readers in ground stations support only this checksum.
+# Small XZ readers in ground stations support only CRC32 as checksum.
 _FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 6, "dict_size": 1 << 16}]
 _MAGIC, _MAGIC_WITH_DEFAULTS = 0x671B, 0x671C
 _HEADER = struct.Struct("<HHH")
@@ -58,15 +58,15 @@ _MOST = 65534
 Details: TypeAlias = tuple[str, str]
 
 
-# Cached: the tables of a fleet's vehicles are almost equal, and compressing a table takes time.
+# Results are cached: compressing a table takes time, and all vehicles of a fleet have almost equal tables.
 @lru_cache(maxsize=16)
 def _metadata(
     table: tuple[MavParameter, ...], defaults: tuple[float, ...], details: Details
 ) -> dict[str, bytes]:
-    """Return the metadata files by path: the general file, which names the others, and the parameters.
+    """Return the metadata files, keyed by path: the parameter file, and the general file that refers to it.
 
-    `defaults` are the values at start, each in the unit of its parameter. A parameter without details is
-    described by `table`.
+    `defaults` are the values of the parameters at start, each in the unit of its parameter. `table` describes
+    parameters for which there are no details.
     """
     known = parameter_details(*details)
     entries = [
@@ -91,7 +91,7 @@ def uri(path: str) -> str:
 
 @cache
 def parameter_details(name: str, package: str) -> Mapping[str, dict[str, Any]]:
-    """Return entries of ``parameter.schema.json`` by parameter, from tables ``lists/NAME*.csv`` of a package.
+    """Return ``parameter.schema.json`` entries, keyed by parameter, from ``lists/NAME*.csv`` of a package.
 
     Examples
     --------
@@ -121,7 +121,7 @@ def parameter_details(name: str, package: str) -> Mapping[str, dict[str, Any]]:
 
 
 def _entry(parameter: MavParameter, default: float, details: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the metadata of a parameter, with its numbers as integers or floats."""
+    """Return the metadata of a parameter; for an integer parameter, all numbers in it are integers."""
     number: Callable[[float], float] = round if parameter.integer else float
     entry: dict[str, Any] = {
         "name": parameter.name,
@@ -147,7 +147,7 @@ def _compressed(value: object) -> bytes:
 
 
 def asked_for(query: str) -> tuple[int, int, bool] | None:
-    """Parse a query: first parameter, number (0 for all), whether with defaults; None if invalid.
+    """Parse a query: first parameter, count (0 for all), and whether to add defaults; None if invalid.
 
     Examples
     --------
@@ -172,7 +172,7 @@ def asked_for(query: str) -> tuple[int, int, bool] | None:
 def packed(parameters: ParameterSet, query: str, read_size: int) -> bytes | None:
     """Pack the parameters selected by `query`; None if the query is invalid.
 
-    Padding keeps each value within a single read of `read_size` bytes by the client.
+    Padding ensures that no value is split between two reads of `read_size` bytes.
     """
     table = parameters.table
     asked = asked_for(query)
@@ -202,7 +202,7 @@ def packed(parameters: ParameterSet, query: str, read_size: int) -> bytes | None
 def unpacked(data: bytes) -> list[tuple[str, float]] | None:
     """Parse an upload into names and values; None if it is damaged.
 
-    In an upload, the header has the file length in place of the total number of parameters.
+    The header of an upload has the length of the file where other headers have the number of parameters.
 
     Examples
     --------
@@ -233,12 +233,12 @@ def unpacked(data: bytes) -> list[tuple[str, float]] | None:
 
 
 def _common(one: str, other: str) -> int:
-    """Return the number of leading characters that two names share."""
+    """Return the number of leading characters that are equal in two names."""
     return next((i for i, pair in enumerate(zip(one, other, strict=False)) if pair[0] != pair[1]), len(one))
 
 
 def _bytes(parameter: MavParameter, code: str, value: float) -> bytes:
-    """Pack a value in its parameter's type."""
+    """Pack a value in the type of its parameter."""
     if not parameter.integer:
         return struct.pack(code, value)
     limit = 1 << parameter.bits - 1
@@ -250,9 +250,9 @@ PLAN_PATHS = {
     MissionType.FENCE: "@MISSION/fence.dat",
     MissionType.RALLY: "@MISSION/rally.dat",
 }
-"""Path of the file of each plan."""
+"""Path of the file for each type of plan."""
 _PLAN_MAGIC = 0x763D
-_PLAN_HEADER = struct.Struct("<5H")  # Magic, kind of plan, options, first item, number of items
+_PLAN_HEADER = struct.Struct("<5H")  # Magic, type of plan, options, first item, number of items.
 _ITEM = struct.Struct("<4f2if2H6B")
 _PART = 1
 
@@ -283,9 +283,9 @@ def pack_plan(mission_type: MissionType, items: Sequence[m.MAVLink_mission_item_
 
 
 def unpack_plan(data: bytes, mission_type: MissionType) -> PackedPlan | None:
-    """Parse an uploaded plan; None if it is of another kind or has gaps.
+    """Parse an uploaded plan; None if it is of another type, or an item is missing.
 
-    Partial replacement is limited to missions, as in ArduPilot.
+    Only missions can be replaced in part, as in ArduPilot.
     """
     if len(data) < _PLAN_HEADER.size:
         return None
@@ -309,14 +309,14 @@ def unpack_plan(data: bytes, mission_type: MissionType) -> PackedPlan | None:
     return PackedPlan(tuple(items), first if in_part else None)
 
 
-# The other files of @SYS describe threads, memory, ports and storage of a board, which is not simulated.
+# Other files in @SYS describe threads, memory, ports and storage of a flight controller: not simulated.
 _TASKS_PATH = "@SYS/tasks.txt"
 
 
 def vehicle_files(
     profile: MavlinkProfile, parameters: ParameterSet, logs: FlightLogs, plans: PlanReceiver
 ) -> FileTree:
-    """Return the file tree of a vehicle; slow contents are generated at the first read."""
+    """Return the file tree of a vehicle; contents that take time are generated at the first read."""
     made: dict[str, MadeFile] = {}
     taken: dict[str, TakenFile] = {}
     if profile.packed_parameters:
@@ -330,7 +330,7 @@ def vehicle_files(
             made[path] = _whole(partial(_packed_plan, plans, mission_type))
             taken[path] = partial(_take_plan, plans, mission_type)
     if profile.system_files:
-        # ArduPilot's task statistics (``AP_Scheduler.cpp``) without any tasks: the header line.
+        # ArduPilot's task statistics (``AP_Scheduler.cpp``): only the header line, as there are no tasks.
         made[_TASKS_PATH] = _whole(lambda: b"TasksV2\n")
     behaviour = profile.logs
     return FileTree(
@@ -342,7 +342,7 @@ def vehicle_files(
 
 
 def _whole(contents: Callable[[], bytes]) -> MadeFile:
-    """Return a file that is generated as a whole; a read with a query fails."""
+    """Return a file whose contents are always generated as a whole: reading it with a query fails."""
     return lambda query, _read_size: None if query else contents()
 
 
@@ -363,7 +363,7 @@ def _take_plan(plans: PlanReceiver, mission_type: MissionType, data: bytes) -> b
 
 
 def general_metadata(parameters: ParameterSet, details: Details) -> bytes:
-    """Return the file that COMPONENT_METADATA refers to."""
+    """Return the general metadata file, to which COMPONENT_METADATA refers."""
     return _metadata_file(parameters, details, GENERAL_PATH)
 
 

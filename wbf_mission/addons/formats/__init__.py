@@ -1,4 +1,4 @@
-"""Formats outside the core: missions (`missions`), farms (`farm_files`), and the command ``convert``."""
+"""File formats that the core lacks: missions (`missions`) and farms (`farm_files`); command ``convert``."""
 
 from typing import TYPE_CHECKING
 

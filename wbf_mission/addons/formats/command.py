@@ -1,4 +1,4 @@
-"""``wbf-mission convert``."""
+"""Command ``wbf-mission convert``."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ _READ = ".plan, .waypoints, .fen, .ral, .json, .kml, .kmz, .geojson, .gpx or .cs
 def convert_command(
     output: Output,
     source: Annotated[Path, typer.Argument(help=f"A mission or a drawn path: {_READ}.")],
-    target: Annotated[Path, typer.Argument(help="The file to write: such a mission, or .wpml.kmz for DJI.")],
+    target: Annotated[Path, typer.Argument(help="File to write: one of these, or .wpml.kmz for DJI.")],
     autopilot: Annotated[
         Literal["px4", "ardupilot"],
-        option("Autopilot whose numbers a .plan or .waypoints uses.", "--autopilot"),
+        option("Autopilot for which a .plan or .waypoints file is written.", "--autopilot"),
     ] = "px4",
     altitude: Annotated[
         float | None,
-        option("Height above home of a drawn path's waypoints, m.", "--altitude", parser=options.number),
+        option("Height above home of waypoints from a drawn path, m.", "--altitude", parser=options.number),
     ] = None,
-    path: Annotated[str | None, option("Name of the drawn path, if the file has several.", "--path")] = None,
+    path: Annotated[str | None, option("Name of the drawn path, if there are several.", "--path")] = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Convert a mission or a drawn path to another file format, and report losses."""

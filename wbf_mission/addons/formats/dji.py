@@ -1,9 +1,9 @@
-"""DJI wayline files (WPML 1.0.2 in a KMZ archive), write-only: waypoints, speeds, waits, camera, gimbal.
+"""Writes DJI wayline files (WPML 1.0.2 in a KMZ archive): waypoints, speeds, waits, camera and gimbal.
 
-Heights are above the take-off point. The vehicle stops at each waypoint and flies straight to the next. The
+Heights are above the take-off point. The drone stops at each waypoint and flies straight to the next. The
 altitude of a take-off item is the height to which the drone climbs first. A landing or return at the end of
-the mission sets the finish action. A heading of 0 counts as no heading, because ArduPilot's files have 0 in
-every waypoint.
+the mission sets the finish action. A heading of 0 is ignored, because ArduPilot's files have 0 in every
+waypoint.
 
 Source: DJI Cloud API, "WPML" (developer.dji.com/doc/cloud-api-tutorial, github.com/dji-sdk/Cloud-API-Doc):
 overview, template.kml, waylines.wpml, common elements.
@@ -25,7 +25,7 @@ from wbf_mission.addons.base.xml_output import add, decimal, document
 from wbf_mission.addons.formats.records import command_name, is_placed
 
 _DRONE_NAME = "Mavic 3M"
-# Enum values of the drone and its camera (common elements, droneInfo and payloadInfo).
+# DJI's enum values of the drone and its camera (in "common elements": droneInfo and payloadInfo).
 _DRONE = {
     "droneInfo": {"droneEnumValue": 77, "droneSubEnumValue": 2},
     "payloadInfo": {"payloadEnumValue": 68, "payloadSubEnumValue": 0, "payloadPositionIndex": 0},
@@ -48,7 +48,7 @@ _GIMBAL = {
     **dict.fromkeys(("gimbalRotateTimeEnable", "gimbalRotateTime"), 0),
 }
 
-_OF_KML = ("Folder", "Placemark", "Point", "coordinates")  # Other elements are in DJI's namespace
+_OF_KML = ("Folder", "Placemark", "Point", "coordinates")  # All other elements are in DJI's namespace.
 
 Action: TypeAlias = tuple[str, Mapping[str, Any]]
 
@@ -65,7 +65,7 @@ class _Waypoint:
 
 @dataclass(slots=True)
 class _Group:
-    """Actions between two waypoints; `end` is None until the last waypoint is known."""
+    """Actions from waypoint `start` to waypoint `end`, which is None until it is known."""
 
     start: int
     end: int | None
@@ -75,7 +75,7 @@ class _Group:
 
 @dataclass(slots=True)
 class _Route:
-    """A mission as a wayline route, and the lost items. Each step method returns whether its item is kept."""
+    """A mission as a wayline route, and the lost items. Item methods return whether they keep the item."""
 
     mission: Mission
     speed_m_s: float
@@ -87,12 +87,12 @@ class _Route:
     first_actions: list[Action] = field(default_factory=list)
 
     def act(self, function: str, parameters: Mapping[str, Any]) -> bool:
-        """Add an action at the last waypoint, or at the first waypoint to come."""
+        """Add an action at the latest waypoint; if there is none yet, at the first waypoint."""
         (self.waypoints[-1].actions if self.waypoints else self.first_actions).append((function, parameters))
         return True
 
     def repeat(self, kind: str, every: float) -> bool:
-        """Take photos by distance or time until the next call; `every` = 0 stops."""
+        """Take a photo every `every` metres or seconds until the next call; 0 stops the photos."""
         here = max(len(self.waypoints) - 1, 0)
         if self.repeats and self.repeats[-1].end is None:
             self.repeats[-1].end = here
@@ -117,7 +117,7 @@ class _Route:
             height_m -= home.altitude_m
         elif item.frame != Frame.GLOBAL_RELATIVE_ALT:
             raise MissionFileError(
-                f"its altitude is in frame {item.frame}, a DJI file holds heights above the take-off;"
+                f"its altitude is in frame {item.frame}, but a DJI file has heights above the take-off;"
                 " give frame 3, or frame 0 and a home"
             )
         is_plain = item.command == Command.NAV_WAYPOINT
@@ -147,7 +147,7 @@ class _Route:
         if item.param1 not in (0.0, 1.0) or item.param2 is None or item.param2 <= 0.0:
             return False
         self.speed_m_s = item.param2
-        if self.waypoints:  # The speed of a waypoint applies to the leg that starts there.
+        if self.waypoints:  # The speed of a waypoint is for the leg that starts there.
             self.waypoints[-1].speed_m_s = item.param2
         return True
 
@@ -206,7 +206,7 @@ _STEPS: Mapping[int, Callable[[_Route, MissionItem], bool]] = {
 
 
 def _route(mission: Mission) -> _Route:
-    """Convert a mission to a route; MissionFileError without a waypoint, or for an unknown height."""
+    """Convert a mission to a route; MissionFileError if it has no waypoint, or a height is unknown."""
     route = _Route(mission, float(mission.hover_speed_m_s) or _USUAL_SPEED_M_S)
     for number, item in enumerate(mission.items, 1):
         step = _STEPS.get(item.command)
@@ -223,7 +223,7 @@ def _route(mission: Mission) -> _Route:
 
 
 def losses(mission: Mission) -> Sequence[Loss]:
-    """Return the parts of a mission that a wayline file cannot hold."""
+    """Return the parts of a mission that a wayline file cannot contain."""
     found = [
         Loss(f"{name} is not kept ({numbered('mission item', at)})", True)
         for name, at in _route(mission).lost.items()
@@ -231,8 +231,8 @@ def losses(mission: Mission) -> Sequence[Loss]:
     found += dropped("fence item", len(mission.fence), len(mission.fence))
     found += dropped("rally point", len(mission.rally), len(mission.rally))
     if mission.home is not None:
-        found.append(Loss("home is not kept: heights count from where the drone takes off"))
-    found.append(Loss(f"the drone it names is a {_DRONE_NAME}; for another change droneInfo and payloadInfo"))
+        found.append(Loss("home is not kept: heights are above the drone's take-off point"))
+    found.append(Loss(f"the file names the drone {_DRONE_NAME}; for others, edit droneInfo and payloadInfo"))
     return found
 
 
@@ -270,7 +270,7 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> bytes:  # 
                     "Point": _point(waypoint),
                     "index": index,
                     "useGlobalHeight": 0,
-                    # Both elements have the height above take-off.
+                    # Both elements contain the height above the take-off point.
                     "ellipsoidHeight": waypoint.height_m,
                     "height": waypoint.height_m,
                     "useGlobalSpeed": 0,
@@ -332,7 +332,7 @@ def _document(values: Mapping[str, Any]) -> str:
 
 
 def _put(parent: ElementTree.Element, values: Mapping[str, Any]) -> None:
-    """Add elements by name: a mapping becomes an element with children, a list several elements of a name."""
+    """Add elements by name: a mapping becomes one element with children, a list becomes several elements."""
     for name, value in values.items():
         tag = name if name in _OF_KML else f"wpml:{name}"
         for part in value if isinstance(value, list) else [value]:

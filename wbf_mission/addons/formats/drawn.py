@@ -1,4 +1,4 @@
-"""Missions made from drawn or recorded paths: each point becomes a waypoint."""
+"""Makes missions from drawn or recorded paths: each point of a path becomes a waypoint."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MOST_NAMES = 8
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A position (degrees), its altitude (m) and the altitude frame; None if the file has no altitude."""
+    """A position (degrees), altitude (m) and altitude frame; None if the file has no altitude."""
 
     latitude_deg: float
     longitude_deg: float
@@ -35,21 +35,21 @@ class DrawnPath:
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """The paths in a file of drawings or tracks."""
+    """The paths in a file with drawings or tracks."""
 
     paths: Sequence[DrawnPath]
-    areas: int = 0  # Number of polygons in the file, which are not read
-    no_altitudes: str = "the file gives none"  # Reason for missing altitudes, for the error message
+    areas: int = 0  # Number of polygons in the file, which are not used.
+    no_altitudes: str = "the file gives none"  # Reason for missing altitudes, for the error message.
 
     def mission(self, altitude_m: float | None = None, name: str | None = None) -> tuple[Mission, list[str]]:
-        """Return a mission of the path `name` (default: the only path) and notes on the mission.
+        """Return a mission along the path `name` (default: the only path), and notes on the mission.
 
         MissionFileError if there is no such path, or a point has no altitude and `altitude_m` is None.
         """
         path = self._chosen(name)
         if len(path.points) > MAX_ITEMS:
             raise MissionFileError(
-                f"{path.name}: {len(path.points)} points, but MAVLink numbers {MAX_ITEMS} items; thin it out"
+                f"{path.name}: {len(path.points)} points, but MAVLink allows {MAX_ITEMS} items; thin it out"
             )
         made = make_mission((self._waypoint(point, path, altitude_m) for point in path.points), None)
         names = {Frame.GLOBAL_RELATIVE_ALT: "above home", Frame.GLOBAL: "above sea level"}
@@ -70,7 +70,7 @@ class Drawing:
         where = f"{path.name}, {point.where}"
         if altitude_m is None or frame is None:
             raise MissionFileError(
-                f"{where}: no altitude to fly at ({self.no_altitudes}); give one above home"
+                f"{where}: no altitude to fly at ({self.no_altitudes}); give an altitude above home"
                 " (convert --altitude METRES)"
             )
         place = (point.latitude_deg, point.longitude_deg, altitude_m)
@@ -89,7 +89,7 @@ class Drawing:
             raise MissionFileError(one_line(f"{len(paths)} paths: {known}; choose one (convert --path NAME)"))
         if self.areas:
             raise MissionFileError(
-                f"{self.areas} areas (polygons) and no path; to plan a flight over a field give the file as a"
-                " farm (wbf-mission plan --farm FILE)"
+                f"{self.areas} areas (polygons), but no path; to plan a flight over a field, give the file as"
+                " a farm (wbf-mission plan --farm FILE)"
             )
         raise MissionFileError("the file has no path; draw a line, or give a mission")

@@ -1,8 +1,8 @@
-"""Farm files of other programs: KML, KMZ, Shapefile, GeoPackage and GPX by GDAL; Mission Planner's ``.poly``.
+"""Reads farm files of other programs: KML, KMZ, Shapefile, GeoPackage and GPX by GDAL, and ``.poly``.
 
 Files are not trusted. GDAL is given only local files that begin with the bytes of their format: if a file
-named ``.gpkg`` held a list of web addresses, GDAL would open these. Archives are unpacked here, with a size
-limit. XML with entities or external links is refused.
+named ``.gpkg`` contained a list of web addresses, GDAL would open these. This module unpacks archives, with
+a size limit. XML with entities or external links is refused.
 """
 
 from __future__ import annotations
@@ -34,24 +34,24 @@ from wbf_mission.addons.base.archive import Archive, ArchiveError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-# Limits on hostile files
+# Limits that protect against hostile files.
 _MAX_BYTES = 128 * 2**20
-_MAX_TEXT_BYTES = 32 * 2**20  # XML and .poly
+_MAX_TEXT_BYTES = 32 * 2**20  # Limit for XML and .poly files.
 _MAX_LAYERS = 100
-_MAX_DEPTH = 100  # Of XML
-_MAX_GAP_M = 5.0  # Largest gap between the ends of a track round a field: the error of a handheld receiver
-_SHOWN_GAP_M = 0.05  # Smaller gaps are rounding errors
+_MAX_DEPTH = 100  # Limit of nesting in XML.
+_MAX_GAP_M = 5.0  # Maximum gap between the ends of a track round a field: the error of a handheld receiver.
+_SHOWN_GAP_M = 0.05  # Smaller gaps are rounding errors.
 _SHAPEFILE = (".shp", ".shx", ".dbf", ".prj", ".cpg")
 _WKB = dict(enumerate(("Point", "LineString", "Polygon", "MultiPoint", "MultiLineString", "MultiPolygon"), 1))
 _WKB[7] = "GeometryCollection"
-_GPX_LAYERS = ("routes", "tracks", "waypoints")  # The other layers repeat the points of these layers
+_GPX_LAYERS = ("routes", "tracks", "waypoints")  # Other layers repeat the points of these.
 _POLY_WORDS = re.compile(r"(name|color):(.*)", re.IGNORECASE)
 
 
 def read_vector(path: Path, layer: str | None = None, crs: str | None = None) -> Document:
-    """Return the features of a file, of all layers or of one; a .zip holds a Shapefile.
+    """Return the features of a file: of all layers, or of one layer. A .zip must contain a Shapefile.
 
-    `crs` is the coordinate system, if the file gives none. FarmError if GDAL is not installed, or the file
+    `crs` is the coordinate system of a file that states none. FarmError if GDAL is not installed, or the file
     cannot be used.
     """
     needed = f"{path}: {path.suffix.lower()} files need"
@@ -74,17 +74,17 @@ def read_vector(path: Path, layer: str | None = None, crs: str | None = None) ->
                 _read_layer(pyogrio, plain, name, where, crs, document)
         except FarmError:
             raise
-        except Exception as error:  # For a broken file pyogrio may raise any error, even NameError
+        except Exception as error:  # For a broken file, pyogrio may raise any error
             is_coding = isinstance(error, UnicodeError)
-            text = "it holds bytes that are no text" if is_coding else str(error) or type(error).__name__
+            text = "it has bytes that are not text" if is_coding else str(error) or type(error).__name__
             reason = one_line(text.replace(str(plain), path.name), 200)
-            raise FarmError(f"cannot be read: {reason}; save it anew in the program that wrote it") from error
+            raise FarmError(f"cannot be read: {reason}; save it again in its program") from error
     return document
 
 
 @contextlib.contextmanager
 def _plain(path: Path) -> Iterator[tuple[Path, str]]:
-    """Yield the path of a checked file that GDAL may open, and its name for messages."""
+    """Check a file; yield the path that GDAL may open, and the file's name for messages."""
     suffix = path.suffix.lower()
     try:
         if suffix in (".kml", ".gpx"):
@@ -109,7 +109,7 @@ def _check_head(path: Path, head: bytes, what: str) -> None:
     """Refuse a file that is too large, or does not begin with the bytes of its format."""
     try:
         if path.exists() and not path.is_file():
-            raise FarmError("cannot be read: it is a folder, a pipe or a device, no file")
+            raise FarmError("cannot be read: it is a folder, a pipe or a device, not a file")
         with path.open("rb") as file:
             begin = file.read(len(head))
     except FarmError:
@@ -128,14 +128,14 @@ def _check_shapefile(path: Path) -> None:
     beside = [file for file in path.absolute().parent.iterdir() if file.stem == path.stem]
     siblings = {file.suffix.lower(): file for file in beside if file.is_file()}
     if ".shx" not in siblings:
-        raise FarmError("its .shx is missing: a Shapefile is several files; copy .shp, .shx, .dbf and .prj")
+        raise FarmError("its .shx is missing: a Shapefile has several files; copy .shp, .shx, .dbf and .prj")
     for suffix in set(_SHAPEFILE) & siblings.keys():
         if siblings[suffix].stat().st_size > _MAX_BYTES:
             raise FarmError(f"its {suffix} is larger than {_MAX_BYTES / 2**20:g} MiB")
 
 
 def _check_xml(data: bytes, suffix: str) -> None:
-    """Refuse XML that is no KML or GPX, has entities, is nested too deeply, or has external links."""
+    """Refuse XML that is neither KML nor GPX, has entities or external links, or is nested too deeply."""
     parser = expat.ParserCreate(namespace_separator=" ")
     open_elements: list[str] = []
     names: set[str] = set()
@@ -149,7 +149,7 @@ def _check_xml(data: bytes, suffix: str) -> None:
             raise FarmError("is nested too deeply")
 
     def doctype(*_: object) -> None:
-        raise FarmError("holds a document type with entities (<!DOCTYPE>), which is not read; leave it out")
+        raise FarmError("has a document type with entities (<!DOCTYPE>), which is not read; remove it")
 
     parser.StartElementHandler = start
     parser.EndElementHandler = lambda _: open_elements.pop()
@@ -161,7 +161,7 @@ def _check_xml(data: bytes, suffix: str) -> None:
     except LookupError as error:
         raise FarmError(f"is not XML ({one_line(str(error), 60)})") from None
     if "NetworkLink" in names:
-        raise FarmError("links to elsewhere (NetworkLink), which is not fetched; save the fields themselves")
+        raise FarmError("has a NetworkLink, which is not fetched; save a file with the fields themselves")
 
 
 def _unpacked(path: Path, folder: Path) -> tuple[Path, str]:
@@ -175,7 +175,7 @@ def _unpacked(path: Path, folder: Path) -> tuple[Path, str]:
             mains.sort(key=lambda name: Path(name).name.lower() != "doc.kml")
             if not mains or (len(mains) > 1 and not kmz):
                 named = f" ({one_line(', '.join(mains), 100)})" if mains else ""
-                raise FarmError(f"holds {len(mains)} files {wanted[0]}{named}; give an archive of one")
+                raise FarmError(f"holds {len(mains)} files {wanted[0]}{named}; give an archive with only one")
             main = mains[0][:-4]
             for name in archive.names:
                 suffix = name[-4:].lower()
@@ -196,7 +196,7 @@ def _unpacked(path: Path, folder: Path) -> tuple[Path, str]:
 def _layers(plain: Path, list_layers: Any) -> list[str]:
     """Return the names of the layers with features."""
     if plain.suffix.lower() == ".gpkg":
-        # Views are not read: a query may never finish, and may need functions of GDAL.
+        # Views are not read: their queries may never finish, or may need functions of GDAL.
         base = sqlite3.connect(f"{plain.as_uri()}?mode=ro&immutable=1", uri=True)
         with contextlib.closing(base):
             found = base.execute(
@@ -209,7 +209,7 @@ def _layers(plain: Path, list_layers: Any) -> list[str]:
     if plain.suffix.lower() == ".gpx":
         names = [name for name in _GPX_LAYERS if name in names]
     if not names:
-        raise FarmError("holds no layer of features (views are not read)")
+        raise FarmError("has no layer with features (views are not read)")
     if len(names) > _MAX_LAYERS:
         raise FarmError(f"has more than {_MAX_LAYERS} layers; name one: FILE|layername=LAYER")
     return names
@@ -232,7 +232,7 @@ def _read_layer(
     if geometries is None or not len(geometries):
         return
     if len(document.entries) + len(geometries) > MAX_FEATURES:
-        raise FarmError(f"{where or 'it '}has more than {MAX_FEATURES} features; take those of one farm")
+        raise FarmError(f"{where or 'it '}has more than {MAX_FEATURES} features; leave out other farms")
     shapes = shapely.from_wkb(geometries, on_invalid="fix")
     if int(shapely.get_num_coordinates(shapes).sum()) > MAX_VERTICES:
         raise FarmError(f"{where}has more than {MAX_VERTICES} vertices; simplify the polygons")
@@ -263,7 +263,7 @@ def _read_layer(
 
 
 def _border(line: Any) -> tuple[Any, str, str]:
-    """Return the polygon of a closed line, a note on the gap, and the reason if the line is not closed."""
+    """Return the polygon of a closed line, a note on its gap, and a reason if the line is not closed."""
     xy = np.concatenate([shapely.get_coordinates(part) for part in shapely.get_parts(line)])
     east_m, north_m = LocalFrame(xy[0, 1], xy[0, 0]).from_wgs84(float(xy[-1, 1]), float(xy[-1, 0]))
     gap_m = float(np.hypot(east_m, north_m))
@@ -274,7 +274,7 @@ def _border(line: Any) -> tuple[Any, str, str]:
 
 
 def _as_written(wkb: bytes, at: int) -> tuple[dict[str, Any], int]:
-    """Convert well-known binary to GeoJSON with unchanged rings; return the geometry and its end's offset."""
+    """Convert well-known binary to GeoJSON with unchanged rings; return the GeoJSON and the next offset."""
     order = "<>"[wkb[at] == 0]
     kind, count = struct.unpack_from(f"{order}II", wkb, at + 1)
     name = _WKB.get(kind, "")
@@ -298,10 +298,10 @@ def _as_written(wkb: bytes, at: int) -> tuple[dict[str, Any], int]:
 def _coordinates(
     own: str | None, given: str | None, shapes: NDArray[Any], name: str, document: Document
 ) -> Coordinates | None:
-    # A GeoPackage without a coordinate system declares a local one.
+    # A GeoPackage without a coordinate system declares a local coordinate system.
     if own and not own.startswith(("LOCAL_CS", "ENGCRS")):
         if given is not None:
-            raise FarmError(f"has a coordinate system of its own; leave out that it is {given!r:.60}")
+            raise FarmError(f"has a coordinate system of its own; leave out {given!r:.60}")
         return None if own == "EPSG:4326" else Coordinates(own)
     if given is not None:
         return coordinates_of(given)
@@ -309,9 +309,9 @@ def _coordinates(
     if not (-180 <= west <= east <= 180 and -90 <= south <= north <= 90):
         raise FarmError(
             f"layer {name!r:.60} has no coordinate system (a Shapefile has it in its .prj), and its "
-            f"coordinates are no degrees: give it with --farm-crs, such as {EXAMPLE_CRS}"
+            f"coordinates are not degrees: give it with --farm-crs, such as {EXAMPLE_CRS}"
         )
-    document.notes.append("no coordinate system is given: taken for longitudes and latitudes of WGS 84")
+    document.notes.append("no coordinate system is given: read as longitudes and latitudes of WGS 84")
     return None
 
 
@@ -343,11 +343,9 @@ def read_poly(path: Path, layer: str | None = None, crs: str | None = None) -> D
         elif word[1].lower() == "name":
             polygons.append((one_line(word[2].strip(), 60), []))
         if corners > MAX_VERTICES or len(polygons) > MAX_FEATURES:
-            raise FarmError(
-                f"line {number}: more than {MAX_VERTICES} corners up to here; simplify the polygons"
-            )
+            raise FarmError(f"line {number}: more than {MAX_VERTICES} corners; simplify the polygons")
     if not corners:
-        raise FarmError("holds no corners; give a .poly of Mission Planner")
+        raise FarmError("has no corners; give a .poly of Mission Planner")
     document = Document({}, [])
     for number, (name, ring) in enumerate(polygons, 1):
         geometry = {"type": "Polygon", "coordinates": [ring] if ring else []}
@@ -360,6 +358,6 @@ def _poly_corner(line: str, number: int) -> list[float]:
         latitude_deg, longitude_deg = (parse_number(decimal_point(word)) for word in line.split())
     except ValueError:
         raise FarmError(
-            f"line {number}: {line!r:.60} is no latitude and longitude, as a .poly of Mission Planner has"
+            f"line {number}: {line!r:.60} is not a latitude and a longitude, as in a .poly of Mission Planner"
         ) from None
     return [longitude_deg, latitude_deg]

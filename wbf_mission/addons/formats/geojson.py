@@ -1,4 +1,4 @@
-"""GeoJSON for a GIS, read and written: missions of this program, and drawn lines. Source: RFC 7946."""
+"""Reads and writes GeoJSON (RFC 7946) for a GIS: missions of this program, and drawn lines."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from wbf_mission.addons.formats.records import (
     records_of,
 )
 
-_NO_ALTITUDES = "GeoJSON counts altitudes from the ellipsoid, which no autopilot takes"
+_NO_ALTITUDES = "GeoJSON has altitudes above the ellipsoid, which no autopilot uses"
 _DEEPEST = 20
 
 
@@ -36,7 +36,7 @@ class _Feature(msgspec.Struct):
 
 class _File(_Feature):
     features: list[_Feature] = []
-    # A bare geometry is a valid file, too.
+    # A file may also be a single geometry, which has these members.
     coordinates: Any = None
     geometries: Any = None
 
@@ -73,7 +73,7 @@ def loads(data: bytes) -> Mission | Drawing:
         return mission_of(list(map(_placed, records, features)))
     if any("crop" in record.fields for record in records):
         raise MissionFileError(
-            "this is a farm file, no mission; plan a flight over it (wbf-mission plan --farm FILE)"
+            "this is a farm file, not a mission; plan a flight over it (wbf-mission plan --farm FILE)"
         )
     shapes = [
         (record, shape)
@@ -97,7 +97,7 @@ def _check_crs(where: str, crs: Any) -> None:
     properties = crs.get("properties") if isinstance(crs, dict) else None
     name = str(properties.get("name") if isinstance(properties, dict) else crs)
     if crs is not None and not name.upper().endswith(("CRS84", "4326")):
-        msg = f"{where}: crs is {name[:60]!r}, no WGS 84; convert it (ogr2ogr -t_srs EPSG:4326)"
+        msg = f"{where}: crs is {name[:60]!r}, not WGS 84; convert it (ogr2ogr -t_srs EPSG:4326)"
         raise MissionFileError(one_line(msg))
 
 
@@ -124,7 +124,7 @@ def _places(positions: Any, where: str) -> list[LatLon]:
 
 def _positions(positions: Any, where: str) -> list[Point]:
     if not isinstance(positions, list) or not positions:
-        raise MissionFileError(f"{where}: there are no coordinates; remove it")
+        raise MissionFileError(f"{where}: the geometry has no coordinates; remove it")
     made = []
     for number, position in enumerate(positions, 1):
         place = f"{where}, point {number}"
@@ -177,9 +177,9 @@ def _paths(record: Record, shape: Mapping[str, Any]) -> Iterator[DrawnPath]:
 
 
 def dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> str:  # noqa: ARG001  one signature
-    """Write a mission as a FeatureCollection: one feature per record, and the path as a line.
+    """Write a mission as a FeatureCollection: one feature per record, and a line for the path.
 
-    Altitudes are in the properties, because RFC 7946 measures altitudes in coordinates from the ellipsoid.
+    Altitudes are in the properties, because by RFC 7946 altitudes in coordinates are above the ellipsoid.
     """
     header, *records = records_of(mission, polygons=True)
     path = [(item.x, item.y) for item in mission.items if is_flown(item)]

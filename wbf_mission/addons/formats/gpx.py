@@ -1,8 +1,8 @@
-"""GPX for GNSS receivers and map programs, read and written. Source: GPX 1.1, topografix.com/GPX/1/1.
+"""Reads and writes GPX 1.1 (topografix.com/GPX/1/1) for GNSS receivers and map programs.
 
-A mission that this program writes has a route of the places to fly to, and waypoints for home, fence, rally
-points and other places. All other data of an item is in ``extensions``, as an element of our own namespace.
-Commands without a place are in the extensions of the route.
+A mission that this program writes has a route with the places to fly to, and waypoints for home, fence, rally
+points and other places. All other data of an item is in ``extensions``, in an element of this program's
+namespace. Commands without a place are in the extensions of the route.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _NO_ALTITUDES = "it has no ele"
 
 
 def loads(data: bytes) -> Mission | Drawing:
-    """Read a mission of this program, or routes and track segments; without these, waypoints form a path.
+    """Read a mission that this program wrote, or routes and tracks; without these, waypoints form a path.
 
     Elevations are above mean sea level.
     """
@@ -90,7 +90,7 @@ def _number(text: str, name: str, where: str) -> float:
 
 
 def dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> str:  # noqa: ARG001  one signature
-    """Write a mission as GPX; ``ele`` is above mean sea level, and omitted if unknown."""
+    """Write a mission as GPX; ``ele`` is the altitude above mean sea level, and omitted if it is unknown."""
     header, *records = records_of(mission, polygons=False)
     gpx = ElementTree.Element("gpx", GPX | {"xmlns:wbf": _SPACE})
     _extend(add(gpx, "metadata"), header.fields)
@@ -98,7 +98,7 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> str:  # no
     add(route, "name", "Mission")
     for record in records:
         if not record.places:
-            _extend(route, record.fields)  # The schema requires extensions before the points.
+            _extend(route, record.fields)  # GPX requires extensions before the points.
     for record in records:
         for latitude_deg, longitude_deg in record.places:
             fields = dict(record.fields)

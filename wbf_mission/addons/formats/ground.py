@@ -1,4 +1,4 @@
-"""Terrain heights from rasters: GeoTIFF in any coordinate system, SRTM tiles (.hgt)."""
+"""Reads terrain heights from rasters: GeoTIFF in any coordinate system, and SRTM tiles (.hgt)."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from geo.imports import load_extra
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-_MAX_PIXELS = 50_000_000  # 0.4 GB of float64
-_HIGHEST_M = 9000.0  # Higher than all mountains: larger numbers mark missing heights
-_MARGIN_PX = 2  # Extra pixels for interpolation, and for borders that are curved in the raster's system
+_MAX_PIXELS = 50_000_000  # These take 0.4 GB as float64.
+_HIGHEST_M = 9000.0  # Higher than all mountains: larger numbers mark missing heights.
+_MARGIN_PX = 2  # Extra pixels for interpolation, and for borders that are curved in the raster's system.
 _FOOT = {"foot": 0.3048, "feet": 0.3048, "ft": 0.3048, "us survey foot": 1200.0 / 3937.0}
 
 
@@ -27,9 +27,9 @@ _FOOT = {"foot": 0.3048, "feet": 0.3048, "ft": 0.3048, "us survey foot": 1200.0 
 class _Tile:
     """A rectangular part of a raster."""
 
-    heights_m: NDArray[np.float64]  # [row, column]; NaN for no height
-    to_pixel: tuple[float, ...]  # Affine transform from x, y to column, row
-    transformer: Transformer  # From longitude, latitude to x, y
+    heights_m: NDArray[np.float64]  # Heights, [row, column]; NaN if there is no height.
+    to_pixel: tuple[float, ...]  # Affine transform from x, y to column, row.
+    transformer: Transformer  # Transform from longitude, latitude to x, y.
 
     def at(
         self, latitude_deg: NDArray[np.float64], longitude_deg: NDArray[np.float64]
@@ -54,7 +54,7 @@ class _Tile:
         shares = np.stack(
             [(1 - across) * (1 - down), across * (1 - down), (1 - across) * down, across * down]
         )
-        # Pixels without a height have weight 0; the other weights are scaled up.
+        # Pixels without a height get weight 0; the other weights are scaled to the sum 1.
         shares = np.where(np.isnan(corners), 0.0, shares)
         total = shares.sum(axis=0)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -64,20 +64,20 @@ class _Tile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ground:
-    """Terrain heights above mean sea level; each point uses the first raster that has a height there."""
+    """Terrain heights above mean sea level, for each point from the first raster with a height there."""
 
     tiles: tuple[_Tile, ...]
-    step_m: float  # Width of the smallest pixel
-    names: str  # Names of the rasters, for messages
+    step_m: float  # Width of the smallest pixel.
+    names: str  # Names of the rasters, for messages.
 
     @classmethod
     def read(cls, paths: Iterable[str], bounds_deg: tuple[float, float, float, float]) -> Ground:
         """Read the parts of rasters that are within bounds.
 
         `paths` are GeoTIFF or other files that GDAL reads, with one band of heights in metres, or in feet if
-        that is the band's unit. The name of an SRTM tile gives its position (N28W083.hgt). `bounds_deg`:
-        south, west, north, east, degrees of WGS84. GroundError if rasterio is not installed; if a file cannot
-        be read, has no coordinate system or too many pixels; or if no file has a pixel within the bounds.
+        that is the band's unit. The file name of an SRTM tile tells its position (N28W083.hgt). `bounds_deg`
+        are south, west, north and east, in degrees of WGS84. GroundError if rasterio is not installed; if a
+        file cannot be read, has no coordinate system or too many pixels; or if no file has a pixel inside.
         """
         names = [str(path) for path in paths]
         found = [_read(name, bounds_deg) for name in names]
@@ -86,7 +86,7 @@ class Ground:
             south, west, north, east = bounds_deg
             raise GroundError(
                 f"terrain {', '.join(names)}: no pixel lies within {south:.5f}..{north:.5f} north,"
-                f" {west:.5f}..{east:.5f} east, where the flight is; give the raster of that land"
+                f" {west:.5f}..{east:.5f} east, the area of the flight; give a raster that covers it"
             )
         return cls(tuple(tile for tile, _ in tiles), min(step for _, step in tiles), ", ".join(names))
 
@@ -110,7 +110,7 @@ class Ground:
 
 
 def _read(name: str, bounds_deg: tuple[float, float, float, float]) -> tuple[_Tile, float] | None:
-    """Return the part of a raster within the bounds and the pixel width (m); None if it is outside."""
+    """Return the part of a raster within the bounds, and the pixel width (m); None if no part is inside."""
     rasterio, errors = (
         load_extra(module, "gis", "heights of the ground need", GroundError)
         for module in ("rasterio", "rasterio.errors")
@@ -133,7 +133,7 @@ def _part(
     from rasterio.windows import Window
 
     if raster.crs is None:
-        raise GroundError(f"{where}: it has no coordinate system; give one that has, such as a GeoTIFF")
+        raise GroundError(f"{where}: it has no coordinate system; give a raster with one, such as a GeoTIFF")
     transformer = Transformer.from_crs(CRS.from_epsg(4326), CRS.from_wkt(raster.crs.to_wkt()), always_xy=True)
     south, west, north, east = bounds_deg
     side = np.linspace(0.0, 1.0, 9)
@@ -151,7 +151,7 @@ def _part(
         return None
     if width * height > _MAX_PIXELS:
         raise GroundError(
-            f"{where}: {width * height} of its pixels lie where the flight is, at most {_MAX_PIXELS} are read"
+            f"{where}: {width * height} pixels in the area of the flight, but at most {_MAX_PIXELS} are read"
         )
     window = Window(first_column, first_row, width, height)
     band = raster.read(1, window=window, masked=True).astype(np.float64)
@@ -165,8 +165,8 @@ def _part(
 
 def _pixel_m(raster: Any, transformer: Transformer, latitude_deg: float, longitude_deg: float) -> float:
     """Return the approximate length of the shorter side of a pixel at a point (m)."""
-    metres_deg = 111_320.0  # Metres per degree at the equator
-    small = 1e-4  # Degrees, about 11 m
+    metres_deg = 111_320.0  # Metres per degree at the equator.
+    small = 1e-4  # In degrees; about 11 m.
     x0, y0 = transformer.transform(longitude_deg, latitude_deg)
     x1, y1 = transformer.transform(longitude_deg + small, latitude_deg)
     x2, y2 = transformer.transform(longitude_deg, latitude_deg + small)

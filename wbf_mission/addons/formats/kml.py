@@ -1,4 +1,4 @@
-"""KML and KMZ (zipped KML), read and written: missions of this program, and paths drawn in Google Earth.
+"""Reads and writes KML and KMZ (zipped KML): missions of this program, and paths drawn in Google Earth.
 
 Sources: OGC KML 2.3 (12-007r2); developers.google.com/kml/documentation/kmlreference (gx:Track, KMZ).
 """
@@ -32,7 +32,7 @@ from wbf_mission.addons.formats.xml import Node, parse
 
 _LINES = ("LineString", "LinearRing", "Track")
 _FRAMES = {"absolute": Frame.GLOBAL, "relativeToGround": Frame.GLOBAL_RELATIVE_ALT}
-_NO_ALTITUDES = "it lies on the ground: altitudeMode is clampToGround"
+_NO_ALTITUDES = "the path lies on the ground: altitudeMode is clampToGround"
 
 
 def loads(data: bytes) -> Mission | Drawing:
@@ -61,7 +61,7 @@ def _where(node: Node) -> str:
 
 
 def _fields(node: Node) -> dict[str, str]:
-    """Return the named data of a feature, in this program's form or in GDAL's form (SchemaData)."""
+    """Return the data of a feature by name, in the form of this program or of GDAL (SchemaData)."""
     extended = node.child("ExtendedData")
     if extended is None:
         return {}
@@ -133,9 +133,9 @@ def _numbers(text: str, where: str) -> list[float]:
 
 
 def dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> str:  # noqa: ARG001  one signature
-    """Write a mission as KML: one placemark per item with all fields in its data, and the path as a line.
+    """Write a mission as KML: one placemark per item, with all its fields as data, and a line for the path.
 
-    A path with several altitude modes is drawn on the ground.
+    If the path's items have several altitude modes, the line is drawn on the ground.
     """
     kml = ElementTree.Element("kml", xmlns="http://www.opengis.net/kml/2.2")
     top = add(kml, "Document")
@@ -202,12 +202,12 @@ def kmz_loads(data: bytes) -> Mission | Drawing:
         with Archive(data, MAX_BYTES) as archive:
             if any(name.lower().endswith(".wpml") for name in archive.names):
                 raise MissionFileError(
-                    "this is a DJI wayline file (WPML), which is written, not read; give another format, or"
-                    " plan a flight over its mapping area (wbf-mission plan --farm FILE)"
+                    "this is a DJI wayline file (WPML), which can be written, but not read; give another"
+                    " format, or plan a flight over its mapping area (wbf-mission plan --farm FILE)"
                 )
             found = next((name for name in archive.names if name.lower().endswith(".kml")), None)
             if found is None:
-                raise MissionFileError("the archive holds no .kml file; give a KMZ of Google Earth")
+                raise MissionFileError("the archive has no .kml file; give a KMZ of Google Earth")
             content = archive.read(found)
     except ArchiveError as error:
         raise MissionFileError(f"the archive {error}") from None

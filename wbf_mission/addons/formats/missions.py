@@ -1,4 +1,4 @@
-"""Missions in formats outside the core: fence and rally text, KML, GeoJSON, GPX, CSV, WPML."""
+"""Lists the mission formats that the core lacks: fence and rally text, KML, GeoJSON, GPX, CSV, WPML."""
 
 from mission.files.formats import MissionFormat
 from wbf_mission.addons.formats import dji, geojson, gpx, kml, points, table

@@ -1,4 +1,4 @@
-"""Fence and rally files of MAVProxy and Mission Planner: text files with one point per line.
+"""Reads fence and rally files of MAVProxy and Mission Planner: text files with one point per line.
 
 The first point of a fence (``.fen``, MAVProxy's ``fence.txt``) is the return point. The other points are
 corners, and the first corner is repeated at the end. A line of a rally file (``.ral``, ``rally.txt``) is
@@ -33,7 +33,7 @@ _RALLY_WORDS = (4, 7)
 
 
 def loads(data: bytes) -> WithNotes:
-    """Read a fence or rally points; MissionFileError names the invalid line."""
+    """Read a fence or rally points; a MissionFileError names the line that is invalid."""
     kind = kind_of(data)
     if kind == FENCE_KIND:
         return _fence([_numbers(words, number, 2) for number, words in _lines(data)])
@@ -43,10 +43,10 @@ def loads(data: bytes) -> WithNotes:
 
 
 def _lines(data: bytes) -> Iterator[tuple[int, list[str]]]:
-    """Yield number and words of each line except comments."""
+    """Yield the number and the words of each line that is neither empty nor a comment."""
     for number, line in enumerate(io.StringIO(decode_text(data), newline=None), start=1):
         if len(line) > _LONGEST_LINE or number > _MOST_LINES:
-            raise MissionFileError(f"line {number}: longer than any line of such a file; it is damaged")
+            raise MissionFileError(f"line {number}: the line or the file is too long; the file is damaged")
         words = line.split()
         if words and not words[0].startswith("#"):
             yield number, words
@@ -87,13 +87,11 @@ def _rally(data: bytes) -> WithNotes:
     for number, words in _lines(data):
         if words[0].lower() != "rally" or not _RALLY_WORDS[0] <= len(words) <= _RALLY_WORDS[1]:
             raise MissionFileError(
-                f"line {number}: no RALLY with latitude, longitude and altitude; correct or remove the line"
+                f"line {number}: not RALLY, latitude, longitude and altitude; correct or remove the line"
             )
         numbers = _numbers(words[1:], number, len(words) - 1)
         if len(items) >= MAX_ITEMS:
-            raise MissionFileError(
-                f"line {number}: more than {MAX_ITEMS} points, which MAVLink cannot number"
-            )
+            raise MissionFileError(f"line {number}: more than {MAX_ITEMS} points, the maximum of MAVLink")
         place = (numbers[0], numbers[1], numbers[2])
         lost += any(numbers[3:])
         items.append(rally_item(f"line {number}", place))

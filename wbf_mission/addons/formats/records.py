@@ -10,9 +10,9 @@ fence        as an item; a polygon may be one record with the places of its vert
 rally        as an item
 ===========  ======================================================================================
 
-A record with a place has altitude_m; a record without one has param5 to param7. An empty parameter is the
-vehicle's default, and a missing parameter is 0. Names, and records of role ``path``, are for people and are
-ignored when read.
+A record with a place has altitude_m; a record without a place has param5 to param7. An empty parameter is the
+vehicle's default, and a missing parameter is 0. Names, and records of role ``path``, are for people; they are
+ignored when a file is read.
 """
 
 from __future__ import annotations
@@ -40,23 +40,23 @@ _USUAL: Mapping[str, Any] = {
     **dict.fromkeys(("param1", "param2", "param3", "param4"), 0.0),
     "autocontinue": True,
 }
-# Includes the spellings of GDAL.
+# Spellings of true and false, including those of GDAL.
 _FLAGS = {"true": True, "1": True, "1.0": True, "false": False, "0": False, "0.0": False}
 
-LatLon: TypeAlias = tuple[float, float]  # Latitude and longitude, degrees
+LatLon: TypeAlias = tuple[float, float]  # Latitude and longitude, degrees.
 
 
 @dataclass(frozen=True, slots=True)
 class Record:
     """One record of a mission file: an item, home, a fence or rally item, or the header."""
 
-    fields: Mapping[str, Any]  # Numbers, bools, texts of numbers or bools, or None, by the names above
-    places: Sequence[LatLon] = ()  # No place, one place, or the vertices of an open polygon
-    where: str = ""  # Position in the file, for error messages
+    fields: Mapping[str, Any]  # Numbers, bools, texts of numbers or bools, or None, keyed by the names above.
+    places: Sequence[LatLon] = ()  # No place, one place, or the vertices of a polygon that is not closed.
+    where: str = ""  # Position of the record in the file, for error messages.
 
     @property
     def role(self) -> str:
-        """Role of the record; a record with only a command is an item."""
+        """Role of the record; a record that has a command, but no role, is an item."""
         role = self.fields.get("role")
         return str(role) if role else "item" if self.fields.get("command") is not None else ""
 
@@ -105,7 +105,7 @@ def text_of(value: Any, *, empty: str = "") -> str:
 
 
 def trimmed(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields whose values differ from the default of a missing field."""
+    """Return the fields, except fields with the value that a missing field has by default."""
     return {name: value for name, value in fields.items() if name not in _USUAL or value != _USUAL[name]}
 
 
@@ -115,7 +115,7 @@ def is_flown(item: MissionItem) -> bool:
 
 
 def is_placed(item: MissionItem) -> bool:
-    """Return whether an item has a place on the map; 0, 0 means "here" to some autopilots."""
+    """Return whether an item has a place on the map; the position 0, 0 means "here" to some autopilots."""
     return item.has_position and (item.x, item.y) != (0.0, 0.0)
 
 
@@ -149,7 +149,7 @@ def records_of(mission: Mission, *, polygons: bool) -> list[Record]:
 
 
 def _uniform_polygon(items: Sequence[MissionItem], start: int) -> Sequence[MissionItem]:
-    """Return the vertices of a polygon if they differ only in their places; otherwise the first item."""
+    """Return the vertices of a polygon if they differ only in place; otherwise only the first item."""
     alone = items[start : start + 1]
     if items[start].command not in POLYGON_COMMANDS:
         return alone
@@ -186,12 +186,12 @@ def _record(role: str, index: int, items: Sequence[MissionItem]) -> Record:
 
 
 def are_ours(records: Iterable[Record]) -> bool:
-    """Return whether the records are a mission that this program wrote, not drawn paths."""
+    """Return whether the records are a mission that this program wrote, as opposed to drawn paths."""
     return any(record.role in ROLES for record in records)
 
 
 def mission_of(records: Sequence[Record]) -> Mission:
-    """Convert records to a mission; MissionFileError gives the place of a fault.
+    """Convert records to a mission; a MissionFileError tells which record has the fault.
 
     Items are ordered by index; an item without an index follows the item before it.
     """
@@ -206,19 +206,19 @@ def mission_of(records: Sequence[Record]) -> Mission:
             plans[role].append((before if index is None else index, record))
         elif role == "home":
             if len(record.places) != 1:
-                raise MissionFileError(f"{record.where}: home has no place; give one point")
+                raise MissionFileError(f"{record.where}: home does not have exactly one point; give one")
             altitude_m = record.number("altitude_m") or 0.0
             home = home_of(f"{record.where}: home", *record.places[0], altitude_m)
         elif role == "mission":
             if (version := record.number("version") or VERSION) != VERSION:
                 raise MissionFileError(
-                    f"{record.where}: version {version:g} is not known, only {VERSION}; update wbf-mission"
+                    f"{record.where}: version {version:g} is unknown (known: {VERSION}); update wbf-mission"
                 )
             speeds = {name: value for name in _SPEEDS if (value := record.number(name)) is not None}
         elif role != PATH:
             known = ", ".join(sorted(ROLES))
             raise MissionFileError(
-                f"{record.where}: role {role[:40]!r} is none of {known}; give one, or remove it"
+                f"{record.where}: role {role[:40]!r} is not one of {known}; give one, or remove it"
             )
     ordered = {role: sorted(plan, key=lambda entry: entry[0]) for role, plan in plans.items()}
     items = [(index, record, item) for index, record in ordered["item"] for item in _items(record)]

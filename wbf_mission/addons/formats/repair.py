@@ -1,6 +1,6 @@
-"""Repair of invalid polygons, with a note for each changed feature.
+"""Repairs invalid polygons, with a note for each changed feature.
 
-Repairs are made on request. A ring that crosses or touches itself is replaced by the land it encloses
+Repairs are made on request. A ring that crosses or touches itself is replaced by the land that it encloses
 (GEOS's "structure" method). Overlapping holes are joined and clipped to the land. Corners are rounded to
 whole millimetres. Parts smaller than a thousandth of the land are dropped. If these repairs change more than
 a hundredth of the area, the polygon is refused: corners in a wrong order cannot be repaired safely.
@@ -22,9 +22,9 @@ from geo.frame import LocalFrame
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-_MAX_CHANGE = 0.01  # Share of the area; fields are not measured more accurately
-_SLIVER = 0.001  # Share of the land; slivers between crossing sides are smaller
-_GRID_M = 1e-3  # Grid step of repaired corners, coarser than the rounding of degrees in files
+_MAX_CHANGE = 0.01  # Maximum change, as a fraction of the area: fields are not measured more accurately.
+_SLIVER = 0.001  # Parts below this fraction of the land are slivers between crossing sides.
+_GRID_M = 1e-3  # Grid step of repaired corners, coarser than the rounding of degrees in files.
 
 
 def mended(feature: Feature, notes: list[str]) -> list[Feature]:
@@ -37,7 +37,7 @@ def mended(feature: Feature, notes: list[str]) -> list[Feature]:
     rings = [np.column_stack(frame.from_wgs84(ring[:, 1], ring[:, 0])) for ring in feature.rings]
     holes = [ring for ring in rings[1:] if len(np.unique(ring, axis=0)) >= 3]
     if len(holes) < len(rings) - 1:
-        changes.append("holes without area are left out")
+        changes.append("holes that have no area are left out")
     if len(np.unique(rings[0], axis=0)) < 3:
         raise FarmError(f"{feature.where}: the polygon has no area")
     polygon = shapely.Polygon(rings[0], holes)
@@ -78,7 +78,7 @@ def _parts(shell: NDArray[np.float64], holes: list[NDArray[np.float64]], where: 
     drawn = [polygon.area for polygon in polygons]
     changed = sum(abs(land.area - area) for land, area in zip(within, drawn, strict=True))
     land = within[0].difference(shapely.union_all(within[1:])) if holes else within[0]
-    # On a grid, corners and sides are far enough apart that rounding of positions keeps the polygon valid.
+    # On a grid, corners and sides are so far apart that the polygon stays valid if positions are rounded.
     land = shapely.set_precision(land, _GRID_M)
     kept = [
         part
@@ -88,7 +88,7 @@ def _parts(shell: NDArray[np.float64], holes: list[NDArray[np.float64]], where: 
     changed += land.area - sum(part.area for part in kept)
     if not kept or changed > _MAX_CHANGE * land.area:
         raise FarmError(
-            f"{where}: cannot be mended safely: as drawn it has {drawn[0] - sum(drawn[1:]):.1f} m2, what its "
+            f"{where}: cannot be mended safely: it has {drawn[0] - sum(drawn[1:]):.1f} m2 as drawn, but its "
             f"rings enclose {land.area:.1f} m2 (over {_MAX_CHANGE:.0%} differs); are its corners in order?"
         )
     return kept

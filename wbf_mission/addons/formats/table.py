@@ -1,4 +1,4 @@
-"""CSV for spreadsheets, read and written: missions of this program, and tables of places."""
+"""Reads and writes CSV for spreadsheets: missions of this program, and tables of places."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def loads(data: bytes) -> Mission | Drawing:
     latitude, longitude = _column(header, _LATITUDES), _column(header, _LONGITUDES)
     if latitude is None or longitude is None:
         raise MissionFileError(
-            f"line {rows[0][0]}: no columns of latitude and longitude; the first line names the columns"
+            f"line {rows[0][0]}: no columns of latitude and longitude; the first line must name the columns"
         )
     records = []
     for line, words, _ in rows[1:]:
@@ -82,7 +82,7 @@ def loads(data: bytes) -> Mission | Drawing:
 
 
 def _rows(text: str) -> list[tuple[int, list[str], str]]:
-    """Return the non-empty rows with line number and delimiter; column names are normalised."""
+    """Return each row that is not empty, with line number and delimiter; column names are normalised."""
     if text.count("\n") + text.count("\r") > _MOST_LINES:
         raise MissionFileError(f"more than {_MOST_LINES} lines; thin the path out")
     lines = (line.strip() for line in io.StringIO(text, newline=None))
@@ -101,7 +101,7 @@ def _rows(text: str) -> list[tuple[int, list[str], str]]:
     except csv.Error as error:
         raise MissionFileError(f"line {reader.line_num}: {error}; the table is damaged") from None
     if not rows:
-        raise MissionFileError("there is no table in it; the first line names the columns")
+        raise MissionFileError("the file has no table; its first line must name the columns")
     line, names, _ = rows[0]
     rows[0] = (line, [_plain(name, line) for name in names], delimiter)
     return rows

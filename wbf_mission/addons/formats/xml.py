@@ -1,4 +1,4 @@
-r"""Reader of untrusted XML: no entities, no external files, limited nesting and number of elements.
+r"""Reads untrusted XML: entities and external files are refused; nesting and elements are limited.
 
 >>> root = parse(b"<kml>\n<Point a='1'>text</Point></kml>", "kml", "a KML file")
 >>> [(node.tag, node.line, node.attributes, node.text) for node in root.children]
@@ -21,22 +21,22 @@ _MOST_ELEMENTS = 2_000_000
 
 @dataclass(slots=True)
 class Node:
-    """An element: name and attributes without prefixes, text, and line of the start tag."""
+    """An XML element: name and attributes without prefixes, text, and line number of the start tag."""
 
     tag: str
     line: int
     attributes: dict[str, str]
-    # Shared empty tuples save memory: a track has up to millions of elements.
+    # Shared empty tuples save memory: a track may have millions of elements.
     children: list[Node] | tuple[Node, ...] = ()
     chunks: list[str] | tuple[str, ...] = ()
 
     @property
     def text(self) -> str:
-        """Text outside of child elements, stripped."""
+        """Text of the element without the text of its children, stripped."""
         return "".join(self.chunks).strip()
 
     def iter(self, *tags: str) -> Iterator[Node]:
-        """Yield the descendants with one of these names, in document order."""
+        """Yield the descendants with one of the names `tags`, in the order of the document."""
         left = list(reversed(self.children))
         while left:
             node = left.pop()
@@ -45,17 +45,17 @@ class Node:
             left.extend(reversed(node.children))
 
     def child(self, tag: str) -> Node | None:
-        """Return the first child with this name."""
+        """Return the first child with the name `tag`, or None."""
         return next((child for child in self.children if child.tag == tag), None)
 
     def child_text(self, tag: str) -> str:
-        """Return the text of the first child with this name; empty if there is none."""
+        """Return the text of the first child with the name `tag`; empty if there is no such child."""
         found = self.child(tag)
         return "" if found is None else found.text
 
 
 def parse(data: bytes, root: str, kind: str) -> Node:
-    """Return the root element of a document; MissionFileError if it is broken or of another kind."""
+    """Return the root element of a document; MissionFileError if it is broken or not of this `kind`."""
     if kind_of(data) != kind:
         raise wrong_kind(data, kind)
     parser = expat.ParserCreate()
@@ -67,7 +67,7 @@ def parse(data: bytes, root: str, kind: str) -> Node:
         count, line = count + 1, parser.CurrentLineNumber
         if len(open_nodes) > _DEEPEST:
             raise MissionFileError(
-                f"line {line}: more than {_DEEPEST} elements in one another; no mission is so"
+                f"line {line}: more than {_DEEPEST} nested elements, which no mission needs"
             )
         if count > _MOST_ELEMENTS:
             raise MissionFileError(f"line {line}: more than {_MOST_ELEMENTS} elements; give a shorter path")
@@ -97,7 +97,7 @@ def parse(data: bytes, root: str, kind: str) -> Node:
         parser.Parse(data, True)
     except expat.ExpatError as error:
         what = expat.errors.messages.get(error.code, "it is broken")
-        raise MissionFileError(f"line {error.lineno}: this is no XML ({what}); save the file again") from None
+        raise MissionFileError(f"line {error.lineno}: it is not XML ({what}); save the file again") from None
     except MissionFileError:
         raise
     except (ValueError, LookupError) as error:  # Unknown encoding

@@ -78,7 +78,7 @@ def test_a_loaded_result_is_animated_with_any_estimator(result: Result, tmp_path
 @pytest.mark.parametrize(
     ("name", "frames", "why"),
     [
-        ("run.avi", 10, r"run\.avi: a moving picture is a \.gif or an \.mp4 file"),
+        ("run.avi", 10, r"run\.avi: an animation must be a \.gif or \.mp4 file"),
         ("run.gif", 1, "1 frames; give 2 to 300"),
         ("run.gif", 301, "301 frames; give 2 to 300"),
     ],
@@ -102,7 +102,7 @@ def test_fly_animates_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[s
     words = "fly --farm miniberry-10 --vehicle ideal --estimator point --budget 20steps"
     options = [*words.split(), "--planner", "random-waypoint", "-q"]
     assert main([*options, "--animate", "--no-files"]) == 2
-    assert "--animate writes a file, --no-files none" in capsys.readouterr().err
+    assert "--animate writes a file, but --no-files forbids files" in capsys.readouterr().err
     assert main([*options, "--animate", "--no-plots", "--out", str(tmp_path / "run")]) == 0
     with Image.open(tmp_path / "run" / "run.gif") as picture:
         assert 2 <= picture.n_frames <= 300

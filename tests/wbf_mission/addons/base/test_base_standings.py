@@ -161,8 +161,7 @@ def test_only_environments_count_that_all_have_in_common():
     assert group.seeds == (0, 1)
     assert group.left_out == dict.fromkeys(range(2, 6), (("half", "gp"),))
     assert group.environments_in_words() == (
-        "2 environments count (seeds 0..1); 4 do not: not all have a row there,"
-        " missing are half, gp (seeds 2..5)."
+        "2 environments count (seeds 0..1); 4 do not: there is no row of half, gp (seeds 2..5)."
     )
     assert [(one.planner, one.score.mean, one.wins) for one in standings(told)] == [
         ("both", -2.0, 1.0),
@@ -180,7 +179,7 @@ def test_without_an_environment_in_common_nobody_has_a_score():
 def test_an_environment_on_which_nobody_has_a_score_does_not_count():
     (group,) = scored([*rows("a", [-1.0, -1.0], error=[1]), *rows("b", [-2.0, -1.0], error=[1])])
     assert (group.seeds, group.left_out) == ((0,), {1: ()})
-    assert "nobody has a score there (seed 1)" in group.environments_in_words()
+    assert "no run has a score (seed 1)" in group.environments_in_words()
 
 
 @pytest.mark.parametrize("score", [None, math.nan, math.inf, -math.inf])

@@ -70,8 +70,8 @@ def test_compare_gives_a_verdict_and_keeps_what_it_flew(tmp_path, capsys):
 
 def test_few_environments_are_said_to_be_few():
     assert "31 %" in doubt_in_words(8)
-    assert "may hold in 50 of 100" in doubt_in_words(8)
-    assert "may hold in 75 of 100" in doubt_in_words(20)
+    assert "may hold in only 50 of 100" in doubt_in_words(8)
+    assert "may hold in only 75 of 100" in doubt_in_words(20)
     assert "may hold" not in doubt_in_words(40)
     assert "Ratios" in doubt_in_words(7)
     assert "Ratios" not in doubt_in_words(8)

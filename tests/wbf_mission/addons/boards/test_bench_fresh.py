@@ -134,7 +134,7 @@ def test_what_the_run_knows_is_not_there(tmp_path, code, capsys):
     (gap,) = told["gaps"]
     assert gap["gap"]["high"] < 0.0
     assert gap["failed"] == ["no score: no cell of the farm was observed"] * 6
-    assert gap["verdict"] == "worse where nobody knows the environments"
+    assert gap["verdict"] == "worse on unknown environments"
     seeds = told["seeds"][SCENARIO]
     assert len(set(seeds)) == 6
     assert min(seeds) > 2**40  # of 63 bits, one in eight million is smaller
@@ -152,8 +152,8 @@ def test_its_process_has_no_more_than_python_needs(code, monkeypatch):
 @pytest.mark.parametrize(
     ("source", "why"),
     [
-        ("x = 1", "no file of its code has it"),
-        (CHEAT + "\n# other", "cheat.py has another Peeper than the one"),
+        ("x = 1", "no file of the code defines it"),
+        (CHEAT + "\n# other", "cheat.py defines a Peeper that differs from the one"),
     ],
 )
 def test_other_code_is_not_flown(source, why, tmp_path, peeper):
@@ -196,7 +196,7 @@ def test_no_answer_is_taken_for_that_of_another_call(code, monkeypatch, start):
         monkeypatch.setattr("wbf_mission.addons.boards.apart._MOST_S", 0.5)
         begun = time.perf_counter()
         for _ in range(2):
-            with pytest.raises(WbfMissionError, match="its process ended or answers no more"):
+            with pytest.raises(WbfMissionError, match="its process ended or stopped answering"):
                 policy.call("start")
         assert time.perf_counter() - begun < 15.0
 
@@ -230,4 +230,4 @@ def test_what_cannot_be_verified_is_one_line(tmp_path, code, peeper, monkeypatch
     capsys.readouterr()
     assert main(["bench", "verify", str(tmp_path / "n.zip")]) == 2
     told = capsys.readouterr().err
-    assert told.endswith("n.zip: holds no code; it is packed by 'bench submit --code FILE|DIR'\n")
+    assert told.endswith("n.zip: has no code; 'bench submit --code FILE|DIR' packs code\n")

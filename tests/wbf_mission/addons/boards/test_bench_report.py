@@ -78,7 +78,7 @@ def test_a_report_says_which_losses_are_larger_with_policies(tmp_path):
 
     markdown, _ = markdown_of([*made("rows", 1.0, 1), *made("greedy", 1.7, 9)], tmp_path)
     assert "8 environments count (seeds 0..7)." in markdown
-    assert "What befalls fewer than 31 % of environments may be missing among 8" in markdown
+    assert "Events in fewer than 31 % of environments may be missing from these 8" in markdown
     assert (
         "### Losses divided by those of the best fixed planner of each column, over the run (below"
         in markdown

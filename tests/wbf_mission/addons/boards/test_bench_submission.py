@@ -111,28 +111,28 @@ def floats(values):
 
 
 WRONG = {
-    "a missing run": (lambda number, row: None if number == 1 else row, "lacks 1 runs that were asked for"),
+    "a missing run": (lambda number, row: None if number == 1 else row, "no rows for 1 requested runs"),
     "two codes": (
         lambda n, row: structs.replace(row, codes=row.codes | {"code": str(n)}),
-        "rows of 6 behaviours",
+        "rows of 6 program behaviours",
     ),
     "no code": (other(codes={}), "do not name the code that flew them"),
-    "another scenario": (other(scenario="mine.toml"), "mine.toml is no id of the catalogue"),
+    "another scenario": (other(scenario="mine.toml"), "mine.toml is not in the catalogue"),
     "another meaning": (
         lambda number, row: structs.replace(row, codes=row.codes | {"scenario": "1" * 24}),
-        "meant something else",
+        "have changed since the flights",
     ),
     "two own planners": (
         lambda n, row: structs.replace(row, codes=row.codes | {"planner": str(n)}),
-        "stands for 3 things",
+        "has 3 code digests",
     ),
-    "a better score": (other(score=-0.01), "its score -0.01 is not the mean of its history"),
-    "a better end": (other(final_score=-0.01), "is not the last of its history"),
-    "better losses": (other(losses=dict.fromkeys(("tylcv", "ccr", "soil"), 0.0)), "its loss tylcv is not"),
-    "other fields": (other(losses={"rust": 0.0}), "its losses are not those of tylcv, ccr, soil"),
-    "a score without losses": (other(history={}), "its losses are not those"),
-    "no score": (other(score=None, final_score=None), "it has a history and no score"),
-    "a short list": (other(times_s=floats([1.0])), "lists of several lengths"),
+    "a better score": (other(score=-0.01), "its score -0.01 is not the mean of the scores in its history"),
+    "a better end": (other(final_score=-0.01), "is not the last score in its history"),
+    "better losses": (other(losses=dict.fromkeys(("tylcv", "ccr", "soil"), 0.0)), "its loss of tylcv is not"),
+    "other fields": (other(losses={"rust": 0.0}), "its losses are for other fields than tylcv, ccr, soil"),
+    "a score without losses": (other(history={}), "its losses are for other fields"),
+    "no score": (other(score=None, final_score=None), "it has a history, but no score"),
+    "a short list": (other(times_s=floats([1.0])), "different lengths"),
     "better scores throughout": (
         lambda n, row: structs.replace(
             row,
@@ -140,9 +140,9 @@ WRONG = {
             score=float(np.mean(np.array(row.scores) / 2)),
             final_score=row.scores[-1] / 2,
         ),
-        "its scores are not those of its losses",
+        "its scores do not follow from its losses",
     ),
-    "a seed twice": (lambda n, row: structs.replace(row, seed=0) if n == 1 else row, "asked for"),
+    "a seed twice": (lambda n, row: structs.replace(row, seed=0) if n == 1 else row, "requested runs"),
 }
 
 
@@ -177,41 +177,41 @@ def scaled(row, factor, keep=slice(None), **values):
 
 
 MADE_UP = {
-    "the end alone": (lambda row: scaled(row, 1.0, slice(-1, None)), "1 scored times, its readings give"),
-    "the later half": (lambda row: scaled(row, 1.0, slice(16, None)), "scored times, its readings give"),
+    "the end alone": (lambda row: scaled(row, 1.0, slice(-1, None)), "1 scored times, but its readings give"),
+    "the later half": (lambda row: scaled(row, 1.0, slice(16, None)), "scored times, but its readings give"),
     "more than all": (
         lambda row: scaled(row, 1.0, np.sort(np.tile(np.arange(33), 4))),
-        "scored times, its readings give",
+        "scored times, but its readings give",
     ),
-    "no loss": (lambda row: scaled(row, 0.0), "an estimate is perfect, with"),
-    "losses beyond all": (lambda row: scaled(row, 1e5), "a loss tylcv is not between 0 and 250"),
+    "no loss": (lambda row: scaled(row, 0.0), "an estimate is perfect, but only"),
+    "losses beyond all": (lambda row: scaled(row, 1e5), "a loss of tylcv is not between 0 and 250"),
     "times before the flight": (
         lambda row: structs.replace(row, times_s=floats(np.array(row.times_s) - 9)),
-        "its scored times do not go on",
+        "its scored times do not rise",
     ),
     "no time": (lambda row: structs.replace(row, cpu_time_s=-5.0), "its cpu_time_s is -5"),
-    "a part of no time": (lambda row: structs.replace(row, timings_s={"plan": -1.0}), "less than no time"),
+    "a part of no time": (lambda row: structs.replace(row, timings_s={"plan": -1.0}), "negative or not"),
     "no length": (lambda row: structs.replace(row, path_length_m=-1.0), "its path_length_m is -1"),
     "many readings": (lambda row: structs.replace(row, observations=10**9), "readings are more than"),
     "many cells": (lambda row: structs.replace(row, cells_observed=200), "200 cells observed are not"),
     "no cells": (lambda row: structs.replace(row, cells_observed=0), "0 cells observed are not"),
-    "no readings": (lambda row: structs.replace(row, observations=None), "not say its observations"),
+    "no readings": (lambda row: structs.replace(row, observations=None), "no value for observations"),
     "another budget": (lambda row: structs.replace(row, budget="9999 steps"), "its budget is 9999 steps"),
     "a long flight": (lambda row: structs.replace(row, flight_time_s=1e9), "it flew for 1e+09 s"),
-    "a fast flight": (lambda row: structs.replace(row, path_length_m=13.0), "no vehicle of it flies 13 m"),
+    "a fast flight": (lambda row: structs.replace(row, path_length_m=13.0), "its vehicles cannot fly 13 m"),
     "bad answers": (lambda row: structs.replace(row, bad_answers={"crashed": 2}), "2 bad answers among"),
     "bad answers for nothing": (
         lambda row: structs.replace(row, decisions=20, bad_answers={"crashed": 9}),
-        "9 of 20 answers were bad, and it did not fail",
+        "9 of 20 answers were bad, but it is not marked as failed",
     ),
     "another outcome": (lambda row: structs.replace(row, outcome="crashed"), "its outcome is crashed"),
     "a failure with a history": (
         lambda row: structs.replace(row, error="no", score=None, final_score=None),
-        "it has a history and no score",
+        "it has a history, but no score",
     ),
     "a built-in name": (
         lambda row: told_of(row, codes=row.codes | {"planner": "b" * 24}),
-        "own code has the name of a built-in method",
+        "your own code with the name of a built-in method",
     ),
 }
 
@@ -226,7 +226,7 @@ def test_what_no_run_of_the_scenario_gives_is_refused(what, rows):
 
 
 def test_environments_that_were_chosen_are_refused(rows):
-    with pytest.raises(ResultError, match="seeds 0,2 leave some out between 0 and 2"):
+    with pytest.raises(ResultError, match="seeds 0,2 have gaps between 0 and 2"):
         require_whole([row for row in rows if row.seed != 1])
     require_whole([row for row in rows if row.seed != 1], sealed=True)
     require_whole([row for row in rows if row.seed])
@@ -240,7 +240,7 @@ def test_answers_that_were_hidden_are_found_when_a_row_is_flown_again(at_once, r
 
 def test_what_is_no_number_is_no_score(rows):
     nothing = floats([float("nan")] * len(rows[0].scores))
-    with pytest.raises(ResultError, match="values that are no losses"):
+    with pytest.raises(ResultError, match="a number that is not finite, or an impossible loss"):
         require_whole([structs.replace(rows[0], scores=nothing, score=float("nan"))])
 
 
@@ -248,14 +248,14 @@ def test_a_seed_that_others_have_is_missed_without_a_specification(folder, tmp_p
     there = changed(folder, tmp_path / "changed", lambda number, row: None if number == 1 else row)
     code, told = submit(there, tmp_path / "mine.zip", capsys=capsys)
     assert code == 2
-    assert "lawnmower, point: lacks rows that others have, of seeds 1; fly them, too" in told.err
+    assert "lawnmower, point: no rows for seeds 1, which other methods have; fly them, too" in told.err
 
 
 def test_rows_that_are_not_what_is_flown_are_found_out(at_once, folder, tmp_path, capsys):
     there = changed(folder, tmp_path / "changed", lambda _, row: scaled(row, 0.5))
     code, told = submit(there, tmp_path / "mine.zip", "--verify", "2", capsys=capsys)
     assert code == 2
-    assert "4 of 4 rows are not what is flown again" in told.err
+    assert "4 of 4 rows differ from a second flight" in told.err
     assert submit(there, tmp_path / "mine.zip", "--verify", "0", capsys=capsys)[0] == 0
 
 
@@ -271,7 +271,7 @@ def test_failed_runs_are_packed_and_told(folder, tmp_path, capsys):
 def test_a_pack_has_its_suffix(folder, tmp_path, capsys):
     code, told = submit(folder, tmp_path / "mine.txt", capsys=capsys)
     assert code == 2
-    assert told.err.endswith("mine.txt: a pack is a .zip file; give a name that ends so\n")
+    assert told.err.endswith("mine.txt: a pack is a .zip file; give a name with this suffix\n")
     assert told.err.count("\n") == 1 and not (tmp_path / "mine.txt").exists()
 
 
@@ -312,9 +312,9 @@ def test_a_folder_of_code_is_flown_again_too(own, tmp_path, capsys):
     [
         (
             OWN.replace("lawnmower", "spiral"),
-            "mine.py has another zigzag than the one that flew the rows: its",
+            "mine.py defines a zigzag that differs from the one that flew the rows",
         ),
-        (OWN.replace("zigzag", "other"), "no file of its code has it"),
+        (OWN.replace("zigzag", "other"), "no file of the code defines it"),
         ("def (", "cannot be run: SyntaxError"),
     ],
 )
@@ -325,14 +325,14 @@ def test_code_that_is_not_what_flew_is_not_packed(own, source, why, tmp_path, mo
         code, told = submit(own / "r", tmp_path / "a.zip", "--code", str(there), capsys=capsys)
         assert code == 2
         assert told.err.startswith(f"error: --code {there}: planner zigzag: ") and why in told.err
-        assert told.err.count("\n") == 1 and told.err.endswith("give what flew, or fly it again\n")
+        assert told.err.count("\n") == 1 and told.err.endswith("give the code that flew, or fly again\n")
         assert not (tmp_path / "a.zip").exists()
 
 
 def test_code_beside_rows_of_what_is_built_in_is_not_packed(folder, own, tmp_path, capsys):
     code, told = submit(folder, tmp_path / "a.zip", "--code", str(own / "src" / "mine.py"), capsys=capsys)
     assert code == 2
-    assert "mine.py: nothing of it flew, all methods are built in; leave it out" in told.err
+    assert "mine.py: the rows use only built-in methods; leave --code out" in told.err
 
 
 @pytest.mark.parametrize("given", [["--name", "x" * 81], ["--by", " me"], ["--about", "a\nb"]])
@@ -366,17 +366,17 @@ def test_a_folder_of_code_is_packed_without_what_is_hidden(tmp_path):
 @pytest.mark.parametrize(
     ("values", "why"),
     [
-        ({"format": 2}, "is of format 2, this version reads 1"),
+        ({"format": 2}, "has format 2, but this version reads 1"),
         ({"surprise": 1}, "surprise is unknown"),
-        ({"name": ""}, "name '' is no line of 1 to 80"),
-        ({"by": "a\x1b[31m"}, "is no line of"),
-        ({"about": "x" * 3000}, "is no line of 0 to 2000"),
-        ({"version": "0.0.9"}, "has other version than the rows"),
-        ({"code": "0" * 24}, "has other code than the rows"),
-        ({"flown": []}, "has other flown than the rows"),
-        ({"hardware": [{"processor": "better"}]}, "has other hardware than the rows"),
-        ({"files": {}}, "is not what submission.json says"),
-        ({"own": [{"kind": "planner", "name": "a", "words": "", "digest": ""}]}, "other own than the rows"),
+        ({"name": ""}, "name '' is not a line of 1 to 80"),
+        ({"by": "a\x1b[31m"}, "is not a line of"),
+        ({"about": "x" * 3000}, "is not a line of 0 to 2000"),
+        ({"version": "0.0.9"}, "and the rows differ in version"),
+        ({"code": "0" * 24}, "and the rows differ in code"),
+        ({"flown": []}, "and the rows differ in flown"),
+        ({"hardware": [{"processor": "better"}]}, "and the rows differ in hardware"),
+        ({"files": {}}, "does not match submission.json"),
+        ({"own": [{"kind": "planner", "name": "a", "words": "", "digest": ""}]}, "rows differ in own"),
     ],
 )
 def test_a_description_that_tells_something_else_is_refused(values, why, pack, tmp_path):
@@ -389,7 +389,7 @@ def test_a_description_that_tells_something_else_is_refused(values, why, pack, t
     "name", ["../evil.py", "/etc/passwd", "code/../../evil", "code\\evil", "code/.git", "b"]
 )
 def test_a_name_that_has_no_place_is_refused(name, pack, tmp_path):
-    with pytest.raises(ResultError, match="has no place in a submission"):
+    with pytest.raises(ResultError, match="does not belong in a submission"):
         read_pack(written(tmp_path / "other.zip", {**members_of(pack), name: b""}))
 
 
@@ -398,7 +398,7 @@ def test_members_that_are_there_twice_or_missing_are_refused(pack, tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         twice = written(tmp_path / "twice.zip", [*members.items(), (TABLE, members[TABLE])])
-    with pytest.raises(ResultError, match="has no place"):
+    with pytest.raises(ResultError, match="does not belong"):
         read_pack(twice)
     with pytest.raises(ResultError, match=r"has no rows\.parquet"):
         read_pack(written(tmp_path / "none.zip", {ABOUT: members[ABOUT]}))

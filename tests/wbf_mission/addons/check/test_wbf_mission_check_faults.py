@@ -209,7 +209,7 @@ class StaysDown(Vehicle):
     [
         (AsksEverybodyTheSecondTime, "transfer.asks-first", "it is addressed to 0/0"),
         (TakesAnyOrder, "transfer.out-of-order", "it is accepted"),
-        (TakesItemsOfAnyPlan, "transfer.wrong-type", "it is taken: the vehicle asks for item 1"),
+        (TakesItemsOfAnyPlan, "transfer.wrong-type", "it is accepted: the vehicle asks for item 1"),
         (ForgetsWhatItTook, "transfer.last-ack-again", "no MISSION_ACK"),
         (ChokesOnNan, "transfer.nan", "the vehicle falls silent"),
         (ReadsEachItemOnce, "transfer.re-read", "request 2 of item 0 gives no MISSION_ITEM_INT"),
@@ -280,7 +280,7 @@ class TakesItsTime(Vehicle):
         (RefusesNan, "transfer.nan", "refused: "),
         (LosesParameters, "param.list", " parameters"),
         (TakesItsTime, "command.request-message", ""),
-        (AnswersEverybody, "command.ack-address", "to nobody"),
+        (AnswersEverybody, "command.ack-address", "a broadcast"),
     ],
 )
 def test_what_a_vehicle_may_do_as_well_passes(vehicle, check, detail):

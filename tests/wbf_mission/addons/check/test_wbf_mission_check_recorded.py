@@ -102,11 +102,11 @@ class TakesOnePlan(Px4):
 
 def test_plans_that_are_lost_are_told():
     (text,) = run(SaysNothingOfItsPlans(), only=("mission.one-item",)).warnings
-    assert text.startswith("the vehicle's own plans could not be read, so they are not put back: ")
+    assert text.startswith("the vehicle's plans could not be read, so they will not be restored: ")
     vehicle = TakesOnePlan()
     vehicle.plans[0] = list(PLANS["PX4"][0])
     (text,) = run(vehicle, only=("mission.one-item",)).warnings
-    assert text.startswith("the vehicle's own plans could not be put back: ")
+    assert text.startswith("the vehicle's plans could not be restored: ")
 
 
 def test_over_a_socket():
@@ -121,7 +121,7 @@ def test_the_command_says_who_has_trouble_without_advice(capsys):
     with served(Px4()) as url:
         assert main(["check", url, "--only", "transfer.bad-latitude", "--json"]) == 0
     captured = capsys.readouterr()
-    told = "failed  transfer.bad-latitude: it is accepted (trouble for clients without checks of their own"
+    told = "failed  transfer.bad-latitude: it is accepted (trouble for clients that do not check coordinates"
     assert told in captured.err
     (check,) = json.loads(captured.out)["checks"]
     assert (check["result"], check["required"]) == ("failed", False)
@@ -391,15 +391,15 @@ telemetry.mission-current telemetry.interval
 @pytest.mark.parametrize(
     ("variant", "expected", "reason"),
     [
-        (MixesAfterABreak, "transfer.old-plan-kept", "the mission is another"),
+        (MixesAfterABreak, "transfer.old-plan-kept", "the mission differs"),
         (
             TakesAnyItem,
             "transfer.out-of-order transfer.duplicate-count transfer.duplicate-item",
             "the vehicle asks for item 1",
         ),
         (EndsAtTheWrongItem, "transfer.duplicate-count transfer.duplicate-item", "an item came out of order"),
-        (AsksInAnotherOrder, SENDS_BY_HAND, "item 2 is asked for after item 0"),
-        (NeverAsksAgain, "transfer.asks-again", "it is not asked for again"),
+        (AsksInAnotherOrder, SENDS_BY_HAND, "requests item 2 after item 0"),
+        (NeverAsksAgain, "transfer.asks-again", "it is not requested again"),
         (WaitsForEver, "transfer.silence", "busy with another transfer"),
         (LetsASecondStationIn, "transfer.second-station", "item 0 of the second station"),
         (DeniesNobody, "transfer.second-station", "item 0 of the second station"),
@@ -429,7 +429,7 @@ telemetry.mission-current telemetry.interval
         (ClearsTheMissionToo, "mission.types-apart", "0 items instead of 5"),
         (ForgetsAParameter, "param.list", "1 of 1349 never come, the first is 700"),
         (PartsNothing, "mission.part", "no answer"),
-        (RefusesIntervals, NEEDS_STREAMS, "also not after SET_MESSAGE_INTERVAL"),
+        (RefusesIntervals, NEEDS_STREAMS, "not even after SET_MESSAGE_INTERVAL"),
         (ArmsAtAnything, "command.bad-arming", "it armed"),
     ],
 )

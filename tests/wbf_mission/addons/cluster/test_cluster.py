@@ -203,7 +203,7 @@ def test_a_scheduler_that_dies_ends_the_benchmark_which_can_be_gone_on_with(tmp_
 
         try:
             with pytest.raises(
-                ClusterError, match="the scheduler is lost; the same command flies the missing runs"
+                ClusterError, match="the scheduler is lost; repeat the command to fly the missing runs"
             ):
                 benchmark(spec, out=tmp_path, dask=address, progress=told)
         finally:
@@ -246,7 +246,7 @@ def test_no_scheduler_is_one_line(tmp_path, capsys, monkeypatch):
     with dask.config.set({"distributed.comm.timeouts.connect": "0.5s"}):
         assert main(["bench", "run", *arguments]) == 2
     err = capsys.readouterr().err
-    assert "no scheduler answers there" in err
+    assert "no scheduler answers at this address" in err
     assert err.count("\n") == 1
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert main(["bench", "run", *arguments]) == 2

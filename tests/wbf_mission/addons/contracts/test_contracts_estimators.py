@@ -65,9 +65,9 @@ class Broken(PointEstimator):
             observations = Observations(
                 observations.x, observations.y, observations.time_s, observations.day, filled
             )
-        if self.promise == "piece by piece" and len(observations) == 1:
+        if self.promise == "in pieces" and len(observations) == 1:
             return self
-        if self.promise == "piece by piece":
+        if self.promise == "in pieces":
             observations = observations[1:]
         return super().partial_fit(observations)
 
@@ -83,7 +83,7 @@ class Broken(PointEstimator):
             return InformationModel(model.value[:, :-1], model.uncertainty[:, :-1])
         if self.promise == "not reported as changed":
             return InformationModel(model.value, model.uncertainty, np.zeros(tile_shape(model.shape), bool))
-        if self.promise == "can be written to":
+        if self.promise == "a returned writeable array":
             self.kept = getattr(self, "kept", model.value)
             if self.kept.shape == model.value.shape:
                 self.kept[:] = model.value
@@ -105,13 +105,13 @@ class Broken(PointEstimator):
         "fit must forget",
         "outside the farm",
         "NaN",
-        "piece by piece",
+        "in pieces",
         "before fit",
         "is negative",
         "finite",
         "has shape",
         "not reported as changed",
-        "can be written to",
+        "a returned writeable array",
         "same random_state",
         "must change the value",
     ],

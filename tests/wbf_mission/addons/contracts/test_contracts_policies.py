@@ -88,7 +88,7 @@ def writer(_, observation, plan):
 
 
 def seer(policy, observation, plan):
-    """Knows the truth by the back door: whether cells that nobody looked at are sick."""
+    """Knows the truth by the back door: whether cells that no vehicle observed are sick."""
     import sys
 
     frame = sys._getframe()
@@ -103,19 +103,19 @@ def seer(policy, observation, plan):
     [
         (to_all(np.tile([[0.2, 0.2], [8.0, 8.0]], (40, 1))), "over the budget"),
         (to_all([[-1.0, 1.0]]), "leaves its area"),
-        (lambda *_: NO_CHANGE, "vehicle 1 is not named at the start"),
+        (lambda *_: NO_CHANGE, "does not name vehicle 1"),
         (to_all(np.empty((0, 2))), "no vehicle has a path at the start of the first flight"),
-        (goes_nowhere, "no path of the first flight has a length"),
+        (goes_nowhere, "have length 0: no score"),
         (
             lambda _, observation, plan: NO_CHANGE if len(observation.observations) else plan,
-            "vehicle 1 gets neither a path nor one without points",
+            "vehicle 1 gets no path, not even one without points",
         ),
         (strangers, "no vehicle has the system id 99"),
-        (restless, "twice has different answers"),
+        (restless, "two equal flights have different answers"),
         (drawer, "global generator"),
         (writer, "writes into its observation"),
         (lambda _, __, plan: dict(plan.paths), "not a Decision"),
-        (seer, "cells that nobody looked at"),
+        (seer, "cells that no vehicle observed"),
     ],
 )
 def test_the_kit_finds_what_is_wrong(change, text):

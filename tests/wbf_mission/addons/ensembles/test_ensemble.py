@@ -130,7 +130,7 @@ def test_a_damaged_member_is_made_again(grid: FarmGrid, tmp_path: Path) -> None:
 def test_another_ensemble_is_not_touched(grid: FarmGrid, tmp_path: Path, changes: dict[str, Any]) -> None:
     generate_ensemble(grid, tmp_path, members=1, seed=7, days=3)
     before = content(tmp_path)
-    with pytest.raises(EnvironmentDataError, match="holds another ensemble"):
+    with pytest.raises(EnvironmentDataError, match="has another ensemble"):
         generate_ensemble(grid, tmp_path, **{"members": 2, "seed": 7, "days": 3, **changes})
     assert content(tmp_path) == before
 
@@ -185,6 +185,6 @@ def test_too_little_memory_is_foreseen(
 
 def test_a_full_disk_is_foreseen(grid: FarmGrid, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ensemble_module.shutil, "disk_usage", lambda _path: SimpleNamespace(free=1000))
-    with pytest.raises(EnvironmentDataError, match=r"9 members of 4 days need about 8 kB of disk, 1 kB are"):
+    with pytest.raises(EnvironmentDataError, match=r"9 members of 4 days need about 8 kB of disk, but 1 kB"):
         generate_ensemble(grid, tmp_path / "e", members=9, seed=7, days=3)
     assert not (tmp_path / "e").exists()

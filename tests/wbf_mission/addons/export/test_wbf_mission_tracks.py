@@ -141,7 +141,7 @@ def test_the_command_writes_beside_the_folder_and_refuses_what_is_there(
     assert json.loads(capsys.readouterr().out)["files"] == [str(path)]
     path.write_text("mine", encoding="utf-8")
     assert main(["export", str(folder), "--to", "gpx"]) == 2
-    assert "mine.gpx: is there already; give another name (--out), or --overwrite" in capsys.readouterr().err
+    assert "mine.gpx: already exists; give another name (--out), or --overwrite" in capsys.readouterr().err
     assert path.read_text(encoding="utf-8") == "mine"
     assert main(["export", str(folder), "--to", "gpx", "--overwrite", "-q"]) == 0
     assert path.read_text(encoding="utf-8") != "mine"
@@ -157,7 +157,7 @@ def test_a_layout_that_is_there_is_refused_too(
     layout = tmp_path / "run.foxglove.json"
     layout.write_text("{}", encoding="utf-8")
     assert main(["export", str(folder), "--to", "mcap", "--out", str(tmp_path / "run.mcap")]) == 2
-    assert "run.foxglove.json: is there already" in capsys.readouterr().err
+    assert "run.foxglove.json: already exists" in capsys.readouterr().err
     assert [one.name for one in tmp_path.iterdir()] == [layout.name]
 
 
@@ -194,5 +194,5 @@ def test_what_cannot_be_exported_is_told_in_one_line(
     assert main(["export", str(folder), "--to", "gpx", "--estimates", "3"]) == 2
     assert "--estimates has an effect only with --to mcap or rerun: leave it out" in capsys.readouterr().err
     assert main(["export", str(folder), "--to", "gpx", "--out", str(folder / "flight.tlog")]) == 2
-    assert "this is the file that is read" in capsys.readouterr().err
+    assert "this is an input file" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

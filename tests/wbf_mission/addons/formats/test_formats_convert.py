@@ -102,7 +102,7 @@ def test_a_drawn_path_is_chosen_and_lifted(capsys):
 
 def test_nothing_of_others_is_written_over(capsys):
     mine = Path("earth.kml").read_bytes()
-    assert "the file that is read" in convert(capsys, "earth.kml", "earth.kml", code=2).err
+    assert "this is an input file" in convert(capsys, "earth.kml", "earth.kml", code=2).err
     for out in ("earth.kml", "notes.gpx"):
         Path(out).write_bytes(mine)
         assert "--overwrite" in convert(capsys, "field.plan", out, code=2).err
@@ -125,4 +125,4 @@ def test_a_plan_for_several_vehicles_keeps_the_ending_of_dji(capsys):
     words = "plan --farm miniberry-30 --vehicles 2 --budget 100m --out part.wpml.kmz"
     assert main(words.split()) == 0
     assert sorted(path.name for path in Path().glob("part*")) == ["part-1.wpml.kmz", "part-2.wpml.kmz"]
-    assert "note: part-1.wpml.kmz: the drone it names is a Mavic 3M" in capsys.readouterr().err
+    assert "note: part-1.wpml.kmz: the file names the drone Mavic 3M" in capsys.readouterr().err

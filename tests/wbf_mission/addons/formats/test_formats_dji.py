@@ -186,7 +186,7 @@ def test_the_flight_is_that_of_the_mission():
         [],
     ]
     assert losses(Mission(FULL), "a.wpml.kmz") == [
-        dji.Loss("the drone it names is a Mavic 3M; for another change droneInfo and payloadInfo")
+        dji.Loss("the file names the drone Mavic 3M; for others, edit droneInfo and payloadInfo")
     ]
 
 
@@ -257,4 +257,4 @@ def test_what_dji_does_not_hold_is_said():
         "fence items are not kept (1 of 1)",
         "rally points are not kept (2 of 2)",
     ]
-    assert "home is not kept: heights count from where the drone takes off" in [loss.text for loss in said]
+    assert "home is not kept: heights are above the drone's take-off point" in [loss.text for loss in said]

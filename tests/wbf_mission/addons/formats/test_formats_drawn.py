@@ -126,28 +126,28 @@ def test_paths_of_others_are_waypoints(made, suffix, content, frame, altitudes_m
     ("suffix", "content", "reason"),
     [
         (".kml", kml(line(mode="clampToGround")), "altitudeMode is clampToGround"),
-        (".kml", kml(line(mode="")), "it lies on the ground"),
+        (".kml", kml(line(mode="")), "the path lies on the ground"),
         (".kml", kml(line(coordinates="-82.15,28.05 -82.151,28.051")), "Path, line 2, point 1: no altitude"),
         (
             ".gpx",
             gpx(f"<rte>{points('rtept', *PLACES, ele='')}</rte>"),
             "line 1, rtept: no altitude to fly at",
         ),
-        (".geojson", geojson(LINE), "from the ellipsoid, which no autopilot takes"),
-        (".geojson", json.dumps(LINE), "from the ellipsoid"),
+        (".geojson", geojson(LINE), "above the ellipsoid, which no autopilot uses"),
+        (".geojson", json.dumps(LINE), "above the ellipsoid"),
         (
             ".geojson",
             geojson({"type": "MultiPoint", "coordinates": LINE["coordinates"]}),
-            "from the ellipsoid",
+            "above the ellipsoid",
         ),
-        (".geojson", geojson({"type": "GeometryCollection", "geometries": [LINE]}), "from the ellipsoid"),
+        (".geojson", geojson({"type": "GeometryCollection", "geometries": [LINE]}), "above the ellipsoid"),
         (".csv", "y,x\n28.05,-82.15\n28.051,-82.151\n", "there is no column of altitudes"),
         (".csv", "lat,lon,alt\n28.05,-82.15,\n28.051,-82.151,NaN\n", "line 2: no altitude to fly at"),
     ],
 )
 def test_a_path_without_altitudes_needs_one(made, refusal, suffix, content, reason):
     assert reason in (text := refusal(suffix, content))
-    assert "give one above home (convert --altitude METRES)" in text
+    assert "give an altitude above home (convert --altitude METRES)" in text
     mission, _ = made(suffix, content, altitude_m=25.0)
     assert as_text(mission) == waypoints(Frame.GLOBAL_RELATIVE_ALT, 25.0, 25.0)
 
@@ -191,7 +191,7 @@ def test_areas_are_sent_to_the_planner(made, refusal):
     area = '<Placemark><Polygon><outerBoundaryIs><LinearRing><coordinates>1,2 2,2 2,3 1,2</coordinates>' \
         "</LinearRing></outerBoundaryIs></Polygon></Placemark>"  # fmt: skip
     for text in (refusal(".kml", kml(area)), refusal(".geojson", geojson(AREA))):
-        assert "1 areas (polygons) and no path" in text
+        assert "1 areas (polygons), but no path" in text
         assert "wbf-mission plan --farm" in text
     assert "this is a farm file" in refusal(".geojson", geojson(AREA, crop="tomato", owner="me"))
     _, notes = made(".kml", kml(area, line()))
@@ -204,15 +204,15 @@ def test_a_long_track_is_taken_up_to_what_mavlink_numbers(made, refusal):
     assert len(mission.items) == 5000
     assert note.startswith("the 5000 points of the table")
     track = gpx("<trk><trkseg>" + '<trkpt lat="1" lon="2"/>' * 70_000 + "</trkseg></trk>")
-    assert "70000 points, but MAVLink numbers 65535 items; thin it out" in refusal(".gpx", track)
+    assert "70000 points, but MAVLink allows 65535 items; thin it out" in refusal(".gpx", track)
 
 
 @pytest.mark.parametrize(
     ("suffix", "content", "part"),
     [
-        (".kml", kml(line())[:-30], "line 2: this is no XML"),
+        (".kml", kml(line())[:-30], "line 2: it is not XML"),
         (".kml", kml(line()).replace("UTF-8", "klingon"), "line 1: "),
-        (".kml", kml(line("\xe9")).encode("latin-1"), "line 2: this is no XML (not well-formed"),
+        (".kml", kml(line("\xe9")).encode("latin-1"), "line 2: it is not XML (not well-formed"),
         (".kml", kml(line(coordinates="28.05,-182.15,10 1,2,3")), "latitude -182.15 is outside -90..90; the"),
         (".kml", kml(line(coordinates="28.05 -82.15 10")), "'28.05' is not longitude,latitude,altitude"),
         (".kml", kml(line(coordinates="1,2,3,4")), "line 2, point 1: '1,2,3,4' is not"),
@@ -223,8 +223,8 @@ def test_a_long_track_is_taken_up_to_what_mavlink_numbers(made, refusal):
         (".kml", kml(line(coordinates="")), "line 2: the LineString has no coordinates"),
         (".kml", kml(), "the file has no path"),
         (".kml", "", "an empty file"),
-        (".kml", "<kml", "this is no XML"),
-        (".kml", "<kml>" * 3000, "more than 100 elements in one another"),
+        (".kml", "<kml", "it is not XML"),
+        (".kml", "<kml>" * 3000, "more than 100 nested elements"),
         (".kml", "<x><kml/></x>", "this is an XML file, not a KML file"),
         (".kml", "<!-- <kml> --><x/>", "line 1: the document is 'x', not a KML file"),
         (".gpx", gpx("<rte><rtept lat='28.05'/></rte>"), "line 1, rtept: lon is ''; give a number"),
@@ -237,7 +237,7 @@ def test_a_long_track_is_taken_up_to_what_mavlink_numbers(made, refusal):
         (".geojson", geojson({"type": "LineString", "coordinates": [[1, 2], [1]]}),
          "feature 1, point 2: [1] is not"),
         (".geojson", geojson({"type": "LineString", "coordinates": None}),
-         "feature 1: there are no coordinates"),
+         "feature 1: the geometry has no coordinates"),
         (".geojson", geojson({"type": "LineString", "coordinates": [[1, "2"]]}),
          "[1, '2'] is not [longitude"),
         (".geojson", geojson(LINE).replace("-82.15,", "NaN,"), "NaN is no number in JSON"),
@@ -263,13 +263,13 @@ def test_a_long_track_is_taken_up_to_what_mavlink_numbers(made, refusal):
         (".csv", "lat,lon,alt,command,frame\n1,2,3,x,3\n", "line 2: command is 'x'"),
         (".csv", "role,command,frame\nitem,16,3\n", "no columns of latitude"),
         (".csv", "role,lat,lon,command,frame\nitem,,,16,3\n", "line 2: latitude of command 16 is missing"),
-        (".csv", "role,lat,lon,command\ngoal,1,2,16\n", "line 2: role 'goal' is none of"),
+        (".csv", "role,lat,lon,command\ngoal,1,2,16\n", "line 2: role 'goal' is not one of"),
         (".csv", "role,lat,lon,command,frame,autocontinue\nitem,1,2,16,3,maybe\n",
          "line 2: autocontinue is 'maybe'"),
         (".csv", "role,lat,lon,command,frame,param1\nitem,,,177,2,9\n",
          "line 2: DO_JUMP to index 9, which does"),
-        (".csv", "role,lat,lon,command\nhome,,,\n", "line 2: home has no place"),
-        (".csv", "role,lat,lon,command,version\nmission,,,,2\n", "line 2: version 2 is not known"),
+        (".csv", "role,lat,lon,command\nhome,,,\n", "line 2: home does not have exactly one point"),
+        (".csv", "role,lat,lon,command,version\nmission,,,,2\n", "line 2: version 2 is unknown"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_read_is_told_in_a_line_with_its_place(refusal, suffix, content, part):
@@ -309,10 +309,10 @@ def test_kmz_takes_the_first_kml_wherever_its_name_points(made, tmp_path):
 @pytest.mark.parametrize(
     ("content", "part"),
     [
-        (zipped({"a.txt": "x"}), "the archive holds no .kml file"),
+        (zipped({"a.txt": "x"}), "the archive has no .kml file"),
         (zipped({"doc.kml": kml(line())})[:-40], "the archive cannot be unpacked"),
         (zipped({"doc.kml": kml(line())}).replace(b"doc.kml", b"doc.kmx", 1), "cannot be unpacked"),
-        (zipped({"doc.kml": "<kml"}), "doc.kml: line 1: this is no XML"),
+        (zipped({"doc.kml": "<kml"}), "doc.kml: line 1: it is not XML"),
         (zipped({f"{k}.kml": "" for k in range(1001)}), "more than 1000 files"),
         (zipped({"doc.kml": bytes(65 * 2**20)}), "the archive unpacks to more than 64 MiB"),
         (zipped({"wpmz/template.kml": kml(), "wpmz/waylines.wpml": kml()}), "this is a DJI wayline file"),

@@ -117,15 +117,15 @@ def test_what_is_mended(name: str, tmp_path: Path) -> None:
     [
         (
             [[(0, 0), (100, 100), (100, 0), (0, 100), (0, 0)]],
-            "drawn it has 0.0 m2, what its rings enclose 5000.0 m2",
+            "it has 0.0 m2 as drawn, but its rings enclose 5000.0 m2",
         ),
-        ([SQUARE + SQUARE[1:]], "drawn it has 20000.0 m2, what its rings enclose 10000.0 m2"),
+        ([SQUARE + SQUARE[1:]], "it has 20000.0 m2 as drawn, but its rings enclose 10000.0 m2"),
         ([[(0, 0), (100, 0), (0, 0), (0, 0)]], "has no area"),
         ([[(0, 0), (50, 0), (100, 0), (0, 0)]], "has no area"),
         ([SQUARE, hole(-10, -10, 200)], "cannot be mended safely"),
         (
             [[(k, 10 * (k % 2)) for k in range(30)]],
-            "a ring is open over 30.7 m, and its longest side has 10.0 m: part of it is missing",
+            "a ring is open over 30.7 m, but its longest side is only 10.0 m long",
         ),
         ([[(0, 0), (100, 0)]], "fewer than three corners"),
     ],
@@ -151,7 +151,7 @@ def test_what_is_not_safe_is_refused(rings: Any, text: str, tmp_path: Path) -> N
 )
 def test_what_an_open_ring_lacks_is_added(ring: Any, gap: str, repair: bool, tmp_path: Path) -> None:
     farm = load_farm(write(tmp_path, field(ring)), repair=repair)
-    assert farm.notes == (f"feature 1 ('acker'): a ring was open, closed over {gap} m",)
+    assert farm.notes == (f"feature 1 ('acker'): an open ring was closed over {gap} m",)
     assert farm.patches[0].polygon.area == pytest.approx(shapely.Polygon(ring).area, rel=1e-6)
     save_farm(farm, tmp_path / "saved.geojson")
     assert load_farm(tmp_path / "saved.geojson").notes == ()
@@ -174,7 +174,7 @@ def test_a_ring_is_closed_or_refused_by_what_it_lacks(
         path = write(Path(folder), field(given_ring))
         if not closed_end and gap_m > 2 * side_m:
             with pytest.raises(
-                FarmError, match=r"a ring is open over .* part of it is missing; draw it anew"
+                FarmError, match=r"a ring is open over .* part of the ring is missing; draw it anew"
             ):
                 load_farm(path)
             return

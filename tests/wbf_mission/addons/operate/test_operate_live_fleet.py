@@ -290,4 +290,4 @@ def test_the_senders_whose_datagrams_were_dropped_are_named(monkeypatch):
             time.sleep(0.01)
         named = f"127.0.0.1:{stranger.getsockname()[1]} (18)"
     host.close()
-    assert notes == [f"datagrams of {named} were dropped: this program was too busy to take them"]
+    assert notes == [f"datagrams of {named} were dropped: this program was too busy to receive them"]

@@ -197,7 +197,7 @@ def test_one_goes_from_decision_to_decision_and_sees_what_came_of_it(
 
 def test_where_there_is_no_map_the_page_says_so(browser: Browser, files: dict[str, Path]) -> None:
     words = " ".join(SinglePage(files["market"]).words)
-    assert "market chooses by no acquisition map" in words
+    assert "market uses no acquisition map" in words
     assert "flown again: equal to the bit" in words
     with page_at(browser, files["market"].as_uri()) as page:
         expect(page.locator(".decided > .small")).to_contain_text(

@@ -2,7 +2,9 @@
 
 import contextlib
 import threading
+import time
 
+from mission.outcome import Phase
 from sim_vehicle.host.server import Server
 from wbf_mission.addons.base.simulator import make_components
 from wbf_mission.events import EventStream
@@ -16,6 +18,29 @@ class Nobody:
 
     def tend(self, flight):
         pass
+
+
+class Watcher:
+    """An operator who agrees to the start, and does something once when a vehicle has taken enough images."""
+
+    def __init__(self, *, agrees=True, act=None, images=10, vehicle=1):
+        self.agrees, self.act, self.images, self.vehicle = agrees, act, images, vehicle
+        self.acted, self.phases, self.began_s = False, [], time.monotonic()
+
+    def tend(self, flight):
+        told = [(one.system_id, one.ground.phase, one.ground.pilot.mode) for one in flight.sorties]
+        assert time.monotonic() < self.began_s + LONG_S, f"the flight does not end: {told}"
+        for sortie in flight.sorties:
+            phase, gate = sortie.ground.phase, sortie.ground.arming_gate
+            if phase not in self.phases:
+                self.phases.append(phase)
+            if phase is Phase.READY:
+                gate.agree() if self.agrees else gate.refuse()
+            has_seen = sortie.assembler.statistics.images >= self.images
+            is_due = sortie.system_id == self.vehicle and phase is Phase.FLIGHT and has_seen
+            if is_due and self.act is not None and not self.acted:
+                self.acted = True
+                self.act(flight)
 
 
 def scenario(**more):

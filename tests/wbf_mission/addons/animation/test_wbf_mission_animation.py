@@ -99,18 +99,8 @@ def test_mp4_needs_ffmpeg(result: Result, tmp_path: Path, monkeypatch: pytest.Mo
 
 @pytest.mark.slow
 def test_fly_animates_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    options = [
-        "fly",
-        "--farm",
-        "miniberry-10",
-        "--vehicle",
-        "ideal",
-        "--estimator",
-        "point",
-        "--budget",
-        "20steps",
-    ]
-    options += ["--planner", "random-waypoint", "-q"]
+    words = "fly --farm miniberry-10 --vehicle ideal --estimator point --budget 20steps"
+    options = [*words.split(), "--planner", "random-waypoint", "-q"]
     assert main([*options, "--animate", "--no-files"]) == 2
     assert "--animate writes a file, but --no-files forbids files" in capsys.readouterr().err
     assert main([*options, "--animate", "--no-plots", "--out", str(tmp_path / "run")]) == 0

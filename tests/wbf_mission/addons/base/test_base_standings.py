@@ -9,12 +9,7 @@ from bench_rows import made_row, rows
 from msgspec import structs
 from scipy import stats
 
-from wbf_mission.addons.base.intervals import (
-    _drawn,
-    _weights,
-    mean_intervals,
-    ratio_intervals,
-)
+from wbf_mission.addons.base.intervals import _drawn, _weights, mean_intervals, ratio_intervals
 from wbf_mission.addons.base.page import score_over_time
 from wbf_mission.addons.base.standings import scored, standings
 
@@ -137,12 +132,7 @@ def test_the_best_comes_first_with_its_wins_and_ranks():
 
 def test_a_run_that_failed_counts_as_the_worst_of_all_on_its_environment():
     knows_nothing = {"scores": array("d", [-9.0, -3.0]), "history": {"tylcv": array("d", [8.0, 3.0])}}
-    found = standings(
-        [
-            *rows("good", [-3.0, -3.0], **knows_nothing),
-            *rows("frail", [-1.0, -1.0], error=[1]),
-        ]
-    )
+    found = standings([*rows("good", [-3.0, -3.0], **knows_nothing), *rows("frail", [-1.0, -1.0], error=[1])])
     good, frail = found
     assert (frail.planner, frail.environments, frail.failed) == ("frail", 2, 1)
     assert (frail.score.mean, frail.final_score.mean) == ((-1.0 - 9.0) / 2, (-0.5 - 9.0) / 2)

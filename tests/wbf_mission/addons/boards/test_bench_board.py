@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from bench_packs import flown, pack_of, told_of, told_otherwise
+from bench_packs import flown, pack_of, told_of
 from live_page import chromium
 from msgspec import structs
 
@@ -146,19 +146,8 @@ def test_rows_are_flown_again_and_own_code_is_not(at_once, frozen, rows, tmp_pat
 
 
 def test_a_row_that_differs_is_told_on_the_board(at_once, rows, tmp_path, capsys):
-    def worse(row):
-        scores = 2.0 * np.array(row.scores)
-        history = {name: type(one)("d", 2.0 * np.array(one)) for name, one in row.history.items()}
-        return structs.replace(
-            row,
-            scores=type(row.scores)("d", scores),
-            score=float(np.mean(scores)),
-            final_score=scores[-1],
-            history=history,
-            losses={name: one[-1] for name, one in history.items()},
-        )
-
-    path = pack_of([worse(row) for row in rows], tmp_path / "mine.zip")
+    worse = [structs.replace(row, **history(row, lambda values: 2.0 * values)) for row in rows]
+    path = pack_of(worse, tmp_path / "mine.zip")
     assert main(["bench", "board", str(path), "--verify", "1"]) == 1
     assert " then, " in capsys.readouterr().err
     (entry,) = board(path, verify=1).entries
@@ -321,8 +310,3 @@ def test_tables_in_texts(frozen, rows, tmp_path):
     flown_by = f"Flown by wbf-mission {__version__}, behaviour {rows[0].codes['code']}."
     assert page.sections[0].text.startswith(flown_by)
     assert "may be missing from these 4" in page.sections[0].text
-
-
-def test_a_pack_of_another_format_is_left_out(frozen, rows, tmp_path):
-    newer = told_otherwise(pack_of(rows, tmp_path / "mine.zip"), tmp_path / "newer.zip", format=2)
-    assert list(board(frozen, newer).refused) == [str(newer)]

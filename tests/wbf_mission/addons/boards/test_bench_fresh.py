@@ -72,6 +72,15 @@ def code(tmp_path):
     return folder
 
 
+@pytest.fixture(scope="module")
+def peeper(tmp_path_factory):
+    """A pack of the policy that looks at the run, its rows, and the folder of their results."""
+    folder = tmp_path_factory.mktemp("peeper")
+    (folder / "code").mkdir()
+    (folder / "code" / "cheat.py").write_text(CHEAT)
+    return *packed(folder, folder / "code" / "cheat.py", "Peeper"), folder
+
+
 def packed(tmp_path, file, label, *more, estimator="adaptive-disk", seeds=2, planner="spiral"):
     """Fly own code on open environments, and pack it; return the pack and its rows."""
     own = {"planners": planner, "estimators": estimator}
@@ -147,8 +156,8 @@ def test_its_process_has_no_more_than_python_needs(code, monkeypatch):
         (CHEAT + "\n# other", "cheat.py defines a Peeper that differs from the one"),
     ],
 )
-def test_other_code_is_not_flown(source, why, tmp_path, code, capsys):
-    _, rows = packed(tmp_path, code / "cheat.py", "Peeper")
+def test_other_code_is_not_flown(source, why, tmp_path, peeper):
+    _, rows, _ = peeper
     (other := tmp_path / "other").mkdir()
     (other / "cheat.py").write_text(source)
     found = fly_fresh(rows, other, 2)
@@ -201,8 +210,8 @@ def test_the_interval_is_welchs():
     assert math.isnan(fresh._welch([-1.0], [-2.0], 1).low)
 
 
-def test_what_cannot_be_verified_is_one_line(tmp_path, code, monkeypatch, capsys):
-    pack, rows = packed(tmp_path, code / "cheat.py", "Peeper")
+def test_what_cannot_be_verified_is_one_line(tmp_path, code, peeper, monkeypatch, capsys):
+    pack, rows, folder = peeper
     with pytest.raises(ResultError, match="all its methods are built in"):
         fly_fresh([told_of(row, planner="spiral", codes={"code": "1"}) for row in rows], code, 2)
     older = [told_of(structs.replace(row, codes=row.codes | {"code": "0" * 24})) for row in rows]
@@ -217,7 +226,7 @@ def test_what_cannot_be_verified_is_one_line(tmp_path, code, monkeypatch, capsys
     assert told.err.count("\n") == 1
     monkeypatch.undo()
     who = ["--name", "Mine", "--by", "Me", "--verify", "0", "--quiet", "--out", str(tmp_path / "n.zip")]
-    assert main(["bench", "submit", str(tmp_path / "r"), *who]) == 0
+    assert main(["bench", "submit", str(folder / "r"), *who]) == 0
     capsys.readouterr()
     assert main(["bench", "verify", str(tmp_path / "n.zip")]) == 2
     told = capsys.readouterr().err

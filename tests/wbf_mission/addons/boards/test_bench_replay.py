@@ -128,20 +128,6 @@ def test_what_can_be_why_is_said():
     assert differs.verdict.startswith("differs in score (1 then, 2 now). Why: unknown")
 
 
-def test_the_run_is_that_of_the_row(rows):
-    for name in ("greedy", "spiral"):
-        run = run_of(rows[name])
-        assert (run.key, run.codes) == (rows[name].key, rows[name].codes)
-
-
-def test_a_row_of_an_object_needs_the_object(rows, own):
-    row = rows["Across:part=0.6"]
-    with pytest.raises(
-        ScenarioError, match=r"the planner Across:part=0.6 was an object.*--planner FILE.py:NAME"
-    ):
-        run_of(row)
-
-
 def test_a_scenario_file_that_is_gone_is_said(rows):
     gone = msgspec.structs.replace(rows["greedy"], scenario="gone.toml")
     with pytest.raises(ScenarioError, match=r"gone\.toml"):

@@ -23,9 +23,10 @@ from bench_packs import (
     told_otherwise,
     written,
 )
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from msgspec import structs
+from sweeps import sweep
 
 from wbf_mission.addons.boards import submission, verification
 from wbf_mission.addons.boards.audit import require_whole
@@ -203,10 +204,7 @@ MADE_UP = {
         lambda row: structs.replace(row, decisions=20, bad_answers={"crashed": 9}),
         "9 of 20 answers were bad, but it is not marked as failed",
     ),
-    "another outcome": (
-        lambda row: structs.replace(row, outcome="crashed"),
-        "its outcome is crashed",
-    ),
+    "another outcome": (lambda row: structs.replace(row, outcome="crashed"), "its outcome is crashed"),
     "a failure with a history": (
         lambda row: structs.replace(row, error="no", score=None, final_score=None),
         "it has a history, but no score",
@@ -254,19 +252,7 @@ def test_a_seed_that_others_have_is_missed_without_a_specification(folder, tmp_p
 
 
 def test_rows_that_are_not_what_is_flown_are_found_out(at_once, folder, tmp_path, capsys):
-    def better(number, row):
-        history = {name: floats(np.array(row.history[name]) / 2) for name in row.history}
-        scores = floats(np.array(row.scores) / 2)
-        return structs.replace(
-            row,
-            scores=scores,
-            history=history,
-            score=float(np.mean(scores)),
-            final_score=scores[-1],
-            losses={name: one[-1] for name, one in history.items()},
-        )
-
-    there = changed(folder, tmp_path / "changed", better)
+    there = changed(folder, tmp_path / "changed", lambda _, row: scaled(row, 0.5))
     code, told = submit(there, tmp_path / "mine.zip", "--verify", "2", capsys=capsys)
     assert code == 2
     assert "4 of 4 rows differ from a second flight" in told.err
@@ -289,19 +275,15 @@ def test_a_pack_has_its_suffix(folder, tmp_path, capsys):
     assert told.err.count("\n") == 1 and not (tmp_path / "mine.txt").exists()
 
 
-def test_own_code_is_packed_and_flown_again_by_its_author(tmp_path, capsys):
-    file = tmp_path / "mine.py"
-    file.write_text(OWN)
-    run = ["--scenarios", SCENARIO, "--planners", f"{file}:zigzag", "--estimators", "point", "--seeds", "2"]
-    assert main(["bench", "run", *run, "--out", str(tmp_path / "r"), "--quiet"]) == 0
-    capsys.readouterr()
-    code, told = submit(tmp_path / "r", tmp_path / "a.zip", "--code", str(file), "--json", capsys=capsys)
+def test_own_code_is_packed_and_flown_again_by_its_author(own, tmp_path, capsys):
+    given = ["--code", str(own / "src" / "mine.py"), "--json"]
+    code, told = submit(own / "r", tmp_path / "a.zip", *given, capsys=capsys)
     assert code == 0
     assert json.loads(told.out)["flown_again"] == "1 equal"
-    (own,) = read_pack(tmp_path / "a.zip").submission.own
-    assert (own.kind, own.name) == ("planner", "zigzag")
+    (packed,) = read_pack(tmp_path / "a.zip").submission.own
+    assert (packed.kind, packed.name) == ("planner", "zigzag")
     assert members_of(tmp_path / "a.zip")["code/mine.py"] == OWN.encode()
-    code, told = submit(tmp_path / "r", tmp_path / "b.zip", "--json", capsys=capsys)
+    code, told = submit(own / "r", tmp_path / "b.zip", "--json", capsys=capsys)
     assert json.loads(told.out)["flown_again"] == "not flown again: own code is not run"
     assert told.err == "warning: not flown again: own code is not run\n"
 
@@ -503,7 +485,7 @@ def test_a_table_with_too_many_columns_is_not_read(pack, rows, tmp_path, monkeyp
         read_pack(pack)
 
 
-@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@sweep(few=40, many=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_a_damaged_pack_is_a_result_error_or_what_it_was(data, pack, tmp_path):
     whole = bytearray(pack.read_bytes())
@@ -520,7 +502,7 @@ def test_a_damaged_pack_is_a_result_error_or_what_it_was(data, pack, tmp_path):
         assert read.rows == read_pack(pack).rows
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@sweep(few=20, many=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(content=st.binary(max_size=300), about=st.binary(max_size=300))
 def test_any_bytes_are_refused_in_a_line(content, about, pack, tmp_path):
     for data in (

@@ -161,12 +161,7 @@ class ArduCopterWithTheNewBit(ArduCopter):
 
 @pytest.mark.parametrize(
     "variant",
-    [
-        Px4WithoutAnswerToAPart,
-        Px4ThatChecksRanges,
-        ArduCopterThatKeepsAutocontinue,
-        ArduCopterWithTheNewBit,
-    ],
+    [Px4WithoutAnswerToAPart, Px4ThatChecksRanges, ArduCopterThatKeepsAutocontinue, ArduCopterWithTheNewBit],
 )
 def test_what_they_may_do_as_well_conforms(variant):
     assert failed(run(variant())) == {}
@@ -402,11 +397,7 @@ telemetry.mission-current telemetry.interval
             "transfer.out-of-order transfer.duplicate-count transfer.duplicate-item",
             "the vehicle asks for item 1",
         ),
-        (
-            EndsAtTheWrongItem,
-            "transfer.duplicate-count transfer.duplicate-item",
-            "an item came out of order",
-        ),
+        (EndsAtTheWrongItem, "transfer.duplicate-count transfer.duplicate-item", "an item came out of order"),
         (AsksInAnotherOrder, SENDS_BY_HAND, "requests item 2 after item 0"),
         (NeverAsksAgain, "transfer.asks-again", "it is not requested again"),
         (WaitsForEver, "transfer.silence", "busy with another transfer"),

@@ -22,25 +22,6 @@ def test_the_catalog_has_each_modules_checks_once_and_in_groups():
     ), "a group's checks run one after the other"
 
 
-def test_another_list_does_not_change_the_catalog():
-    before = all_checks()
-    checks = Checks()
-
-    @checks("identity.mine", "something of mine", required=False, flies=True, suffers="me")
-    def mine(peer):
-        raise AssertionError(peer)
-
-    (one,) = checks
-    assert (one.group, one.required_of, one.flies, one.suffers, one.function) == (
-        "identity",
-        "",
-        True,
-        "me",
-        mine,
-    )
-    assert all_checks() == before
-
-
 def test_choosing_by_id_and_by_group():
     (one,) = chosen_checks(("command.broadcast",), fly=False)
     assert one.id == "command.broadcast"

@@ -74,24 +74,6 @@ def end(process):
     process.wait()
 
 
-@pytest.mark.slow
-def test_two_workers_one_of_them_killed_in_the_middle():
-    spec = BenchSpec.of(TEN, planners=["lawnmower", "spiral"], estimators=["point"], seeds=15)
-    here = decided(benchmark(spec))
-    with scheduler() as (address, _):
-        workers = [worker(address), worker(address)]
-        try:
-            rows = fly_all(list(spec.runs()), dask=address)
-            found = [next(rows) for _ in range(4)]
-            end(workers[0])
-            found += rows
-        finally:
-            for one in workers:
-                end(one)
-    assert len(found) == 30
-    assert decided(found) == here
-
-
 OWN = """
 from dataclasses import dataclass
 from mission.planners import make_planner

@@ -91,10 +91,7 @@ def needs_a_parameter(request, /, *, direction):
 
 @pytest.mark.parametrize(
     ("planner", "text"),
-    [
-        (takes_anything, "parameters: it takes any name"),
-        (needs_a_parameter, "direction: it has no default"),
-    ],
+    [(takes_anything, "parameters: it takes any name"), (needs_a_parameter, "direction: it has no default")],
 )
 def test_parameters_have_names_and_defaults(planner, text):
     with pytest.raises(AssertionError, match=text):

@@ -145,8 +145,7 @@ def test_a_folder_with_something_else_is_not_touched(grid: FarmGrid, tmp_path: P
 
 
 @pytest.mark.parametrize(
-    "text",
-    ["", "[", "[" * 10_000, "{}", '{"format": "wbf-mission ensemble", "version": 2}', "\ud800"],
+    "text", ["", "[", "[" * 10_000, "{}", '{"format": "wbf-mission ensemble", "version": 2}', "\ud800"]
 )
 def test_hostile_headers_are_refused_in_one_line(tmp_path: Path, text: str) -> None:
     (tmp_path / "ensemble.json").write_bytes(text.encode(errors="surrogatepass"))

@@ -75,36 +75,14 @@ def test_faults_are_read(text, fault):
 @pytest.mark.parametrize(
     "text",
     [
-        "",
-        "meteor",
-        "loss",
-        "loss=two",
-        "loss=1.5",
-        "loss=nan",
-        "loss=0.1,",
-        "loss=0.1,0.2",
-        "loss=0.1,from=-1",
-        "loss=0.1,from=inf",
-        "loss=0.1,for=0",
-        "loss=0.1,at=noon",
-        "loss=0.1,at=item:x",
-        "loss=0.1,vehicle=0",
-        "loss=0.1,vehicle=one",
-        "loss=0.1,direction=left",
-        "loss=0.1,times=2",
-        "loss=0.1,start_s=2",
-        "loss=0.1,kind=delay",
-        "loss=0.1,for=2,for=3",
-        "drop=NO_SUCH_MESSAGE",
-        "no-request=0.5",
-        "no-final-ack,times=0",
-        "no-final-ack,link=1",
-        "no-final-ack,direction=up",
-        "gps-loss=1",
-        "final-ack-error=0",
-        "bandwidth=0",
+        "", "meteor", "loss", "loss=two", "loss=1.5", "loss=nan", "loss=0.1,", "loss=0.1,0.2",
+        "loss=0.1,from=-1", "loss=0.1,from=inf", "loss=0.1,for=0", "loss=0.1,at=noon",
+        "loss=0.1,at=item:x", "loss=0.1,vehicle=0", "loss=0.1,vehicle=one", "loss=0.1,direction=left",
+        "loss=0.1,times=2", "loss=0.1,start_s=2", "loss=0.1,kind=delay", "loss=0.1,for=2,for=3",
+        "drop=NO_SUCH_MESSAGE", "no-request=0.5", "no-final-ack,times=0", "no-final-ack,link=1",
+        "no-final-ack,direction=up", "gps-loss=1", "final-ack-error=0", "bandwidth=0",
     ],
-)
+)  # fmt: skip
 def test_bad_faults_are_one_clear_line(text):
     with pytest.raises(FaultError) as caught:
         parse_fault(text)
@@ -221,17 +199,11 @@ def test_the_narrowest_bandwidth_counts(faults):
 @pytest.mark.parametrize(
     "fault",
     [
-        "no-list,times=1",
-        "no-count,times=1",
-        "no-request=0,times=1",
-        "no-request=1,times=2",
-        "no-final-ack,times=1",
-        "wrong-sequence=0,times=1",
-        "wrong-sequence=1,times=1",
-        "drop=MISSION_ITEM_INT,times=3",
-        "drop=51,times=2",
+        "no-list,times=1", "no-count,times=1", "no-request=0,times=1", "no-request=1,times=2",
+        "no-final-ack,times=1", "wrong-sequence=0,times=1", "wrong-sequence=1,times=1",
+        "drop=MISSION_ITEM_INT,times=3", "drop=51,times=2",
     ],
-)
+)  # fmt: skip
 def test_what_happens_once_is_survived(fault):
     vehicle, _, driver = simulate(fault)
     driver.upload(Mission(ITEMS, home=HOME))

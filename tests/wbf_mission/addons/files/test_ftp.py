@@ -10,6 +10,7 @@ import zlib
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import FrameReader, FrameWriter
@@ -193,7 +194,7 @@ def test_there_is_room_for_so_much():
     assert 400 < made < 520
 
 
-@settings(max_examples=300, deadline=None)
+@sweep(few=80, many=400)
 @given(st.lists(st.binary(max_size=251), max_size=12), st.integers(0, 15))
 def test_any_bytes_are_answered_or_ignored(payloads, operation):
     one = client()

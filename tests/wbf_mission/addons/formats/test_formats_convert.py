@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from geo import get_farm, save_farm
 from mission.files import read_mission, write_mission
 from mission.model import GeoPoint, Mission, MissionItem
 from wbf_mission.cli.app import main
@@ -70,12 +69,6 @@ def test_other_programs_read_what_was_converted(capsys):
         assert texts == (["an unset param4 is written as 0 (mission items 1, 2)"] if yaw == 0.0 else [])
 
 
-def test_the_plan_says_for_whom_it_is(capsys):
-    for autopilot, number in (("px4", 12), ("ardupilot", 3)):
-        convert(capsys, "field.plan", "new.plan", "--autopilot", autopilot)
-        assert json.loads(Path("new.plan").read_text())["mission"]["firmwareType"] == number
-
-
 def test_what_is_lost_is_said_and_what_the_vehicle_would_miss_is_a_warning(capsys):
     told = convert(capsys, "field.plan", "field.waypoints")
     assert told.err.splitlines() == [
@@ -107,13 +100,6 @@ def test_a_drawn_path_is_chosen_and_lifted(capsys):
     )
 
 
-def test_a_farm_is_sent_to_the_planner(capsys):
-    save_farm(get_farm("miniberry-10"), "farm.geojson")
-    error = convert(capsys, "farm.geojson", "new.plan", code=2).err
-    assert "this is a farm file, not a mission; plan a flight over it" in error
-    assert error.count("\n") == 1
-
-
 def test_nothing_of_others_is_written_over(capsys):
     mine = Path("earth.kml").read_bytes()
     assert "this is an input file" in convert(capsys, "earth.kml", "earth.kml", code=2).err
@@ -135,27 +121,8 @@ def test_nothing_of_others_is_written_over(capsys):
     assert sorted(path.name for path in Path().iterdir()) == ["earth.kml", "field.plan", "notes.gpx"]
 
 
-def test_a_mission_that_cannot_be_written_leaves_what_was_there(capsys):
-    write_mission(Mission((MissionItem(20),)), "home.json")
-    convert(capsys, "field.plan", "field.wpml.kmz")
-    before = Path("field.wpml.kmz").read_bytes()
-    told = convert(capsys, "home.json", "field.wpml.kmz", "--overwrite", code=2)
-    assert "no waypoint" in told.err
-    assert Path("field.wpml.kmz").read_bytes() == before
-
-
 def test_a_plan_for_several_vehicles_keeps_the_ending_of_dji(capsys):
-    words = [
-        "plan",
-        "--farm",
-        "miniberry-30",
-        "--vehicles",
-        "2",
-        "--budget",
-        "100m",
-        "--out",
-        "part.wpml.kmz",
-    ]
-    assert main(words) == 0
+    words = "plan --farm miniberry-30 --vehicles 2 --budget 100m --out part.wpml.kmz"
+    assert main(words.split()) == 0
     assert sorted(path.name for path in Path().glob("part*")) == ["part-1.wpml.kmz", "part-2.wpml.kmz"]
     assert "note: part-1.wpml.kmz: the file names the drone Mavic 3M" in capsys.readouterr().err

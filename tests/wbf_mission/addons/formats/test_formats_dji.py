@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import pytest
 
 from mission.errors import MissionFileError
-from mission.files import losses, read_mission, write_mission
+from mission.files import losses
 from mission.model import GeoPoint, Mission, MissionItem
 from wbf_mission.addons.formats import dji
 
@@ -258,12 +258,3 @@ def test_what_dji_does_not_hold_is_said():
         "rally points are not kept (2 of 2)",
     ]
     assert "home is not kept: heights are above the drone's take-off point" in [loss.text for loss in said]
-
-
-def test_the_name_chooses_dji(tmp_path):
-    write_mission(Mission(FULL), tmp_path / "Field.WPML.KMZ")
-    with pytest.raises(MissionFileError, match="no reader for DJI WPML files"):
-        read_mission(tmp_path / "Field.WPML.KMZ")
-    (tmp_path / "Field.WPML.KMZ").rename(tmp_path / "field.kmz")
-    with pytest.raises(MissionFileError, match="this is a DJI wayline file"):
-        read_mission(tmp_path / "field.kmz")

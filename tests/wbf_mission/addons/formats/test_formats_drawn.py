@@ -9,7 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from mission.errors import MissionFileError
-from mission.files import open_mission, read_mission
+from mission.files import open_mission
 from mission.model import Command, Frame
 from wbf_mission.addons.formats import geojson as geojson_file
 
@@ -323,12 +323,6 @@ def test_archives_that_are_no_kmz_are_refused(refusal, content, part):
     assert part in refusal(".kmz", content)
 
 
-def test_an_altitude_for_a_mission_is_refused(refusal):
-    mission = "role,lat,lon,alt,command,frame,altitude_m\nitem,1,2,3,16,3,5\n"
-    for how in ({"altitude_m": 5.0}, {"drawn_path": "a"}):
-        assert "leave --altitude and --path out" in refusal(".csv", mission, **how)
-
-
 def test_a_table_of_commands_needs_neither_order_nor_all_columns(made):
     table = (
         "command;frame;lat;lon;altitude_m;param1;index\n20;2;;;;;1\n22;3;28,05;-82,15;10;;0\n16;3;1;2;3;5;2\n"
@@ -345,13 +339,6 @@ def test_a_table_of_commands_needs_neither_order_nor_all_columns(made):
 def test_records_may_be_taken_out_and_jumps_still_lead_where_they_did(made):
     table = "index,command,frame,lat,lon,altitude_m,param1\n0,16,3,1,2,3,0\n2,16,3,4,5,6,0\n3,177,2,,,,2\n"
     assert made(".csv", table)[0].items[2].param1 == 1.0
-
-
-def test_read_mission_reads_drawn_paths_too(tmp_path):
-    path = tmp_path / "a.kml"
-    path.write_text(kml(line("a"), line("b", mode="")))
-    assert len(read_mission(path, drawn_path="a").items) == 2
-    assert read_mission(path, drawn_path="b", altitude_m=9.0).items[0].z == 9.0
 
 
 GEOMETRY = '{"type": "LineString", "coordinates": [[10, 50], [10.001, 50], [10.001, 50.001]]}'

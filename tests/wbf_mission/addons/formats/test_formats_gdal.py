@@ -2,12 +2,8 @@
 
 from dataclasses import replace
 
-import numpy as np
-import pyogrio
 import pytest
 import shapely
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from pyogrio.raw import read, write
 
 from mission.files import read_mission, write_mission
@@ -44,10 +40,6 @@ def layer(path, name=None):
     meta, _, shapes, fields = read(path, layer=name, **options)
     found = [None if shape is None else shapely.from_wkb(shape) for shape in shapes]
     return found, dict(zip(meta["fields"], fields, strict=True)), meta
-
-
-def test_the_drivers_that_are_compared_with_are_there():
-    assert set(DRIVERS.values()) <= set(pyogrio.list_drivers())
 
 
 @pytest.mark.parametrize("suffix", [".kml", ".kmz", ".geojson", ".csv"])
@@ -111,37 +103,3 @@ def test_what_gdal_writes_anew_is_the_same_mission(tmp_path, suffix, kept):
     assert theirs.read_bytes() != mine.read_bytes()
     # GDAL does not keep the data of a KML document, where the speeds are.
     assert read_mission(theirs) == (mission if kept else MISSION)
-
-
-def test_lines_that_gdal_writes_are_drawn_paths(tmp_path):
-    shape = np.array([shapely.to_wkb(shapely.LineString([(-82.15, 28.05, 12.0), (-82.151, 28.051, 13.0)]))])
-    names = np.array(["north side"], dtype=object)
-    for suffix, how in ((".geojson", {}), (".kml", {}), (".gpx", {"layer": "tracks"})):
-        path = tmp_path / f"theirs{suffix}"
-        kind = "LineString Z"
-        write(
-            path, shape, [names], ["name"],
-            driver=DRIVERS[suffix], crs="EPSG:4326", geometry_type=kind, **how,
-        )  # fmt: skip
-        mission = read_mission(path, altitude_m=20.0)
-        assert [(item.y, item.x, item.z) for item in mission.items] == [
-            (-82.15, 28.05, 20.0),
-            (-82.151, 28.051, 20.0),
-        ]
-    assert [item.z for item in read_mission(tmp_path / "theirs.gpx").items] == [12.0, 13.0]
-
-
-degrees = st.integers(-899_999_999, 899_999_999).filter(bool).map(lambda n: n / 1e7)
-
-
-@settings(max_examples=20, deadline=None)
-@given(st.lists(st.tuples(degrees, degrees, st.floats(-500, 9000, width=32)), min_size=2, max_size=5))
-def test_gdal_finds_any_place_to_the_last_digit(tmp_path_factory, places):
-    mission = Mission(tuple(MissionItem.waypoint(*place) for place in places))
-    for suffix, name in ((".kml", None), (".geojson", None), (".gpx", "route_points")):
-        path = tmp_path_factory.getbasetemp() / f"any{suffix}"
-        write_mission(mission, path)
-        shapes, fields, _ = layer(path, name)
-        if name is None:
-            shapes = [one for one, role in zip(shapes, fields["role"], strict=True) if role == "item"]
-        assert [(shape.x, shape.y) for shape in shapes] == [(item.y, item.x) for item in mission.items]

@@ -1,28 +1,12 @@
 """KML, GeoJSON and GPX as other programs look at them, and the suffixes that choose them."""
 
-import json
-from itertools import pairwise
 from xml.etree import ElementTree
 
 import pytest
 from any_missions import GUARDED, MISSION
 
 from mission.errors import MissionFileError
-from mission.files import mission_formats, read_mission, reader_for, write_mission
-
-
-def test_they_come_after_those_of_the_core(tmp_path):
-    assert [suffix for mission_format in mission_formats() for suffix in mission_format.suffixes] == [
-        *(".plan", ".waypoints", ".wpl", ".txt", ".json", ".fen", ".ral"),
-        *(".kml", ".kmz", ".geojson", ".geojsonl", ".geojsons", ".gpx", ".csv", ".wpml.kmz"),
-    ]
-    with pytest.raises(MissionFileError, match=r"unknown suffix .*\.plan, \.waypoints, .*\.gpx or \.csv$"):
-        read_mission(tmp_path / "mission.xyz")
-    with pytest.raises(MissionFileError, match=r"written to \.plan.* or \.wpml\.kmz$"):
-        write_mission(MISSION, tmp_path / "mission.xyz")
-    with pytest.raises(MissionFileError, match="no reader for DJI WPML files"):
-        reader_for("field.wpml.kmz")
-
+from mission.files import read_mission, write_mission
 
 TWO_WAY = [".plan", ".waypoints", ".json", ".kml", ".kmz", ".geojson", ".gpx"]
 
@@ -37,24 +21,6 @@ def test_wrong_suffix_says_the_right_one(tmp_path, written, named):
         return
     with pytest.raises(MissionFileError, match=rf"rename it to end in \{written}$"):
         read_mission(tmp_path / f"b{named}")
-
-
-def test_geojson(tmp_path):
-    path = tmp_path / "mission.geojson"
-    write_mission(GUARDED, path)
-    made = json.loads(path.read_text())
-    assert made["type"] == "FeatureCollection"
-    of_role = {feature["properties"]["role"]: feature for feature in made["features"]}
-    assert of_role["mission"]["properties"]["hover_speed_m_s"] == 5.0
-    assert of_role["path"]["geometry"]["coordinates"] == [[-82.15, 28.05], [-82.151, 28.051]]
-    assert of_role["home"]["geometry"]["coordinates"] == [-82.15, 28.05]
-    assert of_role["item"]["properties"]["command"] == 20
-    assert of_role["item"]["geometry"] is None
-    ring = of_role["fence"]["geometry"]["coordinates"][0]
-    assert ring[0] == ring[-1]
-    area = sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in pairwise(ring))
-    assert area > 0.0  # counterclockwise
-    assert of_role["rally"]["properties"]["altitude_m"] == 20.0
 
 
 ORDER_OF_GPX = {

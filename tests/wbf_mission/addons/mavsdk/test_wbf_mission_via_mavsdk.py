@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import shapely
 from processes import environment
-from stand_in import LONG_S, scenario, stand_in
+from stand_in import LONG_S, Watcher, scenario, stand_in
 
 from mission.errors import LinkError
 from mission.ground.link import download, find_vehicles, upload
@@ -21,7 +21,7 @@ from mission.ground.modes import Maneuver, VehicleModes, mode_name
 from mission.link.address import parse_link_url
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, Mission, MissionItem
-from mission.outcome import Outcome, Phase
+from mission.outcome import Outcome
 from mission.transfer.events import NoVehicleError, RemoteTransferError
 from wbf_mission.addons.base.links import LiveFlightError, via_named
 from wbf_mission.addons.operate.link import LiveLink
@@ -39,25 +39,6 @@ PATIENT = 1.0
 
 def driver(way):
     return via_named(way).driver
-
-
-class Agreeing:
-    """An operator who agrees, and does something once when so much was seen."""
-
-    def __init__(self, act=None, images=8):
-        self.act, self.images = act, images
-        self.began_s = time.monotonic()
-
-    def tend(self, flight):
-        (sortie,) = flight.sorties
-        told = (sortie.ground.phase, sortie.ground.pilot.mode, sortie.ground.texts, flight.now_s)
-        assert time.monotonic() < self.began_s + LONG_S, f"the flight does not end: {told}"
-        if sortie.ground.phase is Phase.READY:
-            sortie.ground.arming_gate.agree()
-        seen = sortie.assembler.statistics.images
-        if self.act is not None and sortie.ground.phase is Phase.FLIGHT and seen >= self.images:
-            act, self.act = self.act, None
-            act(flight)
 
 
 def plans_about(home):
@@ -329,7 +310,7 @@ def test_the_same_flight_both_ways(autopilot, tmp_path):
                 return receive(message, now_s)
 
             made.vehicle.receive = heard
-            flown[way] = fly(scenario(), by=LiveLink(url, Agreeing(), via=via_named(way), tlog=folder.tlog))
+            flown[way] = fly(scenario(), by=LiveLink(url, Watcher(), via=via_named(way), tlog=folder.tlog))
             folder.write(flown[way])
             held[way], _ = download(url)
         files[way] = {one.name for one in (tmp_path / way).iterdir()}
@@ -361,7 +342,7 @@ def test_the_same_flight_both_ways(autopilot, tmp_path):
 
 @pytest.mark.slow
 def test_the_operator_orders_a_return_by_mavsdk():
-    operator = Agreeing(act=lambda flight: flight.maneuver(Maneuver.RETURN))
+    operator = Watcher(images=8, act=lambda flight: flight.maneuver(Maneuver.RETURN))
     with stand_in("ardupilot", speed=2.0) as (url, made):
         result = fly(scenario(), by=LiveLink(url, operator, via=via_named("mavsdk")))
         assert not made.vehicle.pilot.armed
@@ -372,7 +353,7 @@ def test_the_operator_orders_a_return_by_mavsdk():
 @pytest.mark.slow
 def test_a_policy_changes_the_mission_of_a_px4_by_mavsdk():
     with stand_in() as (url, _):
-        link = LiveLink(url, Agreeing(), via=via_named("mavsdk"))
+        link = LiveLink(url, Watcher(), via=via_named("mavsdk"))
         result = fly(scenario(policy="greedy"), by=link)
     assert result.outcome is Outcome.COMPLETED
     changes = [one for record in result.decisions for one in record.changes if one.outcome == "flown"]
@@ -398,7 +379,7 @@ def test_an_item_that_a_px4_goes_on_from_at_once_is_chosen_once_by_mavsdk():
             return receive(message, now_s)
 
         made.vehicle.receive = heard
-        result = fly(scenario(), by=LiveLink(url, Agreeing(act=choose), via=via_named("mavsdk")))
+        result = fly(scenario(), by=LiveLink(url, Watcher(images=8, act=choose), via=via_named("mavsdk")))
     assert result.outcome is Outcome.COMPLETED
     assert len(chosen) == 1
 
@@ -406,6 +387,6 @@ def test_an_item_that_a_px4_goes_on_from_at_once_is_chosen_once_by_mavsdk():
 def test_a_policy_is_not_offered_for_an_arducopter_by_mavsdk():
     with stand_in("ardupilot") as (url, made):
         with pytest.raises(LiveFlightError, match="leave out --via mavsdk") as error:
-            fly(scenario(policy="greedy"), by=LiveLink(url, Agreeing(), via=via_named("mavsdk")))
+            fly(scenario(policy="greedy"), by=LiveLink(url, Watcher(), via=via_named("mavsdk")))
         assert not made.vehicle.pilot.armed
     assert exit_code_of(error.value) is ExitCode.BAD_INPUT

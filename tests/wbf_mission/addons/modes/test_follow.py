@@ -3,8 +3,9 @@
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.airframe.catalog import get_vehicle
@@ -156,7 +157,7 @@ def test_hold_ends_it():
     st.floats(width=32),
     st.lists(st.floats(width=32), min_size=3, max_size=3),
 )
-@settings(max_examples=40, deadline=None)
+@sweep(few=10, many=40)
 def test_a_target_without_a_place_is_none(latitude, longitude, altitude, velocity):
     message = target(0.0, 0.0)
     message.lat, message.lon, message.alt, message.vel = latitude, longitude, altitude, velocity

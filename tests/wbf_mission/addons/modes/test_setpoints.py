@@ -3,8 +3,9 @@
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
@@ -317,7 +318,7 @@ def test_ardupilot_keeps_guided_positions_within_the_fence():
 FLOATS = st.floats(allow_nan=True, allow_infinity=True, width=32)
 
 
-@settings(max_examples=120, deadline=None)
+@sweep(few=25, many=120)
 @given(
     st.sampled_from([PX4, ARDUPILOT]),
     st.lists(

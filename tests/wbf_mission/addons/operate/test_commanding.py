@@ -2,12 +2,7 @@
 
 import pytest
 
-from mission.ground.command import (
-    MotorsStandError,
-    OperatorCommand,
-    VehicleRefusedError,
-    VehicleSilentError,
-)
+from mission.ground.command import MotorsStandError, OperatorCommand, VehicleSilentError
 from mission.link.codec.dialect import mavlink as m
 from wbf_mission.addons.operate.command_session import CommandSession
 from wbf_mission.exit_codes import ExitCode, exit_code_of
@@ -102,15 +97,6 @@ def test_a_long_reason_is_told_to_its_end():
     assert str(vehicle.session.error).endswith("x propellers are off")
 
 
-def test_a_refusal_without_words_is_told_as_such():
-    vehicle = Vehicle("disarm")
-    vehicle.beats(armed=True)
-    vehicle.answers(400, m.MAV_RESULT_FAILED)
-    vehicle.passes(1.0)
-    assert isinstance(vehicle.session.error, VehicleRefusedError)
-    assert str(vehicle.session.error) == "system 1 refused disarm: failed; it gives no reason"
-
-
 @pytest.mark.parametrize("landed", [m.MAV_LANDED_STATE_IN_AIR, None])
 @pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
 def test_who_flies_does_not_take_off(autopilot, landed):
@@ -135,12 +121,6 @@ def test_a_takeoff_from_a_hill_above_home():
     vehicle.stands(height_m=12.6, landed=m.MAV_LANDED_STATE_TAKEOFF)
     assert vehicle.session.done
     assert vehicle.session.error is None
-
-
-def test_a_takeoff_of_motors_that_stand_is_refused_at_once():
-    vehicle = Vehicle("takeoff", "30")
-    vehicle.beats()
-    assert "the motors stand still; arm first" in str(vehicle.session.error)
 
 
 @pytest.mark.parametrize(
@@ -198,13 +178,6 @@ def test_an_item_that_is_not_shown():
     assert text.startswith(
         "system 1 was given set-item 3, but its telemetry does not confirm this in 15 s: it is in mode "
     )
-
-
-def test_who_answers_nothing_is_silent():
-    vehicle = Vehicle("arm")
-    vehicle.beats()
-    vehicle.passes(30.0)
-    assert isinstance(vehicle.session.error, VehicleSilentError)
 
 
 def test_a_takeoff_that_changes_the_mode_is_not_repeated_and_shows_by_its_height():

@@ -75,19 +75,6 @@ def test_orders_are_confirmed_by_what_the_vehicle_shows(autopilot, capsys):
         assert command(capsys, url, "land")["mode"] == "LAND"
 
 
-def test_a_refusal_is_told_in_the_words_of_the_vehicle(capsys):
-    with stand_in() as (url, made):
-        made.vehicle.pilot.arming.block = "the propellers are off"
-        text = command(capsys, url, "arm", code=5)
-        assert text == "error: system 1 refused arm: Preflight Fail: the propellers are off"
-
-
-def test_a_vehicle_that_is_not_there(capsys):
-    with stand_in() as (url, _):
-        text = command(capsys, url, "arm", "--system-id", "9", "--wait", "3", code=3)
-    assert "no vehicle with system id 9 was heard in 3 s, only system 1 (PX4); give the system id" in text
-
-
 @pytest.mark.parametrize(
     ("words", "text"),
     [
@@ -128,6 +115,7 @@ def test_monitor_tells_lines_of_json(capsys):
     assert last["armed"] is False
     assert last["latitude_deg"] == pytest.approx(28.0, abs=1.0), "it was asked for its telemetry"
     assert last["link_quality"] == pytest.approx(1.0)
+    assert all(not line.get("impossible") for line in map(json.loads, lines))
 
 
 @pytest.mark.parametrize(("autopilot", "seq"), [("px4", 2), ("ardupilot", 3)])
@@ -253,9 +241,3 @@ def test_monitor_marks_what_cannot_be_and_folds_texts(capsys):
     assert "ATTITUDE.roll nan" in told[0]
     assert err.count("compass bad") <= 2
     assert " times)" in err
-
-
-def test_monitor_finds_nothing_wrong_with_our_vehicles(capsys):
-    with stand_in("ardupilot", speed=FAST) as (url, _):
-        lines = watched(capsys, url, "--json", "--interval", "0.3", until=lambda lines: len(lines) > 3)
-    assert all(not line.get("impossible") for line in map(json.loads, lines))

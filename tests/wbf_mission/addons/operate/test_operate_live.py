@@ -13,7 +13,7 @@ import time
 
 import pytest
 from processes import environment
-from stand_in import LONG_S, scenario, stand_in
+from stand_in import LONG_S, Watcher, scenario, stand_in
 
 from geo.errors import WbfMissionError
 from geo.farms import get_farm
@@ -32,29 +32,6 @@ from wbf_mission.run import joint_flight
 from wbf_mission.scenario import Scenario
 
 AUTOPILOTS = {"px4": m.MAV_AUTOPILOT_PX4, "ardupilot": m.MAV_AUTOPILOT_ARDUPILOTMEGA}
-
-
-class Watcher:
-    """An operator who agrees, and does something once when the flight has gone so far."""
-
-    def __init__(self, *, agrees=True, images=10, act=lambda flight: None):
-        self.agrees, self.images, self.act = agrees, images, act
-        self.acted = False
-        self.phases = []
-        self.began_s = time.monotonic()
-
-    def tend(self, flight):
-        assert time.monotonic() < self.began_s + LONG_S, "the flight does not end"
-        (sortie,) = flight.sorties
-        ground = sortie.ground
-        if ground.phase not in self.phases:
-            self.phases.append(ground.phase)
-        if ground.phase is Phase.READY:
-            ground.arming_gate.agree() if self.agrees else ground.arming_gate.refuse()
-        seen = sortie.assembler.statistics.images
-        if ground.phase is Phase.FLIGHT and seen >= self.images and not self.acted:
-            self.acted = True
-            self.act(flight)
 
 
 def order(url, vehicle, command, *params):
@@ -169,14 +146,6 @@ def test_what_a_policy_flies_behind_a_link_is_what_it_flies_offline(autopilot):
     assert flown / 2 <= came <= 2 * flown
 
 
-def test_without_the_operators_word_nothing_starts():
-    with stand_in() as (url, made):
-        result = fly(scenario(), by=LiveLink(url, Watcher(agrees=False)))
-        assert result.outcome is Outcome.NOT_STARTED
-        assert not made.vehicle.pilot.armed
-    assert not len(result.observations)
-
-
 def test_the_operator_ends_the_mission():
     watcher = Watcher(act=lambda flight: flight.maneuver(Maneuver.LAND))
     # Far enough that it is not on its way home when the order arrives.
@@ -216,10 +185,7 @@ def test_a_vehicle_of_another_kind_is_refused():
 
 @pytest.mark.parametrize(
     ("more", "text"),
-    [
-        ({"days": 2}, "one flight"),
-        ({"vehicle": "ideal", "budget": "100 steps"}, "not a real vehicle"),
-    ],
+    [({"days": 2}, "one flight"), ({"vehicle": "ideal", "budget": "100 steps"}, "not a real vehicle")],
 )
 def test_what_one_vehicle_cannot_do_is_refused_before_the_link_is_opened(more, text):
     with pytest.raises(LiveFlightError, match=text):
@@ -258,24 +224,6 @@ def talk(url, answers, cwd, term="dumb", more=()):
 
 def interrupt(process):
     os.killpg(process.pid, 2)
-
-
-@pytest.mark.slow
-def test_the_operator_at_the_terminal(tmp_path):
-    with stand_in(speed=4.0) as (url, _):
-        code, summary, shown = talk(url, [(b"start the motors? [y/N]", b"y\n")], tmp_path)
-    assert (code, summary["outcome"]) == (0, "completed")
-    assert "heard: system 1, PX4" in shown
-    assert "MISSION, item" in shown
-    assert (tmp_path / "run" / "summary.json").is_file()
-
-
-@pytest.mark.slow
-def test_no_is_no(tmp_path):
-    with stand_in() as (url, made):
-        code, summary, _ = talk(url, [(b"start the motors? [y/N]", b"\n")], tmp_path)
-        assert not made.vehicle.pilot.armed
-    assert (code, summary["outcome"]) == (1, "not_started")
 
 
 def test_ctrl_c_at_the_start_question_ends_in_one_line(tmp_path):

@@ -51,14 +51,14 @@ def check_break(autopilot, after, dead_s):
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_a_link_that_breaks_during_a_change(autopilot):
     count = len(messages_of_a_change(autopilot))
-    for after in range(2, count, count // 4):
+    for after in range(2, count, count // 2):
         check_break(autopilot, after, 40.0)
 
 
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_a_ground_computer_that_dies_during_a_change(autopilot):
     count = len(messages_of_a_change(autopilot))
-    for after in range(4, count, count // 4):
+    for after in range(4, count, count // 2):
         check_break(autopilot, after, math.inf)
 
 

@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import math
 import socket
 import subprocess
 import time
@@ -11,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from processes import ENVIRONMENT, FARM, JOB, LONG_S, command, flying, simulator
-from stand_in import scenario, stand_in
+from stand_in import Watcher, scenario, stand_in
 
 from mission.ground.arming_gate import ArmingGate, Stage
 from mission.link.codec.dialect import mavlink as m
@@ -34,24 +33,6 @@ from wbf_mission.run.resolve import resolve
 A, B = "tcp:127.0.0.1:1", "tcp:127.0.0.1:2"
 FAST = 8
 WIDE = ("--farm", "miniberry-30")
-
-
-class Agreeing:
-    """An operator who agrees, and does something once when a vehicle has taken so many images."""
-
-    def __init__(self, *, vehicle=0, images=math.inf, act=lambda flight: None):
-        self.vehicle, self.images, self.act = vehicle, images, act
-        self.acted, self.began_s = False, time.monotonic()
-
-    def tend(self, flight):
-        assert time.monotonic() < self.began_s + LONG_S, "the flight does not end"
-        for one in flight.sorties:
-            if one.ground.phase is Phase.READY:
-                one.ground.arming_gate.agree()
-        watched = next((one for one in flight.sorties if one.system_id == self.vehicle), None)
-        if watched and watched.assembler.statistics.images >= self.images and not self.acted:
-            self.acted = True
-            self.act(flight)
 
 
 def by_id(flights):
@@ -154,7 +135,7 @@ def test_a_vehicle_that_is_killed_gives_its_part_to_the_other(tmp_path, monkeypa
     monkeypatch.setattr(joint_flight, "SILENT_FACTOR", 0.02)
     chosen = scenario(farm="miniberry-30", budget="4min")
     with pair(tmp_path, *WIDE) as (one, two):
-        operator = Agreeing(vehicle=2, images=15, act=lambda _flight: two.process.kill())
+        operator = Watcher(vehicle=2, images=15, act=lambda _flight: two.process.kill())
         result = fly(chosen, by=LiveLink((*one, *two), operator))
     assert operator.acted
     flights = by_id(result.flights)
@@ -280,21 +261,18 @@ def test_two_vehicles_with_one_system_id_are_refused():
         stand_in() as (two, _),
         pytest.raises(LiveFlightError, match=r"system 1 is heard on .* MAV_SYS_ID"),
     ):
-        fly(scenario(vehicles=2), by=LiveLink((one, two), Agreeing()))
+        fly(scenario(vehicles=2), by=LiveLink((one, two), Watcher()))
 
 
 def test_a_vehicle_that_is_not_there_is_told():
-    with (
-        stand_in() as (url, _),
-        pytest.raises(NoVehicleError, match="no vehicle besides system 1 was heard"),
-    ):
-        fly(scenario(vehicles=2), by=LiveLink(url, Agreeing(), wait_s=1.5))
+    with stand_in() as (url, _), pytest.raises(NoVehicleError, match="no vehicle besides system 1 was heard"):
+        fly(scenario(vehicles=2), by=LiveLink(url, Watcher(), wait_s=1.5))
 
 
 def test_mavsdk_flies_one_vehicle():
     pytest.importorskip("mavsdk")
     with pytest.raises(LiveFlightError, match="--via mavsdk flies one vehicle, not 2"):
-        fly(scenario(), by=LiveLink((A, B), Agreeing(), via=via_named("mavsdk")))
+        fly(scenario(), by=LiveLink((A, B), Watcher(), via=via_named("mavsdk")))
 
 
 def test_the_senders_whose_datagrams_were_dropped_are_named(monkeypatch):

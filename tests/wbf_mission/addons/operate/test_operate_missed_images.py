@@ -4,9 +4,10 @@ import functools
 import math
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from live_changes import LiveChange, SameEverywhere
+from sweeps import sweep
 
 from geo.farms import get_farm
 from mission.ground.items import Shots
@@ -58,10 +59,7 @@ def test_they_are_those_of_the_mission(before_m, item, after_m, later, images):
     assert images_in(silence, PLAN, later) == pytest.approx(images, abs=1)
 
 
-@pytest.mark.parametrize(
-    ("reach_m", "images"),
-    [(60.0, 30), (40.0, 20), (10.0, 5)],
-)
+@pytest.mark.parametrize(("reach_m", "images"), [(60.0, 30), (40.0, 20), (10.0, 5)])
 def test_no_more_than_the_vehicle_can_have_flown_past(reach_m, images):
     """Of a mission that was changed meanwhile the items say that more was flown than the time allows."""
     plan = mission([(0.0, 0), (100.0, (DISTANCE, 2.0)), (0.0, 0), (100.0, 0), (0.0, 0)])
@@ -135,7 +133,7 @@ def all_images(autopilot, path):
 @example(path="short legs", begin=0.2, seconds=2.5)
 @example(path="short legs", begin=0.328125, seconds=5.0)
 @example(path="there and back", begin=0.3, seconds=11.0)
-@settings(max_examples=8, deadline=None)
+@sweep(few=2, many=20)
 def test_they_are_those_that_an_unbroken_link_would_have_shown(autopilot, path, begin, seconds):
     """Within a leg, over several, over a turn and into the way home."""
     taken_ms = all_images(autopilot, path)

@@ -142,11 +142,7 @@ def flies(event):
 def test_a_page_starts_holds_and_lets_go_on(autopilot, monkeypatch, capsys):
     """Nobody is at the terminal: its input is at its end."""
     monkeypatch.setattr(operator_console.sys, "stdin", io.StringIO())
-    page = Page(
-        (may("start"), "start", "", True),
-        (flies, "hold"),
-        (shows("LOITER", "BRAKE"), "resume"),
-    )
+    page = Page((may("start"), "start", "", True), (flies, "hold"), (shows("LOITER", "BRAKE"), "resume"))
     with stand_in(autopilot) as (url, _):
         result = page.fly(url, autopilot=autopilot)
     told = capsys.readouterr().err

@@ -235,18 +235,8 @@ def test_what_only_matters_for_a_start_does_not_hinder_an_upload(file, capsys):
 
 def test_a_live_flight_with_an_error_does_not_begin(broken, capsys, tmp_path):
     with stand_in("px4", speed=6.0) as (url, made):
-        words = (
-            "fly",
-            "--farm",
-            "miniberry-10",
-            "--mission",
-            broken,
-            "--connect",
-            url,
-            "--yes",
-            "--no-files",
-        )
-        err = run(capsys, *words, "-q", code=2).err
+        words = ("fly", "--farm", "miniberry-10", "--mission", broken, "--connect", url, "--yes")
+        err = run(capsys, *words, "--no-files", "-q", code=2).err
         assert "nothing was sent" in err
         assert made.vehicle.pilot.mission.items == ()
         assert not made.vehicle.pilot.armed

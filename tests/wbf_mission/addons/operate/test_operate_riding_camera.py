@@ -1,9 +1,10 @@
 """The leaf camera beside an autopilot, message by message: who tells it what to do, and what gets lost."""
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from live_changes import HOME, SameEverywhere
+from sweeps import sweep
 
 from geo.farms import get_farm
 from mission.ground.items import shots_before
@@ -224,7 +225,7 @@ STEPS = st.one_of(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@sweep(few=50, many=300)
 @given(st.lists(VALUES, min_size=1, max_size=3), st.lists(STEPS, max_size=15), st.integers(0, 6))
 def test_whatever_is_lost_the_camera_does_in_the_end_what_the_mission_orders(first, steps, last):
     ride = Ride(plan(*[(DISTANCE, value) for value in first]))

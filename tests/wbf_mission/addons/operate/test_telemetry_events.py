@@ -120,7 +120,7 @@ def test_at_any_speed_ten_states_of_a_vehicle_a_second_are_told():
         ordered(heard, "start", of=2, confirmed=True)
         heard.clear()
         begin = time.monotonic()
-        time.sleep(2.0)
+        time.sleep(1.0)
         states, seconds = heard.of(VehicleMoved), time.monotonic() - begin
     counts = Counter(one.system_id for one in states)
     assert set(counts) == {1, 2, 3}

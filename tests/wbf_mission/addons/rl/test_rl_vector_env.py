@@ -7,8 +7,9 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from sensors.estimators.adaptive_disk import AdaptiveDiskEstimator
 from sensors.observations import Observations
@@ -35,7 +36,7 @@ def assert_same(one, other):
     [
         ("WBF/Miniberry-10-v1", 90, AutoresetMode.NEXT_STEP),
         ("WBF/Miniberry-10-v1", 90, AutoresetMode.SAME_STEP),
-        ("WBF/Miniberry-30-v1", 520, AutoresetMode.NEXT_STEP),
+        ("WBF/Miniberry-30-v1", 120, AutoresetMode.NEXT_STEP),
         ("WBF/Miniberry-30-Sweep-v1", 120, AutoresetMode.NEXT_STEP),
         ("WBF/Miniberry-30-Leaves-v1", 120, AutoresetMode.NEXT_STEP),
         ("WBF/Miniberry-30-Noisy-v1", 120, AutoresetMode.NEXT_STEP),
@@ -68,7 +69,7 @@ def test_all_that_gymnasiums_own_vector_environment_gives_is_the_same(name, move
 
 
 @pytest.mark.kernel
-@settings(deadline=None, max_examples=25)
+@sweep(few=8, many=50)
 @given(
     actions=st.lists(st.integers(0, 4), min_size=39, max_size=39),
     seed=st.integers(0, 2**40),

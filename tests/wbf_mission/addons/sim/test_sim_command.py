@@ -165,17 +165,7 @@ def test_speeds():
 )
 def test_an_arducopter_carries_a_camera_only_when_asked(options, carries, tmp_path, capsys):
     log = tmp_path / "sim.tlog"
-    words = [
-        "sim",
-        "--farm",
-        "miniberry-10",
-        "--listen",
-        "udpin:127.0.0.1:0",
-        "--speed",
-        "max",
-        "--duration",
-        "3",
-    ]
-    assert main([*words, *options, "--tlog", str(log), "-q"]) == 0
+    words = "sim --farm miniberry-10 --listen udpin:127.0.0.1:0 --speed max --duration 3"
+    assert main([*words.split(), *options, "--tlog", str(log), "-q"]) == 0
     heard = {message.get_srcComponent() for _, message in read_tlog(log) if message.get_type() == "HEARTBEAT"}
     assert (100 in heard) is carries

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from flight_logs import UTC_S, write_dataflash, write_picture, write_telemetry
+from flight_logs import UTC_S, write_picture, write_telemetry
 
 from geo import get_farm
 from sensors.dynamics.continuous import Measured
@@ -97,12 +97,6 @@ def test_positions_are_found_however_their_columns_are_spelt(header, swapped, ta
     assert (sorted(cells_of(seen)), notes) == (sorted(CELLS), ())
 
 
-@pytest.mark.parametrize("header", ["lat,soil", "lat (rad),lon (rad),soil", "x,y,soil", "flat,lone,soil"])
-def test_other_columns_are_no_positions(header, table):
-    with pytest.raises(ObservationError, match="no column gives the place of a reading"):
-        read_readings(table(f"{header}\n1,2,0.5\n"), PAPER_FIELDS)
-
-
 def test_pictures_are_found_by_name(tmp_path, table):
     folder = tmp_path / "pictures"
     folder.mkdir()
@@ -175,14 +169,6 @@ def test_tables_that_make_no_sense_are_refused(text, told, table):
     assert "\n" not in str(caught.value)
 
 
-def test_files_that_are_no_tables_are_refused(tmp_path):
-    for name, content in (("a.csv", b"time,tylcv\n\xff\xfe\n"), ("b.csv", None)):
-        if content is not None:
-            (tmp_path / name).write_bytes(content)
-        with pytest.raises(ObservationError, match=r"cannot be read"):
-            read_readings(tmp_path / name, PAPER_FIELDS)
-
-
 def test_a_key_needs_a_log_that_has_it(table, tmp_path, track):
     by_time = read_readings(table("time,ccr\n1,1\n"), PAPER_FIELDS)
     with pytest.raises(ObservationError, match=r"by time: add the log \(--log\)"):
@@ -195,15 +181,6 @@ def test_a_key_needs_a_log_that_has_it(table, tmp_path, track):
     write_picture(tmp_path / "a.jpg", 1.0, 2.0)
     with pytest.raises(LogError, match="no positions by time since boot"):
         join(by_time, read_track(tmp_path), FARM, NAMES, 1, 6)
-
-
-def test_an_image_of_a_bin_is_found_by_its_number(tmp_path, table):
-    images = [(0, 0.5, *places()[1]), (1, 0.6, *places()[2])]
-    log = write_dataflash(tmp_path / "x.bin", [(0.4, *places()[0]), (0.8, *places()[0])], images)
-    seen, _ = join(
-        read_readings(table("image,soil\n1,0.25\n"), PAPER_FIELDS), read_track(log), FARM, NAMES, 1, 6
-    )
-    assert cells_of(seen) == [CELLS[2]]
 
 
 def test_files_of_fly_are_told_from_tables(table, tmp_path):

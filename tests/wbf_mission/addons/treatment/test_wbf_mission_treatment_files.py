@@ -12,10 +12,11 @@ import pyogrio
 import pytest
 import rasterio
 import shapely
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from live_page import chromium
 from pyproj import Transformer
+from sweeps import sweep
 
 from geo import Crop, Farm, LocalFrame, Patch, get_farm
 from sensors.dynamics.continuous import Measured
@@ -187,7 +188,7 @@ def test_a_sliver_at_the_border_is_no_zone():
         assert all(z.area_ha == pytest.approx(part[k] * one.block_m**2 / 1e4) for z in found)
 
 
-@settings(max_examples=30, deadline=None)
+@sweep(few=10, many=60)
 @given(st.integers(0, 2**32 - 1), st.floats(0.2, 0.8))
 def test_any_pattern_of_blocks_becomes_valid_polygons(seed, share):
     farm = farm_at(0.0, 20.0, 7.0, cells=(60, 44))

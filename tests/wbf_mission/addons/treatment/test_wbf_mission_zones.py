@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.stats import beta, norm
+from sweeps import sweep
 
 from geo import get_farm
 from sensors.dynamics.continuous import Measured
@@ -18,7 +19,6 @@ from wbf_mission.addons.treatment.gis import MapError
 from wbf_mission.addons.treatment.zones import (
     HEALTHY,
     LOOK,
-    NOTHING,
     TREAT,
     FieldCosts,
     block_grid,
@@ -69,6 +69,7 @@ def expected_least(mean, deviation, limit):
     return mean - quad(shares.sf, limit, 1.0, limit=200)[0]
 
 
+@sweep(few=25, many=200)
 @given(st.floats(0.01, 0.9), st.floats(0.05, 0.9), st.floats(10.0, 3900.0))
 def test_a_look_is_worth_the_expected_value_of_perfect_information(mean, part, treat):
     deviation = part * np.sqrt(mean * (1.0 - mean))
@@ -81,45 +82,12 @@ def test_a_look_is_worth_the_expected_value_of_perfect_information(mean, part, t
     assert actions[int(found.zone[0, 0])] == pytest.approx(min(actions.values()), abs=1e-6)
 
 
-def test_what_is_sure_is_treated_or_left_and_what_is_not_is_looked_at():
-    found = zone_map(field_map([0.01, 0.5, 0.08, 0.0, 1.0], [0.0, 1e-4, 0.1, 0.0, 0.0]), COSTS)
-    assert found.zone[:, 0].tolist() == [HEALTHY, TREAT, LOOK, HEALTHY, TREAT]
-    # All or nothing: a block is sick as a whole with probability 0.05, or not at all.
-    whole = zone_map(field_map([0.05], [np.sqrt(0.05 * 0.95)]), COSTS)
-    assert whole.gain[0, 0] == pytest.approx(4000.0 * 0.05 - 300.0 * 0.05)
-
-
-def test_treating_begins_where_the_loss_exceeds_the_cost():
-    share = 300.0 / 4000.0
-    found = zone_map(field_map([share - 1e-6, share + 1e-6], None), COSTS)
-    assert found.zone[:, 0].tolist() == [HEALTHY, TREAT]
-
-
-def test_without_a_deviation_nothing_is_to_be_looked_at():
-    found = zone_map(field_map(np.linspace(0.0, 1.0, 50), None), replace(COSTS, look=0.0))
-    assert set(found.zone.ravel().tolist()) == {HEALTHY, TREAT}
-    assert not found.gain.any()
-
-
-def test_treating_that_costs_more_than_the_loss_is_never_worth_it():
-    found = zone_map(field_map([0.5, 1.0], [0.3, 0.0]), replace(COSTS, treat=5000.0))
-    assert found.zone[:, 0].tolist() == [HEALTHY, HEALTHY]
-
-
 def test_a_continuous_field_is_treated_by_the_chance_that_it_is_too_low():
     means, deviation = [0.2, 0.39, 0.6], 0.05
     found = zone_map(field_map(means, [deviation] * 3, field="soil"), replace(COSTS, treat=2000.0))
     assert found.need[:, 0] == pytest.approx(norm.cdf((0.4 - np.array(means)) / deviation))
     assert found.zone[:, 0].tolist() == [TREAT, LOOK, HEALTHY]
     assert [found.word(one) for one in (TREAT, LOOK, HEALTHY)] == ["dry", "look again", "enough"]
-
-
-def test_blocks_without_the_crop_are_nothing():
-    of = field_map([0.5, 0.5], [0.1, 0.1])
-    found = zone_map(replace(of, cells=np.array([[0.0], [4.0]]), total=np.array([[0.0], [2.0]])), COSTS)
-    assert found.zone[0, 0] == NOTHING
-    assert np.isnan(found.need[0, 0])
-    assert found.hectares[:, 0].tolist() == [0.0, 4e-4]
 
 
 def test_expected_costs_are_those_of_the_actions():

@@ -166,13 +166,6 @@ def test_a_row_opens_to_its_seeds(page: Page, rows: list[BenchRow]) -> None:
     expect(page.locator(".detail")).to_have_count(0)
 
 
-def test_no_table_is_wider_than_a_page_of_1200_pixels(browser: Browser, file: Path) -> None:
-    with page_at(browser, file.as_uri(), drawn=False, viewport={"width": 1200, "height": 800}) as page:
-        assert page.evaluate("document.documentElement.scrollWidth") <= 1200
-        wide = "[...document.querySelectorAll('.wide')].filter(one => one.scrollWidth > one.clientWidth)"
-        assert page.evaluate(f"{wide}.map(one => one.ariaLabel)") == []
-
-
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
 def test_all_can_use_it(browser: Browser, file: Path, width: int, scheme: str) -> None:
     size = {"width": width, "height": 800}

@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from wbf_mission.addons.web import tiles
 from wbf_mission.addons.web.tiles import MapTiles, MapTilesError, _tile_id, _varints
@@ -210,7 +211,7 @@ def test_directories_that_lead_back_to_themselves_end(tmp_path: Path) -> None:
     held.close()
 
 
-@settings(max_examples=60, deadline=None)
+@sweep(few=25, many=150)
 @given(st.integers(0, 2**32), st.booleans())
 def test_damaged_files_end_in_an_error_or_in_tiles(
     tmp_path_factory: pytest.TempPathFactory, seed: int, gzipped: bool

@@ -445,10 +445,7 @@ def test_the_users_own_tiles_are_behind_the_farm(browser: Browser, view: View, t
             values = zoom, column + x, row + y, tile.getvalue()
             database.execute("insert into tiles values (?, ?, ?, ?)", values)
     told(view, begun(farm=farm))
-    with (
-        LiveServer(view, tiles=tmp_path / "own.mbtiles") as server,
-        page_at(browser, server.url) as page,
-    ):
+    with LiveServer(view, tiles=tmp_path / "own.mbtiles") as server, page_at(browser, server.url) as page:
         expect(page.locator(".leaflet-control-attribution")).to_contain_text("own")
         page.wait_for_selector(".leaflet-tile-loaded")
         page.get_by_label("Crops").uncheck()

@@ -94,9 +94,8 @@ def says_nothing_of_the_present(page: Page) -> None:
     expect(page.locator("body")).not_to_contain_text(re.compile(r"\bLive\b|\bnow\b"), use_inner_text=True)
 
 
-@pytest.mark.parametrize("width", [1280, 390])
-def test_a_page_whose_program_stands_still_says_so_and_gives_no_order(browser: Browser, width: int) -> None:
-    with program() as one, page_at(browser, one.url, viewport={"width": width, "height": 800}) as page:
+def test_a_page_whose_program_stands_still_says_so_and_gives_no_order(browser: Browser) -> None:
+    with program() as one, page_at(browser, one.url, viewport={"width": 390, "height": 800}) as page:
         pill, card = page.locator(".connection"), page.locator(".card").first
         expect(pill).to_have_text("Live")
         expect(card).to_contain_text("now")
@@ -305,32 +304,32 @@ def test_land_does_not_stand_beside_resume_and_no_order_moves(
         assert {width: boxes_at(width) for width in WIDTHS} == before
 
 
-@pytest.mark.parametrize(
-    ("outcome", "look"),
-    [
-        ("completed", "good"),
-        ("failed", "bad"),
-        ("crashed", "bad"),
-        ("battery_depleted", "bad"),
-        ("interrupted", "warn"),
-        ("ended", "running"),
-    ],
-)
-def test_live_ends_with_the_run_and_a_failure_is_not_green(browser: Browser, outcome: str, look: str) -> None:
+LOOKS = {
+    "completed": "good",
+    "failed": "bad",
+    "crashed": "bad",
+    "battery_depleted": "bad",
+    "interrupted": "warn",
+    "ended": "running",
+}
+
+
+def test_live_ends_with_the_run_and_a_failure_is_not_green(browser: Browser) -> None:
     view = View(clock=standing)
     two(view, "hold")
     # On standing clocks: the vehicles would be too old to be live on a busy machine.
     with standing_page(browser, view) as page:
         expect(page.locator(".connection")).to_have_text("Live")
-        view.take(RunEnded(9.0, outcome, ""))
-        expect(page.locator(".connection")).to_have_text("Ended")
-        pill = page.locator(".top .outcome")
-        expect(pill).to_have_attribute("data-state", look)
-        expect(pill).to_have_text(re.compile(re.escape(in_words(outcome)), re.IGNORECASE))
-        colour = pill.evaluate("one => getComputedStyle(one).backgroundColor")
-        red, green, blue = map(int, re.findall(r"\d+", colour)[:3])
-        assert (green > red and green > blue) == (outcome == "completed")
-        says_nothing_of_the_present(page)
+        for outcome, look in LOOKS.items():
+            view.take(RunEnded(9.0, outcome, ""))
+            expect(page.locator(".connection")).to_have_text("Ended")
+            pill = page.locator(".top .outcome")
+            expect(pill).to_have_text(re.compile(re.escape(in_words(outcome)), re.IGNORECASE))
+            expect(pill).to_have_attribute("data-state", look)
+            colour = pill.evaluate("one => getComputedStyle(one).backgroundColor")
+            red, green, blue = map(int, re.findall(r"\d+", colour)[:3])
+            assert (green > red and green > blue) == (outcome == "completed")
+            says_nothing_of_the_present(page)
 
 
 # It gets old only where the test says so, however busy the machine is.
@@ -371,128 +370,116 @@ class Told:
         return self.page.locator(".connection")
 
 
-@contextmanager
-def played(browser: Browser) -> Iterator[Told]:
+@pytest.fixture
+def told(browser: Browser) -> Iterator[Told]:
     view = View()
     two(view, "hold")
     with LiveServer(view) as server:
         one = Told(browser, server.url, view)
-        try:
-            yield one
-        finally:
-            one.page.close()
+        yield one
+        one.page.close()
 
 
-def test_nothing_is_live_before_the_first_beat(browser: Browser) -> None:
-    with played(browser) as one:
-        expect(one.page.locator(".card")).to_have_count(2)
-        expect(one.pill).to_have_text("Connecting …")
-        one.page.get_by_label("Orders go to").select_option("drone-1")
-        expect(order(one.page, "Hold")).to_be_disabled()
-        one.beats(0.0)
-        expect(one.pill).to_have_text("Live")
-        expect(order(one.page, "Hold")).to_be_enabled()
+def test_nothing_is_live_before_the_first_beat(told: Told) -> None:
+    expect(told.page.locator(".card")).to_have_count(2)
+    expect(told.pill).to_have_text("Connecting …")
+    told.page.get_by_label("Orders go to").select_option("drone-1")
+    expect(order(told.page, "Hold")).to_be_disabled()
+    told.beats(0.0)
+    expect(told.pill).to_have_text("Live")
+    expect(order(told.page, "Hold")).to_be_enabled()
 
 
-def test_an_age_is_told_before_what_is_shown_is_old(browser: Browser) -> None:
-    with played(browser) as one:
-        one.beats(0.0)
-        for ms, words in ((0, "Live"), (1_900, "Live"), (200, "2 s old"), (800, "2 s old")):
-            one.passes(ms)
-            one.page.wait_for_timeout(300)  # It looks four times a second
-            expect(one.pill).to_have_text(words)
-        one.passes(200)
-        expect(one.pill).to_have_text("No news for 0:03")
+def test_an_age_is_told_before_what_is_shown_is_old(told: Told) -> None:
+    told.beats(0.0)
+    for ms, words in ((0, "Live"), (1_900, "Live"), (200, "2 s old"), (800, "2 s old")):
+        told.passes(ms)
+        told.page.wait_for_timeout(300)  # It looks four times a second
+        expect(told.pill).to_have_text(words)
+    told.passes(200)
+    expect(told.pill).to_have_text("No news for 0:03")
 
 
 @pytest.mark.parametrize("clocks", [("performance",), ("date",), ("performance", "date")])
-def test_a_page_that_slept_is_old_whichever_clock_went_on(browser: Browser, clocks: tuple[str, ...]) -> None:
-    with played(browser) as one:
-        one.beats(0.0)
-        expect(one.pill).to_have_text("Live")
-        one.passes(30_000, *clocks)
-        expect(one.pill).to_have_text("No news for 0:30")
+def test_a_page_that_slept_is_old_whichever_clock_went_on(told: Told, clocks: tuple[str, ...]) -> None:
+    told.beats(0.0)
+    expect(told.pill).to_have_text("Live")
+    told.passes(30_000, *clocks)
+    expect(told.pill).to_have_text("No news for 0:30")
 
 
-def test_beats_that_a_sleeping_page_kept_are_old_when_it_wakes(browser: Browser) -> None:
-    with played(browser) as one:
-        one.beats(100.0)
-        expect(one.pill).to_have_text("Live")
-        one.passes(30_000)
-        for kept_s in (101.0, 102.0, 103.0):
-            one.beats(kept_s)
-        expect(one.pill).to_have_text("No news for 0:26")
-        one.beats(130.0)
-        expect(one.pill).to_have_text("Live")
+def test_beats_that_a_sleeping_page_kept_are_old_when_it_wakes(told: Told) -> None:
+    told.beats(100.0)
+    expect(told.pill).to_have_text("Live")
+    told.passes(30_000)
+    for kept_s in (101.0, 102.0, 103.0):
+        told.beats(kept_s)
+    expect(told.pill).to_have_text("No news for 0:26")
+    told.beats(130.0)
+    expect(told.pill).to_have_text("Live")
 
 
-def test_clocks_that_drift_apart_make_nothing_old(browser: Browser) -> None:
-    with played(browser) as one:
-        one.beats(0.0)
-        for hours in range(1, 10):
-            one.passes(3_600_500)  # Half a second an hour faster than the program's
-            one.beats(3_600.0 * hours)
-        expect(one.pill).to_have_text("Live")
+def test_clocks_that_drift_apart_make_nothing_old(told: Told) -> None:
+    told.beats(0.0)
+    for hours in range(1, 10):
+        told.passes(3_600_500)  # Half a second an hour faster than the program's
+        told.beats(3_600.0 * hours)
+    expect(told.pill).to_have_text("Live")
 
 
-def test_an_order_carries_the_newest_beat_and_the_time_since(browser: Browser) -> None:
-    with played(browser) as one:
-        one.beats(50.0)
-        one.page.get_by_label("Orders go to").select_option("drone-2")
-        one.passes(1_500)
-        order(one.page, "Hold").click()
-        expect(one.page.locator(".became")).to_have_text("Hold, drone-2 …")
-        one.beats(51.0)
-        order(one.page, "Hold").click()
-        # It lives, and does not answer.
-        expect(one.page.locator(".became")).to_have_text(
-            "Hold, drone-2: not answered: nobody knows whether it arrived"
-        )
-        expect(one.pill).to_have_text("Live")
-        first, second = one.asked
-        assert (first["system_ids"], first["given"]["beat_s"], first["given"]["after_s"]) == ([2], 50.0, 1.5)
-        assert second["given"]["beat_s"] == 51.0 and second["given"]["number"] > first["given"]["number"]
+def test_an_order_carries_the_newest_beat_and_the_time_since(told: Told) -> None:
+    told.beats(50.0)
+    told.page.get_by_label("Orders go to").select_option("drone-2")
+    told.passes(1_500)
+    order(told.page, "Hold").click()
+    expect(told.page.locator(".became")).to_have_text("Hold, drone-2 …")
+    told.beats(51.0)
+    order(told.page, "Hold").click()
+    # It lives, and does not answer.
+    expect(told.page.locator(".became")).to_have_text(
+        "Hold, drone-2: not answered: nobody knows whether it arrived"
+    )
+    expect(told.pill).to_have_text("Live")
+    first, second = told.asked
+    assert (first["system_ids"], first["given"]["beat_s"], first["given"]["after_s"]) == ([2], 50.0, 1.5)
+    assert second["given"]["beat_s"] == 51.0 and second["given"]["number"] > first["given"]["number"]
 
 
-def test_nothing_that_was_ordered_is_sent_again_over_the_next_connection(browser: Browser) -> None:
-    with played(browser) as one:
-        one.beats(0.0)
-        one.page.get_by_label("Orders go to").select_option("drone-1")
-        order(one.page, "Hold").click()
-        expect(one.page.locator(".became")).to_have_text("Hold, drone-1 …")
-        one.sockets[-1].close()
-        expect(one.page.locator(".became")).to_have_text(
-            "Hold, drone-1: not answered: nobody knows whether it arrived"
-        )
-        expect(order(one.page, "Hold")).to_be_disabled()
-        while len(one.sockets) < 2:
-            one.page.wait_for_timeout(50)
-        one.passes(60_000)  # The next connection has beats of its own
-        one.beats(0.0)
-        expect(one.page.get_by_label("Orders go to")).to_have_value("1")
-        expect(order(one.page, "Hold")).to_be_enabled()
-        assert len(one.asked) == 1
+def test_nothing_that_was_ordered_is_sent_again_over_the_next_connection(told: Told) -> None:
+    told.beats(0.0)
+    told.page.get_by_label("Orders go to").select_option("drone-1")
+    order(told.page, "Hold").click()
+    expect(told.page.locator(".became")).to_have_text("Hold, drone-1 …")
+    told.sockets[-1].close()
+    expect(told.page.locator(".became")).to_have_text(
+        "Hold, drone-1: not answered: nobody knows whether it arrived"
+    )
+    expect(order(told.page, "Hold")).to_be_disabled()
+    while len(told.sockets) < 2:
+        told.page.wait_for_timeout(50)
+    told.passes(60_000)  # The next connection has beats of its own
+    told.beats(0.0)
+    expect(told.page.get_by_label("Orders go to")).to_have_value("1")
+    expect(order(told.page, "Hold")).to_be_enabled()
+    assert len(told.asked) == 1
 
 
-def test_an_order_that_is_clicked_before_its_button_is_off_is_not_sent(browser: Browser) -> None:
-    with played(browser) as one:
-        one.beats(0.0)
-        one.page.get_by_label("Orders go to").select_option("drone-1")
-        expect(order(one.page, "Hold")).to_be_enabled()
-        # The page wakes from a sleep with this click.
-        one.page.evaluate(
-            """() => {
-                ahead.performance += 30000;
-                ahead.date += 30000;
-                document.querySelector("[data-order=hold]").click();
-            }"""
-        )
-        expect(order(one.page, "Hold")).to_be_disabled()
-        one.page.wait_for_timeout(300)  # It looks four times a second, and the message stays
-        expect(one.page.locator(".became")).to_have_text(
-            "Hold, drone-1: not sent: the program does not answer"
-        )
-        assert one.asked == []
+def test_an_order_that_is_clicked_before_its_button_is_off_is_not_sent(told: Told) -> None:
+    told.beats(0.0)
+    told.page.get_by_label("Orders go to").select_option("drone-1")
+    expect(order(told.page, "Hold")).to_be_enabled()
+    # The page wakes from a sleep with this click.
+    told.page.evaluate(
+        """() => {
+            ahead.performance += 30000;
+            ahead.date += 30000;
+            document.querySelector("[data-order=hold]").click();
+        }"""
+    )
+    expect(order(told.page, "Hold")).to_be_disabled()
+    told.page.wait_for_timeout(300)  # It looks four times a second, and the message stays
+    expect(told.page.locator(".became")).to_have_text("Hold, drone-1: not sent: the program does not answer")
+    assert told.asked == []
 
 
 def test_the_page_says_why_no_order_can_be_given(browser: Browser) -> None:

@@ -148,27 +148,24 @@ def test_a_page_is_told_the_end_before_the_server_is_gone() -> None:
 def test_ten_viewers_follow_and_one_that_never_reads_holds_up_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(served, "SEND_TIMEOUT_S", 1.0)
     monkeypatch.setattr(served, "STALLED_S", 2.0)
-    made, goes_on = [0], threading.Event()
+    goes_on = threading.Event()
     goes_on.set()
     encoded = served._encoded
 
-    def counting(view: View, cursor: Any) -> Any:
-        made[0] += 1
+    def waiting(view: View, cursor: Any) -> Any:
         assert goes_on.wait(LONG_S), "telling waits for the server"
         return encoded(view, cursor)
 
-    monkeypatch.setattr(served, "_encoded", counting)
+    monkeypatch.setattr(served, "_encoded", waiting)
     stream, view = events.EventStream(), View()
     stream.listen(view.take)
     viewers, threads = [Viewer() for _ in range(10)], []
-    received = [0] * len(viewers)
 
     def follow(server: LiveServer, number: int) -> None:
         viewer = viewers[number]
         with watching(server) as client:
             while not (viewer.said and viewer.said[-1]["text"] == "the end"):
                 viewer.take(client.recv(timeout=LONG_S))
-                received[number] += 1
 
     farm, random = get_farm("miniberry-10"), np.random.default_rng(0)
     told = itertools.count()
@@ -179,14 +176,6 @@ def test_ten_viewers_follow_and_one_that_never_reads_holds_up_nobody(monkeypatch
             stream.tell(moved(k, 1 + k % 10))
         stream.tell(events.VehicleSaid(k / 10, 1, 6, "x" * 400))
         stream.tell(events.Estimated(k / 10, 1, k, InformationModel(value, value), None))
-
-    def tell_all(text: str) -> None:
-        """Note something, and wait until all viewers know it."""
-        stream.tell(events.Noted(text))
-        end_s = time.monotonic() + LONG_S
-        while not all(viewer.said and viewer.said[-1]["text"] == text for viewer in viewers):
-            assert time.monotonic() < end_s, text
-            time.sleep(0.01)
 
     with LiveServer(view) as server:
         sleeper = socket.create_connection(("127.0.0.1", server.port))
@@ -200,16 +189,11 @@ def test_ten_viewers_follow_and_one_that_never_reads_holds_up_nobody(monkeypatch
             threads.append(threading.Thread(target=follow, args=(server, number), daemon=True))
             threads[-1].start()
         stream.tell(events.RunBegun("", farm, PAPER_FIELDS))
-        tell_all("all are there")
-        # Those who know the same share: far fewer updates are made than are received. On a busy machine some
-        # may miss a short interval, and from then on know something else than the others.
-        before = made[0], sum(received)
-        with monkeypatch.context() as patched:
-            patched.setattr(served, "INTERVAL_S", 0.5)
-            for k in range(6):
-                tell_much()
-                tell_all(f"{k}")
-        assert made[0] - before[0] < (sum(received) - before[1]) / 2
+        stream.tell(events.Noted("all are there"))
+        end_s = time.monotonic() + LONG_S
+        while not all(viewer.said for viewer in viewers):
+            assert time.monotonic() < end_s
+            time.sleep(0.01)
         # Whatever the viewers and the server do, telling goes on.
         goes_on.clear()
         for _ in range(50):
@@ -264,16 +248,6 @@ def test_viewers_share_an_update_although_the_run_goes_on(monkeypatch: pytest.Mo
     assert viewer.take(first)["states"]["1"]["x"] == [0.0]
     assert viewer.take(second)["states"]["1"]["x"] == [1.0]
     assert next(made) == 3
-
-
-def test_a_tab_that_is_closed_changes_nothing() -> None:
-    view = View()
-    with LiveServer(view) as server:
-        for _ in range(20):
-            with watching(server) as client:
-                client.recv(timeout=10)
-        with watching(server) as client:
-            assert json.loads(client.recv(timeout=10))["status"]["outcome"] == "running"
 
 
 def test_another_view_is_shown_to_pages_that_come_again() -> None:
@@ -706,19 +680,6 @@ def test_half_open_connections_do_not_keep_others_out(kind: str) -> None:
             client.recv(timeout=10)
 
 
-def test_what_is_no_text_ends_the_connection_quietly(caplog: pytest.LogCaptureFixture) -> None:
-    with LiveServer(View()) as server, watching(server) as client:
-        client.recv(timeout=10)
-        client.send(b"\xff\xfe", text=True)
-        with pytest.raises(ConnectionClosed):
-            news(client)
-        garbage = socket.create_connection(("127.0.0.1", server.port))
-        garbage.sendall(b"\x16\x03\x01 no HTTP\r\n\r\n")
-        assert b"400" in garbage.recv(1000)
-        garbage.close()
-    assert not [record for record in caplog.records if record.name.startswith("uvicorn")]
-
-
 def test_a_request_that_is_too_large_ends_the_connection() -> None:
     orders = Taking()
     with LiveServer(View(), orders=orders) as server, watching(server) as client:
@@ -776,20 +737,11 @@ def test_every_answer_has_the_policy_and_nothing_allows_other_origins() -> None:
 @pytest.mark.parametrize(
     "path",
     [
-        "/../server.py",
-        "/..%2fserver.py",
-        "/static/../view.py",
-        "//etc/passwd",
-        "/%2e%2e/view.py",
-        "/live.js/../view.py",
-        "/sources.sha256",
-        "/page/src/schema.ts",
-        "/tiles/../../view.py",
-        "/tiles/-1/0/0",
-        "/tiles/1/2/x",
-        "/\\..\\view.py",
+        "/../server.py", "/..%2fserver.py", "/static/../view.py", "//etc/passwd", "/%2e%2e/view.py",
+        "/live.js/../view.py", "/sources.sha256", "/page/src/schema.ts", "/tiles/../../view.py",
+        "/tiles/-1/0/0", "/tiles/1/2/x", "/\\..\\view.py",
     ],
-)
+)  # fmt: skip
 def test_only_files_of_the_page_are_served(path: str) -> None:
     with LiveServer(View()) as server:
         assert ask(server, path)[0].status == 404

@@ -712,18 +712,8 @@ def test_an_idle_studio_says_that_its_program_is_gone_and_goes_on_when_it_is_bac
 
 
 def test_an_idle_studio_says_that_its_program_stands_still(browser: Browser) -> None:
-    command = [
-        sys.executable,
-        "-m",
-        "wbf_mission",
-        "studio",
-        "--farm",
-        "miniberry-10",
-        "--port",
-        "0",
-        "--json",
-    ]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
+    words = "-m wbf_mission studio --farm miniberry-10 --port 0 --json"
+    with subprocess.Popen([sys.executable, *words.split()], stdout=subprocess.PIPE, text=True) as program:
         try:
             assert program.stdout is not None
             text = ""

@@ -12,8 +12,9 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from sweeps import sweep
 from viewer import Viewer
 from write_page_schema import SOURCE, TYPES, typescript
 
@@ -459,7 +460,7 @@ def _events(records: list[DecisionRecord]) -> st.SearchStrategy[list[Event]]:
     return st.lists(one, max_size=30)
 
 
-@settings(max_examples=150, deadline=None)
+@sweep(few=40, many=200)
 @given(_records.flatmap(_events), st.data())
 def test_who_joins_late_sees_what_who_followed_sees(events: list[Event], data: st.DataObject) -> None:
     limits = ("MAX_STATES", "MAX_PLANS", "MAX_DECISIONS", "MAX_SAID")

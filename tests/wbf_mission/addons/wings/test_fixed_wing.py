@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flight_measures import phases, turns
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from motion_limits import check_steps
 from recordings import compare, fly_recording, load_recording
+from sweeps import sweep
 
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
@@ -89,11 +90,17 @@ TAKEOFF = item(22, 0.0, 150.0, 40.0, 10.0)
 RETURN = MissionItem(20, 2)
 
 
-def fly(items, spec, wind=None, limit_s=20_000.0):
-    executor = MissionExecutor(spec, HOME, wind=wind)
+def started(spec, items, home=HOME, wind=None):
+    """Return an executor that has begun a mission."""
+    executor = MissionExecutor(spec, home, wind=wind)
     executor.mission.load(items)
     executor.arm()
     executor.start()
+    return executor
+
+
+def fly(items, spec, wind=None, limit_s=20_000.0):
+    executor = started(spec, items, wind=wind)
     return executor, executor.fly_through(limit_s)
 
 
@@ -213,10 +220,7 @@ def test_px4_reaches_the_height_of_item_31_on_its_circle():
         item(31, 0.0, 1200.0, 30.0, 0.0, 90.0),
         waypoint(0.0, 2000.0, 30.0),
     )
-    executor = MissionExecutor(SPECS["px4"], HOME)
-    executor.mission.load(items)
-    executor.arm()
-    executor.start()
+    executor = started(SPECS["px4"], items)
     on_circle = []
     while executor.time_s < 600.0:
         events = executor.advance(executor.time_s + 0.2)
@@ -261,10 +265,7 @@ def test_a_landing_of_arduplane_s_simulator():
     spec = load_recording(FLIGHTS / "arduplane-random-8.json").spec()
     items = (item(22, 0.0, 150.0, 50.0, 12.0), waypoint(0.0, 600.0, 60.0), waypoint(-400.0, -660.0, 60.0),
              waypoint(0.0, -360.0, 30.0), item(21, 0.0, 0.0, 0.0))  # fmt: skip
-    executor = MissionExecutor(spec, HOME)
-    executor.mission.load(items)
-    executor.arm()
-    executor.start()
+    executor = started(spec, items)
     touched, last = None, None
     while executor.flight.armed and executor.time_s < 600.0:
         for event in executor.advance(executor.time_s + 0.1):
@@ -289,10 +290,7 @@ def test_arduplane_takes_the_coordinates_of_a_return_for_a_place(home):
     latitude, longitude = home.latitude_deg, home.longitude_deg
     bearing = math.atan2(-longitude * math.cos(math.radians(0.5 * latitude)), -latitude)
     items = (placed(22, 0.0, 150.0, 40.0, 10.0), placed(18, 0.0, 400.0, 50.0, 1.0), RETURN)
-    executor = MissionExecutor(SPECS["ardupilot"], home)
-    executor.mission.load(items)
-    executor.arm()
-    executor.start()
+    executor = started(SPECS["ardupilot"], items, home=home)
     while executor.time_s < 600.0:
         events = executor.advance(executor.time_s + 0.1)
         if any(isinstance(event, ItemReached) and event.seq == 1 for event in events):
@@ -463,10 +461,7 @@ def test_px4_turns_at_its_own_radius_arduplane_at_that_of_the_item():
     far = item(22, 0.0, 0.0, 60.0)
     items = (far, waypoint(0.0, 1500.0, 60.0, 0.0, 5.0), waypoint(1500.0, 1500.0, 60.0))
     for autopilot, distance in (("px4", 10.0), ("ardupilot", 5.0)):
-        executor = MissionExecutor(SPECS[autopilot], HOME)
-        executor.mission.load(items)
-        executor.arm()
-        executor.start()
+        executor = started(SPECS[autopilot], items)
         while executor.mission.current_seq < 2:
             executor.advance(executor.time_s + 0.1)
         x, y, _ = executor.motion.position_m
@@ -509,10 +504,7 @@ def test_take_off_by_hand_and_from_a_runway(autopilot):
 def test_a_landing_touches_down_at_its_place(autopilot, wind):
     spec = SPECS[autopilot]
     items = (TAKEOFF, waypoint(0.0, 500.0, 40.0), item(31, 80.0, -400.0, 30.0, 1.0, 80.0), item(21, 0, 0, 0))
-    executor = MissionExecutor(spec, HOME, wind=wind)
-    executor.mission.load(items)
-    executor.arm()
-    executor.start()
+    executor = started(spec, items, wind=wind)
     touched, before = None, (0.0, 0.0, 0.0)
     while executor.flight.armed and executor.time_s < 2000.0:
         executor.advance(executor.time_s + 0.1)
@@ -570,10 +562,7 @@ def test_hold_times_of_waypoints_count_for_px4_only():
 @BOTH
 def test_hold_circles_and_the_mission_goes_on(autopilot):
     spec = SPECS[autopilot]
-    executor = MissionExecutor(spec, HOME)
-    executor.mission.load((TAKEOFF, waypoint(0.0, 900.0, 50.0), waypoint(900.0, 900.0, 50.0), RETURN))
-    executor.arm()
-    executor.start()
+    executor = started(spec, (TAKEOFF, waypoint(0.0, 900.0, 50.0), waypoint(900.0, 900.0, 50.0), RETURN))
     executor.advance(30.0)
     x, y, _ = executor.motion.position_m
     executor.flight.hold()
@@ -590,10 +579,7 @@ def test_hold_circles_and_the_mission_goes_on(autopilot):
 def test_a_return_circles_over_home_or_lands(autopilot):
     ever = {"px4": {"RTL_LAND_DELAY": -1.0}, "ardupilot": {}}[autopilot]
     spec = plane(autopilot, **ever)
-    executor = MissionExecutor(spec, HOME)
-    executor.mission.load((TAKEOFF, waypoint(500.0, 500.0, 50.0), waypoint(900.0, 900.0, 50.0)))
-    executor.arm()
-    executor.start()
+    executor = started(spec, (TAKEOFF, waypoint(500.0, 500.0, 50.0), waypoint(900.0, 900.0, 50.0)))
     executor.advance(40.0)
     executor.return_home()
     assert executor.flight.phase is FlightPhase.RETURN
@@ -612,10 +598,7 @@ def test_a_return_circles_over_home_or_lands(autopilot):
 def test_a_return_flies_the_landing_of_the_mission(autopilot):
     spec = plane(autopilot, **{"px4": {"RTL_TYPE": 1.0, "RTL_LAND_DELAY": -1.0}, "ardupilot": {}}[autopilot])
     landing = (MissionItem(189, 2), item(31, 80.0, -400.0, 30.0, 1.0, 80.0), item(21, 0.0, 0.0, 0.0))
-    executor = MissionExecutor(spec, HOME)
-    executor.mission.load((TAKEOFF, waypoint(500.0, 500.0, 50.0), waypoint(900.0, 900.0, 50.0), *landing))
-    executor.arm()
-    executor.start()
+    executor = started(spec, (TAKEOFF, waypoint(500.0, 500.0, 50.0), waypoint(900.0, 900.0, 50.0), *landing))
     executor.advance(40.0)
     executor.return_home()
     executor.advance(500.0)
@@ -644,10 +627,7 @@ def test_orders_that_a_wing_cannot_obey(autopilot):
 def test_without_a_battery_it_glides_down(autopilot):
     full = plane(autopilot, endless=False)
     spec = replace(full, battery=replace(full.battery, capacity_wh=3.0))
-    executor = MissionExecutor(spec, HOME)
-    executor.mission.load((TAKEOFF, waypoint(0.0, 3000.0, 80.0), waypoint(3000.0, 3000.0, 80.0)))
-    executor.arm()
-    executor.start()
+    executor = started(spec, (TAKEOFF, waypoint(0.0, 3000.0, 80.0), waypoint(3000.0, 3000.0, 80.0)))
     events = executor.advance(600.0)
     empty = next(event.time_s for event in events if isinstance(event, BatteryDepleted))
     down = next(event.time_s for event in events if isinstance(event, Disarmed))
@@ -684,7 +664,7 @@ def missions(draw):
 WINDS = st.builds(Wind, st.floats(-9.0, 9.0), st.floats(-9.0, 9.0), st.sampled_from([0.0, 1.0]))
 
 
-@settings(max_examples=40, deadline=None)
+@sweep(few=15, many=60)
 @given(missions(), WINDS, st.sampled_from(["px4", "ardupilot"]))
 def test_every_mission_ends_or_is_given_up_with_a_reason(items, wind, autopilot):
     spec = SPECS[autopilot]
@@ -699,7 +679,7 @@ def test_every_mission_ends_or_is_given_up_with_a_reason(items, wind, autopilot)
 LEG = st.builds(Leg, PLACE, st.floats(8.0, 25.0), st.sampled_from([0.0, 1.0, 1.0, 60.0]))
 
 
-@settings(max_examples=20, deadline=None)
+@sweep(few=10, many=40)
 @given(
     st.lists(LEG, min_size=1, max_size=5), WINDS, st.sampled_from(["px4", "ardupilot"]), st.integers(2, 400)
 )
@@ -715,10 +695,7 @@ def test_predictions_agree_with_the_flight(autopilot):
     items = (TAKEOFF, waypoint(400.0, 400.0, 60.0), item(18, 0.0, 800.0, 60.0, 1.0, 0.0, 90.0), RETURN)
     wind = Wind(4.0, -3.0)
     prediction = predict_flight(Mission(items, GeoPoint(28.05, -82.15)), spec, wind=wind)
-    executor = MissionExecutor(spec, HOME, wind=wind)
-    executor.mission.load(items)
-    executor.arm()
-    executor.start()
+    executor = started(spec, items, wind=wind)
     done = []
     while not done and executor.time_s < 3000.0:
         done = [e for e in executor.advance(executor.time_s + 0.1) if type(e).__name__ == "MissionComplete"]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import shapely
 
+from geo.farm import united
 from geo.grid import Crop
 from mission.errors import PlanningError
 from mission.planners.path import Area, PlannedPath, Points, drop_coincident
@@ -186,5 +187,5 @@ def _both(plan: _Plan, tomato_share: float) -> PlannedPath:
 def _land(request: PlanningRequest, crop: Crop) -> Area | None:
     """Return the part of the request's area that the crop covers, or None."""
     areas = [land.area for land in request.crop_areas if land.crop == crop]
-    parts = polygons_of(shapely.intersection(shapely.union_all(areas), request.area))
+    parts = polygons_of(shapely.intersection(united(areas), request.area))
     return area_of(parts) if parts else None

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import shapely
 from shapely.geometry import Polygon
 
+from geo.farm import united
 from mission.errors import PlanningError
 from mission.planners.budget import BatchBudget
 from mission.planners.path import Area, PlannedPath, Points
@@ -206,7 +207,7 @@ def gaps_of(area: Area, passable: Area) -> list[Polygon]:
 
 def with_gaps(area: Area, gaps: Sequence[Polygon]) -> Area:
     """Return the union of an area and some of its gaps."""
-    return area_of(polygons_of(shapely.union_all([area, *gaps])))
+    return area_of(polygons_of(united([area, *gaps])))
 
 
 def swept_lands(request: PlanningRequest) -> list[Area]:

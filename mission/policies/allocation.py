@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from geo.farm import united
 from geo.named import ParameterError
 from mission.errors import PlanningError
 from mission.planners.partition import PARTITIONS, STRIPS, balanced, strips
@@ -141,7 +142,7 @@ def reallocate(
     if not flying or not left:
         return {}
     footprint = flying[0].request.footprint_m
-    land = _land(shapely.union_all(left), footprint)
+    land = _land(united(left), footprint)
     if land.is_empty:
         return {}
     found: dict[int, tuple[Points, Share]] = {}
@@ -151,7 +152,7 @@ def reallocate(
         if planned is None:
             continue
         spacing = planned[1] if planned[1] is not None else mine.spacing_m
-        part = _land(shapely.union(mine.part, piece), 0.0)
+        part = _land(united([mine.part, piece]), 0.0)
         found[vehicle.system_id] = planned[0], Share(part, spacing)
     return found
 
@@ -184,7 +185,7 @@ def _more(
         and mine.spacing_m is not None
         and after.spacing_m > _COARSER * max(mine.spacing_m, footprint_m)
     ):
-        whole = _land(shapely.union(mine.unflown(vehicle), piece), footprint_m)
+        whole = _land(united([mine.unflown(vehicle), piece]), footprint_m)
         anew = _planned(vehicle, whole, vehicle.rest_m[:0], planner)
         if anew is not None:
             return anew.points_m, anew.spacing_m

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from shapely.geometry.polygon import orient
 
 from geo import Farm, LocalFrame, Obstacle
+from geo.farm import united
 from geo.linear_algebra import cos, sin
 from mission.model import Command, Frame, MissionItem
 from mission.planners.path import Area, Points
@@ -51,13 +52,13 @@ class KeepOut:
         distance_m = margin_m + stray
         wide = [obstacle.widened(margin_m, stray + _SMOOTH_M + _GRAZES_M) for obstacle in obstacles]
         # Simplifying moves the outline by at most the added width.
-        parts = parts_of(shapely.union_all(shapely.simplify(wide, _SMOOTH_M)))
-        area = shapely.union_all([shapely.Polygon(part.exterior) for part in parts])
+        parts = parts_of(united(shapely.simplify(wide, _SMOOTH_M)))
+        area = united([shapely.Polygon(part.exterior) for part in parts])
         x0, y0, x1, y1 = area.bounds
         plane = shapely.box(x0 - _WIDE_M, y0 - _WIDE_M, x1 + _WIDE_M, y1 + _WIDE_M)
         crossed = shapely.buffer(area, -_GRAZES_M)
         shapely.prepare(crossed)
-        near = shapely.union_all([obstacle.widened(margin_m) for obstacle in obstacles])
+        near = united([obstacle.widened(margin_m) for obstacle in obstacles])
         return cls(area, distance_m, near, Terrain(shapely.difference(plane, area), 0.0), crossed)
 
     def around(self, path_m: Points) -> tuple[Points, NDArray[np.int64]]:

@@ -301,7 +301,7 @@ def _coordinates(
     # A GeoPackage without a coordinate system declares a local coordinate system.
     if own and not own.startswith(("LOCAL_CS", "ENGCRS")):
         if given is not None:
-            raise FarmError(f"names a coordinate system; leave out that it is {given!r:.60}")
+            raise FarmError(f"names a coordinate system; do not give {given!r:.60}, too")
         return None if own == "EPSG:4326" else Coordinates(own)
     if given is not None:
         return coordinates_of(given)

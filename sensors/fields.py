@@ -295,7 +295,7 @@ class FieldSet:
         return masks
 
     def with_dynamics(self, **dynamics: Dynamics) -> FieldSet:
-        """Return the same fields, with other dynamics for fields that are given as keywords.
+        """Return the same fields with new dynamics for some of them, given as ``name=dynamics``.
 
         Examples
         --------

@@ -282,7 +282,7 @@ def read_mission(
 def open_mission(
     path: str | os.PathLike[str], *, altitude_m: float | None = None, drawn_path: str | None = None
 ) -> tuple[Mission, list[str]]:
-    """Read a mission file like `read_mission`; return the mission and notes on the file."""
+    """Read a mission file as `read_mission` does; return the mission, and notes on the file."""
     loads = reader_for(path)
     try:
         found = loads(read_file(Path(path), MAX_BYTES))

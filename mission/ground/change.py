@@ -77,7 +77,7 @@ class FailsafeGuard:
             self._tries = 0
             self.due_s = math.inf if self.ready else self.due_s
             return self._next_setting()
-        # An answer to a repeated request may be older than the setting.
+        # If a value was requested repeatedly, a late answer may still give the value before it was set.
         self._asked[name] -= 1
         if name in self._sent and self._asked[name] < 0:
             self._refuse(f"{name} stays {value}, {wanted} is needed")

@@ -1,4 +1,4 @@
-"""Detection of the end of a mission, and of the cause of a flight that ended early."""
+"""Detection of the end of a mission, and of the reason if the flight ends early."""
 
 from __future__ import annotations
 

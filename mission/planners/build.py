@@ -53,7 +53,7 @@ class HeightProfile:
     def follow(self, path_m: Points) -> tuple[Points, NDArray[np.float64], NDArray[np.int64]]:
         """Return the waypoints of a path: positions, altitudes above home, and owners.
 
-        The owner of a waypoint is the index of the path point at the end of its leg. The waypoints include
+        A waypoint's owner is the path point at the end of its leg, given as an index. The waypoints include
         all points of the path. Altitudes are linear between waypoints.
         """
         places, leg, at = _sampled(path_m, self.step_m)

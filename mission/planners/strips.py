@@ -205,7 +205,7 @@ def is_narrow(part: Polygon, swath: Swath) -> bool:
 
 
 def without_arms(part: Polygon, swath: Swath) -> list[Polygon]:
-    """Split a part into wide pieces and narrow arms (narrower than an image); return [] without arms.
+    """Split a part into wide pieces and arms narrower than an image; return [] if either kind is missing.
 
     >>> field = shapely.union(shapely.box(0, 0, 50, 50), shapely.box(50, 20, 120, 26))
     >>> [piece.bounds for piece in without_arms(field, Swath(10, 8, 5))]

@@ -285,7 +285,7 @@ class _Search:
         self._rough, self._shortest_m = False, math.inf
 
     def best(self) -> list[Layout]:
-        """Return the cheapest layouts; their costs are approximate, like the order of their cells."""
+        """Return the cheapest layouts; their costs and the order of their cells are approximate."""
         lands = swept_lands(self._request)
         even = [math.radians(degrees) for degrees in range(0, 180, _EVERY_DEG)]
         angles = [*hull_angles(lands[0])[:_HULL_ANGLES], *even]

@@ -1,4 +1,4 @@
-"""Compiled sums of the score. Each tile has its own sums, so that only changed tiles are summed again.
+"""Compiled functions that sum the errors for a score. Only changed tiles are summed again.
 
 Estimators report which tiles they changed. The errors of a tile are added cell by cell, along y and then
 along x, so that equal errors have equal sums to the last bit.
@@ -23,7 +23,7 @@ def add_column(
     y1: int,
     sums: tuple[float, float, float, float],
 ) -> tuple[float, float, float, float]:
-    """Add to the sums the errors of a column's relevant cells from y0 to y1, and return the sums."""
+    """Add the errors of a column's relevant cells, from y0 to y1, to the sums, and return the sums."""
     squares, worse_squares, absolute, worse_absolute = sums
     for y in range(y0, y1):
         if mask[x, y]:

@@ -90,8 +90,8 @@ def load_vehicle(path: Path) -> VehicleSpec:
     """Return the vehicle that a vehicle file describes.
 
     The keys are fields of `VehicleSpec`. The tables are ``[battery]``, ``[power]``, ``[airframe]``,
-    ``[published]``, and a table of parameters for each autopilot (``[px4]``, ``[ardupilot]``). The key
-    ``base`` names the vehicle that supplies missing values, by default the base of the file's kind.
+    ``[published]``, and a table of parameters for each autopilot (``[px4]``, ``[ardupilot]``). Missing values
+    come from the vehicle that the key ``base`` names; without this key, from the base vehicle of the kind.
 
     Raises
     ------

@@ -263,12 +263,12 @@ def with_return_margin(spec: VehicleSpec) -> VehicleSpec:
 
 
 def fixed_wing_procedures(spec: VehicleSpec) -> FixedWingProcedures:
-    """Return the procedures that move a fixed wing.
+    """Return the flight procedures of a fixed-wing aircraft.
 
     Raises
     ------
     VehicleError
-        If the vehicle is no fixed wing, or its autopilot has no procedures for fixed wings.
+        If the vehicle is not a fixed-wing aircraft, or its autopilot has no procedures for one.
     """
     procedures = flight_procedures(spec)
     if not isinstance(procedures, FixedWingProcedures):

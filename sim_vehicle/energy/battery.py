@@ -39,7 +39,7 @@ class BatteryState(NamedTuple):
     used_wh: float
     used_mah: float
     fraction: float
-    """Remaining energy over capacity, 0 to 1."""
+    """Remaining energy divided by capacity, 0 to 1."""
     remaining_s: float
     """Time until the battery is empty at the recent mean power; infinite without power."""
     cells: int
@@ -134,7 +134,7 @@ class BatteryMeter:
 
 
 def _charge(share: float, low_v: float, high_v: float) -> float:
-    """Return the charge over capacity (Ah/Wh) of a fraction of the energy, drawn between two voltages."""
+    """Return the charge (Ah per Wh of capacity) of an energy fraction `share`, drawn between two voltages."""
     rise = high_v - low_v
     if rise < 1e-6 * low_v:
         return share / low_v

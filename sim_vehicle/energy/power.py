@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 REGAINED = 0.2
 # Step of the search for the best speeds.
 _STEP_M_S = 0.1
-# Lowest airspeed of a fixed wing over its cruise speed, if the autopilot sets no lower limit.
+# Lowest airspeed of a fixed wing, divided by its cruise speed, if the autopilot sets no lower limit.
 _SLOWEST = 0.8
 
 
@@ -164,7 +164,7 @@ def flight_power_w(
     climb_m_s : float
         Climb rate, upward; ignored for ground vehicles.
     load_factor : float
-        Lift over weight, for a fixed wing in a turn or a rotorcraft that accelerates vertically.
+        Lift divided by weight, for a fixed wing in a turn or a rotorcraft that accelerates vertically.
     acceleration_m_s2 : float
         Acceleration along the direction of motion.
     battery : BatterySpec, optional

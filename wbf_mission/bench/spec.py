@@ -226,7 +226,7 @@ def _objects(**choices: Choice) -> dict[str, str]:
 
 
 def _given(key: str, given: Any) -> Sequence[Any]:
-    """Return the given list, or the default for None; ScenarioError if the value is no list or is empty."""
+    """Return the given list, or the default for None; ScenarioError if it is empty or not a list."""
     if given is None:
         return _DEFAULTS[key]
     if isinstance(given, (list, tuple)) and given:

@@ -103,7 +103,7 @@ def _help_all(count: int) -> Any:
 
     @only.command()
     def command(_: bool = typer.Option(False, HELP_ALL, help=text, is_eager=True, callback=show)) -> None:
-        """Define the option ``--help-all``, because typer makes options only from commands."""
+        """Declare the option ``--help-all``; typer creates an option only as a parameter of a command."""
 
     (option,) = typer.main.get_command(only).params
     option.expose_value = False

@@ -110,7 +110,7 @@ class FlightBudget:
         return "" if prediction.feasible else str(prediction.reason)
 
     def onward(self, path_xy_m: NDArray[np.float64]) -> Callable[[float], float]:
-        """Return a function from the mean-wind cost of the rest of a path to the charge for that rest."""
+        """Return a function that maps the mean-wind cost of a remaining path to the cost charged for it."""
         if self.reserve is None:
             return lambda rest: rest
         if self.reserve.factor is None:

@@ -19,8 +19,8 @@ ENDING_S = 3.0
 _STEP_M, _MOST_STEPS = 0.5, 20_000
 _WELL_INSIDE = 0.9
 _ASIDE_S, _WHOLE_S = 8.0, 2.0
-"""Largest duration of a mission change (s), for a vehicle that leaves its mission for the change and for
-others. The vehicle must stay in radio range during the change."""
+"""Largest duration of a mission change (s): `_ASIDE_S` if the vehicle leaves its mission for the change, and
+otherwise `_WHOLE_S`. The vehicle must stay in radio range during the change."""
 _HEARD_S = 2.0
 """A vehicle is certainly heard this many seconds after it enters radio range."""
 

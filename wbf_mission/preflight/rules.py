@@ -16,17 +16,17 @@ ERROR, WARNING, NOTE = Severity.ERROR, Severity.WARNING, Severity.NOTE
 
 
 def at_least(name: str, unit: str = "") -> tuple[Against, str, str]:
-    """Return a lower limit of a measured number."""
+    """Return comparison, name and unit of a measured number that has a lower limit."""
     return Against.LEAST, name, unit
 
 
 def at_most(name: str, unit: str = "") -> tuple[Against, str, str]:
-    """Return an upper limit of a measured number."""
+    """Return comparison, name and unit of a measured number that has an upper limit."""
     return Against.MOST, name, unit
 
 
 def planned(unit: str) -> tuple[Against, str, str]:
-    """Return a comparison of a parameter with the value that the plan assumes."""
+    """Return comparison, name and unit of a parameter for which the plan assumes a value."""
     return Against.PLANNED, "{name}", unit
 
 

@@ -125,9 +125,9 @@ REACH_LENGTHS = 10.0
 also act through other observations. The mean's error is up to 4e-4 prior standard deviations (with tiles,
 2e-3); with nine readings of every cell it is up to 3e-3 (with tiles, 4e-3)."""
 LEAST_NOISE = 0.1
-"""Least ratio of noise to amplitude for windows; with less noise, observations act beyond the window."""
+"""Least ratio of noise to amplitude for `WindowedPosterior`; with less, data act beyond their windows."""
 MOST_CELLS = 250_000
-"""Largest number of cells for windows. Tiles are faster on larger farms, as they write only changed cells."""
+"""Most cells for `WindowedPosterior`; on larger farms tiles are faster, as they write only changed cells."""
 GROWING = 2.5
 """Peak memory of a growing array relative to its rows, for the array and a copy with 50 % more room."""
 

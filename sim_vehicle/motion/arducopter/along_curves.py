@@ -44,7 +44,7 @@ class AlongCurves(CompiledMotion):
     """Kind of leg that never continues the previous leg."""
 
     def _remember(self, columns: int) -> None:
-        """Make an empty guidance memory of `columns` numbers."""
+        """Make an empty guidance memory; its array `guide` has `columns` elements."""
         self.guide: NDArray[np.float64] = np.zeros(columns)
         self.heads: NDArray[np.float64] = np.zeros((3, scurve.HEAD))
         self.curves: NDArray[np.float64] = np.zeros((3, scurve.SEGMENTS, scurve.COLUMNS))

@@ -117,7 +117,7 @@ def _gentle_acceleration(room: float, jerk: float, dt: float) -> float:
 def axis_acceleration(
     d: float, v: float, a: float, v_end: float, speed: float, limit: float, jerk: float, dt: float
 ) -> float:
-    """Return the acceleration at the end of the step that brings one axis to its target.
+    """Return an axis's acceleration at the end of the step, on the way to its target.
 
     The result is the largest acceleration within the jerk and acceleration limits that still allows the axis
     to keep the speed limit and to reach `v_end` within the remaining distance `d`. The axis does not
@@ -166,7 +166,7 @@ def axis_acceleration(
 
 @compiled(allocates=False)
 def velocity_acceleration(v: float, a: float, wanted: float, limit: float, jerk: float, dt: float) -> float:
-    """Return the acceleration at the end of the step that brings one axis to a speed without overshoot."""
+    """Return an axis's acceleration at the end of the step, to reach the speed `wanted` without overshoot."""
     change = jerk * dt
     low = max(a - change, min(-limit, a + change))
     high = min(a + change, max(limit, a - change))

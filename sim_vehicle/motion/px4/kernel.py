@@ -334,7 +334,7 @@ def _control(
 
 @compiled(allocates=False)
 def _turn(g: Record, row: Record, law: Record, state: Record) -> None:
-    """Turn the nose to the region of interest, at the leg's rate, to its heading, or to the target."""
+    """Turn the nose to the region of interest, the target or the leg's heading, or turn at the leg's rate."""
     yaw, rate, dt = state.heading, state.heading_rate, law.dt
     if not isnan(row.turn_rate) and isnan(state.look_east):
         yaw, rate = turn_at(yaw, rate, row.turn_rate, law.yaw_rate, law.yaw_acc * dt, dt)

@@ -51,7 +51,7 @@ class Interval:
 def mean_intervals(several: Iterable[NDArray[np.float64]], *, together: bool = False) -> list[Interval]:
     """Return means over environments with their 95 % intervals.
 
-    Each array has one value per environment, nan if it is missing. Below five values, Student's t is used.
+    Each array has one value per environment; a missing value is nan. Below five values, Student's t is used.
 
     With `together`, the intervals are simultaneous: all of them hold in 95 of 100 cases. All intervals are
     widened to the same quantile, chosen so that 5 % of the resamples lie outside at least one interval (R.

@@ -324,7 +324,7 @@ class StateLog:
 
 
 def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], StateLog]:
-    """Read the states of vehicles in a .tlog, by system id and part; ResultError if it cannot be read.
+    """Return the states in a .tlog, keyed by (system id, part); ResultError if it cannot be read.
 
     Part k begins `begins_s[k]` seconds after the start of the log; telemetry before a part does not count.
     """

@@ -24,7 +24,7 @@ from wbf_mission.addons.epidemic.training import FURTHER, FURTHER_LAYERS, LAYERS
 SUMS = 2
 """Version in file names; raise it if the arithmetic of the training changes, but not the random draws."""
 INCLUDED = Path(__file__).parent / "networks"
-"""Networks of the Miniberry farms, which users need not train (`tools/write_networks.py`)."""
+"""Folder of trained networks for the Miniberry farms; `tools/write_networks.py` trains them."""
 
 _WORTH_A_PROCESS = 1000  # Smaller trainings (outbreaks x epochs) are not worth a separate process.
 

@@ -203,7 +203,7 @@ class _Printer:
                 self._output.note(f"vehicle {number}: {text}{often}", publish=False)
 
     def _warn(self, state: dict[str, Any]) -> None:
-        """Warn once of each impossible value."""
+        """Warn of each value that has become impossible, but do not repeat the warning."""
         number, wrong = state["system_id"], state["impossible"]
         fresh = {key: value for key, value in wrong.items() if key not in self._wrong.get(number, ())}
         self._wrong[number] = set(wrong)

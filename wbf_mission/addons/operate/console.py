@@ -241,7 +241,7 @@ class TerminalConsole:
     def _answer(self) -> str | None:
         """Return the answer from the terminal or the page; None while there is no answer.
 
-        The end of the input is an empty answer, unless a page can still answer.
+        At the end of the input, the answer is empty. With a page, piped input is ignored.
         """
         answer = None
         if self._orders is None or sys.stdin.isatty():

@@ -92,7 +92,7 @@ class PlanReader:
         return self._next(now_s)
 
     def next_deadline(self) -> float:
-        """Deadline of the current transfer (s); a new read begins at any `poll`."""
+        """Deadline of the current transfer (s), else infinite; a due read begins at the next `poll`."""
         deadline_s = None if self._transfer is None else self._transfer.next_deadline()
         return math.inf if deadline_s is None else deadline_s
 

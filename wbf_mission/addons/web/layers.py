@@ -1,4 +1,4 @@
-"""Map layers of a page: fields of a whole farm as byte tiles with versions."""
+"""Map layers of a page, in tiles of bytes; a tile that changes gets a new version number."""
 
 from __future__ import annotations
 

@@ -71,8 +71,8 @@ def _npfg(
 ) -> tuple[float, float, float]:
     """Return NPFG's lateral acceleration and demanded bearing (east, north).
 
-    The vehicle is `error` to the right of a path. The path has the unit tangent (`te`, `tn`) and a curvature,
-    positive to the right.
+    `error` is the vehicle's distance from a path (m), positive if the vehicle is to its right. The path has
+    the unit tangent (`te`, `tn`) and a curvature, positive to the right.
     """
     ve, vn = state.velocity_x, state.velocity_y
     bound = _error_bound(ground_speed(state), limits)

@@ -83,7 +83,7 @@ def _throttle(state: Record, limits: Record, asked: float, load: float) -> float
 def _energy(
     state: Record, limits: Record, height: float, airspeed: float, load: float, full: bool
 ) -> tuple[float, float, float]:
-    """Return throttle, climb rate and energy rate (over weight) demanded by total energy control.
+    """Return throttle, climb rate and energy rate (divided by weight) demanded by total energy control.
 
     The sum of the demanded rates of height and speed sets the throttle (`_throttle`), and their difference
     sets the pitch. If energy is short, both height and speed fall short.
@@ -101,7 +101,7 @@ def _energy(
         climb = limits.climb_max
     else:
         throttle = _throttle(state, limits, climb + fast, load)
-    # In a climb-out, at low airspeed or without power, speed comes first: energy left over goes into height.
+    # Speed has priority in a climb-out, at low airspeed, and without power; spare energy goes into height.
     least_speed = min(limits.airspeed_min, limits.landing_airspeed)
     slow = min(max(10.0 * (1.0 - v / least_speed), 0.0), 1.0)
     if full or limits.throttle_limit == 0.0:

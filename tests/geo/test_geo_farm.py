@@ -204,6 +204,20 @@ def test_no_area_is_lost_where_borders_differ_by_rounding() -> None:
     assert land.scouted_area.area == pytest.approx(2000.0 - 1200.0, abs=1e-3)
 
 
+def test_no_obstacle_stays_in_the_land_where_borders_differ_by_rounding() -> None:
+    land = shapely.from_wkt(
+        "POLYGON ((0 0, 0 30, 40 30, 40 0, 0 0), (2.82932592299442 15.812685911159543, "
+        "14.502774180177967 8.57380167719099, 23.462222568155326 15.90290315188339, "
+        "13.499851080165444 28.38700112645987, 2.82932592299442 15.812685911159543))"
+    )
+    pond = shapely.from_wkt(
+        "POLYGON ((0 0, 0 15.57760602359765, 2.829325922994407 15.812685911159551, "
+        "14.502774180177969 8.57380167719099, 14.62916790175368 0, 0 0))"
+    )
+    left = replace(farm(field("a", Crop.TOMATO, "me", 0, 0, 40, 30)), obstacles=(Obstacle(pond),))
+    assert left.without_obstacles(land).area == pytest.approx(land.area - pond.area, abs=1e-3)
+
+
 def test_a_union_without_fault_is_geos_own() -> None:
     shapes = [shapely.box(0, 0, 1 / 3, 1), shapely.box(0.1, 0.1, 0.7, 0.7), shapely.box(5, 5, 6, 6)]
     assert united(shapes).wkb == shapely.union_all(shapes).wkb

@@ -101,7 +101,7 @@ COORDINATIONS: dict[str, Coordination] = {"sequential": sequential, "auction": a
 
 
 def make_coordination(coordination: str | Coordination) -> Coordination:
-    """Return the coordination of this name in `COORDINATIONS`, or a callable as it is."""
+    """Return the coordination with this name in `COORDINATIONS`; return a callable unchanged."""
     if callable(coordination):
         return coordination
     found = COORDINATIONS.get(str(coordination))

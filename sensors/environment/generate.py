@@ -112,7 +112,7 @@ def make_task(
 
 
 def kept_days(days: int, keep_days: Iterable[int] | None) -> tuple[int, ...]:
-    """Check the days to keep and return them, ascending; None stands for all of 0..days."""
+    """Check the days to keep, and return them in ascending order; None stands for all days, 0..days."""
     if not 0 <= days <= MAX_DAYS:
         raise EnvironmentDataError(f"environment: day {days} is not in 0..{MAX_DAYS}; give an earlier day")
     kept = tuple(range(days + 1)) if keep_days is None else tuple(sorted({int(day) for day in keep_days}))

@@ -150,7 +150,7 @@ class Orders:
         return ""
 
     def answer(self, text: str, question: int, *, age_s: float = 0.0) -> str:
-        """Take an answer to the question of this number; return why it is refused, or an empty text."""
+        """Take an answer to the question numbered `question`; return why it is refused, or an empty text."""
         with self._lock:
             if question != self._question.number:
                 return "the question has changed: look at the page"

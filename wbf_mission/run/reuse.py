@@ -239,7 +239,7 @@ class FlightAlone:
     logged: bool = False  # Whether frames are kept
 
     def __call__(self, day: int, flight: int) -> Flight:
-        """Plan and fly a flight, or reuse an equal flight of this process."""
+        """Plan a flight, then fly it or reuse an equal flight that this process flew before."""
         run, evidence, decisions = self.run, Evidence(self.run.farm, self.run.fields), list[DecisionRecord]()
         with threadpool_limits(1, user_api="blas"):
             planned = plan_flight(run, day, flight, evidence, decisions)

@@ -47,7 +47,7 @@ Promised: TypeAlias = Mapping[int, Points]
 Bidder: TypeAlias = Callable[[VehicleReport, Promised], Bid | None]
 """Function that finds a vehicle's best path, given the promised paths of other vehicles."""
 Coordination: TypeAlias = Callable[[Sequence[VehicleReport], Promised, Bidder], dict[int, Points]]
-"""Function that returns new paths, given all current paths; the other vehicles keep their paths."""
+"""Function that returns new paths, given all current paths; vehicles without a new path keep theirs."""
 
 
 def sequential(vehicles: Sequence[VehicleReport], present: Promised, bidder: Bidder) -> dict[int, Points]:

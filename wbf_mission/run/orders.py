@@ -194,7 +194,7 @@ class Orders:
         return fresh
 
     def ask(self, question: str, answers: Collection[str] = ()) -> None:
-        """Ask a question with possible answers in place of the last question; an empty text asks nothing."""
+        """Replace the question by a new one, with its possible answers; an empty text asks nothing."""
         with self._lock:
             asked = Asked(question, tuple(answers), self._question.number + 1)
             changed = self._question != asked

@@ -90,11 +90,11 @@ class Task:
         return int(self.grid.shape[0]), int(self.grid.shape[1])
 
     def header(self) -> Header:
-        """Return the header that the store of the environment gets."""
+        """Return the header for the store of the environment."""
         return Header.of(self.shape, self.days, self.fields, self.provenance())
 
     def provenance(self) -> Provenance:
-        """Return the provenance that the environment gets."""
+        """Return the provenance of the environment."""
         return Provenance.of(self.grid, self.seed, self.farm_name)
 
 

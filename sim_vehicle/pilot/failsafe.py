@@ -88,7 +88,7 @@ class BatteryWatch:
         return f"{_LEVEL_NAMES[level]} ({amount})"
 
     def _voltage_level(self) -> int:
-        """Return the level (0 to 2) from how long the voltage has been below its thresholds."""
+        """Return the level (0 to 2), given by the time for which the voltage was below its thresholds."""
         now_s, patience_s = self._controls.now_s, self._parameters.low_voltage_timer_s
         if patience_s <= 0.0:
             return 0

@@ -243,7 +243,7 @@ def _flag(properties: dict[str, Any], key: str, kind: str, where: str) -> bool:
 
 
 def _members(geometry: dict[str, Any]) -> list[dict[str, Any]] | None:
-    """Return the geometries in a collection, nested ones too; None if `geometry` is no collection."""
+    """Return the geometries in a collection and its nested collections; None if it is no collection."""
     found, left = [], [geometry]
     while left:
         member = left.pop()
@@ -258,7 +258,7 @@ def _members(geometry: dict[str, Any]) -> list[dict[str, Any]] | None:
 
 
 def _no_area(geometry: dict[str, Any]) -> str:
-    """Return the reason to leave out a geometry that has no area; empty for other and invalid geometry."""
+    """Return why a geometry without area is left out; empty if it has an area or is invalid."""
     inner = _members(geometry)
     if inner is not None:
         reasons = [_NO_AREA.get(str(member.get("type")), "") for member in inner]
@@ -269,7 +269,7 @@ def _no_area(geometry: dict[str, Any]) -> str:
 
 
 def _parts(geometry: dict[str, Any], where: str) -> list[list[Any]]:
-    """Return the coordinates of each polygon of a geometry, without a collection's points and lines."""
+    """Return the coordinates of each polygon of a geometry; points and lines of a collection are left out."""
     kind, inner = geometry.get("type"), _members(geometry)
     parts: list[Any]
     if inner is not None:

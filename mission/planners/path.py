@@ -16,7 +16,7 @@ Area: TypeAlias = Polygon | MultiPolygon
 Points: TypeAlias = NDArray[np.float64]
 
 COINCIDENT_M = 0.01
-"""Points closer than this distance coincide: GNSS errors are 100 times as large."""
+"""Points closer than this distance coincide; the errors of GNSS positions are about a metre."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -56,7 +56,7 @@ def densest_feasible(
     and the last round tests all candidates of `look_ahead`.
 
     The cost should be roughly linear in `density(index)`. If even the sparsest candidates cost more than the
-    limit, the PlanningError contains `what` (such as ``lawnmower with 2 rows``) and the least budget.
+    limit, a PlanningError states the minimum budget of `what` (such as ``lawnmower with 2 rows``).
     """
     bound = request.budget.limit if limit is None else limit
     seen: dict[int, float] = {}

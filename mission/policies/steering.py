@@ -47,7 +47,7 @@ Promised: TypeAlias = Mapping[int, Points]
 Bidder: TypeAlias = Callable[[VehicleReport, Promised], Bid | None]
 """Function that finds a vehicle's best path, given the promised paths of other vehicles."""
 Coordination: TypeAlias = Callable[[Sequence[VehicleReport], Promised, Bidder], dict[int, Points]]
-"""Function that returns new paths, given all current paths; the other vehicles keep their paths."""
+"""Function that returns new paths, given all current paths; vehicles without a new path keep theirs."""
 
 
 def sequential(vehicles: Sequence[VehicleReport], present: Promised, bidder: Bidder) -> dict[int, Points]:
@@ -101,7 +101,7 @@ COORDINATIONS: dict[str, Coordination] = {"sequential": sequential, "auction": a
 
 
 def make_coordination(coordination: str | Coordination) -> Coordination:
-    """Return the coordination of this name in `COORDINATIONS`, or a callable as it is."""
+    """Return the coordination with this name in `COORDINATIONS`; return a callable unchanged."""
     if callable(coordination):
         return coordination
     found = COORDINATIONS.get(str(coordination))

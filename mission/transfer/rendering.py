@@ -205,7 +205,7 @@ class _Writer:
         for number, item in self.entries:
             if item.command == Command.CONDITION_YAW and item.param1 is not None and not item.param4:
                 pending = (number, item.param1)
-                self._say(number, Severity.WARNING, "sent as the heading (param4) of the waypoint after it")
+                self._say(number, Severity.WARNING, "sent as the heading (param4) of the next waypoint")
                 continue
             if pending is not None and item.command in _FLOWN_TO:
                 yaw_number, yaw_deg = pending

@@ -320,7 +320,7 @@ class MissionClear(ClientTransfer):
         return PlanState.UNKNOWN if self._openings else PlanState.OLD
 
 
-NO_MISSION_LEFT = "the old mission was cleared before: the vehicle holds no mission"
+NO_MISSION_LEFT = "the old mission was cleared before the upload: the vehicle holds no mission"
 """Message text if an upload failed after the vehicle's old mission was cleared."""
 
 

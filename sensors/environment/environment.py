@@ -250,7 +250,7 @@ class Environment:
         return values
 
     def window(self, day: int, x: slice, y: slice) -> NDArray[np.float32]:
-        """Return `values` of a window of the farm, a new array float32[n, w, h].
+        """Return E in a window of the farm on a kept day (see `values`), a new array float32[n, w, h].
 
         The slices have no step; a missing start or stop means the farm's border. Only chunks in the window
         are decoded. Raise EnvironmentDataError if the day is not kept or the window is off the farm.

@@ -90,11 +90,11 @@ class Task:
         return int(self.grid.shape[0]), int(self.grid.shape[1])
 
     def header(self) -> Header:
-        """Return the header that the store of the environment gets."""
+        """Return the header for the store of the environment."""
         return Header.of(self.shape, self.days, self.fields, self.provenance())
 
     def provenance(self) -> Provenance:
-        """Return the provenance that the environment gets."""
+        """Return the provenance of the environment."""
         return Provenance.of(self.grid, self.seed, self.farm_name)
 
 
@@ -112,7 +112,7 @@ def make_task(
 
 
 def kept_days(days: int, keep_days: Iterable[int] | None) -> tuple[int, ...]:
-    """Check the days to keep and return them, ascending; None stands for all of 0..days."""
+    """Check the days to keep, and return them in ascending order; None stands for all days, 0..days."""
     if not 0 <= days <= MAX_DAYS:
         raise EnvironmentDataError(f"environment: day {days} is not in 0..{MAX_DAYS}; give an earlier day")
     kept = tuple(range(days + 1)) if keep_days is None else tuple(sorted({int(day) for day in keep_days}))

@@ -41,7 +41,7 @@ _Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transition:
-    """Gives the mean and variance of a cell's value on a later day from a reading.
+    """Gives the mean and variance of a cell's value on a later day, given a reading of the cell.
 
     >>> half = Transition(np.array([0.0, 1.0]), np.array([0.2, 0.6]), np.array([0.1, 0.1]), 0.4)
     >>> [part.tolist() for part in half(np.array([0.5]))]
@@ -51,14 +51,14 @@ class Transition:
     readings: _Floats
     """Values of a reading, ascending, float64[k]; between them, means and variances are interpolated."""
     means: _Floats
-    """Mean of the later value for each of `readings`."""
+    """Mean of the later day's value for each of `readings`."""
     variances: _Floats
-    """Variance of the later value for each of `readings`."""
+    """Variance of the later day's value for each of `readings`."""
     spread: float
-    """Variance of the later value of a cell that has no reading."""
+    """Variance of the later day's value of a cell without a reading."""
 
     def __call__(self, values: NDArray[np.floating]) -> tuple[_Floats, _Floats]:
-        """Return mean and variance of the later values for these readings, each float64[n]."""
+        """Return the means and variances of the later day's values, float64[n] each, given the readings."""
         return np.interp(values, self.readings, self.means), np.interp(values, self.readings, self.variances)
 
     @property

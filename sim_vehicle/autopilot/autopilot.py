@@ -114,7 +114,7 @@ class Autopilot:
     """Names of these links, if the messages differ between links (`MavlinkProfile.link_rates_hz`)."""
 
     def for_vehicle(self, kind: str) -> Firmware:
-        """Return the firmware for a kind of vehicle; without one, the firmware for `VehicleKind.shown_as`.
+        """Return the firmware for a kind of vehicle or, if it has none, for its `VehicleKind.shown_as`.
 
         Raises
         ------

@@ -88,7 +88,7 @@ class BatteryWatch:
         return f"{_LEVEL_NAMES[level]} ({amount})"
 
     def _voltage_level(self) -> int:
-        """Return the level (0 to 2) from how long the voltage has been below its thresholds."""
+        """Return the level (0 to 2), given by the time for which the voltage was below its thresholds."""
         now_s, patience_s = self._controls.now_s, self._parameters.low_voltage_timer_s
         if patience_s <= 0.0:
             return 0
@@ -105,7 +105,7 @@ class BatteryWatch:
 
 
 _HOMING = (FlightPhase.RETURN, FlightPhase.LAND)
-# Flight phases in which the vehicle already does as much as an action or more, by action.
+# Flight phases in which the vehicle already carries out an action or a stronger action, by action.
 _DONE_IN = {Action.HOLD: _HOMING, Action.RETURN: _HOMING, Action.LAND: (FlightPhase.LAND,)}
 # Bits of ArduPilot's parameter FENCE_TYPE.
 _CEILING, _RADIUS, _AREAS = 1, 2, 4
@@ -124,7 +124,7 @@ class Reaction:
 
 
 def is_done(action: Action, phase: FlightPhase) -> bool:
-    """Return whether a vehicle in this phase already does at least as much as the action."""
+    """Return whether a vehicle in this phase already carries out the action or a stronger action."""
     return phase in _DONE_IN.get(action, ())
 
 
@@ -286,7 +286,7 @@ class Failsafe:
             self._controls.note(Severity.INFO, self._rules.fence_clear)
 
     def _react(self, reaction: Reaction) -> Iterator[Reaction]:
-        """Yield the reaction, unless the vehicle already does at least as much."""
+        """Yield the reaction, unless the vehicle already carries out its action or a stronger action."""
         action = reaction.action
         if action in (Action.NONE, Action.WARN) or self._controls.landed is LandedState.ON_GROUND:
             return

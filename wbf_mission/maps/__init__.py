@@ -1,1 +1,1 @@
-"""Maps of an estimate by blocks of cells, and the report for the farmer."""
+"""Sums of an estimate over pixels and blocks of cells, and the report for the farmer."""

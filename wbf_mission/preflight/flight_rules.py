@@ -264,7 +264,7 @@ _COMFORT = 0.1
         "battery",
         ERROR,
         "{flight}; {reason}",
-        "fly a shorter mission, or the sorties into which 'wbf-mission plan' cuts it",
+        "fly a shorter mission, or cut the mission into sorties with 'wbf-mission plan'",
         rules.LEFT,
         by_vehicle=True,
     ),

@@ -150,7 +150,7 @@ class Orders:
         return ""
 
     def answer(self, text: str, question: int, *, age_s: float = 0.0) -> str:
-        """Take an answer to the question of this number; return why it is refused, or an empty text."""
+        """Take an answer to the question numbered `question`; return why it is refused, or an empty text."""
         with self._lock:
             if question != self._question.number:
                 return "the question has changed: look at the page"
@@ -194,7 +194,7 @@ class Orders:
         return fresh
 
     def ask(self, question: str, answers: Collection[str] = ()) -> None:
-        """Ask a question with possible answers in place of the last question; an empty text asks nothing."""
+        """Replace the question by a new one, with its possible answers; an empty text asks nothing."""
         with self._lock:
             asked = Asked(question, tuple(answers), self._question.number + 1)
             changed = self._question != asked

@@ -239,7 +239,7 @@ class FlightAlone:
     logged: bool = False  # Whether frames are kept
 
     def __call__(self, day: int, flight: int) -> Flight:
-        """Plan and fly a flight, or reuse an equal flight of this process."""
+        """Plan a flight, then fly it or reuse an equal flight that this process flew before."""
         run, evidence, decisions = self.run, Evidence(self.run.farm, self.run.fields), list[DecisionRecord]()
         with threadpool_limits(1, user_api="blas"):
             planned = plan_flight(run, day, flight, evidence, decisions)
@@ -262,9 +262,9 @@ def _spare_collector() -> None:
 def can_fly_ahead(run: Run, hosting: Hosting, expected_s: float) -> bool:
     """Return whether worker processes can fly the flights of a run, and save time.
 
-    They cannot fly for a policy, which needs the observations of earlier flights, in real time, which is
-    watched, or for a planner object, which may not be picklable. A worker process starts no further workers,
-    since the cores are in use. `expected_s` is the flight time summed over vehicles and flights.
+    They cannot fly a policy (it needs the observations of earlier flights), a planner object (it may not be
+    picklable) or in real time (users watch such flights). A worker process starts no further workers, since
+    the cores are in use. `expected_s` is the flight time summed over vehicles and flights.
     """
     from joblib import cpu_count
 

@@ -280,7 +280,7 @@ class FieldProcess:
         if not isinstance(posterior, CellPosterior):
             self._written = None
             self.write_changes(value, uncertainty, clip=clip)
-            # The next `write_changes` gets other arrays and must write all cells.
+            # The next `write_changes` may be called with other arrays, so it must write all cells.
             self._written = None
             return
         mean = self.prior_mean(len(self))

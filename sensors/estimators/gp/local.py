@@ -182,7 +182,7 @@ class WholePosterior:
     def spectrum_of_farm(
         shape: tuple[int, int], kernel: RbfKernel, observations: int, most_functions: float = math.inf
     ) -> Spectrum | None:
-        """Return the functions for a farm and a number of observations; None if they are too many."""
+        """Return the functions for a farm and its observations; None if over `most_functions` are needed."""
         sides = [
             side + 2.0 * _OUTSIDE_LENGTHS * length
             for side, length in zip(shape, (kernel.length_x, kernel.length_y), strict=True)

@@ -117,11 +117,11 @@ def _gentle_acceleration(room: float, jerk: float, dt: float) -> float:
 def axis_acceleration(
     d: float, v: float, a: float, v_end: float, speed: float, limit: float, jerk: float, dt: float
 ) -> float:
-    """Return an axis's acceleration at the end of the step, on the way to its target.
+    """Return the acceleration along an axis at the end of the step, for a target at the distance `d`.
 
-    The result is the largest acceleration within the jerk and acceleration limits that still allows the axis
-    to keep the speed limit and to reach `v_end` within the remaining distance `d`. The axis does not
-    overshoot, because each step preserves this condition.
+    The result is the largest acceleration within the jerk and acceleration limits that still allows the
+    vehicle to keep the speed limit and to reach `v_end` within the distance `d`. The vehicle does not
+    overshoot the target, because each step preserves this condition.
     """
     sign = 1.0
     if d < 0.0:
@@ -166,7 +166,7 @@ def axis_acceleration(
 
 @compiled(allocates=False)
 def velocity_acceleration(v: float, a: float, wanted: float, limit: float, jerk: float, dt: float) -> float:
-    """Return an axis's acceleration at the end of the step, to reach the speed `wanted` without overshoot."""
+    """Return the acceleration at the end of the step, on the way to the speed `wanted`; no overshoot."""
     change = jerk * dt
     low = max(a - change, min(-limit, a + change))
     high = min(a + change, max(limit, a - change))

@@ -191,7 +191,7 @@ def _orbit(g: Record, row: Record, law: Record, px: float, py: float) -> None:
 
 @compiled(allocates=False)
 def _guide(g: Record, row: Record, law: Record, px: float, py: float, pz: float, least_track: float) -> None:
-    """Move the trajectory by one step; the controller gets a setpoint without a trajectory."""
+    """Move the trajectory by one step; a setpoint is used at once, without a smooth trajectory to it."""
     if row.kind == _SETPOINT:
         g.x, g.y, g.z = row.x, row.y, row.z
         g.target_x, g.target_y, g.target_z = row.x, row.y, row.z

@@ -119,7 +119,7 @@ def test_an_upload_that_breaks_off_leaves_no_mission_under_a_fence_that_is_not_i
     if whole:
         ground.driver.upload(NEW)
     else:
-        with pytest.raises(TransferError, match="was cleared before: the vehicle holds no mission"):
+        with pytest.raises(TransferError, match="cleared before the upload: the vehicle holds no mission"):
             ground.driver.upload(NEW)
     ground.link.after = 10**6
     held = ground.holds()
@@ -247,5 +247,5 @@ def test_the_ground_station_says_when_the_vehicle_is_left_without_a_mission(miss
     flight = Simulation([vehicle.vehicle, Losing(station, kind, after)])
     flight.run(until=lambda _now_s: station.done, limit_s=300.0)
     assert station.outcome is not Outcome.COMPLETED
-    assert ("the old mission was cleared before: the vehicle holds no mission" in station.reason) is said
+    assert ("the old mission was cleared before the upload: the vehicle holds" in station.reason) is said
     assert not vehicle.vehicle.pilot.armed

@@ -52,10 +52,10 @@ def replay_command(
         str, option("Formats to write, separated by commas: html, png, pdf.", "--format")
     ] = "html,png",
     planner: Annotated[
-        str | None, option("Planner or policy, if it was an object: FILE.py:NAME.", panel=_OWN)
+        str | None, option("Planner or policy of the row, if it is your own: FILE.py:NAME.", panel=_OWN)
     ] = None,
     estimator: Annotated[
-        str | None, option("Estimator, if it was an object: FILE.py:NAME.", panel=_OWN)
+        str | None, option("Estimator of the row, if it is your own: FILE.py:NAME.", panel=_OWN)
     ] = None,
 ) -> int:
     """Fly a benchmark run again, compare the rows bit for bit, and show the run's decisions.

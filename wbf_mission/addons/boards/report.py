@@ -247,7 +247,7 @@ def _what_was_run(rows: Sequence[BenchRow]) -> Table:
 
 
 def _machines(rows: Sequence[BenchRow]) -> Table:
-    """Return a table of the machines that flew the rows, with the total computing times."""
+    """Return a table of the machines that computed the rows, with their total computing times."""
     found: dict[tuple[str, ...], list[BenchRow]] = {}
     for row in rows:
         machine = (row.hardware.get(key, "-") for key in ("processor", "cores", "memory_gb", "system"))

@@ -22,7 +22,7 @@ def least_loss_value(
 
         a sum_{e < v} p_e (v - e) = sum_{e > v} p_e (e - v)
 
-    For the values 1, 0.5 and 0 this equation has a closed solution on each side of 0.5.
+    For the values 1, 0.5 and 0, the solution has a closed form above 0.5, and another one below 0.5.
 
     `probabilities`, float[..., 3], are for the classes susceptible, infected and removed.
 

@@ -90,16 +90,16 @@ class _WeightsPrior:
 class SoilField:
     """Posterior distribution of the soil humidity of one farm.
 
-    Observations of earlier days have less weight, and correlated errors (`sensors.estimators.days`). After
-    the first day, crowded readings also have less weight (`Crowding`): the humidity changes little in a day,
-    compared with the prior, so that the model error matters more.
+    Observations of earlier days have less weight, and their errors are correlated
+    (`sensors.estimators.days`). After the first day, crowded readings also have less weight (`Crowding`): a
+    day's change in humidity is small compared with the prior's spread, so the model error matters more.
     """
 
     def __init__(self, shape: tuple[int, int], parameters: SoilParameters, seed: int) -> None:
         self._shape = shape
         self._parameters = parameters
         self._seed = seed
-        # On small farms, more functions would not be more accurate, but make updates four times as expensive.
+        # On small farms, more functions would gain no accuracy, and updates would cost four times as much.
         small = shape[0] * shape[1] <= _SMALL_FARM_CELLS
         self._functions_an_axis = _FUNCTIONS if small else _MORE_FUNCTIONS
         lengths = [np.sqrt(2.0) * parameters.spread * side for side in parameters.hump_sides(shape)]

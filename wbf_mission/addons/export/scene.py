@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from wbf_mission.run.record import RunRecord
 
 OBSTACLE, FENCE, _LAND = "#b22222", "#e69f00", "#8c8c8c"
-SHOWN_AGAIN = 100  # Number of times per run that all tracks and readings until then are written.
+SHOWN_AGAIN = 100  # Number of times per run that tracks and readings are written anew, from their start.
 TRACK_POINTS = 1000  # Maximum number of points in a displayed track.
 LONGEST = 500
 """Maximum number of pixels along the longer side of a farm; smaller farms get one pixel per cell."""
 WARNING, INFO = 4, 6  # Values of MAV_SEVERITY.
-_LEAST_SHARE = 0.02  # Minimum for the top of a disease's colour scale on large farms (fraction of sick).
+_LEAST_SHARE = 0.02  # Minimum top of a disease's colour scale on large farms (fraction of sick plants).
 _UNCERTAIN = ("#440154", "#3b528b", "#21918c", "#5ec962", "#fde725")  # Five colours of matplotlib's viridis.
 
 Pixels = NDArray[np.float32]

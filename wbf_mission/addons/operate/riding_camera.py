@@ -164,9 +164,9 @@ def _without(legs: Sequence[tuple[float, Shots]], metres: float) -> list[tuple[f
 
 
 def _images(legs: list[tuple[float, Shots]], silence: Silence) -> int:
-    """Return the number of images on legs, each with a length and a camera command.
+    """Return the number of images on legs, given as pairs of length (m) and camera command.
 
-    Legs that are too long for the time, such as legs of a replaced mission, are shortened.
+    Legs longer than the vehicle can have flown, such as legs of a replaced mission, are shortened.
     """
     whole_m = sum(length_m for length_m, _ in legs)
     flown = min(1.0, silence.reach_m / whole_m) if whole_m > 0.0 else 1.0

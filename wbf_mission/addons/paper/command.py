@@ -56,7 +56,7 @@ def paper_command(
     ] = "",
     jobs: options.Jobs = 1,
 ) -> int:
-    """Make the figures of the paper: farms, fifteen days, planners with estimators, costs.
+    """Draw the paper's figures: farm maps, fifteen days, planners with estimators, computing costs.
 
     The captions and numbers are written to paper.md and paper.html. Flights and costs are kept, so that a
     second call only draws.

@@ -81,7 +81,7 @@ def write_page(path: Path, of: TreatmentMap) -> None:
 
 def _section(treatment: TreatmentMap, of: ZoneMap, sentence: str) -> str:
     zones = [zone for zone in treatment.zones if zone.field == of.field.name]
-    # List first the zones with the most area to treat, then the zones where another look saves most.
+    # List the zones with the most area to treat, then the zones with the greatest saving by another look.
     worst = sorted((z for z in zones if z.zone == TREAT), key=lambda z: -z.need * z.area_ha)
     look = sorted((z for z in zones if z.zone == LOOK), key=lambda z: -z.gain)
     listed = [*worst[:_LISTED], *look[:_LISTED]]

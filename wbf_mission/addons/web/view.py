@@ -452,13 +452,13 @@ def _states(rows: list[_State]) -> schema.States:
     columns: dict[str, Any] = dict(zip(_STATE, map(list, zip(*rows, strict=True)), strict=True))
     columns["heading_rad"] = np.degrees(np.array(columns["heading_rad"], np.float64))
     for name, digits in _DIGITS.items():
-        # NaN replaces None; it becomes null in JSON
+        # In a float64 array, None becomes NaN, which is written to JSON as null
         columns[name] = np.round(np.array(columns[name], np.float64), digits).tolist()
     return schema.States(**{_SHOWN_AS.get(name, name): column for name, column in columns.items()})
 
 
 def _of_their_crops(grid: FarmGrid, fields: Sequence[Field], seen: Observations) -> Observations:
-    """Return observations without readings of fields outside their crops."""
+    """Return the observations; a field's readings outside its crops are replaced by NaN."""
     values = seen.values.copy()
     for field in fields:
         if field.name in seen.fields:

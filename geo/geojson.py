@@ -37,7 +37,7 @@ def read_geojson(path: Path, crs: str | None = None) -> Document:
     own = None
     for document in _documents(path):
         if crs is not None and document.get("crs") is not None:
-            raise FarmError(f"names a coordinate system; leave out {crs!r:.60}")
+            raise FarmError(f"names a coordinate system; do not give {crs!r:.60}, too")
         features = _features(document)
         own = given if features is None else _crs(document, "the file", given)
         if features is not None:

@@ -223,15 +223,15 @@ def test_regions_of_mission_planner_are_patches() -> None:
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("", "holds no corners"),
-        ("#saved by\n", "holds no corners"),
-        ("Name:a\nColor:b\n", "holds no corners"),
+        ("", "has no corners"),
+        ("#saved by\n", "has no corners"),
+        ("Name:a\nColor:b\n", "has no corners"),
         ("50 10\n50 10.001\n", "a ring has fewer than three corners"),
         (
             "australia_v\n1\n   0.1446E+03   -0.3825E+02\nEND\nEND\n",
-            "line 1: 'australia_v' is no latitude and",
+            "line 1: 'australia_v' is not a latitude and",
         ),
-        ("50 10 3\n", "line 1: '50 10 3' is no latitude and longitude"),
+        ("50 10 3\n", "line 1: '50 10 3' is not a latitude and a longitude"),
         ("50;10\n", "line 1: "),
         ("500 10\n501 10\n501 11\n", "latitude 500 is outside"),
         ("inf nan\n1 2\n3 4\n", "is not a position"),

@@ -136,7 +136,7 @@ def test_one_that_boots_is_planned_from_where_it_stands(aside_m):
     assert result.outcome is Outcome.COMPLETED, result.reason
     told = [note.text for note in told]
     assert told.count("waiting until the vehicle knows its position") == 1
-    assert any(f"it stands {aside_m:.0f} m from the start" in text for text in told) == (aside_m > 5.0)
+    assert any(f"the vehicle is {aside_m:.0f} m from the start" in text for text in told) == (aside_m > 5.0)
     flown, planned = result.summary()["path_length_m"], result.plan.length_m
     assert flown == pytest.approx(planned, rel=0.12)
     assert planned > 2.0 * aside_m

@@ -276,7 +276,7 @@ def test_a_working_folder_that_is_gone_is_told(
 
 def test_days_to_keep_beyond_the_days_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     generate = ["farm", "generate", "--farm", "miniberry-10", "--out", str(tmp_path / "env"), "-q"]
-    assert "--keep 20 is beyond --days 3" in refused(capsys, *generate, "--days", "3", "--keep", "20")
+    assert "--keep 20 has days after --days 3" in refused(capsys, *generate, "--days", "3", "--keep", "20")
     assert list(tmp_path.iterdir()) == []
     assert main([*generate, "--days", "3", "--keep", "2", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["days"] == [2]

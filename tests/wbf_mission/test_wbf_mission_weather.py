@@ -38,14 +38,14 @@ LOST = replace(WINDY, gps_noise_m=1.5, baro_noise_m=0.4)
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"wind_shear": "linear"}, "wind shear 'linear' .* log or power or sitl"),
+        ({"wind_shear": "linear"}, "wind shear 'linear': choose log, power, sitl"),
         ({"wind_roughness_m": 0.0}, "wind roughness"),
         ({"wind_exponent": 2.0}, "wind exponent"),
         ({"wind_height_m": 0.5}, "wind height"),
-        ({"turbulence": "awful"}, "turbulence 'awful' .* light, moderate, severe, wind"),
+        ({"turbulence": "awful"}, "turbulence 'awful': choose light, moderate, severe, wind"),
         ({"turbulence": -1.0}, "turbulence -1"),
         ({"turbulence": math.nan}, "turbulence nan"),
-        ({"turbulence": "light", "wind_gust_m_s": 1.0}, "one of them"),
+        ({"turbulence": "light", "wind_gust_m_s": 1.0}, "give only one of the two"),
         ({"gps_noise_m": -0.1}, "gps noise"),
         ({"baro_noise_m": 99.0}, "baro noise"),
     ],

@@ -362,7 +362,7 @@ def check_camera(subject: Subject) -> Iterator[Finding]:
         "unseen",
         WARNING,
         "the images show less of the farm's land than was asked for",
-        "check --farm and --camera, or plan again; a part of a survey may show less",
+        "give the right --farm and --camera, or plan again; a part of a survey may show less",
         rules.at_least("coverage", "%"),
     )
 )

@@ -327,7 +327,7 @@ def test_orders_that_make_no_sense():
     vehicle.takeoff(5.0)
     vehicle.advance(2.0)
     for x in (math.nan, 1e6, math.inf):
-        with pytest.raises(VehicleError, match="from home"):
+        with pytest.raises(VehicleError, match="from the start"):
             vehicle.goto(x, 0.0, 10.0)
     with pytest.raises(VehicleError, match="in flight"):
         vehicle.disarm()
@@ -388,8 +388,8 @@ BAD = [
     ([takeoff(), MissionItem(16, 2, 0, 0, 0, 0, 0, 0, 10.0)], "frame 2"),
     ([takeoff(-5.0)], "altitude -5.0"),
     ([takeoff(), wp(0, 0, 9000.0)], "altitude 9000"),
-    ([takeoff(), wp(0, 100_000.0)], "from home"),
-    ([takeoff(), MissionItem.waypoint(0.0, 0.0, 10.0)], "from home"),
+    ([takeoff(), wp(0, 100_000.0)], "from the start"),
+    ([takeoff(), MissionItem.waypoint(0.0, 0.0, 10.0)], "from the start"),
     ([wp(0, 0)], "no take-off"),
     ([do(178, 1, 5)], "no position"),
     ([takeoff(), do(177, 9, 1)], "jumps to item 10"),

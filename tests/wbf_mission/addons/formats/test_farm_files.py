@@ -313,11 +313,11 @@ def test_shapefiles_of_other_encodings_and_without_prj(tmp_path: Path) -> None:
 
 def test_a_second_coordinate_system_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path / "f.gpkg", placed(shapes(), FLORIDA, "EPSG:32617"), "EPSG:32617")
-    with pytest.raises(FarmError, match="names a coordinate system; leave out"):
+    with pytest.raises(FarmError, match="names a coordinate system; do not give"):
         load_farm(path, crs="EPSG:32617")
     plain = tmp_path / "f.geojson"
     written(plain, placed(shapes(), FLORIDA, "EPSG:32617"), "EPSG:32617", driver="GeoJSON", RFC7946="NO")
-    with pytest.raises(FarmError, match="names a coordinate system; leave out"):
+    with pytest.raises(FarmError, match="names a coordinate system; do not give"):
         load_farm(plain, crs="EPSG:32617")
     document = json.loads(plain.read_text())
     del document["crs"]

@@ -254,7 +254,7 @@ REFUSED = [
     (world(POSITION, 1, 1, 5.0, frame=11), "frame 11"),
     (local(0b110111111111), "neither position nor velocity"),
     (local(POSITION & ~448 | 512, 1.0, 1.0, -5.0), "forces"),
-    (local(POSITION, 1e7, 1.0, -5.0), "from home"),
+    (local(POSITION, 1e7, 1.0, -5.0), "from the start"),
     (local(POSITION, 1.0, 1.0, -501.0), "altitude"),
     (local(VELOCITY, vx=math.inf), "infinite values"),
 ]

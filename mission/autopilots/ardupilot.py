@@ -120,7 +120,7 @@ _DIALECT = Dialect(
         IgnoredField(
             Command.NAV_WAYPOINT,
             "param2",
-            "ArduPilot does not store the acceptance radius (param2): WPNAV_RADIUS holds for all waypoints",
+            "ArduPilot does not store the acceptance radius (param2): it has one for all (WPNAV_RADIUS)",
             severity=Severity.NOTE,
             vehicle_types=frozenset({*COPTERS, ROVER}),
         ),

@@ -166,6 +166,14 @@ def test_px4_holds_and_returns_when_sticks_that_fly_it_fall_silent():
     assert peer.vehicle.pilot.mode is Mode.RTL
 
 
+def test_px4_returns_without_the_sticks_that_fly_it_even_if_it_is_to_do_nothing():
+    peer = flown_by_hand("px4", 3.0)
+    peer.vehicle.pilot.parameters.stored["NAV_RCL_ACT"] = 0.0
+    push(peer, 2.0, sticks(x=500))
+    peer.wait(7.0)
+    assert peer.vehicle.pilot.mode is Mode.RTL
+
+
 @pytest.mark.parametrize(("options", "mode"), [(0, Mode.LAND), (2, Mode.HOLD)])
 def test_px4_acts_in_other_modes_unless_they_are_excepted(options, mode):
     peer = Peer("px4")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeAlias, overload
@@ -31,17 +31,18 @@ _EDGE_CELLS = 1e-9  # This exceeds the rounding error of a multiple of the cell 
 
 
 def united(areas: Sequence[Land]) -> Land:
-    """Return the union of areas (m), without GEOS's losses (see `_sound`)."""
-    on_grid = shapely.union_all(areas, grid_size=_SNAP_M)
-    return _sound(shapely.union_all(areas), on_grid, float(shapely.length(areas).sum()))
+    """Return the union of areas (m), without GEOS's losses (see `_overlay`)."""
+    return _overlay(shapely.union_all, areas)
 
 
-def _sound(exact: Land, on_grid: Land, border_m: float) -> Land:
-    """Return the result of an overlay, or its result on a grid if the two differ by more than rounding.
+def _overlay(operation: Callable[..., Land], *areas: Land | Sequence[Land]) -> Land:
+    """Return the result of a set operation, or its result on a grid if the two differ by more than rounding.
 
     Where borders differ by rounding alone, GEOS can lose a whole area and report nothing (of five parts of a
-    field GEOS 3.14 lost two). Overlays on a grid have no such fault.
+    field GEOS 3.14 lost two). Operations on a grid have no such fault.
     """
+    exact, on_grid = operation(*areas), operation(*areas, grid_size=_SNAP_M)
+    border_m = sum(float(np.sum(shapely.length(area))) for area in areas)
     if abs(exact.area - on_grid.area) <= _SNAP_M * border_m:
         return exact
     return shapely.set_precision(on_grid, 0.0)
@@ -209,8 +210,7 @@ class Farm:
         if not self.obstacles:
             return area
         barred = united([obstacle.polygon for obstacle in self.obstacles])
-        on_grid = shapely.difference(area, barred, grid_size=_SNAP_M)
-        return _sound(shapely.difference(area, barred), on_grid, area.length + barred.length)
+        return _overlay(shapely.difference, area, barred)
 
     @cached_property
     def scouted_cells(self) -> NDArray[np.bool_]:

@@ -125,7 +125,7 @@ class RunEstimate:
         return self._predict()
 
     def snapshot(self) -> Future[InformationModel]:
-        """Return a future for a copy of the estimate that includes all observations added so far.
+        """Return a future for a copy of the estimate that includes all observations already added.
 
         The thread of the estimate makes the copy, so the caller's thread shares no arrays with the estimator.
         """

@@ -230,7 +230,7 @@ class ChangeSession(ABC):
         self.record.outcome, self.record.text, self.record.ended_s = outcome, text, now_s
 
     _flown_meanwhile = ""
-    """Text that tells the operator what the vehicle does while the upload is repeated."""
+    """Text for the operator: what the vehicle does while the upload is repeated."""
 
     def _note_begun_anew(self, event: Event, now_s: float) -> None:
         """Report a retry of the upload to the operator."""

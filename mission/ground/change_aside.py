@@ -33,7 +33,7 @@ from mission.transfer import (
     VerifiedUpload,
 )
 
-# ArduCopter computes its stopping point from PSC_POSXY_P and WPNAV_ACCEL, of which these are the defaults.
+# ArduCopter computes its stopping point from PSC_POSXY_P and WPNAV_ACCEL; these are their defaults.
 _STOP_P_PER_S, _STOP_M_S2 = 1.0, 2.5
 # The margin is for delayed positions: a vehicle creeps to the target if it resumes at the stopping distance.
 _LEAVE_SPARE_M, _MOST_LEAVE_M = 0.5, 12.0

@@ -1,4 +1,4 @@
-"""Requests for images of which messages were lost."""
+"""Requests for images with lost messages."""
 
 from __future__ import annotations
 

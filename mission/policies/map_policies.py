@@ -193,7 +193,7 @@ class Orienteering(MapPolicy):
         Greatest length of a tour, and length after which value counts 1/e, in cells of flight with a turn
         every few cells.
     rounds : int
-        Number of improvement rounds, each of which removes a part of the tour and refills it.
+        Number of improvement rounds; each round removes a part of the tour and refills it.
     """
 
     reason: ClassVar[str] = "tour"

@@ -2,8 +2,8 @@
 
 An image is sent in two standard messages: CAMERA_IMAGE_CAPTURED has the image's time and position, and
 DEBUG_FLOAT_ARRAY has the readings (`sensors.camera.layout`). A large footprint needs several
-DEBUG_FLOAT_ARRAY messages. Messages of an image share the time since boot and the image index, of which
-``array_id`` has the low 16 bits. An image's cell is where the optical axis meets flat ground
+DEBUG_FLOAT_ARRAY messages. Messages of an image share the time since boot and the image index; ``array_id``
+has the index's low 16 bits. An image's cell is where the optical axis meets flat ground
 (`ground_offset`), seen from the reported position (resolution 1e-7 degree). Other cells are in the order of
 `footprint_offsets`.
 
@@ -63,7 +63,7 @@ class AssemblerStatistics:
 
 @dataclass(slots=True)
 class _Image:
-    """An image of which at least one message was received."""
+    """An image with at least one received message."""
 
     index: int = -1
     latitude_e7: int = 0

@@ -11,7 +11,7 @@ from geo.texts import printable
 if TYPE_CHECKING:
     from rich.progress import TaskID
 
-# With these widths a bar fits 80 columns. A terminal wraps a longer line, of which rich erases only a part.
+# With these widths a bar fits 80 columns. A terminal wraps a longer line, and rich erases only a part of it.
 _DESCRIPTION, _BAR = 24, 20
 _REFRESHES_S = 4.0
 

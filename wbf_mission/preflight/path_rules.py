@@ -288,7 +288,7 @@ _FARTHEST_START_M = 1000.0
     )
 )
 def check_start_distance(subject: Subject) -> Iterator[Finding]:
-    """Find a mission of which every position is far from home; on a large farm, some positions may be."""
+    """Find a mission whose every position is far from home; on a large farm, some positions may be."""
     positions = zip(subject.items, subject.positions, strict=True)
     away = [
         Hit(k, math.hypot(x, y))

@@ -153,7 +153,7 @@ def _put(curve: Floats, i: int, shape: float, lasts: float, jerk: float) -> None
 
 @compiled(allocates=False)
 def _put_change(curve: Floats, i: int, jerk: float, ramp: float, full: float, middle: float) -> None:
-    """Write the seven segments of a speed change, the first of which is segment `i`."""
+    """Write the seven segments of a speed change, starting at segment `i`."""
     _put(curve, i, 1.0, ramp, jerk)
     _put(curve, i + 1, 0.0, full, jerk)
     _put(curve, i + 2, -1.0, ramp, jerk)

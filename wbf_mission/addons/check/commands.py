@@ -1,4 +1,4 @@
-"""Checks of the command protocol, none of which arms the vehicle."""
+"""Checks of the command protocol. No check arms the vehicle."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ OnResult = Callable[[CheckResult], None]
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
-    """Results of the checks of one vehicle; `warnings` tells why plans could not be restored."""
+    """Results of the checks of one vehicle; `warnings` gives the reasons why plans could not be restored."""
 
     name: str
     vehicle: Vehicle

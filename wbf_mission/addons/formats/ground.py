@@ -75,7 +75,7 @@ class Ground:
         """Read the parts of rasters that are within bounds.
 
         `paths` are GeoTIFF or other files that GDAL reads, with one band of heights in metres, or in feet if
-        that is the band's unit. The file name of an SRTM tile tells its position (N28W083.hgt). `bounds_deg`
+        that is the band's unit. The file name of an SRTM tile gives its position (N28W083.hgt). `bounds_deg`
         are south, west, north and east, in degrees of WGS84. GroundError if rasterio is not installed; if a
         file cannot be read, has no coordinate system or too many pixels; or if no file has a pixel inside.
         """

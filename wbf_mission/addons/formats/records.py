@@ -191,7 +191,7 @@ def are_ours(records: Iterable[Record]) -> bool:
 
 
 def mission_of(records: Sequence[Record]) -> Mission:
-    """Convert records to a mission; a MissionFileError tells which record has the fault.
+    """Convert records to a mission; a MissionFileError names the record that has the fault.
 
     Items are ordered by index; an item without an index follows the item before it.
     """

@@ -78,7 +78,7 @@ def _parts(shell: NDArray[np.float64], holes: list[NDArray[np.float64]], where: 
     drawn = [polygon.area for polygon in polygons]
     changed = sum(abs(land.area - area) for land, area in zip(within, drawn, strict=True))
     land = within[0].difference(shapely.union_all(within[1:])) if holes else within[0]
-    # On a grid, corners and sides are so far apart that the polygon stays valid if positions are rounded.
+    # On a grid, corners and sides keep a distance at which rounded positions leave the polygon valid.
     land = shapely.set_precision(land, _GRID_M)
     kept = [
         part

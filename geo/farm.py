@@ -43,9 +43,7 @@ def _overlay(operation: Callable[..., Land], *areas: Land | Sequence[Land]) -> L
     """
     exact, on_grid = operation(*areas), operation(*areas, grid_size=_SNAP_M)
     border_m = sum(float(np.sum(shapely.length(area))) for area in areas)
-    if abs(exact.area - on_grid.area) <= _SNAP_M * border_m:
-        return exact
-    return shapely.set_precision(on_grid, 0.0)
+    return exact if abs(exact.area - on_grid.area) <= _SNAP_M * border_m else on_grid
 
 
 @dataclass(frozen=True, slots=True)

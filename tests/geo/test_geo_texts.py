@@ -63,6 +63,9 @@ def test_any_text_becomes_a_file_name_that_windows_takes(text: str, kept: str) -
 def test_an_unknown_name_is_told_with_what_is_known() -> None:
     told = "unknown mode 'aut' (is 'AUTO' meant?): choose AUTO, RTL, or another one"
     assert unknown("mode", "aut", ["AUTO", "RTL"], ", or another one") == told
+    assert (
+        unknown("crop", "TOMATOE", ["tomato"]) == "unknown crop 'TOMATOE' (is 'tomato' meant?): choose tomato"
+    )
     assert unknown("mode", "HOVER", ["AUTO", "RTL"]) == "unknown mode 'HOVER': choose AUTO, RTL"
     long = "\n" * 60
     assert unknown("crop", long + "x", []) == f"unknown crop {long!r}: there is none"

@@ -214,3 +214,5 @@ def test_an_option_is_read_under_its_key():
     assert {key: scenario[key] for key in all_options()}.keys() == scenario.to_dict().keys()
     with pytest.raises(ScenarioError, match=r"unknown key 'plannr' \(is 'planner' meant"):
         scenario["plannr"]
+    with pytest.raises(ScenarioError, match=r"^unknown autopilot 'foo': choose px4, ardupilot$"):
+        Scenario(autopilot="px4,foo")

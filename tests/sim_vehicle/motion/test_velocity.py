@@ -83,13 +83,23 @@ def test_limits_hold_between_velocities_and_places(orders, x, y):
     assert np.linalg.norm(states[-1, :3] - (x, y, 30.0)) < 0.06
 
 
-def test_a_leg_that_begins_in_fast_flight_across_it_keeps_the_speed_limit():
-    # 14.36 of 14 m/s, where only velocity legs had the limit on the sum of their axes.
+# Velocity orders with their steps, and a place: 14.36, 14.11 and 14.02 of 14 m/s where only velocity legs had
+# the limit on the sum of their axes. In the second the speed normal to the leg exceeds it, in the third that
+# across the leg.
+TOO_FAST = [
+    ([((7.6, -16.9, 4.3), 180), ((14.0, -14.0, 3.5), 72), ((14.2, -5.1, -1.3), 31)], (25.7, -45.4)),
+    ([((-9.8, 10.8, 2.4), 223)], (-12.4, 15.4)),
+    ([((1.8, 17.5, -5.2), 196), ((-10.0, -12.8, -4.0), 151), ((-16.2, -5.9, 0.8), 152)], (-39.1, -20.5)),
+]
+
+
+@pytest.mark.parametrize(("orders", "place"), TOO_FAST)
+def test_a_leg_that_begins_in_fast_flight_across_it_keeps_the_speed_limit(orders, place):
     vehicle, states = aloft(), []
-    for velocity, steps in (((7.6, -16.9, 4.3), 180), ((14.0, -14.0, 3.5), 72), ((14.2, -5.1, -1.3), 31)):
+    for velocity, steps in orders:
         vehicle.steer(velocity)
         states.append(run(vehicle, steps)[1:])
-        vehicle.fly(Route.through([Leg((25.7, -45.4, 30.0), 12.0)]))
+        vehicle.fly(Route.through([Leg((*place, 30.0), 12.0)]))
         states.append(run(vehicle, 60)[1:])
     states.append(run(vehicle, 1500)[1:])
     check_limits(np.vstack(states), QUAD)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import shapely
@@ -63,8 +64,8 @@ class Swath:
     def seen_from(self, path: Points) -> shapely.Geometry:
         """Return the area covered by square images along a path; too small at turns above 97 degrees."""
         line = shapely.LineString(path) if path_length(path) > TOLERANCE_M else shapely.Point(path[0])
-        return shapely.buffer(
-            line, 0.5 * self.across_m, cap_style="square", join_style="mitre", mitre_limit=1.5
+        return _valid(
+            shapely.buffer(line, 0.5 * self.across_m, cap_style="square", join_style="mitre", mitre_limit=1.5)
         )
 
     def seen_along(self, left: float, right: float, y: float) -> Polygon:
@@ -82,11 +83,18 @@ def rows_that_see(part: Polygon, room: Area, swath: Swath, angle_rad: float) -> 
     does not cover get additional rows. A cell is float64[n, 2, 2]: row, end, (x, y).
     """
     turn = rotation(angle_rad)
-    turned, turned_room = (shapely.transform(land, lambda xy: product(xy, turn.T)) for land in (part, room))
+    turned, turned_room = (
+        _valid(shapely.transform(land, lambda xy: product(xy, turn.T))) for land in (part, room)
+    )
     heights, bounds = _heights(turned, swath)
     row, left, right, y = _intervals(turned, turned_room, swath, heights, bounds)
     ends = product(np.stack((np.stack((left, y), axis=-1), np.stack((right, y), axis=-1)), axis=1), turn)
     return [ends[chain] for chain in row_chains(row, left, right)]
+
+
+def _valid(shape: shapely.Geometry) -> Any:
+    """Return a shape without the self-crossings that GEOS's buffers and the rounding of a rotation leave."""
+    return shape if shape.is_valid else shapely.make_valid(shape)
 
 
 def _heights(turned: Polygon, swath: Swath) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -314,7 +314,7 @@ class _Search:
         return next((angle for part, angle in layout if not self._plans.is_narrow(part)), 0.0)
 
     def _price(self, layouts: Sequence[Layout]) -> None:
-        new = [layout for layout in dict.fromkeys(layouts) if layout and layout not in self._known]
+        new = [layout for layout in dict.fromkeys(layouts) if layout not in self._known]
         rough_m = [self._plans.rough_m(layout) for layout in new]
         self._shortest_m = min([self._shortest_m, *rough_m])
         # Layouts with many short rows are never the cheapest, and ordering their rows is slow.

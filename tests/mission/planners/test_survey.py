@@ -68,6 +68,46 @@ def test_the_whole_area_is_seen_from_within(area: Area, wanted: dict[str, Any]) 
     assert path.spacing_m == 9.0
 
 
+@pytest.mark.parametrize("passes", [1, 2])
+def test_headland_passes_that_see_everything_leave_no_rows(passes: int) -> None:
+    area = shapely.box(0, 0, 40, 20)
+    path = survey(ask(area), headland_passes=passes)
+    assert path.points_m.tolist() == [[6.0, 6.0], [34.0, 6.0], [34.0, 14.0], [6.0, 14.0], [6.0, 6.0]]
+
+
+@pytest.mark.parametrize(
+    ("area", "footprint_m", "spacing_m", "along_m"),
+    [
+        # Turned so that its rows are level, this border crosses itself.
+        (
+            "-108.65717794247765 53.264338208641696, -12.461996105379335 23.550870741611345,"
+            " 18.112755358197298 127.03884313278371, 35.8034648419513 36.92780567592745,"
+            " 80.40734129933305 14.012584669953243, 81.72348192351895 -17.523011298951847,"
+            " -114.01510068903931 24.44692578682459, -108.65717794247765 53.264338208641696",
+            5.539256305993103,
+            3.9154,
+            4.0,
+        ),
+        # Images along one of the layouts of this field have an outline that crosses itself.
+        (
+            "0 0, 0 150, 200 150, 200 0, 84.75203368260594 0, 84.75203368260594 89.18803161776263,"
+            " 60 89.18803161776263, 60 0, 0 0",
+            5.2887498332057294,
+            5.2887498332057294 * 0.6855762465495452,
+            5.2887498332057294 * 0.5,
+        ),
+    ],
+    ids=["turned", "seen"],
+)
+def test_an_outline_that_rounding_lets_cross_itself_is_no_error(
+    area: str, footprint_m: float, spacing_m: float, along_m: float
+) -> None:
+    land = shapely.from_wkt(f"POLYGON (({area}))")
+    more = {"row_spacing_m": spacing_m, "footprint_along_m": along_m}
+    request = PlanningRequest(land, HOME, LengthBudget(1e7), footprint_m, **more)
+    assert seen_share(survey(request), land, footprint_m) > 0.985
+
+
 @st.composite
 def stars(draw: st.DrawFn) -> Polygon:
     count = draw(st.integers(3, 12))

@@ -1,19 +1,18 @@
-"""Common parts of the benchmarks: options, tables, processor times and temporary folders."""
+"""Common parts of the benchmarks: options, tables, times, memory and temporary folders."""
 
 from __future__ import annotations
 
 import argparse
+import resource
 import signal
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-
-__all__ = ["cpu_seconds", "end_on_signals", "options_of", "print_table", "scratch_folder"]
 
 _SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 
@@ -25,21 +24,27 @@ def options_of(text: str | None) -> argparse.ArgumentParser:
     )
 
 
-def cpu_seconds(work: Callable[[], object]) -> float:
-    """Return the processor time of a call (s), the sum over all threads of this process."""
-    begin_s = time.process_time()
+def seconds_of(work: Callable[[], object], clock: Callable[[], float] = time.process_time) -> float:
+    """Return the time of a call (s), by default the processor time of all threads of this process."""
+    begin_s = clock()
     work()
-    return time.process_time() - begin_s
+    return clock() - begin_s
 
 
-def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> None:
-    """Print a Markdown table with aligned columns; print nothing without rows."""
+def peak_mb() -> float:
+    """Return the peak memory of this process (MB)."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def print_table(rows: Sequence[Mapping[str, str]], title: str = "") -> None:
+    """Print rows, cells by heading, as a Markdown table with aligned columns; print nothing without rows."""
     if not rows:
         return
-    widths = [max(3, *map(len, column)) for column in zip(heads, *rows, strict=True)]
+    lines = [list(rows[0]), *(list(row.values()) for row in rows)]
+    widths = [max(3, *map(len, column)) for column in zip(*lines, strict=True)]
     if title:
         print(f"\n### {title}\n")
-    for row in (heads, ["-" * width for width in widths], *rows):
+    for row in (lines[0], ["-" * width for width in widths], *lines[1:]):
         print("| " + " | ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) + " |")
     sys.stdout.flush()
 

@@ -20,18 +20,7 @@ from pathlib import Path
 from common import options_of, print_table, scratch_folder
 from peers import FOLDER
 
-FLY = (
-    "-m",
-    "wbf_mission",
-    "fly",
-    "--quiet",
-    "--no-files",
-    "--json",
-    "--estimator",
-    "gp",
-    "--score-points",
-    "4",
-)
+FLY = ("fly", "--quiet", "--no-files", "--json", "--estimator", "gp", "--score-points", "4")
 SMALL = ("--farm", "1000000", "--planner", "random-waypoint", "--budget", "300s")
 SERIES = {
     "cells": {
@@ -78,7 +67,7 @@ def cost_of(options: tuple[str, ...], folder: Path) -> tuple[float, float]:
     with (folder / "out.json").open("wb") as out:
         pid = os.posix_spawn(
             sys.executable,
-            [sys.executable, *FLY, *options],
+            [sys.executable, "-m", "wbf_mission", *FLY, *options],
             os.environ,
             file_actions=[(os.POSIX_SPAWN_DUP2, out.fileno(), 1)],
         )
@@ -123,11 +112,10 @@ def main() -> None:
             grown = {}
             for name, sizes in SERIES.items():
                 grown[name] = costs = {size: cost_of(fly, folder) for size, fly in sizes.items()}
-                rows = [(f"{size:,}", f"{cpu_s:.1f}", f"{mb:.0f}") for size, (cpu_s, mb) in costs.items()]
+                cells = {f"{size:,}": (f"{cpu_s:.1f}", f"{mb:.0f}") for size, (cpu_s, mb) in costs.items()}
+                cells["exponent"] = f"{slope(costs, 0):.2f}", f"{slope(costs, 1):.2f}"
                 print_table(
-                    (name, "CPU, s", "peak, MB"),
-                    [*rows, ("exponent", f"{slope(costs, 0):.2f}", f"{slope(costs, 1):.2f}")],
-                    name,
+                    [{name: size, "CPU, s": cpu, "peak, MB": mb} for size, (cpu, mb) in cells.items()], name
                 )
             if options.picture:
                 draw(grown, options.picture)
@@ -138,8 +126,15 @@ def main() -> None:
             kind = "--policy" if name in OURS[2:] or "PyPolo" in name else "--planner"
             cpu_s, mb = cost_of(("--farm", "miniberry-30", "--vehicle", "ideal", kind, name), folder)
             base_s = base_s or cpu_s
-            rows.append((name.rpartition("py:")[2], f"{cpu_s - base_s:.1f}", f"{cpu_s:.1f}", f"{mb:.0f}"))
-        print_table(("planner", "planning and deciding, CPU s", "whole process, CPU s", "peak, MB"), rows)
+            rows.append(
+                {
+                    "planner": name.rpartition("py:")[2],
+                    "planning and deciding, CPU s": f"{cpu_s - base_s:.1f}",
+                    "whole process, CPU s": f"{cpu_s:.1f}",
+                    "peak, MB": f"{mb:.0f}",
+                }
+            )
+        print_table(rows)
 
 
 if __name__ == "__main__":

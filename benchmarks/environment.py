@@ -9,8 +9,8 @@ Our method runs before and after the reference. On large farms our method also w
 reference keeps no days. ``--reference-days N`` limits the reference to the first N days (soil: warm-up and
 one day). The measured time is then scaled to all days, as the cost per day is constant, and marked by "~".
 
-    python benchmarks/environment.py --sizes 30 100 1000
-    python benchmarks/environment.py --sizes waterberry --reference-days 1
+    python benchmarks/environment.py --farms miniberry-30 miniberry-100
+    python benchmarks/environment.py --farms waterberry --reference-days 1
 """
 
 from __future__ import annotations
@@ -19,13 +19,12 @@ import statistics
 import time
 
 import numpy as np
-from common import options_of, print_table, scratch_folder
+from common import options_of, print_table, scratch_folder, seconds_of
 from numpy.typing import NDArray
 from scipy.signal import convolve2d
 
 from geo.farms import get_farm
-from geo.grid import Crop, FarmGrid
-from geo.texts import FOOT_M
+from geo.grid import Crop
 from sensors.dynamics.epidemic import InfectionRule, draw_seeds, step
 from sensors.dynamics.soil import Shower, SoilCourse, draw_weather
 from sensors.environment import CCR, TYLCV, EpidemicParameters, SoilParameters, generate_environment
@@ -111,62 +110,54 @@ def reference_soil(shape: tuple[int, int], days: int, measured_days: int) -> tup
     return seconds * all_humps / humps, float(np.abs(ours - humidity).max())
 
 
-def make_grid(size: str) -> FarmGrid:
-    """Return a crop map: a farm by name, or N x N or W x H cells, half strawberries and half tomatoes."""
-    if not size[0].isdigit():
-        return get_farm(size).grid()
-    width, _, height = size.partition("x")
-    shape = (int(width), int(height or width))
-    names = tuple(Crop)
-    crop = np.full(shape, names.index(Crop.STRAWBERRY), np.int8)
-    crop[:, shape[1] // 2 :] = names.index(Crop.TOMATO)
-    return FarmGrid(shape, FOOT_M, crop, np.ones(shape, np.bool_))
-
-
-def ours(size: str, days: int) -> float:
+def ours(farm: str, days: int) -> float:
     """Return the time of one generation with all days kept (s)."""
-    grid = make_grid(size)
+    grid = get_farm(farm).grid()
+    keep_days = range(1, days + 1)
     with scratch_folder() as folder:
         kept = folder / "environment" if grid.crop.size >= ON_DISK_FROM_CELLS else None
-        begin_s = time.perf_counter()
-        generate_environment(grid, days=days, seed=1, keep_days=range(1, days + 1), directory=kept)
-        return time.perf_counter() - begin_s
+        return seconds_of(
+            lambda: generate_environment(grid, days=days, seed=1, keep_days=keep_days, directory=kept),
+            time.perf_counter,
+        )
 
 
-def measure(size: str, days: int, reference_days: int, repeats: int) -> list[str]:
-    """Return the table row of one size; our method is timed before and after the reference."""
-    grid = make_grid(size)
-    generate_environment(make_grid("10"), days=1, seed=1)  # Excludes imports and compilation from the time
-    own_s = [ours(size, days) for _ in range(repeats)]
+def measure(farm: str, days: int, reference_days: int, repeats: int) -> dict[str, str]:
+    """Return the table row of one farm; our method is timed before and after the reference."""
+    grid = get_farm(farm).grid()
+    ours("miniberry-10", 1)  # Excludes imports and compilation from the time
+    own_s = [ours(farm, days) for _ in range(repeats)]
     measured = min(days, reference_days)
     diseases_s = sum(
         reference_disease(grid.of_crops([crop]), parameters, days, measured)
         for crop, parameters in ((Crop.TOMATO, TYLCV), (Crop.STRAWBERRY, CCR))
     )
     soil_s, difference = reference_soil(grid.shape, days, measured)
-    own_s += [ours(size, days) for _ in range(repeats)]
+    own_s += [ours(farm, days) for _ in range(repeats)]
     middle_s, reference_s = statistics.median(own_s), diseases_s + soil_s
     mark = "~" if measured < days else ""
-    theirs = [f"{mark}{seconds:.2f}" for seconds in (reference_s, diseases_s, soil_s)]
-    return [size, f"{middle_s:.3f}", *theirs, f"{mark}{reference_s / middle_s:.0f}", f"{difference:.1e}"]
+    return {
+        "farm": farm,
+        "ours, s": f"{middle_s:.3f}",
+        "reference, s": f"{mark}{reference_s:.2f}",
+        "diseases, s": f"{mark}{diseases_s:.2f}",
+        "soil, s": f"{mark}{soil_s:.2f}",
+        "ratio": f"{mark}{reference_s / middle_s:.0f}",
+        "soil, difference": f"{difference:.1e}",
+    }
 
 
 def main() -> None:
     """Print the table."""
     parser = options_of(__doc__)
-    parser.add_argument("--sizes", nargs="+", default=["30", "100", "1000"], help="N, WxH or a farm's name")
+    parser.add_argument("--farms", nargs="+", default=["miniberry-30", "miniberry-100"])
     parser.add_argument("--days", type=int, default=15)
-    parser.add_argument(
-        "--reference-days", type=int, default=1000, help="days that the reference really works on"
-    )
-    parser.add_argument(
-        "--repeats", type=int, default=2, help="runs of ours before, and as many after, the reference"
-    )
+    parser.add_argument("--reference-days", type=int, default=1000, help="days measured of the reference")
+    parser.add_argument("--repeats", type=int, default=2, help="our runs before and after the reference")
     options = parser.parse_args()
     reference_days, repeats = max(1, options.reference_days), max(1, options.repeats)
-    rows = [measure(size, options.days, reference_days, repeats) for size in options.sizes]
-    heads = ["cells", "ours, s", "reference, s", "diseases, s", "soil, s", "ratio", "soil, difference"]
-    print_table(heads, rows, f"Three fields, {options.days} days, all kept")
+    rows = [measure(farm, options.days, reference_days, repeats) for farm in options.farms]
+    print_table(rows, f"Three fields, {options.days} days, all kept")
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ fields without an epidemic model. Both methods are chosen by these mean scores, 
 from __future__ import annotations
 
 import math
+import statistics
 import sys
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -146,7 +147,10 @@ def _calibration(rows: Sequence[BenchRow]) -> Iterator[str]:
 def _held(rows: Sequence[BenchRow]) -> str:
     """Return the mean calibration of rows as text; empty if no row has one."""
     found = [row.calibration for row in rows]
-    held = {name: _mean(found, name) for name in dict.fromkeys(key for values in found for key in values)}
+    held = {
+        name: statistics.fmean(values[name] for values in found if name in values)
+        for name in dict.fromkeys(key for values in found for key in values)
+    }
     parts = []
     for name, value in held.items():
         if name.endswith(_SICK_HELD):
@@ -157,26 +161,14 @@ def _held(rows: Sequence[BenchRow]) -> str:
     return ", ".join(parts)
 
 
-def _mean(found: Sequence[dict[str, float]], name: str) -> float:
-    values = [one[name] for one in found if name in one]
-    return sum(values) / len(values)
-
-
 def _line(one: Found) -> str:
     first = one.table[0]
     failed = sum(each.failed for each in one.table)
     many = f"{first.environments}, {failed} runs failed" if failed else str(first.environments)
-    ours, other = (
-        ("", "") if each is None else (_name(each), _text(each.score)) for each in (one.ours, one.other)
-    )
-    cells = (
-        one.scenario,
-        many,
-        *ours,
-        *other,
-        "" if one.ahead is None else _text(one.ahead),
-        _verdict(one),
-    )
+    cells = [one.scenario, many]
+    for each in (one.ours, one.other):
+        cells += ["", ""] if each is None else [f"{each.planner}, {each.estimator}", _text(each.score)]
+    cells += ["" if one.ahead is None else _text(one.ahead), _verdict(one)]
     return f"| {' | '.join(cells)} |"
 
 
@@ -186,10 +178,6 @@ def _verdict(one: Found) -> str:
 
 def _wrapped(text: str) -> str:
     return textwrap.fill(text, 120, break_long_words=False, break_on_hyphens=False)
-
-
-def _name(one: Standing) -> str:
-    return f"{one.planner}, {one.estimator}"
 
 
 def _text(one: Interval) -> str:

@@ -2,30 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
+from recordings import Flight
 
-from mission.model import Command
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-    from recordings import Flight
-
-    from geo.frame import LocalFrame
-    from mission.model import MissionItem
-
-__all__ = ["Phases", "Turns", "phases", "turns"]
+from geo.frame import LocalFrame
+from mission.model import Command, MissionItem
 
 _WAYPOINTS = frozenset({16, 82})
 _GROUND_M = 2.0
 _NEAR_M = 1.0
-# Height loss on the return flight that is not yet the descent (m): an estimated height drifts by more than
-# a metre.
+# Height loss that is not yet the descent (m): an estimated height drifts by more than a metre.
 _LEVEL_M = 2.0
 _REST_M_S = 0.1
 _SMOOTH_S = 0.5

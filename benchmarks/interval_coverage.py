@@ -110,32 +110,31 @@ def main() -> None:
     parser = options_of(__doc__)
     parser.add_argument("--cases", type=int, default=2000)
     many = parser.parse_args().cases
-    counts = [f"n = {count}" for count in COUNTS]
     methods = {"Student": student, "ours": ours}
     rows = []
     for case, (draw, true) in cases().items():
-        cells: dict[str, list[str]] = {}
+        texts: dict[str, dict[str, str]] = {name: {} for name in methods}
         for count in COUNTS:
             a, b = draw(np.random.default_rng(count), (many, count))
             for name, method in methods.items():
                 low, high = method(a, b)
                 held = 100.0 * np.mean((low <= true) & (true <= high))
-                cells.setdefault(name, []).append(f"{held:.0f} ({np.median(high - low) / abs(true):.2f})")
-        rows += [[case, name, *texts] for name, texts in cells.items()]
-    print_table(["case", "method", *counts], rows)
+                texts[name][f"n = {count}"] = f"{held:.0f} ({np.median(high - low) / abs(true):.2f})"
+        rows += [{"case": case, "method": name, **texts[name]} for name in methods]
+    print_table(rows)
     rows = []
     for case in ("ratio, mild", "ratio, skewed", "mean, normal", "mean, exponential"):
         draw, true = cases()[case]
         for name, together in (("each by itself", False), ("together", True)):
-            texts = []
+            row = {"case": case, "intervals": name}
             for count in COUNTS:
                 random, held = np.random.default_rng(count), 0
                 for _ in range(many // COMPARED):
                     low, high = ours(*draw(random, (COMPARED, count)), together=together)
                     held += bool(np.all((low <= true) & (true <= high)))
-                texts.append(f"{100.0 * held / (many // COMPARED):.0f}")
-            rows.append([case, name, *texts])
-    print_table(["case", "intervals", *counts], rows, f"{COMPARED} comparisons")
+                row[f"n = {count}"] = f"{100.0 * held / (many // COMPARED):.0f}"
+            rows.append(row)
+    print_table(rows, f"{COMPARED} comparisons")
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ import subprocess
 import tempfile
 import venv
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -100,25 +101,17 @@ class Worker:
         return response
 
 
-_workers: dict[str, Worker] = {}
-
-
+@cache
 def worker(name: str) -> Worker:
     """Return the worker of this process; the first call starts it."""
-    if name not in _workers:
-        _workers[name] = Worker(name)
-    return _workers[name]
+    return Worker(name)
 
 
-_tours: dict[str, list[list[float]]] = {}
-
-
-def tour(question: dict[str, Any]) -> list[list[float]]:
-    """Return the waypoints planned by sgptools (m); responses are cached for the process."""
-    text = json.dumps(question)
-    if text not in _tours:
-        _tours[text] = worker("sgptools").ask(question)["points_m"]
-    return _tours[text]
+@cache
+def tour(question: str) -> list[list[float]]:
+    """Return the waypoints planned by sgptools (m) for a request in JSON."""
+    points_m: list[list[float]] = worker("sgptools").ask(json.loads(question))["points_m"]
+    return points_m
 
 
 def box(request: PlanningRequest) -> dict[str, Any]:
@@ -204,7 +197,7 @@ def sgptools(
         "waypoints": waypoints,
         "max_steps": max_steps,
     }
-    points = np.array(tour(question), dtype=np.float64)
+    points = np.array(tour(json.dumps(question)), dtype=np.float64)
     if isinstance(request.budget, StepBudget):
         points = steps_along(points, request.start_xy_m, request.budget.step_m)
     return PlannedPath(fitting(points, request.cost, request.budget.limit), None, method)

@@ -244,24 +244,24 @@ def show(name: str, runs: dict[str, list[Run]]) -> None:
     curves = {who: np.stack([run.losses for run in flown]) for who, flown in runs.items()}
     rows = []
     for who, curve in curves.items():
-        means = [f"{curve[:, :, k].mean():.4f}, {curve[:, -1, k].mean():.4f}" for k in range(len(MEASURES))]
+        row = {"": who}
+        for k, measure in enumerate(MEASURES):
+            row[f"{measure}: run, end"] = f"{curve[:, :, k].mean():.4f}, {curve[:, -1, k].mean():.4f}"
         decided_ms = 1e3 * sum(run.seconds for run in runs[who]) / sum(run.decisions for run in runs[who])
-        rows.append([who, *means, f"{curve[:, -1, 0].max():.4f}", f"{decided_ms:.1f}"])
-    heads = ["", *(f"{measure}: run, end" for measure in MEASURES), "worst end", "ms a decision"]
-    print_table(heads, rows, f"{name}, mean losses")
+        rows.append(row | {"worst end": f"{curve[:, -1, 0].max():.4f}", "ms a decision": f"{decided_ms:.1f}"})
+    print_table(rows, f"{name}, mean losses")
     if not any(map(is_fixed, curves)):
         return
     fixed = np.stack([curve for who, curve in curves.items() if is_fixed(who)])
     rows = []
     for who in (who for who in curves if not is_fixed(who)):
-        cells = [
-            ratio(curves[who][:, at, k].mean(axis=1), fixed[:, :, at, k].mean(axis=2))
-            for k in range(len(MEASURES))
-            for at in (slice(None), slice(-1, None))
-        ]
-        rows.append([who, *cells])
-    heads = ["", *(f"{measure}, {when}" for measure in MEASURES for when in ("run", "end"))]
-    print_table(heads, rows, f"{name}, by the best fixed plan")
+        row = {"": who}
+        for k, measure in enumerate(MEASURES):
+            for when, at in (("run", slice(None)), ("end", slice(-1, None))):
+                ours, theirs = curves[who][:, at, k].mean(axis=1), fixed[:, :, at, k].mean(axis=2)
+                row[f"{measure}, {when}"] = ratio(ours, theirs)
+        rows.append(row)
+    print_table(rows, f"{name}, by the best fixed plan")
 
 
 def main() -> None:

@@ -2,43 +2,27 @@
 
 from __future__ import annotations
 
-import csv
-import gzip
-import io
 import json
 import math
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from geo.frame import LocalFrame
 from mission.model import MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.airframe.estimate_errors import EstimateErrors
+from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import get_autopilot, with_autopilot
 from sim_vehicle.autopilot.autopilot import flight_procedures
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import CannotFly, Disarmed, FlightEvent, ItemReached
 from sim_vehicle.weather.wind import Wind, WindShear
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from sim_vehicle.airframe.estimate_errors import EstimateErrors
-    from sim_vehicle.airframe.spec import VehicleSpec
-
-__all__ = [
-    "START_S",
-    "Comparison",
-    "Flight",
-    "Recording",
-    "compare",
-    "fly_recording",
-    "load_recording",
-]
 
 START_S = 3.0
 """Time of the change to mission mode in each recording (s)."""
@@ -193,9 +177,8 @@ def load_recording(path: Path) -> Recording:
     """
     try:
         data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        raw = gzip.decompress(path.with_suffix(".csv.gz").read_bytes()).decode("ascii")
-        rows = csv.DictReader(io.StringIO(raw))
-        table = np.array([[float(row[name]) for name in _COLUMNS] for row in rows])
+        rows = np.genfromtxt(path.with_suffix(".csv.gz"), delimiter=",", names=True)
+        table = np.column_stack([rows[name] for name in _COLUMNS])
         items = tuple(_item(item) for item in data["items"])
         reached = tuple((float(time_s), int(seq)) for time_s, seq in data["reached"])
         disarmed = [time_s for time_s, armed, _ in data["mode_changes"] if not armed and time_s > 3.0]

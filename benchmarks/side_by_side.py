@@ -73,10 +73,6 @@ class Pair:
         """Firmware and kind of vehicle."""
         return FIRMWARE[self.recording.autopilot, self.spec.kind]
 
-    def both(self) -> tuple[tuple[Flight, float], tuple[Flight, float]]:
-        """Return the recorded and the simulated flight, each with the start time of the mission (s)."""
-        return (self.recording.flight, START_S), (self.flight, 0.0)
-
 
 def main() -> None:
     """Fly all recordings and print the tables."""
@@ -86,55 +82,22 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=8, help="flights of a vehicle whose estimate errs")
     parser.add_argument("--out", type=Path, help="write a page of plots for each vehicle into this folder")
     options = parser.parse_args()
-    pairs = []
+    pairs, times, parts, corners = [], [], [], []
     for path in sorted(options.folder.glob("*.json")):
         if options.only not in path.stem:
             continue
         try:
-            pairs.append(Pair.of(path, options.seeds))
+            pair = Pair.of(path, options.seeds)
+            pairs.append(pair)
+            times.append(_times(pair, compare(pair.recording, pair.flight)))
+            parts.append(_phases(pair))
+            if pair.spec.kind != "multirotor":
+                corners.append(_turns(pair))
         except VehicleError as error:
             print(f"{path.stem}: {error}", file=sys.stderr)
-    pairs.sort(key=lambda pair: pair.vehicle)
-    times, parts, corners = [], [], []
-    for pair in pairs:
-        try:
-            times.append(_times(pair, compare(pair.recording, pair.flight)))
-            parts.append((pair.stem, *_phases(pair)))
-            if pair.spec.kind != "multirotor":
-                corners.append((pair.stem, *_turns(pair)))
-        except VehicleError as error:
-            print(f"{pair.stem}: {error}", file=sys.stderr)
-    heads: tuple[str, ...] = (
-        "recording",
-        "vehicle",
-        "recorded",
-        "simulated",
-        "error",
-        "path, mean",
-        "path, 95 %",
-        "speed, r",
-    )
-    print_table(heads, times, "First to last waypoint")
-    heads = (
-        "recording",
-        "take-off",
-        "to the first waypoint",
-        "mission",
-        "way home",
-        "landing",
-        "start to disarming",
-    )
-    print_table(heads, parts, "Phases, recorded / simulated")
-    heads = (
-        "recording",
-        "passes at",
-        "overshoot",
-        "greatest overshoot",
-        "radius",
-        "rate of turning",
-        "ends apart",
-    )
-    print_table(heads, corners, "Corners, recorded / simulated, medians")
+    print_table(times, "First to last waypoint")
+    print_table(parts, "Phases, recorded / simulated")
+    print_table(corners, "Corners, recorded / simulated, medians")
     if options.out is not None:
         for vehicle in dict.fromkeys(pair.vehicle for pair in pairs):
             path = options.out / f"{vehicle.lower().replace(' ', '-')}.png"
@@ -142,22 +105,24 @@ def main() -> None:
             print(path)
 
 
-def _times(pair: Pair, result: Comparison) -> tuple[str, ...]:
+def _times(pair: Pair, result: Comparison) -> dict[str, str]:
     mean_s = float(np.mean(pair.times_s))
     spread = f" (+-{np.std(pair.times_s, ddof=1):.1f})" if len(pair.times_s) > 1 else ""
-    return (
-        pair.stem,
-        pair.vehicle,
-        f"{result.recorded_s:.1f} s",
-        f"{mean_s:.1f}{spread} s",
-        f"{100.0 * (mean_s / result.recorded_s - 1.0):+.1f} %",
-        f"{result.mean_m:.2f} m",
-        f"{result.p95_m:.2f} m",
-        f"{result.correlation:.3f}",
-    )
+    return {
+        "recording": pair.stem,
+        "vehicle": pair.vehicle,
+        "recorded": f"{result.recorded_s:.1f} s",
+        "simulated": f"{mean_s:.1f}{spread} s",
+        "error": f"{100.0 * (mean_s / result.recorded_s - 1.0):+.1f} %",
+        "path, mean": f"{result.mean_m:.2f} m",
+        "path, 95 %": f"{result.p95_m:.2f} m",
+        "speed, r": f"{result.correlation:.3f}",
+    }
 
 
-def _phases(pair: Pair) -> list[str]:
+def _phases(pair: Pair) -> dict[str, str]:
+    heads = "take-off", "to the first waypoint", "mission", "way home", "landing", "start to disarming"
+
     def lasted(flight: Flight, start_s: float) -> tuple[float, ...]:
         found = phases(flight, pair.recording.items, start_s, flies=pair.spec.kind != "rover")
         return (*astuple(found), flight.end_s - start_s)
@@ -165,25 +130,27 @@ def _phases(pair: Pair) -> list[str]:
     recorded = lasted(pair.recording.flight, START_S)
     simulated = np.array([lasted(flight, 0.0) for flight in pair.flights])
     cells = [_beside(values, "s") for values in zip(recorded, simulated.mean(axis=0).tolist(), strict=True)]
-    if len(simulated) == 1:
-        return cells
-    deviations = simulated.std(axis=0, ddof=1).tolist()
-    return [
-        cell if np.isnan(one) else cell.removesuffix(" s") + f" (+-{one:.1f}) s"
-        for cell, one in zip(cells, deviations, strict=True)
+    if len(simulated) > 1:
+        deviations = simulated.std(axis=0, ddof=1).tolist()
+        cells = [
+            cell if np.isnan(deviation) else cell.removesuffix(" s") + f" (+-{deviation:.1f}) s"
+            for cell, deviation in zip(cells, deviations, strict=True)
+        ]
+    return {"recording": pair.stem} | dict(zip(heads, cells, strict=True))
+
+
+def _turns(pair: Pair) -> dict[str, str]:
+    heads = "passes at", "overshoot", "greatest overshoot", "radius", "rate of turning"
+    recorded, simulated = pair.recording.flight, pair.flight
+    both = [
+        astuple(found) for found in turns((recorded, simulated), pair.recording.items, pair.recording.frame)
     ]
-
-
-def _turns(pair: Pair) -> list[str]:
-    flights = [flight for flight, _ in pair.both()]
-    both = [astuple(found) for found in turns(flights, pair.recording.items, pair.recording.frame)]
     units = "m", "m", "m", "m", "deg/s"
     cells = [_beside(values, unit) for values, unit in zip(zip(*both, strict=True), units, strict=True)]
-    (recorded, _), (simulated, _) = pair.both()
-    if pair.spec.kind == "fixed-wing" and np.isnan(recorded.end_s + simulated.end_s):
-        return [*cells, "-"]
+    circles = pair.spec.kind == "fixed-wing" and np.isnan(recorded.end_s + simulated.end_s)
     apart = recorded.position_m[-1, :2] - simulated.position_m[-1, :2]
-    return [*cells, f"{np.hypot(*apart):.1f} m"]
+    ends = "-" if circles else f"{np.hypot(*apart):.1f} m"
+    return {"recording": pair.stem, **dict(zip(heads, cells, strict=True)), "ends apart": ends}
 
 
 def _beside(values: Iterable[float], unit: str) -> str:
@@ -200,7 +167,11 @@ def _plot(pairs: list[Pair], path: Path) -> None:
     )
     for (way, height, speed), pair in zip(axes, pairs, strict=True):
         for (flight, start_s), name, style, width in zip(
-            pair.both(), ("recorded", "simulated"), ("0.5", "C3"), (2.5, 1.0), strict=True
+            ((pair.recording.flight, START_S), (pair.flight, 0.0)),
+            ("recorded", "simulated"),
+            ("0.5", "C3"),
+            (2.5, 1.0),
+            strict=True,
         ):
             inside = flight.time_s >= start_s
             time_s = flight.time_s[inside] - start_s

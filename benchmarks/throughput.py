@@ -19,7 +19,7 @@ import sys
 import time
 from collections.abc import Sequence
 
-from common import options_of, scratch_folder
+from common import options_of, peak_mb, scratch_folder
 
 from wbf_mission.bench.benchmark import benchmark
 from wbf_mission.bench.rows import BenchRow
@@ -36,18 +36,13 @@ def spent_s() -> float:
     return sum(one.ru_utime + one.ru_stime for one in usages)
 
 
-def most_mb() -> float:
-    """Return the peak memory of this process (MB)."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-
-
 def swept(spec: BenchSpec, jobs: int) -> tuple[Sequence[BenchRow], float, dict[float, float]]:
     """Fly the runs; return the rows, the processor time (s), and the peak memory by completed share."""
     memory: dict[float, float] = {}
 
     def note(_what: str, done: float, total: float) -> None:
         if done in (total // 4, total):
-            memory[done / total] = most_mb()
+            memory[done / total] = peak_mb()
 
     with scratch_folder() as folder:
         begin = spent_s()
@@ -82,9 +77,6 @@ def main() -> int:
     each_s, overhead = cpu_s / len(rows), 1.0 - own_s / cpu_s
     sweep_s = SWEEP_RUNS * each_s / CORES
     print(f"{len(rows)} runs, {options.jobs} at a time: {each_s:.3f} s CPU a run, overhead {overhead:.1%}")
-    for name in dict.fromkeys(row.estimator for row in rows):
-        of_name = [row.cpu_time_s for row in rows if row.estimator == name]
-        print(f"  {name}: {sum(of_name) / len(of_name):.3f} s a run")
     print(f"most memory: {', '.join(f'{mb:.0f} MB at {part:.0%}' for part, mb in memory.items())}")
     print(f"{SWEEP_RUNS} runs on {CORES} free cores: {sweep_s / 60:.1f} min (bar {SWEEP_BAR_S / 60:.0f})")
     if options.plain:

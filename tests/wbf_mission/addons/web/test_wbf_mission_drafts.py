@@ -277,7 +277,7 @@ def test_what_waits_for_its_turn_and_is_superseded_is_never_begun() -> None:
     for number in range(5):
         threads.append(threading.Thread(target=ask, args=(f"{number}", waits(number))))
         threads[-1].start()
-        time.sleep(0.02)
+        threads[-2].join(20)  # The caller of the older request is told at once
     go_on.set()
     for thread in threads:
         thread.join(20)

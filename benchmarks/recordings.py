@@ -179,6 +179,8 @@ def load_recording(path: Path) -> Recording:
         data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         rows = np.genfromtxt(path.with_suffix(".csv.gz"), delimiter=",", names=True)
         table = np.column_stack([rows[name] for name in _COLUMNS])
+        if not np.isfinite(table).all():
+            raise ValueError("a sample is incomplete or no number")
         items = tuple(_item(item) for item in data["items"])
         reached = tuple((float(time_s), int(seq)) for time_s, seq in data["reached"])
         disarmed = [time_s for time_s, armed, _ in data["mode_changes"] if not armed and time_s > 3.0]

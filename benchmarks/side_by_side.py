@@ -99,7 +99,7 @@ def main() -> None:
     print_table(parts, "Phases, recorded / simulated")
     print_table(corners, "Corners, recorded / simulated, medians")
     if options.out is not None:
-        for vehicle in dict.fromkeys(pair.vehicle for pair in pairs):
+        for vehicle in sorted({pair.vehicle for pair in pairs}):
             path = options.out / f"{vehicle.lower().replace(' ', '-')}.png"
             _plot([pair for pair in pairs if pair.vehicle == vehicle], path)
             print(path)

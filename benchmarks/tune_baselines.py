@@ -140,12 +140,8 @@ def specification(found: Sequence[Chosen], seeds: range) -> str:
             if one.planner == name
         ]
         lines.append(f"    {json.dumps(name)},")
-    lines += [
-        "]",
-        f"estimators = {json.dumps(list(dict.fromkeys(one.estimator for one in found)))}",
-        "seeds = 40",
-    ]
-    return "\n".join(lines) + "\n"
+    estimators = json.dumps(list(dict.fromkeys(one.estimator for one in found)))
+    return "\n".join([*lines, "]", f"estimators = {estimators}", "seeds = 40", ""])
 
 
 def fly(name: str, names: Sequence[str], estimator: str, seeds: range, out: Path | None) -> list[BenchRow]:

@@ -1,5 +1,6 @@
 """What the comparison with recorded flights reads off a flight, on flights whose answers are known."""
 
+import gzip
 import math
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ from recordings import Flight, load_recording
 
 from geo.frame import LocalFrame
 from mission.model import Command, MissionItem
+from sim_vehicle.errors import VehicleError
 
 FLIGHTS = Path(__file__).parents[2] / "data" / "flights"
 FRAME = LocalFrame(28.05, -82.15)
@@ -76,6 +78,16 @@ def test_the_command_prints_a_recording_and_draws_its_vehicle(tmp_path, monkeypa
     first, last = recording.flight.window(recording.items)
     assert f"| ardupilot-climbs-holds | ArduCopter | {last - first:.1f} s" in printed
     assert (tmp_path / "arducopter.png").stat().st_size > 10_000
+
+
+def test_a_recording_with_a_word_in_place_of_a_number_is_refused(tmp_path):
+    name = "ardupilot-climbs-holds"
+    (tmp_path / f"{name}.json").write_text((FLIGHTS / f"{name}.json").read_text())
+    head, first, *rest = gzip.decompress((FLIGHTS / f"{name}.csv.gz").read_bytes()).decode().splitlines()
+    word = ",".join(["soon", *first.split(",")[1:]])
+    (tmp_path / f"{name}.csv.gz").write_bytes(gzip.compress("\n".join([head, word, *rest]).encode()))
+    with pytest.raises(VehicleError, match="no number"):
+        load_recording(tmp_path / f"{name}.json")
 
 
 def test_a_moment_of_quick_turning_does_not_make_the_radius():

@@ -3,6 +3,7 @@
 import os
 import shutil
 import sys
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -59,11 +60,12 @@ def libraries(tmp_path, monkeypatch):
         (tmp_path / name / "bin" / "python").symlink_to(sys.executable)
         (workers / f"{name}_worker.py").write_text(text)
     monkeypatch.setenv(peers.FOLDER, str(tmp_path))
-    monkeypatch.setattr(peers, "_workers", {})
-    monkeypatch.setattr(peers, "_tours", {})
+    begun = []
+    monkeypatch.setattr(peers, "worker", cache(lambda name: begun.append(peers.Worker(name)) or begun[-1]))
+    peers.tour.cache_clear()
     yield
-    for one in peers._workers.values():
-        one.close()
+    for worker in begun:
+        worker.close()
 
 
 @pytest.mark.usefixtures("libraries")
@@ -76,7 +78,7 @@ def test_a_tour_of_a_library_is_flown_and_a_failure_is_told():
     )
     good, also_good, bad, _ = sorted(benchmark(spec), key=lambda row: row.error or "")
     assert also_good.error is None
-    assert len(peers._tours) == 1, "a plan that depends on the farm alone is asked once"
+    assert peers.tour.cache_info().currsize == 1, "a plan that depends on the farm alone is asked once"
     assert good.error is None
     assert good.cells_observed > 15
     assert bad.score is None

@@ -29,11 +29,14 @@ vertical velocity             deviation 0.11 m/s; correlation 0.77 over 1 s, 0.5
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from geo.compiled import compiled
 from geo.seeds import stream
 
 __all__ = ["COLUMNS", "GRID_S", "HEIGHT_M", "SETTLED_S", "EstimateErrors", "carried_aside_m"]
@@ -118,9 +121,6 @@ class EstimateErrors:
     def _drift(
         self, name: str, count: int, deviation: float, time_s: float, damping: float
     ) -> NDArray[np.float64]:
-        # The import is inside the function because flights without errors need no compiler.
-        from sim_vehicle.airframe.drift import recur
-
         # `first` and `second` follow from the poles of the sampled process; `variance` is the variance of the
         # process with drive 1.
         decay = math.exp(-damping * GRID_S / time_s)
@@ -128,7 +128,7 @@ class EstimateErrors:
         second = -decay * decay
         variance = (1.0 - second) / ((1.0 + second) * ((1.0 - second) ** 2 - first * first))
         noise = stream(self.seed, name).standard_normal(count)
-        return recur(noise, first, second, deviation / math.sqrt(variance))
+        return _compiled_recursion()(noise, first, second, deviation / math.sqrt(variance))
 
     def _jumps(self) -> NDArray[np.float64]:
         random = stream(self.seed, "height-jumps")
@@ -141,3 +141,19 @@ class EstimateErrors:
                 return jumps
             side = -side
             jumps[first:] = side * (LEAST_LEVEL_M + LEVEL_SCALE_M * random.standard_exponential())
+
+
+def recur(noise: NDArray[np.float64], first: float, second: float, drive: float) -> NDArray[np.float64]:
+    """Return y[k] = first y[k-1] + second y[k-2] + drive noise[k], from rest."""
+    result = np.empty_like(noise)
+    last = before = 0.0
+    for k in range(len(noise)):
+        last, before = first * last + second * before + drive * noise[k], last
+        result[k] = last
+    return result
+
+
+@cache
+def _compiled_recursion() -> Callable[..., NDArray[np.float64]]:
+    """Return `recur`, compiled at the first use, because flights without errors need no compiler."""
+    return compiled(recur)

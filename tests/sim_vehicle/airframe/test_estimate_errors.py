@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from sim_vehicle.airframe.drift import recur
 from sim_vehicle.airframe.estimate_errors import (
     CLIMB_M_S,
     DRIFT_M,
@@ -14,6 +13,7 @@ from sim_vehicle.airframe.estimate_errors import (
     VELOCITY_M_S,
     EstimateErrors,
     carried_aside_m,
+    recur,
 )
 from sim_vehicle.airframe.sensor_errors import SensorNoise
 

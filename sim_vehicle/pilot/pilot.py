@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 from mission.model import Command, MissionItem
 from mission.outcome import Outcome
 from sim_vehicle.autopilot import with_autopilot
-from sim_vehicle.autopilot.behaviour import Action
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Action, Mode
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.items import item_positions

@@ -20,7 +20,10 @@ from sim_vehicle.autopilot.behaviour import (
     FailsafeRules,
     IdleDisarm,
     MissionBehaviour,
+    Mode,
+    ModeTable,
     actions_by_value,
+    px4_custom_mode,
 )
 from sim_vehicle.autopilot.mavlink_profile import (
     COMMON_CAPABILITIES,
@@ -29,7 +32,6 @@ from sim_vehicle.autopilot.mavlink_profile import (
     MavlinkProfile,
     RefusalTexts,
 )
-from sim_vehicle.autopilot.modes import Mode, ModeTable, px4_custom_mode
 from sim_vehicle.autopilot.parameters import MavParameter, Setting
 from sim_vehicle.autopilot.px4.copter import drag_of
 from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, TiltSticks, bits

@@ -22,8 +22,7 @@ from sim_vehicle.autopilot.ardupilot.firmware import (
     vehicle_parameters,
 )
 from sim_vehicle.autopilot.autopilot import Firmware
-from sim_vehicle.autopilot.behaviour import actions_by_value
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode, actions_by_value
 from sim_vehicle.autopilot.parameters import Setting, motion_parameters, reference_parameters
 from sim_vehicle.autopilot.stick_rules import StickLoss, StickRules, bits
 from wbf_mission.addons.rovers.procedures import RoverProcedures

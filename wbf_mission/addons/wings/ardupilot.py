@@ -24,8 +24,7 @@ from sim_vehicle.autopilot.ardupilot.firmware import (
     vehicle_parameters,
 )
 from sim_vehicle.autopilot.autopilot import Firmware
-from sim_vehicle.autopilot.behaviour import Action, actions_by_value
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Action, Mode, actions_by_value
 from sim_vehicle.autopilot.parameters import Setting, motion_parameters, reference_parameters
 from sim_vehicle.autopilot.stick_rules import StickLoss, StickRules, WingSticks, bits
 from sim_vehicle.motion.legs import Circle, Leg, LegKind

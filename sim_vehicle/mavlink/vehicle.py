@@ -17,8 +17,7 @@ from mission.outcome import Outcome
 from mission.transfer import wire
 from sim_vehicle.airframe.sensor_errors import NavigationErrors, SensorNoise
 from sim_vehicle.airframe.spec import VehicleSpec
-from sim_vehicle.autopilot import adapt_vehicle, get_autopilot
-from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
+from sim_vehicle.autopilot import Autopilot, Firmware, adapt_vehicle, get_autopilot
 from sim_vehicle.autopilot.behaviour import ColdBoot, Mode
 from sim_vehicle.component import UNHEARD
 from sim_vehicle.errors import VehicleError

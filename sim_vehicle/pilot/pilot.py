@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from geo.frame import LocalFrame
     from sim_vehicle.airframe.estimate_errors import EstimateErrors
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.autopilot.autopilot import Firmware
+    from sim_vehicle.autopilot import Firmware
     from sim_vehicle.autopilot.stick_rules import Sticks
     from sim_vehicle.execution.feasibility import ItemProblem
     from sim_vehicle.weather.wind import Wind

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from mission.autopilots import ARDUPILOT as PROFILE
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
+from sim_vehicle.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.ardupilot.firmware import (
     COLD_BOOT,
     COPTER_MAVLINK,
@@ -20,7 +21,6 @@ from sim_vehicle.autopilot.ardupilot.firmware import (
     MISSION,
     copter_parameters,
 )
-from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.parameters import motion_parameters, reference_parameters
 from sim_vehicle.autopilot.procedures import FlightProcedures, over_and_down, vertical_landing
 from sim_vehicle.motion.legs import ALONG, KEEP, Leg, LegKind

@@ -15,7 +15,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.planners.cornering import Cornering
 from sim_vehicle.airframe.estimate_errors import carried_aside_m
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
+from sim_vehicle.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.parameters import motion_parameters, reference_parameters
 from sim_vehicle.autopilot.procedures import FlightProcedures, over_and_down, vertical_landing
 from sim_vehicle.autopilot.px4.firmware import (

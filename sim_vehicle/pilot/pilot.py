@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.autopilot import Firmware
     from sim_vehicle.autopilot.stick_rules import Sticks
-    from sim_vehicle.execution.feasibility import ItemProblem
+    from sim_vehicle.execution.items import ItemProblem
     from sim_vehicle.weather.wind import Wind
 
 __all__ = ["Pilot"]

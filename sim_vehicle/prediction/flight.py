@@ -14,8 +14,7 @@ from sim_vehicle.autopilot import firmware_of
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
-from sim_vehicle.execution.feasibility import mission_problems
-from sim_vehicle.execution.items import item_positions
+from sim_vehicle.execution.items import item_positions, mission_problems
 from sim_vehicle.execution.state import (
     EPOCH_UNIX_S,
     BatteryDepleted,

@@ -87,7 +87,7 @@ class Firmware:
     """Flight by sticks; None if sticks have no effect."""
     strays_m: Callable[[VehicleSpec], float] | None = None
     """Function that returns a vehicle's lateral drift due to estimate errors, as the standard deviation per
-    horizontal axis (`sim_vehicle.airframe.estimate_errors`). None if the estimate is exact."""
+    horizontal axis (`sim_vehicle.airframe.navigation_errors`). None if the estimate is exact."""
     return_height: tuple[str, float] | None = None
     """Name of the parameter for the minimum return altitude above home, and its unit in metres. A fleet in
     altitude layers sets the parameter for each vehicle. None if fleets do not change return altitudes."""

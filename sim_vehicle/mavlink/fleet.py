@@ -9,7 +9,7 @@ from itertools import zip_longest
 from geo.frame import LocalFrame
 from geo.seeds import child_seed
 from mission.model import GeoPoint
-from sim_vehicle.airframe.sensor_errors import SensorNoise
+from sim_vehicle.airframe.navigation_errors import SensorNoise
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import Autopilot, get_autopilot
 from sim_vehicle.errors import VehicleError

@@ -18,7 +18,7 @@ from sim_vehicle.motion.legs import KEEP
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from sim_vehicle.airframe.estimate_errors import EstimateErrors
+    from sim_vehicle.airframe.navigation_errors import EstimateErrors
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position, Route
 

@@ -33,7 +33,7 @@ from sim_vehicle.pilot.mode_control import MissionChange, MissionStatus, ModeCon
 
 if TYPE_CHECKING:
     from geo.frame import LocalFrame
-    from sim_vehicle.airframe.estimate_errors import EstimateErrors
+    from sim_vehicle.airframe.navigation_errors import EstimateErrors
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.autopilot import Firmware
     from sim_vehicle.autopilot.stick_rules import Sticks

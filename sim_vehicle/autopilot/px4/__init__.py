@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from mission.autopilots import PX4 as PROFILE
 from mission.link.codec.dialect import mavlink as m
 from mission.planners.cornering import Cornering
-from sim_vehicle.airframe.estimate_errors import carried_aside_m
+from sim_vehicle.airframe.navigation_errors import carried_aside_m
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.parameters import motion_parameters, reference_parameters

@@ -27,7 +27,7 @@ from mission.outcome import Outcome
 from sensors.camera.leaf_camera import LeafCamera
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import with_autopilot
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle

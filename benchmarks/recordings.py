@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from geo.frame import LocalFrame
 from mission.model import MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.airframe.estimate_errors import EstimateErrors
+from sim_vehicle.airframe.navigation_errors import EstimateErrors
 from sim_vehicle.airframe.spec import VehicleSpec
-from sim_vehicle.autopilot import get_autopilot, with_autopilot
-from sim_vehicle.autopilot.autopilot import flight_procedures
+from sim_vehicle.autopilot import flight_procedures, get_autopilot, with_autopilot
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import CannotFly, Disarmed, FlightEvent, ItemReached

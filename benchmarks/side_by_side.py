@@ -20,7 +20,7 @@ from common import options_of, print_table
 from flight_measures import phases, turns
 from recordings import START_S, Comparison, Flight, Recording, compare, fly_recording, load_recording
 
-from sim_vehicle.airframe.estimate_errors import EstimateErrors
+from sim_vehicle.airframe.navigation_errors import EstimateErrors
 from sim_vehicle.autopilot import estimate_errs
 from sim_vehicle.errors import VehicleError
 

@@ -38,7 +38,7 @@ __all__ = [
 ]
 
 AUTOPILOT_GROUP = "wbf_mission.autopilots"
-"""Entry point group of autopilots; each entry is a `sim_vehicle.autopilot.autopilot.Autopilot`."""
+"""Entry point group of autopilots; each entry is a `sim_vehicle.autopilot.Autopilot`."""
 DEFAULT_AUTOPILOT = "px4"
 NO_AUTOPILOT = "generic"
 """Autopilot name of a vehicle with the generic motion, which no autopilot controls."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from mission.link.codec.dialect import mavlink as m
-from sim_vehicle.autopilot.modes import ModeTable
+from sim_vehicle.autopilot.behaviour import ModeTable
 from sim_vehicle.autopilot.parameters import Setting
 
 __all__ = [

@@ -123,7 +123,7 @@ class GenericProcedures(FlightProcedures):
     def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
         """Return the motion model of a vehicle that stands at home."""
         if spec.is_ideal:
-            from sim_vehicle.motion.ideal import IdealRobot
+            from sim_vehicle.motion.model import IdealRobot
 
             return IdealRobot(spec, yaw_rad)
         from sim_vehicle.motion.multirotor.model import Multirotor

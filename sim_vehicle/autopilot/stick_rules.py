@@ -11,8 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from sim_vehicle.autopilot.behaviour import Action
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Action, Mode
 from sim_vehicle.autopilot.parameters import Setting
 
 if TYPE_CHECKING:

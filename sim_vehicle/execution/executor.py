@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Generator
 
     from geo.frame import LocalFrame
-    from sim_vehicle.airframe.estimate_errors import EstimateErrors
+    from sim_vehicle.airframe.navigation_errors import EstimateErrors
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Position
     from sim_vehicle.motion.model import MotionEvent, MotionModel

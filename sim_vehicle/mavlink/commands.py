@@ -16,7 +16,7 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import CommandMessage
 from mission.model import RELATIVE_FRAMES, Command
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.execution.items import CAMERA_COMMANDS, ROI_COMMANDS
 from sim_vehicle.mavlink.vehicle_command import Result, VehicleCommand, read_command
 from sim_vehicle.motion.legs import ALONG, Heading

@@ -9,10 +9,9 @@ from itertools import zip_longest
 from geo.frame import LocalFrame
 from geo.seeds import child_seed
 from mission.model import GeoPoint
-from sim_vehicle.airframe.sensor_errors import SensorNoise
+from sim_vehicle.airframe.navigation_errors import SensorNoise
 from sim_vehicle.airframe.spec import VehicleSpec
-from sim_vehicle.autopilot import get_autopilot
-from sim_vehicle.autopilot.autopilot import Autopilot
+from sim_vehicle.autopilot import Autopilot, get_autopilot
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.state import EPOCH_UNIX_S
 from sim_vehicle.host.ports import ServerUrl

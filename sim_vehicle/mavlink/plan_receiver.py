@@ -26,7 +26,7 @@ from mission.transfer.events import (
 )
 from mission.transfer.server import MissionServer
 from mission.transfer.storage import UncheckedItem
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.component import NEVER
 from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS
 from sim_vehicle.pilot.controls import RefusedError, Severity

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
+from sim_vehicle.airframe.navigation_errors import HDOP, VDOP, SensorNoise
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.airframe.sensor_errors import HDOP, VDOP, SensorNoise
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.mavlink.wire_state import UNUSED, Vector, centidegrees, int16, int16_vector
 from sim_vehicle.pilot.controls import MissionState

@@ -15,12 +15,10 @@ from mission.link.codec.typed import CommandMessage, handler, is_a
 from mission.model import GeoPoint, MissionItem, MissionType
 from mission.outcome import Outcome
 from mission.transfer import wire
-from sim_vehicle.airframe.sensor_errors import NavigationErrors, SensorNoise
+from sim_vehicle.airframe.navigation_errors import NavigationErrors, SensorNoise
 from sim_vehicle.airframe.spec import VehicleSpec
-from sim_vehicle.autopilot import adapt_vehicle, get_autopilot
-from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
-from sim_vehicle.autopilot.behaviour import ColdBoot
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot import Autopilot, Firmware, adapt_vehicle, get_autopilot
+from sim_vehicle.autopilot.behaviour import ColdBoot, Mode
 from sim_vehicle.component import UNHEARD
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.items import CAMERA_COMMANDS, NAV_COMMANDS

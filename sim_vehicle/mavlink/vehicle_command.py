@@ -10,7 +10,7 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import CommandMessage, is_a
 from mission.model import Command, MissionItem
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.component import NEVER
 
 if TYPE_CHECKING:

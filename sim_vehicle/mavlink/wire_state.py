@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from geo.frame import Quaternion, quaternion_of
 from mission.model import RELATIVE_FRAMES, GeoPoint
+from sim_vehicle.airframe.navigation_errors import NavigationErrors, Sensed, SensorNoise
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.airframe.sensor_errors import NavigationErrors, Sensed, SensorNoise
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.execution.state import FlightPhase
 
 if TYPE_CHECKING:

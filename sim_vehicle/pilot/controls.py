@@ -11,7 +11,7 @@ from sim_vehicle.errors import VehicleError
 
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.autopilot.autopilot import Firmware
+    from sim_vehicle.autopilot import Firmware
     from sim_vehicle.execution.executor import MissionExecutor
     from sim_vehicle.execution.state import LandedState, VehicleState
 

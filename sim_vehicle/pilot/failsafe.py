@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from mission.outcome import Outcome
-from sim_vehicle.autopilot.behaviour import Action
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Action, Mode
 from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.pilot.controls import Severity
 from sim_vehicle.pilot.fence import Bounds, Breach, Fence, FenceWatch

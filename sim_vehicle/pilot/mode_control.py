@@ -6,8 +6,8 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from mission.model import Command
-from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.execution.feasibility import ItemProblem, check_mission
+from sim_vehicle.autopilot.behaviour import Mode
+from sim_vehicle.execution.items import ItemProblem, check_mission
 from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.pilot.controls import MissionState, RefusedError, Severity
 

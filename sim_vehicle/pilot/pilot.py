@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 from mission.model import Command, MissionItem
 from mission.outcome import Outcome
 from sim_vehicle.autopilot import with_autopilot
-from sim_vehicle.autopilot.behaviour import Action
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Action, Mode
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.items import item_positions
@@ -34,11 +33,11 @@ from sim_vehicle.pilot.mode_control import MissionChange, MissionStatus, ModeCon
 
 if TYPE_CHECKING:
     from geo.frame import LocalFrame
-    from sim_vehicle.airframe.estimate_errors import EstimateErrors
+    from sim_vehicle.airframe.navigation_errors import EstimateErrors
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.autopilot.autopilot import Firmware
+    from sim_vehicle.autopilot import Firmware
     from sim_vehicle.autopilot.stick_rules import Sticks
-    from sim_vehicle.execution.feasibility import ItemProblem
+    from sim_vehicle.execution.items import ItemProblem
     from sim_vehicle.weather.wind import Wind
 
 __all__ = ["Pilot"]

@@ -11,8 +11,7 @@ import numpy as np
 from mission.model import Command, MissionItem
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.execution.executor import MissionExecutor
-from sim_vehicle.execution.feasibility import mission_problems
-from sim_vehicle.execution.items import item_positions
+from sim_vehicle.execution.items import item_positions, mission_problems
 from sim_vehicle.execution.state import CannotFly, Disarmed, ItemReached, MissionComplete
 from sim_vehicle.prediction.flight import climbs_by_itself, home_frame, without_end
 from sim_vehicle.prediction.predict import rehearsals

@@ -14,8 +14,7 @@ from sim_vehicle.autopilot import firmware_of
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
-from sim_vehicle.execution.feasibility import mission_problems
-from sim_vehicle.execution.items import item_positions
+from sim_vehicle.execution.items import item_positions, mission_problems
 from sim_vehicle.execution.state import (
     EPOCH_UNIX_S,
     BatteryDepleted,
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from mission.model import Mission
-    from sim_vehicle.airframe.estimate_errors import EstimateErrors
+    from sim_vehicle.airframe.navigation_errors import EstimateErrors
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.execution.state import FlightEvent
     from sim_vehicle.weather.wind import Wind

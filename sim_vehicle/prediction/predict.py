@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim_vehicle.airframe.estimate_errors import EstimateErrors
+from sim_vehicle.airframe.navigation_errors import EstimateErrors
 from sim_vehicle.autopilot import estimate_errs
 from sim_vehicle.execution.state import EPOCH_UNIX_S
 from sim_vehicle.prediction.flight import Prediction, fly_all
@@ -126,8 +126,8 @@ def expected_flights(
     nearest to the mean. A mission is infeasible if at most half of its flights complete it.
 
     With `estimate_errors`, the means are also over the errors of PX4's estimate
-    (`sim_vehicle.airframe.estimate_errors`); there are then at least `ERROR_REHEARSALS` flights. Each flight
-    has its own errors, which are the same in every call. The estimates of other autopilots are exact.
+    (`sim_vehicle.airframe.navigation_errors`); there are then at least `ERROR_REHEARSALS` flights. Each
+    flight has its own errors, which are the same in every call. The estimates of other autopilots are exact.
     """
     airs = _rehearsed_airs(spec, wind, pairs, estimate_errors=estimate_errors)
     flown = fly_all(missions, spec, airs, frame, track_step_s, endless=endless, threads=threads)

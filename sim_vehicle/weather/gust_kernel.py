@@ -1,7 +1,7 @@
 """Compiled functions of the wind: gusts from noise, and the wind at a height.
 
-A row of a wind block (`sim_vehicle.weather.columns`) holds all numbers of the wind at one instant, so that a
-kernel needs no other input.
+A row of a wind block (`sim_vehicle.weather.atmosphere`) holds all numbers of the wind at one instant, so that
+a kernel needs no other input.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from geo.compiled import compiled
 from geo.texts import FOOT_M
-from sim_vehicle.weather.columns import (
+from sim_vehicle.weather.atmosphere import (
     AIR_EAST,
     AIR_NORTH,
     AIR_UP,
@@ -109,7 +109,7 @@ def forming_filters(noise: Floats, filters: Floats, state: Floats) -> Floats:
     noise : float64[n, 5]
         Independent standard normal numbers.
     filters : float64[3, 5]
-        Filters along, across and up, with the columns of `sim_vehicle.weather.columns`.
+        Filters along, across and up, with the columns of `sim_vehicle.weather.atmosphere`.
     state : float64[5]
         State of the filters, changed in place: 1 number along, 2 across and 2 up.
 

@@ -1,4 +1,4 @@
-"""Wind over the farm: mean wind, shear, and gusts of a Gauss-Markov process or of Dryden's spectra.
+"""Wind over the farm: mean wind, and gusts of a Gauss-Markov process or of Dryden's spectra.
 
 Gusts are drawn in blocks on a fixed time grid of `GRID_S`. The wind at a time and height depends on the seed,
 but not on the time step of the simulation. See docs/wind-and-noise.md.
@@ -14,24 +14,21 @@ import numpy as np
 
 from sim_vehicle.airframe.power_spec import within
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.weather.columns import (
+from sim_vehicle.weather.atmosphere import (
     AIR_EAST,
     AIR_NORTH,
     HAS_DRYDEN,
     HIGHEST_M,
-    LOGARITHMIC,
-    LOWEST_M,
     MEAN_EAST,
     MEAN_NORTH,
-    POWER,
     REFERENCE_HEIGHT,
     SHEAR_LAW,
     SHEAR_NUMBER,
-    SITL_FULL_M,
-    SQUARE_ROOT,
     WIND_ROW,
+    Turbulence,
+    WindShear,
+    intensities_m_s,
 )
-from sim_vehicle.weather.dryden import Turbulence, intensities_m_s
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -40,51 +37,6 @@ __all__ = ["BLOCK", "GRID_S", "Turbulence", "Wind", "WindSeries", "WindShear"]
 
 GRID_S = 0.1
 BLOCK = 1024
-_LAWS = {"log": LOGARITHMIC, "power": POWER, "sitl": SQUARE_ROOT}
-
-
-@dataclass(frozen=True, slots=True)
-class WindShear:
-    """Profile of the mean wind over height; raises VehicleError for an unknown law or a number out of range.
-
-    Examples
-    --------
-    >>> round(WindShear("log", roughness_m=0.1).factor(2.0, 10.0), 4)
-    0.6505
-    """
-
-    law: str = "log"
-    """Law of the profile. "log" is ``ln(h / roughness)`` and "power" is ``h ** exponent``, each relative to
-    the value at the reference height of the wind. "sitl" is the profile of ArduPilot's simulator
-    (SIM_WIND_T 0): the given wind from `SITL_FULL_M` up, and ``sqrt(h / SITL_FULL_M)`` of it below."""
-    roughness_m: float = 0.1
-    """Roughness length of the ground: 0.03 m for grass, 0.1 m for low crops, 0.25 m for high crops (Wieringa
-    1992). MIL-F-8785C uses 0.15 ft near airfields and 2 ft elsewhere."""
-    exponent: float = 1.0 / 7.0
-    """Exponent of the power law; 1/7 is usual over open land."""
-
-    def __post_init__(self) -> None:
-        if self.law not in _LAWS:
-            msg = f"wind shear {self.law!r} is not a law: give {' or '.join(_LAWS)}"
-            raise VehicleError(msg)
-        if not 1e-5 <= self.roughness_m <= 0.7:
-            msg = f"wind shear: roughness length {self.roughness_m} m is outside 0.00001..0.7"
-            raise VehicleError(msg)
-        if not 0.0 <= self.exponent <= 1.0:
-            msg = f"wind shear: exponent {self.exponent} is outside 0..1"
-            raise VehicleError(msg)
-
-    def factor(self, height_m: float, reference_m: float) -> float:
-        """Return the mean wind at a height, relative to the mean wind at the reference height.
-
-        Heights are limited to 3 to 1000 ft. The profile "sitl" extends to the ground, where it is 0.
-        """
-        if self.law == "sitl":
-            return math.sqrt(min(max(height_m, 0.0), SITL_FULL_M) / SITL_FULL_M)
-        height = min(max(height_m, LOWEST_M), HIGHEST_M)
-        if self.law == "power":
-            return float((height / reference_m) ** self.exponent)
-        return math.log(height / self.roughness_m) / math.log(reference_m / self.roughness_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,8 +149,8 @@ class Wind:
 class WindSeries:
     """Wind on a time grid, in blocks.
 
-    ``block`` is float64[BLOCK, 9] with the columns of `sim_vehicle.weather.columns`. The first row belongs to
-    the grid index ``first``. `sim_vehicle.weather.gust_kernel.wind_at` evaluates a row. Without gusts, the
+    ``block`` is float64[BLOCK, 9] with the columns of `sim_vehicle.weather.atmosphere`. The first row belongs
+    to the grid index ``first``. `sim_vehicle.weather.gust_kernel.wind_at` evaluates a row. Without gusts, the
     block has a single row, which is valid at all times.
     """
 
@@ -217,10 +169,7 @@ class WindSeries:
         self._rows[:, AIR_EAST] = self._rows[:, MEAN_EAST] = wind.east_m_s
         self._rows[:, AIR_NORTH] = self._rows[:, MEAN_NORTH] = wind.north_m_s
         if wind.shear is not None:
-            shear = wind.shear
-            self._rows[:, SHEAR_LAW] = _LAWS[shear.law]
-            number = {"log": shear.roughness_m, "power": shear.exponent, "sitl": SITL_FULL_M}
-            self._rows[:, SHEAR_NUMBER] = number[shear.law]
+            self._rows[:, SHEAR_LAW], self._rows[:, SHEAR_NUMBER] = wind.shear.columns
         self._rows[:, REFERENCE_HEIGHT] = wind.height_m
         self._rows[:, HAS_DRYDEN] = isinstance(self._gusts, _Dryden)
         self._sign = -1.0 if wind.mirrored else 1.0

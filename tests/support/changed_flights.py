@@ -16,7 +16,7 @@ from geo.frame import LocalFrame
 from mission.model import Command, GeoPoint, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot, with_autopilot
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.mavlink import SimVehicle
 
 _SAMPLE_S = 0.1

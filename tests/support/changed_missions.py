@@ -11,7 +11,7 @@ from mission.transfer.wire import to_wire_order
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.mavlink import SimVehicle
 
 HOME = GeoPoint(28.05, -82.15, 20.0)

@@ -11,7 +11,7 @@ import pytest
 from geo import get_farm
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import with_autopilot
-from sim_vehicle.weather.dryden import LEVELS_W20_M_S
+from sim_vehicle.weather.atmosphere import LEVELS_W20_M_S
 from wbf_mission.addons.base.simulator import make_components
 from wbf_mission.flight import fly
 from wbf_mission.planning import MissionBuilder

@@ -9,11 +9,10 @@ from numpy.random import SeedSequence
 
 from geo.seeds import child_seed
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.airframe.estimate_errors import HEIGHT_M
-from sim_vehicle.airframe.sensor_errors import SensorNoise
+from sim_vehicle.airframe.navigation_errors import HEIGHT_M, SensorNoise
 from sim_vehicle.airframe.spec import VehicleSpec
-from sim_vehicle.autopilot.autopilot import estimate_errs, with_autopilot
-from sim_vehicle.weather.dryden import LEVELS_W20_M_S, REFERENCE_M
+from sim_vehicle.autopilot import estimate_errs, with_autopilot
+from sim_vehicle.weather.atmosphere import LEVELS_W20_M_S, REFERENCE_M
 from sim_vehicle.weather.wind import Turbulence, Wind, WindShear
 from wbf_mission.scenario import MissionOptions, Scenario, VehicleOptions, WeatherOptions
 

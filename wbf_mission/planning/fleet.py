@@ -13,7 +13,7 @@ from geo import Farm
 from geo.seeds import child_seed
 from mission.planners.search import is_number
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.airframe.sensor_errors import SensorNoise
+from sim_vehicle.airframe.navigation_errors import SensorNoise
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.mavlink.fleet import SPACING_M

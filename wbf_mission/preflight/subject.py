@@ -20,8 +20,13 @@ from sensors.camera.optics import Imaging
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import estimate_errs, firmware_of
 from sim_vehicle.camera.component import MIN_INTERVAL_S
-from sim_vehicle.execution.feasibility import ItemProblem, mission_problems
-from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS, item_positions
+from sim_vehicle.execution.items import (
+    DO_COMMANDS,
+    NAV_COMMANDS,
+    ItemProblem,
+    item_positions,
+    mission_problems,
+)
 from sim_vehicle.execution.state import BatteryDepleted, CannotFly
 from sim_vehicle.motion.legs import Position
 from sim_vehicle.prediction.flight import PredictedFlight, Prediction, climbs_by_itself, fly_all, home_frame

@@ -14,11 +14,14 @@ from typing import TYPE_CHECKING
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.autopilot.behaviour import (
     Action,
+    BaseModes,
     BootStage,
     ColdBoot,
     FailsafeRules,
     IdleDisarm,
     MissionBehaviour,
+    Mode,
+    ModeTable,
     actions_by_value,
 )
 from sim_vehicle.autopilot.mavlink_profile import (
@@ -28,7 +31,6 @@ from sim_vehicle.autopilot.mavlink_profile import (
     MavlinkProfile,
     RefusalTexts,
 )
-from sim_vehicle.autopilot.modes import BaseModes, Mode, ModeTable
 from sim_vehicle.autopilot.parameters import FailsafeDefaults, MavParameter, Setting
 from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, Sticks, bits
 

@@ -20,7 +20,10 @@ from sim_vehicle.autopilot.behaviour import (
     FailsafeRules,
     IdleDisarm,
     MissionBehaviour,
+    Mode,
+    ModeTable,
     actions_by_value,
+    px4_custom_mode,
 )
 from sim_vehicle.autopilot.mavlink_profile import (
     COMMON_CAPABILITIES,
@@ -29,9 +32,7 @@ from sim_vehicle.autopilot.mavlink_profile import (
     MavlinkProfile,
     RefusalTexts,
 )
-from sim_vehicle.autopilot.modes import Mode, ModeTable, px4_custom_mode
 from sim_vehicle.autopilot.parameters import MavParameter, Setting
-from sim_vehicle.autopilot.px4.copter import drag_of
 from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, TiltSticks, bits
 
 if TYPE_CHECKING:
@@ -41,6 +42,8 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.autopilot.parameters import RuntimeParameters
 
+# SIH_KDV / SIH_MASS of the reference airframe (SIH 10040).
+_SIH_DRAG_1_S = 1.0
 LINK_NAMES = ("ground", "api", "payload", "gimbal")
 """Names of the links of `simulator_urls`, in the same order."""
 _LAST_API_INSTANCE = 9
@@ -369,6 +372,13 @@ LOSS = StickLoss(
     lost="Failsafe activated",
     delayed="Failsafe activated: entering Hold for {:.0f} seconds",
 )
+
+
+def drag_of(spec: VehicleSpec) -> float:
+    """Return the drag divided by mass and airspeed (1/s); the default is for the reference airframe."""
+    return _SIH_DRAG_1_S if spec.linear_drag_1_s is None else spec.linear_drag_1_s
+
+
 COPTER_STICKS = StickRules(
     speeds={Mode.POSITION: Setting("MPC_VEL_MANUAL", 10.0), Mode.ALTITUDE: None, Mode.MANUAL: None},
     needed=frozenset({Mode.POSITION, Mode.ALTITUDE, Mode.MANUAL}),

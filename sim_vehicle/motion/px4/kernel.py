@@ -9,8 +9,8 @@ the autopilot. Positions are east-north-up relative to the start.
 
 Besides the common arguments, a step has guides GUIDE[1], laws LAW[1] and errors float64[n, COLUMNS]. The
 first row of the errors has the grid index of the first take-off. The further rows are the estimate errors
-(`sim_vehicle.airframe.estimate_errors`) on the grid from this index on. A single row means that the estimate
-is exact. The kernel uses only the time step and the energy limit of the multirotor's limits.
+(`sim_vehicle.airframe.navigation_errors`) on the grid from this index on. A single row means that the
+estimate is exact. The kernel uses only the time step and the energy limit of the multirotor's limits.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim_vehicle.airframe.estimate_errors import COLUMNS
+from sim_vehicle.airframe.navigation_errors import COLUMNS
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import State
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sim_vehicle.airframe.estimate_errors import EstimateErrors
+    from sim_vehicle.airframe.navigation_errors import EstimateErrors
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position, Route
     from sim_vehicle.weather.wind import Wind

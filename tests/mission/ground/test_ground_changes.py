@@ -31,7 +31,7 @@ from mission.transfer import DownloadComplete, MissionServer
 from sensors.camera.leaf_camera import LeafCamera
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot, with_autopilot
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.simulation import Impairment, Simulation
 from sim_vehicle.mavlink import SimVehicle

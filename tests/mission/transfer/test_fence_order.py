@@ -15,7 +15,7 @@ from mission.transfer import OWN_TRANSFERS, MissionDownload, TransferMaker, Veri
 from mission.transfer.driver import TransferDriver
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot, with_autopilot
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
 

@@ -5,17 +5,17 @@ import math
 import numpy as np
 import pytest
 
-from sim_vehicle.airframe.drift import recur
-from sim_vehicle.airframe.estimate_errors import (
+from sim_vehicle.airframe.navigation_errors import (
     CLIMB_M_S,
     DRIFT_M,
     GRID_S,
     SETTLED_S,
     VELOCITY_M_S,
     EstimateErrors,
+    SensorNoise,
     carried_aside_m,
+    recur,
 )
-from sim_vehicle.airframe.sensor_errors import SensorNoise
 
 SETTLED = round(SETTLED_S / GRID_S)
 

@@ -118,7 +118,7 @@ def test_an_autopilots_own_firmware_goes_before_that_of_the_kind():
 )
 def test_a_firmware_that_a_kind_cannot_give_is_refused(monkeypatch, firmware, text):
     broken = replace(get_kind("rover"), firmwares={"px4": firmware})
-    monkeypatch.setattr("sim_vehicle.autopilot.autopilot.get_kind", lambda name: broken)
+    monkeypatch.setattr("sim_vehicle.autopilot.get_kind", lambda name: broken)
     with pytest.raises(VehicleError, match=f"{firmware} {text}"):
         get_autopilot("px4").for_vehicle("rover")
 

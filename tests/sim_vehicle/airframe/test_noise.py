@@ -8,9 +8,9 @@ from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint
 from sensors.camera.leaf_camera import LeafCamera
 from sensors.camera.wire import ObservationAssembler
-from sim_vehicle.airframe import sensor_errors as navigation
+from sim_vehicle.airframe import navigation_errors as navigation
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.airframe.sensor_errors import BLOCK, GRID_S, NavigationErrors, SensorNoise
+from sim_vehicle.airframe.navigation_errors import BLOCK, GRID_S, NavigationErrors, SensorNoise
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.errors import VehicleError

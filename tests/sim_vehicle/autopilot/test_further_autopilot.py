@@ -172,7 +172,7 @@ def test_without_its_package_it_is_unknown():
     [
         ("nimbus:NOTHING", "cannot be loaded"),
         ("nowhere_at_all:X", "cannot be loaded"),
-        ("nimbus:PROFILE", "is no sim_vehicle.autopilot.autopilot.Autopilot"),
+        ("nimbus:PROFILE", "is no sim_vehicle.autopilot.Autopilot"),
         ("sim_vehicle.autopilot.px4:PX4", "calls itself px4"),
     ],
 )

@@ -7,7 +7,7 @@ import pytest
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.pilot.controls import RefusedError
 from tests.support.rig import QUAD

@@ -9,7 +9,7 @@ from mission.model import MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
-from sim_vehicle.execution.feasibility import check_mission
+from sim_vehicle.execution.items import check_mission
 from sim_vehicle.execution.state import (
     BatteryDepleted,
     CameraCommand,

@@ -8,7 +8,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot, with_autopilot
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.mavlink.vehicle import SimVehicle
 from tests.support.mission_items import RTL, takeoff, wp

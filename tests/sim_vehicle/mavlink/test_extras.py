@@ -3,7 +3,7 @@
 import pytest
 
 from mission.link.codec.dialect import mavlink as m
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.mavlink import extras
 from sim_vehicle.mavlink.extras import VehicleExtra
 from tests.support.peer import Peer

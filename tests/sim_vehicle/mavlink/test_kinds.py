@@ -14,7 +14,7 @@ from mission.outcome import Outcome
 from mission.transfer import wire
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.autopilot.px4.firmware import px4_takeoff_and_landing
 from sim_vehicle.host.simulation import Simulation

@@ -19,7 +19,7 @@ from mission.transfer import wire
 from mission.transfer.driver import TransferDriver
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import Simulation, StopReason

@@ -7,7 +7,7 @@ from sweeps import sweep
 
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.execution.state import FlightPhase
 

@@ -16,7 +16,7 @@ from mission.transfer import wire
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import autopilot_names, get_autopilot
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.component import Component
 from sim_vehicle.errors import VehicleError

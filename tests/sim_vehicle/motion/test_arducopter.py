@@ -20,7 +20,7 @@ from mission.model import Command, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import flight_procedures, with_autopilot
-from sim_vehicle.autopilot.ardupilot.copter import ARDUCOPTER
+from sim_vehicle.autopilot.ardupilot import ARDUCOPTER
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import CannotFly, FlightEvent, ItemReached

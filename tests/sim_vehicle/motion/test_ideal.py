@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.motion.ideal import IdealRobot
 from sim_vehicle.motion.legs import Leg, Route
-from sim_vehicle.motion.model import MotionEvent
+from sim_vehicle.motion.model import IdealRobot, MotionEvent
 from tests.support.ideal_robot import ideal_positions
 
 GOLDEN = Path(__file__).parents[2] / "data" / "golden"

@@ -13,10 +13,9 @@ from sweeps import sweep
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.airframe.estimate_errors import COLUMNS, GRID_S, EstimateErrors
-from sim_vehicle.airframe.sensor_errors import SensorNoise
+from sim_vehicle.airframe.navigation_errors import COLUMNS, GRID_S, EstimateErrors, SensorNoise
 from sim_vehicle.autopilot import flight_procedures, get_autopilot, with_autopilot
-from sim_vehicle.autopilot.px4.copter import PX4_MULTIROTOR, return_height_m
+from sim_vehicle.autopilot.px4 import PX4_MULTIROTOR, return_height_m
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import (

@@ -13,9 +13,8 @@ from sweeps import sweep
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion.columns import State
-from sim_vehicle.motion.ideal import IdealRobot
 from sim_vehicle.motion.legs import ALONG, KEEP, Heading, Leg, Route
-from sim_vehicle.motion.model import MotionEvent
+from sim_vehicle.motion.model import IdealRobot, MotionEvent
 from sim_vehicle.motion.multirotor.model import Multirotor
 from sim_vehicle.weather.wind import Wind
 

@@ -13,7 +13,7 @@ from mission.model import MissionItem, MissionType
 from mission.outcome import Outcome
 from mission.transfer import wire
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.pilot.controls import RefusedError

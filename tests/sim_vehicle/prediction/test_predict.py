@@ -12,7 +12,7 @@ from sweeps import sweep
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.airframe.estimate_errors import EstimateErrors
+from sim_vehicle.airframe.navigation_errors import EstimateErrors
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.state import Disarmed, MissionComplete

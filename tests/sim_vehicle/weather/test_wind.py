@@ -14,7 +14,13 @@ from sim_vehicle.mavlink.reports import STREAMS
 from sim_vehicle.motion.legs import Leg, Route
 from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.motion.multirotor.model import Multirotor
-from sim_vehicle.weather.dryden import LEVELS_W20_M_S, Turbulence, intensities_m_s, length_scales_m, spectrum
+from sim_vehicle.weather.atmosphere import (
+    LEVELS_W20_M_S,
+    Turbulence,
+    intensities_m_s,
+    length_scales_m,
+    spectrum,
+)
 from sim_vehicle.weather.gust_kernel import wind_at
 from sim_vehicle.weather.wind import BLOCK, GRID_S, Wind, WindShear
 

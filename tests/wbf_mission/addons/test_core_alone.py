@@ -160,7 +160,7 @@ from mission.model import GeoPoint
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.kind import get_kind, kind_of_type
 from sim_vehicle.autopilot import with_autopilot
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.mavlink import SimVehicle
 

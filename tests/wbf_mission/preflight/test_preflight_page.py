@@ -31,7 +31,7 @@ def codes_in_the_source():
     sources = [
         *folder.rglob("*.py"),
         Path(vehicle_rules.__file__),
-        ROOT / "sim_vehicle" / "execution" / "feasibility.py",
+        ROOT / "sim_vehicle" / "execution" / "items.py",
     ]
     for path in sources:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

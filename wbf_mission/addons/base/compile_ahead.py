@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.airframe.estimate_errors import EstimateErrors
 from sim_vehicle.airframe.kind import NO_AUTOPILOT, get_kind, kind_names
+from sim_vehicle.airframe.navigation_errors import EstimateErrors
 from sim_vehicle.autopilot import autopilot_names, flight_procedures, get_autopilot, with_autopilot
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.prediction.predict import predict_flights

@@ -17,7 +17,7 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from mission.model import Command
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.execution.items import ROI_COMMANDS
 from sim_vehicle.mavlink.extras import VehicleExtra
 from sim_vehicle.mavlink.vehicle_command import Result, VehicleCommand

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, get_args
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.autopilot.parameters import Setting
 from sim_vehicle.execution.state import LandedState
 from sim_vehicle.mavlink.commands import enter_mode

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.autopilot.parameters import Setting
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.leg_follower import drag_1_s

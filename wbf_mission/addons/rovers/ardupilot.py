@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
+from sim_vehicle.autopilot import Firmware
 from sim_vehicle.autopilot.ardupilot import ROOMY_PROFILE
 from sim_vehicle.autopilot.ardupilot.firmware import (
     COPTER_MAVLINK,
@@ -21,9 +22,7 @@ from sim_vehicle.autopilot.ardupilot.firmware import (
     battery_actions,
     vehicle_parameters,
 )
-from sim_vehicle.autopilot.autopilot import Firmware
-from sim_vehicle.autopilot.behaviour import actions_by_value
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode, actions_by_value
 from sim_vehicle.autopilot.parameters import Setting, motion_parameters, reference_parameters
 from sim_vehicle.autopilot.stick_rules import StickLoss, StickRules, bits
 from wbf_mission.addons.rovers.procedures import RoverProcedures

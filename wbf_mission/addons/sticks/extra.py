@@ -22,7 +22,7 @@ from sim_vehicle.pilot.controls import RefusedError, Severity
 from wbf_mission.addons.sticks.pilot import StickPilot
 
 if TYPE_CHECKING:
-    from sim_vehicle.autopilot.modes import Mode
+    from sim_vehicle.autopilot.behaviour import Mode
     from sim_vehicle.mavlink.parameters import ParameterSet
     from sim_vehicle.mavlink.plan_receiver import PlanReceiver
     from sim_vehicle.mavlink.wire_state import WireState

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 from mission.outcome import Outcome
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.autopilot.behaviour import Action
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Action, Mode
 from sim_vehicle.autopilot.stick_rules import Sticks
 from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.motion.legs import KEEP, Heading

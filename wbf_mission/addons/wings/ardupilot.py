@@ -11,6 +11,7 @@ from mission.autopilots import ARDUPILOT as PROFILE
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command
 from mission.planners.cornering import Cornering
+from sim_vehicle.autopilot import Firmware
 from sim_vehicle.autopilot.ardupilot import ROOMY_PROFILE
 from sim_vehicle.autopilot.ardupilot.firmware import (
     DEADZONE,
@@ -23,9 +24,7 @@ from sim_vehicle.autopilot.ardupilot.firmware import (
     battery_actions,
     vehicle_parameters,
 )
-from sim_vehicle.autopilot.autopilot import Firmware
-from sim_vehicle.autopilot.behaviour import Action, actions_by_value
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Action, Mode, actions_by_value
 from sim_vehicle.autopilot.parameters import Setting, motion_parameters, reference_parameters
 from sim_vehicle.autopilot.stick_rules import StickLoss, StickRules, WingSticks, bits
 from sim_vehicle.motion.legs import Circle, Leg, LegKind

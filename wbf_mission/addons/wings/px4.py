@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import mavlink as m
 from mission.planners.cornering import Cornering
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.autopilot.parameters import MavParameter, Setting, motion_parameters
 from sim_vehicle.autopilot.px4 import no_multirotor
 from sim_vehicle.autopilot.px4.firmware import COPTER_STICKS, LOSS, MISSION, RULES, common_parameters

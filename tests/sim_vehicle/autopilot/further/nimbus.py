@@ -5,10 +5,9 @@ from types import MappingProxyType
 
 from mission.autopilots.profile import FlightModes, Meaning, Profile, VehicleSettings
 from mission.link.codec.dialect import mavlink as m
-from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
-from sim_vehicle.autopilot.behaviour import FailsafeRules, actions_by_value
+from sim_vehicle.autopilot import Autopilot, Firmware
+from sim_vehicle.autopilot.behaviour import FailsafeRules, Mode, ModeTable, actions_by_value
 from sim_vehicle.autopilot.mavlink_profile import COMMON_CAPABILITIES, Identity, MavlinkProfile
-from sim_vehicle.autopilot.modes import Mode, ModeTable
 from sim_vehicle.autopilot.parameters import FailsafeDefaults, MavParameter, ParameterSpec
 from sim_vehicle.autopilot.procedures import GenericProcedures
 

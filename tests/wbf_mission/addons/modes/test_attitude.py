@@ -6,7 +6,7 @@ import pytest
 
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.execution.state import FlightPhase
 from tests.wbf_mission.addons.modes.test_setpoints import HERE, POSITION, Rig, local

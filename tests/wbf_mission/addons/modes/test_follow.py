@@ -11,7 +11,7 @@ from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.autopilot.px4 import PX4
 from tests.support.peer import Peer
 from tests.wbf_mission.addons.modes.test_setpoints import FRAME, HOME, Rig

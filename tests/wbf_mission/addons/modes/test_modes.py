@@ -7,7 +7,7 @@ import pytest
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import with_autopilot
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from tests.sim_vehicle.mavlink.test_answers import NAN, Peer
 from tests.wbf_mission.addons.modes.test_attitude import CIRCLE, DRIFT, FLIP, ZIGZAG, Copter
 from tests.wbf_mission.addons.modes.test_setpoints import HERE, POSITION, local

@@ -13,7 +13,7 @@ from mission.model import GeoPoint, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.mavlink import SimVehicle

@@ -22,7 +22,7 @@ from mission.link import MavlinkEndpoint, open_link
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint
 from mission.outcome import Outcome, Phase, in_words
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from wbf_mission.addons.base.links import LiveFlightError
 from wbf_mission.addons.operate.link import LiveLink
 from wbf_mission.cli.app import main

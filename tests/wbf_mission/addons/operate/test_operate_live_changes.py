@@ -9,7 +9,7 @@ from live_changes import FRAME, LONG, LiveChange, keys
 from mission.ground.change import ChangeOutcome
 from mission.ground.modes import Maneuver
 from mission.outcome import Outcome
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.host.simulation import Impairment
 
 AUTOPILOTS = ("px4", "ardupilot")

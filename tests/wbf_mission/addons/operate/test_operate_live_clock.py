@@ -17,7 +17,7 @@ from mission.transfer import OWN_TRANSFERS
 from mission.transfer.vehicles import Vehicle
 from sensors.fields import PAPER_FIELDS
 from sensors.scoring.information import InformationModel
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.host.simulation import Simulation
 from wbf_mission.addons.base.links import fitted_to
 from wbf_mission.addons.base.simulator import make_components

@@ -8,7 +8,7 @@ import pytest
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import FrameWriter
 from mission.outcome import Outcome
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.weather.wind import Wind
 from tests.sim_vehicle.mavlink.test_answers import Peer, landed, push
 from tests.wbf_mission.addons.modes.test_attitude import DRIFT, ZIGZAG, Copter

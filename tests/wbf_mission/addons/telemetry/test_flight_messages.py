@@ -8,7 +8,7 @@ from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import MissionItem
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.execution.state import FlightPhase
 from tests.sim_vehicle.mavlink.test_vehicle_messages import HOME, Peer
 

@@ -17,7 +17,7 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import fixed_wing_procedures, with_autopilot
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
-from sim_vehicle.execution.feasibility import check_mission
+from sim_vehicle.execution.items import check_mission
 from sim_vehicle.execution.state import (
     BatteryDepleted,
     CannotFly,

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim_vehicle.motion.arducopter.along_curves import AlongCurves
 from sim_vehicle.motion.arducopter.control import Guide
+from sim_vehicle.motion.arducopter.model import AlongCurves
 from sim_vehicle.motion.columns import State
 from sim_vehicle.motion.compiled_motion import CompiledMotion, Dynamics
 from sim_vehicle.motion.legs import KEEP, LegKind

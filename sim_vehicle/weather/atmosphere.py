@@ -1,7 +1,11 @@
-"""Dryden's turbulence near the ground: the low-altitude disturbance model of MIL-F-8785C (3.7.3).
+"""Models of the air near the ground: mean wind over height, and Dryden's turbulence.
 
-MIL-HDBK-1797 writes the same spectra with other length scales. Below 1000 ft the intensities and the length
-scales depend on the height h (ft) and on the wind at 20 ft, W20::
+The module needs no compiler. It names the columns of wind blocks and gust filters, which compiled functions
+read.
+
+Dryden's turbulence is the low-altitude disturbance model of MIL-F-8785C (3.7.3). MIL-HDBK-1797 writes the
+same spectra with other length scales. Below 1000 ft the intensities and the length scales depend on the
+height h (ft) and on the wind at 20 ft, W20::
 
     sigma_w = 0.1 W20       sigma_u = sigma_v = sigma_w / (0.177 + 0.000823 h)^0.4
     L_w = h                 L_u = L_v = h / (0.177 + 0.000823 h)^1.2
@@ -29,12 +33,40 @@ import numpy as np
 
 from geo.texts import FOOT_M
 from sim_vehicle.airframe.power_spec import within
-from sim_vehicle.weather.columns import DECAY, LEAK, NOISE_FIRST, NOISE_MIXED, NOISE_SECOND
+from sim_vehicle.errors import VehicleError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["LEVELS_W20_M_S", "Turbulence", "intensities_m_s", "length_scales_m", "spectrum"]
+# Laws of the mean wind over height; these are the values of SHEAR_LAW.
+CONSTANT, LOGARITHMIC, POWER, SQUARE_ROOT = 0.0, 1.0, 2.0, 3.0
+_LAWS = {"log": LOGARITHMIC, "power": POWER, "sitl": SQUARE_ROOT}
+# Columns of a wind block: wind and mean wind at the reference height (m/s), and how they vary with height.
+(
+    AIR_EAST,
+    AIR_NORTH,
+    AIR_UP,
+    MEAN_EAST,
+    MEAN_NORTH,
+    SHEAR_LAW,  # CONSTANT, LOGARITHMIC, POWER or SQUARE_ROOT.
+    SHEAR_NUMBER,  # Parameter of the law: roughness length (m), exponent, or height of the full wind (m).
+    REFERENCE_HEIGHT,
+    HAS_DRYDEN,  # 1 if the gusts are Dryden's, else 0.
+) = range(9)
+WIND_ROW = 9
+SITL_FULL_M = 60.0
+"""Height above which the wind in ArduPilot's simulator has its full speed."""
+LOWEST_M, HIGHEST_M = 3.0 * FOOT_M, 1000.0 * FOOT_M
+"""Range of heights of MIL-F-8785C's mean wind profile; outside it, the wind at the nearer end is used."""
+# Columns of a forming filter: DECAY is the decay per step, and LEAK is the contribution of the first state to
+# the second state. The NOISE columns are the lower triangle of the Cholesky factor of the noise covariance.
+(
+    DECAY,
+    LEAK,
+    NOISE_FIRST,
+    NOISE_MIXED,
+    NOISE_SECOND,
+) = range(5)
 
 _KNOT_M_S = 1852.0 / 3600.0
 _LOWEST_FT, _HIGHEST_FT = 10.0, 1000.0
@@ -42,6 +74,56 @@ REFERENCE_M = 20.0 * FOOT_M
 """Height at which W20 is measured."""
 LEVELS_W20_M_S = {"light": 15.0 * _KNOT_M_S, "moderate": 30.0 * _KNOT_M_S, "severe": 45.0 * _KNOT_M_S}
 """Wind W20 at the three levels of MIL-F-8785C: 15, 30 and 45 knots."""
+
+
+@dataclass(frozen=True, slots=True)
+class WindShear:
+    """Profile of the mean wind over height; raises VehicleError for an unknown law or a number out of range.
+
+    Examples
+    --------
+    >>> round(WindShear("log", roughness_m=0.1).factor(2.0, 10.0), 4)
+    0.6505
+    """
+
+    law: str = "log"
+    """Law of the profile. "log" is ``ln(h / roughness)`` and "power" is ``h ** exponent``, each relative to
+    the value at the reference height of the wind. "sitl" is the profile of ArduPilot's simulator
+    (SIM_WIND_T 0): the given wind from `SITL_FULL_M` up, and ``sqrt(h / SITL_FULL_M)`` of it below."""
+    roughness_m: float = 0.1
+    """Roughness length of the ground: 0.03 m for grass, 0.1 m for low crops, 0.25 m for high crops (Wieringa
+    1992). MIL-F-8785C uses 0.15 ft near airfields and 2 ft elsewhere."""
+    exponent: float = 1.0 / 7.0
+    """Exponent of the power law; 1/7 is usual over open land."""
+
+    def __post_init__(self) -> None:
+        if self.law not in _LAWS:
+            msg = f"wind shear {self.law!r} is not a law: give {' or '.join(_LAWS)}"
+            raise VehicleError(msg)
+        if not 1e-5 <= self.roughness_m <= 0.7:
+            msg = f"wind shear: roughness length {self.roughness_m} m is outside 0.00001..0.7"
+            raise VehicleError(msg)
+        if not 0.0 <= self.exponent <= 1.0:
+            msg = f"wind shear: exponent {self.exponent} is outside 0..1"
+            raise VehicleError(msg)
+
+    def factor(self, height_m: float, reference_m: float) -> float:
+        """Return the mean wind at a height, relative to the mean wind at the reference height.
+
+        Heights are limited to 3 to 1000 ft. The profile "sitl" extends to the ground, where it is 0.
+        """
+        if self.law == "sitl":
+            return math.sqrt(min(max(height_m, 0.0), SITL_FULL_M) / SITL_FULL_M)
+        height = min(max(height_m, LOWEST_M), HIGHEST_M)
+        if self.law == "power":
+            return float((height / reference_m) ** self.exponent)
+        return math.log(height / self.roughness_m) / math.log(reference_m / self.roughness_m)
+
+    @property
+    def columns(self) -> tuple[float, float]:
+        """Values of SHEAR_LAW and SHEAR_NUMBER in a wind block."""
+        number = {"log": self.roughness_m, "power": self.exponent, "sitl": SITL_FULL_M}
+        return _LAWS[self.law], number[self.law]
 
 
 def _term(height_m: float) -> tuple[float, float]:

@@ -47,16 +47,6 @@ def pytest_xdist_make_scheduler(config, log):
     return LoadFileScheduling(config, log)
 
 
-def pytest_collection_modifyitems(items):
-    """Spread the files that mostly wait for real time among those that compute, so that no core is idle."""
-    waiting, computing = {}, {}
-    for item in items:
-        waits = not {"clients", "operate", "mavsdk"}.isdisjoint(item.path.parts)
-        (waiting if waits else computing)[item.path] = None
-    places = {path: k / len(part) for part in (waiting, computing) for k, path in enumerate(part)}
-    items.sort(key=lambda item: places[item.path])
-
-
 def pytest_configure(config):
     """Sweeps are tests of the slow part, too; there they have more examples."""
     if config.getoption("markexpr") == "slow":

@@ -40,11 +40,12 @@ def print_table(rows: Sequence[Mapping[str, str]], title: str = "") -> None:
     """Print rows, cells by heading, as a Markdown table with aligned columns; print nothing without rows."""
     if not rows:
         return
-    lines = [list(rows[0]), *(list(row.values()) for row in rows)]
+    heads = list(rows[0])
+    lines = [heads, *([row[head] for head in heads] for row in rows)]
     widths = [max(3, *map(len, column)) for column in zip(*lines, strict=True)]
     if title:
         print(f"\n### {title}\n")
-    for row in (lines[0], ["-" * width for width in widths], *lines[1:]):
+    for row in (heads, ["-" * width for width in widths], *lines[1:]):
         print("| " + " | ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) + " |")
     sys.stdout.flush()
 

@@ -33,8 +33,6 @@ _KINDS = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
 class FirmwareVersion:
     """Version of an autopilot's firmware; `kind` is a FIRMWARE_VERSION_TYPE, 255 for an official release.
 
-    Examples
-    --------
     >>> str(FirmwareVersion.of(0x010E02FF)), str(FirmwareVersion.of(0x04070000))
     ('1.14.2', '4.7.0 dev')
     """
@@ -367,8 +365,6 @@ def decoded(value: float, kind: int, *, bytewise: bool) -> float | None:
 
     If `bytewise`, integers are encoded as the bytes of the float (PX4), otherwise as numbers (ArduPilot).
 
-    Examples
-    --------
     >>> decoded(struct.unpack("<f", struct.pack("<i", 3))[0], 6, bytewise=True)
     3.0
     >>> decoded(3.0, 2, bytewise=False)

@@ -19,7 +19,7 @@ from wbf_mission.exit_codes import ExitCode
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from wbf_mission.addons.base.page import Table
+    from wbf_mission.addons.base.pages import Table
     from wbf_mission.bench.rows import BenchRow
 
 REPORT_EXAMPLES = """
@@ -132,8 +132,7 @@ def print_standings(output: Output, rows: Sequence[BenchRow], title: str) -> Non
     """Print a table of standings for each scenario, and the causes of failed runs."""
     from dataclasses import asdict
 
-    from wbf_mission.addons.base.page import standing_table
-    from wbf_mission.addons.base.standings import standings
+    from wbf_mission.addons.base.standings import standing_table, standings
 
     _warn_of_uncounted(output, rows)
     found = standings(rows)

@@ -11,18 +11,18 @@ from numpy.typing import NDArray
 
 from geo.linear_algebra import exp, log, product
 from sensors.scoring.score import PAPER_WEIGHTS
-from wbf_mission.addons.epidemic.features import (
+from wbf_mission.addons.epidemic.network import (
     N_FEATURES,
     N_LOCAL,
     REACH,
     SEEN_SUSCEPTIBLE,
     UNKNOWN,
+    FieldClassifier,
     cells_in_reach,
     inner,
     local_features,
     padded_codes,
 )
-from wbf_mission.addons.epidemic.network import FieldClassifier
 from wbf_mission.addons.epidemic.store import network_for
 from wbf_mission.addons.epidemic.training import TrainingTask, classes_of
 
@@ -44,8 +44,6 @@ def least_loss_value(
 
     `probabilities`, float[..., 3], are for the classes susceptible, infected and removed.
 
-    Examples
-    --------
     >>> least_loss_value(np.array([[1, 0, 0], [0.9, 0.1, 0], [0, 0.5, 0.5], [0, 0, 1]])).round(3).tolist()
     [1.0, 0.737, 0.045, 0.0]
     """

@@ -24,20 +24,22 @@ from sensors.dynamics.epidemic import MAX_DAYS, NEVER, EpidemicParameters, simul
 from sensors.errors import EstimatorError
 from sensors.estimators.base import Step, no_step
 from sensors.estimators.paths import Cells, random_path
-from wbf_mission.addons.epidemic.features import (
+from wbf_mission.addons.epidemic.network import (
     N_CONTEXT,
     N_FEATURES,
     N_LOCAL,
     N_OVERALL,
     REACH,
     UNKNOWN,
+    FieldClassifier,
+    Network,
     context_features,
     inner,
     local_features,
     overall_features,
     padded_codes,
+    train,
 )
-from wbf_mission.addons.epidemic.network import FieldClassifier, Network, train
 
 _CANDIDATES = 40
 _NEAR_SICK = 12

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from sim_vehicle.mavlink.plan_receiver import PlanReceiver
     from sim_vehicle.mavlink.wire_state import WireState
 
-__all__ = ["GimbalExtra"]
-
 _DEVICE = 1
 _FAILED = m.MAV_RESULT_FAILED
 _LOCKS = m.GIMBAL_DEVICE_FLAGS_ROLL_LOCK | m.GIMBAL_DEVICE_FLAGS_PITCH_LOCK

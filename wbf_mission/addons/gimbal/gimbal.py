@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from sim_vehicle.autopilot.parameters import RuntimeParameters
     from sim_vehicle.execution.state import VehicleState
 
-__all__ = ["RATE_RAD_S", "Attitude", "Gimbal", "GimbalMode"]
-
 RATE_RAD_S = math.radians(60.0)
 """Maximum rate of each axis."""
 _DEGREE = math.radians(1.0)
@@ -73,8 +71,6 @@ class Gimbal:
     The gimbal is fitted if the vehicle's parameter `fitting` is above 0 at boot. If `fitting` is None, it is
     never fitted.
 
-    Examples
-    --------
     >>> from types import SimpleNamespace
     >>> gimbal = Gimbal(SimpleNamespace(kept=lambda name, default: default), Setting("MNT1_TYPE", 1.0))
     >>> gimbal.turn_to((0.0, -0.5, 3.0), earth=False)

@@ -26,11 +26,8 @@ from mission.transfer.vehicles import Vehicle
 from mission.transfer.wire import GROUND_STATION
 from sim_vehicle.component import Component
 from wbf_mission.addons.base.links import Heard, LinkHost, LiveFlightError, Note, Tap, Via
-from wbf_mission.addons.mavsdk.link import Call, MavsdkLink
-from wbf_mission.addons.mavsdk.transfers import mavsdk_transfers
+from wbf_mission.addons.mavsdk.link import Call, MavsdkLink, mavsdk_transfers
 from wbf_mission.scenario import Scenario
-
-__all__ = ["MavsdkOrders", "MavsdkVia"]
 
 _POLL_S = 0.02
 _Commanding = m.MAVLink_command_long_message | m.MAVLink_command_int_message

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.legs import Position
     from sim_vehicle.pilot.controls import Controls
 
-__all__ = ["FollowPilot"]
-
 _HEIGHT = Setting("FLW_TGT_HT", 8.0)
 _DISTANCE = Setting("FLW_TGT_DST", 8.0)
 _ANGLE = Setting("FLW_TGT_FA", 180.0, math.radians(1.0))

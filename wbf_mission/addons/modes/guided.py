@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from sim_vehicle.pilot.failsafe import Failsafe
     from sim_vehicle.pilot.pilot import Pilot
 
-__all__ = ["AttitudeTarget", "Flip", "GuidedFlight", "Setpoint"]
-
 _SLOWEST_M_S = 0.05
 # On the ground, setpoints less than this height above the vehicle are ignored: MAVLink rounds heights.
 _GROUND_MARGIN_M = 0.01

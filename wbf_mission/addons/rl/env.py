@@ -14,9 +14,8 @@ from pettingzoo import ParallelEnv
 
 from geo.texts import one_line
 from sensors.estimators import Estimator
-from wbf_mission.addons.rl.catalogue import why_not_single
+from wbf_mission.addons.rl.catalogue import TrainingError, why_not_single
 from wbf_mission.addons.rl.episode import Episode
-from wbf_mission.addons.rl.errors import TrainingError
 from wbf_mission.addons.rl.rendering import ARRAY, FRAMES_A_SECOND, HUMAN, Rendering
 from wbf_mission.addons.rl.task import Shown, SurveyTask, checked_moves
 from wbf_mission.scenario import Scenario

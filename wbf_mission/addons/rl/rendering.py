@@ -15,7 +15,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from wbf_mission.addons.base.plots import WORST_COLOURS, ramp, rgb
-from wbf_mission.addons.rl.errors import TrainingError
+from wbf_mission.addons.rl.catalogue import TrainingError
 from wbf_mission.addons.rl.task import SurveyTask, block_means
 
 if TYPE_CHECKING:

@@ -22,8 +22,7 @@ from sensors.environment import Environment
 from sensors.errors import EstimatorError
 from sensors.estimators import Estimator
 from sensors.field_files import load_field_set
-from wbf_mission.addons.rl.catalogue import why_not_stepped
-from wbf_mission.addons.rl.errors import TrainingError
+from wbf_mission.addons.rl.catalogue import TrainingError, why_not_stepped
 from wbf_mission.run.estimation import estimator_of, readings_a_score
 from wbf_mission.run.resolve import cameras_of, make_environment
 from wbf_mission.scenario import Scenario, load_scenario, scenario_with

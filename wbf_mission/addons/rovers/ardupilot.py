@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     from sim_vehicle.weather.wind import Wind
     from wbf_mission.addons.rovers.motion.layout import RoverLimits
 
-__all__ = ["FIRMWARE"]
-
 _SKID = 73.0
 # Largest acceptance radius. The vehicle stays this near to its S-curve target, which rounds corners.
 _FOLLOWS_M = 0.3

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from sim_vehicle.weather.wind import Wind
     from wbf_mission.addons.rovers.motion.layout import RoverLimits
 
-__all__ = ["RoverProcedures"]
-
 
 class RoverProcedures(FlightProcedures):
     """Procedures of a rover's firmware, with the compiled motion: straight legs and stops."""

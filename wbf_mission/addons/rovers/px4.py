@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from wbf_mission.addons.rovers.motion.layout import RoverLimits
 
-__all__ = ["FIRMWARE"]
-
 _DIFFERENTIAL = 6.0
 _GRIP_M_S2 = 0.4 * GRAVITY_M_S2
 # Rover of the simulator (`sih.cpp`): force of full throttle, rolling resistance over weight, wheel base,

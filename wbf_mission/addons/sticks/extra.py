@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from sim_vehicle.mavlink.wire_state import WireState
     from sim_vehicle.pilot.failsafe import Reaction
 
-__all__ = ["SticksExtra"]
-
 StickMessage: TypeAlias = m.MAVLink_manual_control_message | m.MAVLink_rc_channels_override_message
 _GROUND_STATION = Setting("MAV_GCS_SYSID", 255.0)
 _FULL = 1000.0

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from sim_vehicle.autopilot.stick_rules import StickRules, Sticks, TiltSticks, WingSticks
     from sim_vehicle.pilot.controls import Controls
 
-__all__ = ["StickPilot", "StickTilt", "StickWing"]
-
 # After a gap longer than this, manual flight restarts from the present motion.
 _LONGEST_STEP_S = 0.5
 # Largest simulated lean; a vehicle therefore cannot flip.

@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.legs import Position
     from wbf_mission.addons.wings.motion.layout import FixedWingLimits
 
-__all__ = ["FIRMWARE"]
-
 _ROLL_RATE = 75.0
 _ANY_RATE = 180.0
 # ArduPlane assumes flight until the filtered ground speed is lower than this (``is_flying.cpp``).

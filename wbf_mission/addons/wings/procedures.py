@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from sim_vehicle.weather.wind import Wind
     from wbf_mission.addons.wings.motion.layout import FixedWingLimits
 
-__all__ = ["WingProcedures", "airspeeds_in_order"]
-
 # Accelerations of a thrown or catapulted take-off and of a ground roll; airspeed of a throw as a fraction of
 # the minimum airspeed.
 _THROW_M_S2, _ROLL_M_S2, _THROW_SHARE = 20.0, 3.0, 0.85

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.legs import Position
     from wbf_mission.addons.wings.motion.layout import FixedWingLimits
 
-__all__ = ["FIRMWARE"]
-
 
 class Px4FixedWing(WingProcedures):
     """See `wbf_mission.addons.wings.procedures.WingProcedures`."""

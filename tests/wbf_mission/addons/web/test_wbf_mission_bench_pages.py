@@ -10,8 +10,7 @@ from bench_rows import made_row
 from PIL import Image
 
 from wbf_mission.addons.base.intervals import score_text
-from wbf_mission.addons.base.page import Page, Section, Table
-from wbf_mission.addons.base.pages import bench_report
+from wbf_mission.addons.base.pages import Page, Section, Table, bench_report
 from wbf_mission.addons.web.bench_page import write_bench_page
 from wbf_mission.cli.app import main
 

@@ -66,6 +66,8 @@ LINING_UP, APPROACH, PREFLARE = 0.0, 1.0, 2.0
 STOPPED_M_S = 0.1
 # Lower limit of speeds (m/s) and lengths (m) in divisions.
 SHORT = 0.5
+# Period of ArduPlane's guidance and energy control.
+PERIOD_S = 0.1
 
 # Columns of a leg.
 Leg = IntEnum(

@@ -1,6 +1,12 @@
 """Pages of captions, pictures and tables, written as Markdown; pages that add-ons provide to each other.
 
-The latter are entry points of the group `wbf_mission.pages`.
+The latter are entry points of the group `wbf_mission.pages` (`wbf_mission.cli.command.provided`):
+
+- ``live.simulation``: `FollowedSimulation`; ``run``: `RunPage`.
+- ``bench.report``: makes a benchmark's report, a `Page`. Its arguments are the rows, the folder for pictures,
+  ``title``, and the requests to list as ``asked``.
+- ``bench``: writes a report as one HTML file. Its arguments are the file, the `Page` and the folder of its
+  pictures. If the rows of a benchmark follow, the file has a table of all standings.
 """
 
 from __future__ import annotations
@@ -11,7 +17,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from geo.atomic import atomic_write
-from wbf_mission.cli.command import provided
 
 if TYPE_CHECKING:
     from sim_vehicle.component import Component
@@ -138,34 +143,3 @@ class RunPage(Protocol):
         self, path: Path, record: RunRecord, *, log: Path | None, notes: Sequence[str], progress: Progress
     ) -> Sequence[str]:
         """Write the page; return its notes: `notes`, and notes about data that the page leaves out."""
-
-
-def followed_simulation() -> type[FollowedSimulation]:
-    """Return the part of the live page that follows a simulation; TargetError if no add-on provides it."""
-    followed: type[FollowedSimulation] = provided("live.simulation")
-    return followed
-
-
-def run_page() -> type[RunPage]:
-    """Return the page of a run; TargetError if no add-on provides one."""
-    page: type[RunPage] = provided("run")
-    return page
-
-
-def bench_page() -> Callable[..., None]:
-    """Return the writer of a report as one HTML file; TargetError if no add-on provides it.
-
-    The arguments of the writer are the file, the `Page` and the folder of the page's pictures. If the rows of
-    a benchmark follow, the file has a table of all standings.
-    """
-    page: Callable[..., None] = provided("bench")
-    return page
-
-
-def bench_report() -> Callable[..., Page]:
-    """Return the maker of a benchmark's report; TargetError if no add-on provides it.
-
-    Its arguments are the rows, the folder for pictures, ``title``, and the requests to list as ``asked``.
-    """
-    report: Callable[..., Page] = provided("bench.report")
-    return report

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from wbf_mission.addons.base.pages import bench_page
 from wbf_mission.cli import options
 from wbf_mission.cli.bench import RUN_PANEL, Flying, choices, exit_code, selection, warn_of_failures
-from wbf_mission.cli.command import Command
+from wbf_mission.cli.command import Command, provided
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode
@@ -63,7 +62,7 @@ def report_command(
 
     rows = rows_in(folder)
     if out is not None:
-        write_page = bench_page()
+        write_page = provided("bench")
         page = report_page(rows, out, title=f"Benchmark of {len(rows)} runs", asked=read_asked(folder))
         page.write(out / "report.md")
         write_page(out / "report.html", page, out, rows)

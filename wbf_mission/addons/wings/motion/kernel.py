@@ -28,7 +28,8 @@ from wbf_mission.addons.wings.motion.air import (
     roll_on_ground,
     take_off,
 )
-from wbf_mission.addons.wings.motion.guidance import NPFG, circled, passed
+from wbf_mission.addons.wings.motion.guidance import circled, passed
+from wbf_mission.addons.wings.motion.layout import NPFG
 from wbf_mission.addons.wings.motion.px4 import px4_control
 
 fixed_wing_power = compiled(allocates=False)(own_kind.fixed_wing_power)

@@ -18,9 +18,8 @@ from sim_vehicle.weather.wind import Wind
 from wbf_mission.addons.wings.kind import FixedWingAirframe, FixedWingPowerSpec
 from wbf_mission.addons.wings.motion import layout as wing
 from wbf_mission.addons.wings.motion.air import drag
-from wbf_mission.addons.wings.motion.guidance import NPFG
 from wbf_mission.addons.wings.motion.kernel import advance
-from wbf_mission.addons.wings.motion.layout import Leg, Wing
+from wbf_mission.addons.wings.motion.layout import NPFG, Leg, Wing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -234,7 +234,14 @@ class Inquiry:
         self._contact.receive(message, now_s)
         if isinstance(message, m.MAVLink_heartbeat_message):
             return self._begin(now_s) if first else []
-        self._take(message, now_s)
+        if isinstance(message, m.MAVLink_param_value_message):
+            self._on_parameter(message, now_s)
+        elif not isinstance(message, m.MAVLink_statustext_message):
+            self._ids.add(type(message).id)
+            self._told |= _changes(message)
+            if not self._alternatives:
+                # A parameter measures the delay better, because this message may be streamed, not an answer.
+                self._measure_pace(now_s)
         self._settle(now_s)
         return []
 
@@ -318,16 +325,6 @@ class Inquiry:
     def _pace_s(self) -> float:
         """Time between two requests (s): a fixed time before the first answer, then based on its delay."""
         return 2.0 * _FIRST_RETRY_S if self._answer_s is None else max(_FIRST_RETRY_S, 1.5 * self._answer_s)
-
-    def _take(self, message: Message, now_s: float) -> None:
-        if isinstance(message, m.MAVLink_param_value_message):
-            self._on_parameter(message, now_s)
-        elif not isinstance(message, m.MAVLink_statustext_message):
-            self._ids.add(type(message).id)
-            self._told |= _changes(message)
-            if not self._alternatives:
-                # A parameter measures the delay better, because this message may be streamed, not an answer.
-                self._measure_pace(now_s)
 
     def _on_parameter(self, message: m.MAVLink_param_value_message, now_s: float) -> None:
         name = str(message.param_id)

@@ -114,15 +114,10 @@ def _markdown_table(table: Table) -> Iterator[str]:
 
 
 class FollowedSimulation(Protocol):
-    """Entry point ``live.simulation``: shows simulated vehicles on the live page, and obeys its orders.
-
-    Attributes
-    ----------
-    components : sequence of Component
-        Components that run beside the vehicles.
-    """
+    """Entry point ``live.simulation``: shows simulated vehicles on the live page, and obeys its orders."""
 
     components: Sequence[Component]
+    """Components that run beside the vehicles."""
 
     def __init__(
         self, simulated: Simulated, scenario: Scenario, events: EventStream, orders: Orders | None

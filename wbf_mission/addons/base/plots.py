@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from geo import Crop, Farm, FarmGrid
+from geo import Crop, Farm
 from geo.atomic import atomic_write
 from geo.frame import LocalFrame
 from geo.linear_algebra import cos, sin
@@ -106,11 +106,6 @@ def shown_every(shape: Sequence[int]) -> int:
     return max(1, -(-max(shape) // MAX_PIXELS))
 
 
-def _extent(grid: FarmGrid) -> tuple[float, float, float, float]:
-    width, height = grid.shape
-    return 0.0, width * grid.cell_size_m, 0.0, height * grid.cell_size_m
-
-
 def crop_colours(crops: Sequence[str]) -> dict[str, str]:
     """Return the colour of each crop; crops outside the benchmark share a cycle of further colours."""
     further = itertools.cycle(_FURTHER_CROPS)
@@ -126,6 +121,7 @@ def draw_farm(axes: Axes, farm: Farm, *, legend: bool = True) -> None:
     from matplotlib.patches import Patch as LegendPatch
 
     grid = farm.grid()
+    width_m, height_m = (cells * grid.cell_size_m for cells in grid.shape)
     stride = shown_every(grid.shape)
     crops = grid.crop[::stride, ::stride]
     colour_of = crop_colours(grid.crops)
@@ -134,7 +130,7 @@ def draw_farm(axes: Axes, farm: Farm, *, legend: bool = True) -> None:
     axes.imshow(
         crops.T,
         origin="lower",
-        extent=_extent(grid),
+        extent=(0.0, width_m, 0.0, height_m),
         interpolation="nearest",
         aspect="equal",
         cmap=colours,

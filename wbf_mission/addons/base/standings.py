@@ -35,10 +35,6 @@ def _of_old(row: BenchRow, key: str) -> str:
     return row.codes.get(key, "") or ("built in" if row.codes else unknown)
 
 
-def _words(row: BenchRow, key: str) -> str:
-    return build_of(row) if key == "code" else row.objects.get(key, "")
-
-
 def apart(rows: Sequence[BenchRow]) -> Sequence[BenchRow]:
     """Return the rows; ambiguous names are extended, so that rows with equal names ran the same code.
 
@@ -50,7 +46,8 @@ def apart(rows: Sequence[BenchRow]) -> Sequence[BenchRow]:
     for name, key in _NAMED:
         words: dict[str, dict[str, str]] = {}
         for row in rows:
-            words.setdefault(getattr(row, name), {}).setdefault(_of_old(row, key), _words(row, key))
+            text = build_of(row) if key == "code" else row.objects.get(key, "")
+            words.setdefault(getattr(row, name), {}).setdefault(_of_old(row, key), text)
         several = {given: _labels(given, found) for given, found in words.items() if len(found) > 1}
         if several:
             rows = [

@@ -37,18 +37,12 @@ Floats32 = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rings:
-    """Rings of neighbours around a cell.
+    """Rings of neighbours around a cell."""
 
-    Parameters
-    ----------
-    number : intp[REACH + 1, REACH + 1]
-        Index of a neighbour's ring by its distances along x and y; -1 for the cell itself.
-    scales : float32[rings]
-        Factor of the sums over each ring, the inverse square root of the ring's size. It gives all features
-        similar variances.
-    """
-
+    # intp[REACH + 1, REACH + 1]: a neighbour's ring by its distances along x and y; -1 for the cell itself.
     number: Cells
+    # float32[rings]: factor of the sums over each ring, the inverse square root of its size, which gives all
+    # features similar variances.
     scales: Floats32
 
     @classmethod
@@ -266,26 +260,15 @@ _DECAY = 1e-5
 class Network:
     """A multilayer perceptron with rectified linear units and a softmax output.
 
-    Parameters
-    ----------
-    weights : tuple of float32[n, m]
-        Weight matrix of each layer.
-    biases : tuple of float32[m]
-        Bias vector of each layer.
-    further : tuple of Network
-        Refinement networks. The inputs of each include the output of the previous network
-        (`context_features`).
-
-    Examples
-    --------
     >>> network = Network((np.zeros((2, 3), np.float32),), (np.zeros(3, np.float32),))
     >>> network.probabilities(np.ones((1, 2), np.float32)).round(3).tolist()
     [[0.3330000042915344, 0.3330000042915344, 0.3330000042915344]]
     """
 
-    weights: tuple[Floats32, ...]
-    biases: tuple[Floats32, ...]
+    weights: tuple[Floats32, ...]  # Weight matrix of each layer, float32[n, m].
+    biases: tuple[Floats32, ...]  # Bias vector of each layer, float32[m].
     further: tuple[Network, ...] = ()
+    """Refinement networks; their inputs include the output of the previous network (`context_features`)."""
 
     @classmethod
     def draw(cls, sizes: Sequence[int], rng: Generator) -> Network:

@@ -351,11 +351,6 @@ def _take_plan(plans: PlanReceiver, mission_type: MissionType, data: bytes) -> b
     return plan is not None and plans.take_plan(mission_type, plan.items, plan.start)
 
 
-def general_metadata(parameters: ParameterSet, details: Details) -> bytes:
-    """Return the general metadata file, to which COMPONENT_METADATA refers."""
-    return _metadata_file(parameters, details, GENERAL_PATH)
-
-
 def _metadata_file(parameters: ParameterSet, details: Details, path: str) -> bytes:
     defaults = tuple(parameters.default(parameter.name) for parameter in parameters.table)
     return _metadata(parameters.table, defaults, details)[path]
@@ -386,6 +381,6 @@ class Files(VehicleExtra):
         details = self.state.mavlink.component_metadata
         if details is None:
             return ()
-        crc = checksum(general_metadata(self.parameters, details))
+        crc = checksum(_metadata_file(self.parameters, details, GENERAL_PATH))
         address = uri(GENERAL_PATH).encode()
         return (m.MAVLink_component_metadata_message(self.state.boot_ms, crc, address),)

@@ -147,16 +147,15 @@ class MavsdkOrders:
         direct = (MavlinkDirect, "send_command")
         kind, name = self._functions.get(wanted) or self._functions.get((message.command, None), direct)
         begin = getattr(self._link.plugin(kind, self._system_id), f"{name}_async")
-        return name, begin, (self._direct(message),) if kind is MavlinkDirect else ()
-
-    def _direct(self, message: Message) -> MavlinkMessage:
-        fields = {name: getattr(message, name) for name in type(message).fieldnames}
-        return MavlinkMessage(
+        if kind is not MavlinkDirect:
+            return name, begin, ()
+        sent = MavlinkMessage(
             message_name=message.get_type(),
             target_system_id=self._system_id,
             target_component_id=_AUTOPILOT,
-            fields_json=json.dumps(fields),
+            fields_json=json.dumps({field: getattr(message, field) for field in type(message).fieldnames}),
         )
+        return name, begin, (sent,)
 
     def _ack(self, command: int, result: int) -> Message:
         """Return a COMMAND_ACK that looks as if the vehicle had sent it."""

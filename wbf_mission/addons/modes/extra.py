@@ -53,84 +53,7 @@ _LEAST_LIFT, _MOST_THRUST = 1.0, 2.0
 # Tolerance of a unit quaternion's squared length.
 _UNIT = 2e-3
 _LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET, _BODY_FRD = 1, 7, 8, 9, 12
-_GLOBAL = {0: False, 5: False, 3: True, 6: True}
-
-
-class Steering:
-    """Handles setpoint messages of a vehicle."""
-
-    def __init__(self, state: WireState, guided: GuidedFlight) -> None:
-        self._state = state
-        self._guided = guided
-        self._pilot = state.pilot
-
-    def take(self, message: SetpointMessage, _now_s: float) -> None:
-        """Handle SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT or SET_ATTITUDE_TARGET."""
-        pilot = self._pilot
-        if is_a(message, m.MAVLink_set_attitude_target_message):
-            mavlink = self._state.mavlink
-            if mavlink.hover_thrust is None:
-                pilot.complain("Setpoint refused: no attitude control")
-                return
-            climbs = mavlink.thrust_climbs
-            climbs &= not int(_GUIDED_OPTIONS.of(pilot.parameters)) & _THRUST_AS_THRUST
-            hover = mavlink.hover_thrust.of(pilot.parameters)
-            with suppress(RefusedError):
-                self._guided.take_attitude(_attitude_of(message, pilot.spec, hover, climbs=climbs))
-        elif self._guided.setpoints.listens_in(pilot.mode):
-            try:
-                setpoint = self._setpoint_of(message)
-                if isinstance(setpoint, AttitudeTarget):
-                    self._guided.take_attitude(setpoint)
-                else:
-                    self._guided.take_setpoint(setpoint)
-            except RefusedError as refusal:
-                pilot.complain(str(refusal))
-
-    def _setpoint_of(self, message: PositionTarget) -> Setpoint | AttitudeTarget:
-        """Return a message's setpoint; raise RefusedError for an unsupported frame, a force, or no values."""
-        kind, mask = int(message.coordinate_frame), int(message.type_mask)
-        if mask & _FORCE and mask & _IGNORE_FORCE != _IGNORE_FORCE:
-            raise RefusedError("Setpoint refused: forces are not flown", denied=True)
-        by_acceleration = mask & _IGNORE_MOTION == _IGNORE_MOTION and mask & _IGNORE_FORCE != _IGNORE_FORCE
-        numbers = [message.vx, message.vy, message.vz, message.afx, message.afy, message.afz]
-        numbers += (
-            [message.x, message.y, message.z]
-            if is_a(message, m.MAVLink_set_position_target_local_ned_message)
-            else [message.alt]
-        )
-        if any(map(math.isinf, numbers)):
-            raise RefusedError("Setpoint refused: infinite values", denied=True)
-        state, frame = self._pilot.state, self._pilot.frame
-        x, y, z, yaw = *state.position_m, state.yaw_rad
-        turned = kind in (_BODY, _BODY_OFFSET, _BODY_FRD)
-        velocity = _enu(message.vx, message.vy, message.vz, yaw if turned else 0.0)
-        if not is_a(message, m.MAVLink_set_position_target_local_ned_message):
-            if kind not in _GLOBAL:
-                raise RefusedError(f"Setpoint refused: frame {kind}", denied=True)
-            x_m, y_m = frame.from_wgs84(message.lat_int / 1e7, message.lon_int / 1e7)
-            position = (x_m, y_m, self._state.above_start(message.alt, kind))
-        elif kind in (_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET, _BODY_FRD):
-            asked = mask & _IGNORE_POSITION != _IGNORE_POSITION
-            # Only ArduPilot accepts positions as offsets from the vehicle.
-            if kind != _LOCAL and asked and self._pilot.rules.needs_stream:
-                raise RefusedError(f"Setpoint refused: no positions in frame {kind}", denied=True)
-            position = _enu(message.x, message.y, message.z, yaw if turned else 0.0)
-            if kind != _LOCAL:
-                position = (x + position[0], y + position[1], z + position[2])
-        else:
-            raise RefusedError(f"Setpoint refused: frame {kind}", denied=True)
-        heading = message.yaw + (yaw if turned else 0.0)
-        if mask & _IGNORE_YAW or not math.isfinite(heading):
-            heading = math.nan
-        turn = math.nan if mask & _IGNORE_TURN else float(message.yaw_rate)
-        if by_acceleration and self._state.mavlink.hover_thrust is not None:
-            east, north, up = _enu(message.afx, message.afy, message.afz, yaw if turned else 0.0)
-            return _attitude_for((east, north, up), heading, turn, yaw)
-        setpoint = Setpoint(_masked(position, mask), _masked(velocity, mask >> 3), heading, turn)
-        if all(map(math.isnan, (*setpoint.position_m, *setpoint.velocity_m_s, heading, turn))):
-            raise RefusedError("Setpoint refused: neither position nor velocity", denied=True)
-        return setpoint
+_GLOBAL = frozenset({0, 3, 5, 6})
 
 
 def _attitude_of(
@@ -233,9 +156,8 @@ class ModesExtra(VehicleExtra):
             m.MAV_CMD_DO_SET_STANDARD_MODE: self._standard_mode,
         }
         self.builders = {m.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: self._position_target}
-        steering = Steering(state, self.guided)
         handlers: dict[int, Callable[[Any, float], None]] = {
-            kind.id: steering.take for kind in get_args(SetpointMessage)
+            kind.id: self._take_setpoint for kind in get_args(SetpointMessage)
         }
         if Mode.FOLLOW in state.mavlink.modes.numbers:
             handlers[m.MAVLink_follow_target_message.id] = self._take_target
@@ -317,6 +239,74 @@ class ModesExtra(VehicleExtra):
     def free_heading(self) -> None:
         """Forget the heading of CONDITION_YAW."""
         self.guided.auto_yaw.forget()
+
+    def _take_setpoint(self, message: SetpointMessage, _now_s: float) -> None:
+        """Handle SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT or SET_ATTITUDE_TARGET."""
+        pilot = self._pilot
+        if is_a(message, m.MAVLink_set_attitude_target_message):
+            mavlink = self.state.mavlink
+            if mavlink.hover_thrust is None:
+                pilot.complain("Setpoint refused: no attitude control")
+                return
+            climbs = mavlink.thrust_climbs
+            climbs &= not int(_GUIDED_OPTIONS.of(pilot.parameters)) & _THRUST_AS_THRUST
+            hover = mavlink.hover_thrust.of(pilot.parameters)
+            with suppress(RefusedError):
+                self.guided.take_attitude(_attitude_of(message, pilot.spec, hover, climbs=climbs))
+        elif self.guided.setpoints.listens_in(pilot.mode):
+            try:
+                setpoint = self._setpoint_of(message)
+                if isinstance(setpoint, AttitudeTarget):
+                    self.guided.take_attitude(setpoint)
+                else:
+                    self.guided.take_setpoint(setpoint)
+            except RefusedError as refusal:
+                pilot.complain(str(refusal))
+
+    def _setpoint_of(self, message: PositionTarget) -> Setpoint | AttitudeTarget:
+        """Return a message's setpoint; raise RefusedError for an unsupported frame, a force, or no values."""
+        kind, mask = int(message.coordinate_frame), int(message.type_mask)
+        if mask & _FORCE and mask & _IGNORE_FORCE != _IGNORE_FORCE:
+            raise RefusedError("Setpoint refused: forces are not flown", denied=True)
+        by_acceleration = mask & _IGNORE_MOTION == _IGNORE_MOTION and mask & _IGNORE_FORCE != _IGNORE_FORCE
+        numbers = [message.vx, message.vy, message.vz, message.afx, message.afy, message.afz]
+        numbers += (
+            [message.x, message.y, message.z]
+            if is_a(message, m.MAVLink_set_position_target_local_ned_message)
+            else [message.alt]
+        )
+        if any(map(math.isinf, numbers)):
+            raise RefusedError("Setpoint refused: infinite values", denied=True)
+        state, frame = self._pilot.state, self._pilot.frame
+        x, y, z, yaw = *state.position_m, state.yaw_rad
+        turned = kind in (_BODY, _BODY_OFFSET, _BODY_FRD)
+        velocity = _enu(message.vx, message.vy, message.vz, yaw if turned else 0.0)
+        if not is_a(message, m.MAVLink_set_position_target_local_ned_message):
+            if kind not in _GLOBAL:
+                raise RefusedError(f"Setpoint refused: frame {kind}", denied=True)
+            x_m, y_m = frame.from_wgs84(message.lat_int / 1e7, message.lon_int / 1e7)
+            position = (x_m, y_m, self.state.above_start(message.alt, kind))
+        elif kind in (_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET, _BODY_FRD):
+            asked = mask & _IGNORE_POSITION != _IGNORE_POSITION
+            # Only ArduPilot accepts positions as offsets from the vehicle.
+            if kind != _LOCAL and asked and self._pilot.rules.needs_stream:
+                raise RefusedError(f"Setpoint refused: no positions in frame {kind}", denied=True)
+            position = _enu(message.x, message.y, message.z, yaw if turned else 0.0)
+            if kind != _LOCAL:
+                position = (x + position[0], y + position[1], z + position[2])
+        else:
+            raise RefusedError(f"Setpoint refused: frame {kind}", denied=True)
+        heading = message.yaw + (yaw if turned else 0.0)
+        if mask & _IGNORE_YAW or not math.isfinite(heading):
+            heading = math.nan
+        turn = math.nan if mask & _IGNORE_TURN else float(message.yaw_rate)
+        if by_acceleration and self.state.mavlink.hover_thrust is not None:
+            east, north, up = _enu(message.afx, message.afy, message.afz, yaw if turned else 0.0)
+            return _attitude_for((east, north, up), heading, turn, yaw)
+        setpoint = Setpoint(_masked(position, mask), _masked(velocity, mask >> 3), heading, turn)
+        if all(map(math.isnan, (*setpoint.position_m, *setpoint.velocity_m_s, heading, turn))):
+            raise RefusedError("Setpoint refused: neither position nor velocity", denied=True)
+        return setpoint
 
     def _circle(self) -> None:
         """Circle about a point ahead, with the nose inward, as ArduCopter's CIRCLE mode does.

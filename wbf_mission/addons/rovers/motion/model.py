@@ -32,16 +32,9 @@ NOT_DRIVEN = (LegKind.TAKEOFF, LegKind.CLIMB, LegKind.DESCEND)
 
 
 class Rover(CompiledMotion):
-    """A wheeled vehicle that drives routes and ignores heights.
+    """A wheeled vehicle that drives routes and ignores heights; the wind affects only its power.
 
-    Parameters
-    ----------
-    limits_of : callable
-        Function from a vehicle to the limits set by its autopilot's parameters.
-    wind : Wind, optional
-        Affects only the power.
-    yaw_rad : float
-        Initial heading.
+    `limits_of` returns the limits that the parameters of a vehicle's autopilot set.
     """
 
     dynamics = Dynamics(kernel.advance, wheels.STATE, wheels.LIMITS)
@@ -170,14 +163,7 @@ _PURSUED = (LegKind.ARC, LegKind.SETPOINT)
 class ArduRover(AlongCurves, Rover):
     """A wheeled or tracked vehicle under ArduPilot's Rover; velocity setpoints are followed as by `Rover`.
 
-    Parameters
-    ----------
-    limits_of, law_of : callable
-        Functions from a vehicle to its limits and its law, float64[LAW], from its parameters.
-    wind : Wind, optional
-        Affects only the power.
-    yaw_rad : float
-        Initial heading.
+    `law_of` returns the law, float64[LAW], that a vehicle's parameters set.
     """
 
     dynamics = Dynamics(

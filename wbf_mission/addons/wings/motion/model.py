@@ -43,12 +43,7 @@ _ELEVATOR_RAD = 0.25 * math.pi
 class FixedWing(CompiledMotion):
     """A fixed wing that flies routes and holds by circling.
 
-    Parameters
-    ----------
-    limits_of : callable
-        Function from a vehicle to the limits set by its autopilot's parameters.
-    yaw_rad : float
-        Initial heading.
+    `limits_of` returns the limits that the parameters of a vehicle's autopilot set.
     """
 
     dynamics = Dynamics(advance, wing.STATE, wing.LIMITS)
@@ -167,13 +162,7 @@ class FixedWing(CompiledMotion):
                 rows[i, Leg.TURN_ANGLE] = abs(math.atan2(ax * by - ay * bx, ax * bx + ay * by))
 
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
-        """Fall, if the velocity points straight down.
-
-        Raises
-        ------
-        VehicleError
-            For any other velocity.
-        """
+        """Fall, if the velocity points straight down; VehicleError for any other velocity."""
         east, north, up = velocity_m_s
         if east != 0.0 or north != 0.0 or not up < 0.0 or not math.isnan(height_m):
             msg = f"vehicle {self.spec.name}: a fixed wing cannot hold a ground velocity, give positions"

@@ -11,18 +11,18 @@ from numpy.typing import NDArray
 
 from geo.linear_algebra import exp, log, product
 from sensors.scoring.score import PAPER_WEIGHTS
-from wbf_mission.addons.epidemic.network import (
+from wbf_mission.addons.epidemic.features import (
     N_FEATURES,
     N_LOCAL,
     REACH,
     SEEN_SUSCEPTIBLE,
     UNKNOWN,
-    FieldClassifier,
     cells_in_reach,
     inner,
     local_features,
     padded_codes,
 )
+from wbf_mission.addons.epidemic.network import FieldClassifier
 from wbf_mission.addons.epidemic.store import network_for
 from wbf_mission.addons.epidemic.training import TrainingTask, classes_of
 

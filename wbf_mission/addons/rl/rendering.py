@@ -16,7 +16,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 from wbf_mission.addons.base.plots import WORST_COLOURS, ramp, rgb
 from wbf_mission.addons.rl.catalogue import TrainingError
-from wbf_mission.addons.rl.task import SurveyTask, block_means
+from wbf_mission.addons.rl.kernels import block_means
+from wbf_mission.addons.rl.task import SurveyTask
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

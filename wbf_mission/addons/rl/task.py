@@ -14,7 +14,6 @@ import shapely
 from gymnasium import spaces
 
 from geo import Farm
-from geo.compiled import compiled
 from geo.texts import one_line
 from mission.planners import parse_budget
 from sensors.camera.leaf_camera import LeafCameraOptions
@@ -23,6 +22,7 @@ from sensors.errors import EstimatorError
 from sensors.estimators import Estimator
 from sensors.field_files import load_field_set
 from wbf_mission.addons.rl.catalogue import TrainingError, why_not_stepped
+from wbf_mission.addons.rl.kernels import block_means
 from wbf_mission.run.estimation import estimator_of, readings_a_score
 from wbf_mission.run.resolve import cameras_of, make_environment
 from wbf_mission.scenario import Scenario, load_scenario, scenario_with
@@ -191,24 +191,3 @@ class Shown:
 
 def _unit(shape: tuple[int, ...]) -> spaces.Box:
     return spaces.Box(0.0, 1.0, shape, np.float32)
-
-
-@compiled(nogil=True, allocates=False)
-def block_means(array: NDArray[np.float32], block: int, out: NDArray[np.float32]) -> None:
-    """Write the means of square blocks of maps to `out`, limited to 0..1.
-
-    `array` is float32[n, W, H], and `out` float32[n, ceil(W / block), ceil(H / block)]; blocks at the far
-    borders are smaller.
-    """
-    number, width, height = array.shape
-    for k in range(number):
-        for column in range(out.shape[1]):
-            x0, x1 = column * block, min((column + 1) * block, width)
-            for row in range(out.shape[2]):
-                y0, y1 = row * block, min((row + 1) * block, height)
-                total = 0.0
-                for x in range(x0, x1):
-                    for y in range(y0, y1):
-                        total += array[k, x, y]
-                mean = total / ((x1 - x0) * (y1 - y0))
-                out[k, column, row] = np.float32(min(max(mean, 0.0), 1.0))

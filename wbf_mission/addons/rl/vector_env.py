@@ -17,8 +17,9 @@ from sensors.estimators.adaptive_disk import AdaptiveDiskEstimator
 from wbf_mission.addons.rl.batch import Batch
 from wbf_mission.addons.rl.catalogue import TrainingError, why_not_batched, why_not_single
 from wbf_mission.addons.rl.env import Observation, run_seed
+from wbf_mission.addons.rl.kernels import block_means
 from wbf_mission.addons.rl.rendering import ARRAY, FRAMES_A_SECOND, Rendering
-from wbf_mission.addons.rl.task import Shown, SurveyTask, block_means, checked_moves
+from wbf_mission.addons.rl.task import Shown, SurveyTask, checked_moves
 from wbf_mission.scenario import Scenario
 
 _Bools = NDArray[np.bool_]

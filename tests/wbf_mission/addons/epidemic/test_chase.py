@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wbf_mission.addons.epidemic.training import chasing_path
+from wbf_mission.addons.epidemic.chase import chasing_path
 
 pytestmark = pytest.mark.kernel
 

@@ -33,22 +33,20 @@ from wbf_mission.addons.epidemic.belief import (
     standard_deviation,
 )
 from wbf_mission.addons.epidemic.estimator import EpidemicEstimator
-from wbf_mission.addons.epidemic.network import (
+from wbf_mission.addons.epidemic.features import (
     N_CONTEXT,
     N_FEATURES,
     REACH,
     SEEN_SUSCEPTIBLE,
     UNKNOWN,
-    FieldClassifier,
-    Network,
     cells_in_reach,
     context_features,
     inner,
     local_features,
     overall_features,
     padded_codes,
-    train,
 )
+from wbf_mission.addons.epidemic.network import FieldClassifier, Network, train
 from wbf_mission.addons.epidemic.soil import SoilField
 from wbf_mission.addons.epidemic.store import load_network, network_for
 from wbf_mission.addons.epidemic.training import TrainingTask

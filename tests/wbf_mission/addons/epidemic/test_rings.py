@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wbf_mission.addons.epidemic.network import REACH, Rings, local_features
-from wbf_mission.addons.epidemic.network import RINGS as OF_CODES
+from wbf_mission.addons.epidemic.features import REACH, Rings, local_features
+from wbf_mission.addons.epidemic.features import RINGS as OF_CODES
 
 pytestmark = pytest.mark.kernel
 

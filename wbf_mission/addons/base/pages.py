@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from wbf_mission.run.record import RunRecord
     from wbf_mission.scenario import Scenario
 
-
 _FENCE = "```"
 
 

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
 CROP_COLOURS: dict[str, str] = {
     Crop.NONE: "#f4f1ea",
     Crop.STRAWBERRY: "#e8a7a1",

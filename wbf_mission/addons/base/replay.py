@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from heapq import merge
 from itertools import groupby
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +20,7 @@ from mission.ground.vehicle_state import VehicleMonitor, VehicleState
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from mission.link.tlog import read_tlog
-from mission.model import Command
+from mission.model import Command, Mission
 from sensors.estimation import attribute_errors_to, checked_prediction, prepare_days
 from sensors.estimators import Estimator, advance_estimator
 from wbf_mission import events
@@ -28,9 +29,6 @@ from wbf_mission.results.storage import ResultError
 from wbf_mission.run.estimation import estimator_of
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from mission.model import Mission
     from sensors.scoring.information import InformationModel
     from wbf_mission.replanning.record import DecisionRecord, PathChange
     from wbf_mission.run.record import FlightRecord, RunRecord

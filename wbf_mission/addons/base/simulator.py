@@ -34,7 +34,6 @@ from wbf_mission.scenario import Scenario, ScenarioError
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
 
-
 _WIND = Wind(1.0, gust_m_s=0.5)
 
 

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from sim_vehicle.mavlink.parameters import ParameterSet
     from sim_vehicle.mavlink.plan_receiver import PlanReceiver
     from sim_vehicle.mavlink.wire_state import WireState
-    from wbf_mission.addons.files.logs import FlightLogs
-
 
 GENERAL_PATH = "/etc/extras/component_general.json.xz"
 PARAMETERS_PATH = "/etc/extras/parameters.json.xz"

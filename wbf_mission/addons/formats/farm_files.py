@@ -17,12 +17,13 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from xml.parsers import expat
 
 import msgspec
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from geo.errors import FarmError
 from geo.features import KNOWN, MAX_FEATURES, MAX_VERTICES, Document, Entry, Feature, farm_properties, kind_of
@@ -31,10 +32,6 @@ from geo.imports import load_extra
 from geo.reading import UnreadableError, read_file, read_text
 from geo.texts import decimal_point, one_line, parse_number
 from wbf_mission.addons.base.archive import Archive, ArchiveError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
 
 # Limits that protect against hostile files.
 _MAX_BYTES = 128 * 2**20

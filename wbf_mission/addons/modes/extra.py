@@ -23,7 +23,7 @@ from sim_vehicle.autopilot.parameters import Setting
 from sim_vehicle.execution.state import LandedState
 from sim_vehicle.mavlink.commands import enter_mode
 from sim_vehicle.mavlink.extras import VehicleExtra
-from sim_vehicle.motion.legs import ALONG, INWARD, KEEP, Heading
+from sim_vehicle.motion.legs import ALONG, INWARD, KEEP, Heading, Position
 from sim_vehicle.motion.model import attitude_of
 from sim_vehicle.pilot.controls import RefusedError
 from wbf_mission.addons.modes.follow import FollowPilot
@@ -35,8 +35,6 @@ if TYPE_CHECKING:
     from sim_vehicle.mavlink.plan_receiver import PlanReceiver
     from sim_vehicle.mavlink.vehicle_command import Result, VehicleCommand
     from sim_vehicle.mavlink.wire_state import WireState
-    from sim_vehicle.motion.legs import Position
-
 
 PositionTarget: TypeAlias = (
     m.MAVLink_set_position_target_local_ned_message | m.MAVLink_set_position_target_global_int_message

@@ -8,20 +8,17 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from wbf_mission.addons.base.plots import WORST_COLOURS, ramp, rgb
 from wbf_mission.addons.rl.catalogue import TrainingError
 from wbf_mission.addons.rl.kernels import block_means
 from wbf_mission.addons.rl.task import SurveyTask
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
 
 _PANELS = ("truth", "estimate", "uncertainty")
 _SIDE = 300  # Approximate pixels along the longest side of a panel

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import shapely
 from gymnasium import spaces
+from numpy.typing import NDArray
 
 from geo import Farm
 from geo.texts import one_line
@@ -28,10 +29,7 @@ from wbf_mission.run.resolve import cameras_of, make_environment
 from wbf_mission.scenario import Scenario, load_scenario, scenario_with
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from geo.grid import FarmGrid
-
 
 MOVE_NAMES = ("stay", "east", "north", "west", "south")
 """Names of the actions, by number; east is along x, north along y."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -18,8 +19,6 @@ from wbf_mission.addons.rovers.motion.layout import RoverLimits
 from wbf_mission.addons.rovers.procedures import RoverProcedures
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from sim_vehicle.airframe.spec import VehicleSpec
 _DIFFERENTIAL = 6.0
 _GRIP_M_S2 = 0.4 * GRAVITY_M_S2

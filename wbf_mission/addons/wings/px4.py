@@ -13,13 +13,12 @@ from sim_vehicle.autopilot.parameters import MavParameter, Setting, motion_param
 from sim_vehicle.autopilot.px4 import no_multirotor
 from sim_vehicle.autopilot.px4.firmware import COPTER_STICKS, LOSS, MISSION, RULES, common_parameters
 from sim_vehicle.autopilot.stick_rules import Axis, StickRules, WingSticks
-from sim_vehicle.motion.legs import KEEP, Circle, Leg, LegKind
+from sim_vehicle.motion.legs import KEEP, Circle, Leg, LegKind, Position
 from wbf_mission.addons.wings.motion.layout import NPFG, FixedWingLimits
 from wbf_mission.addons.wings.procedures import WingProcedures, airspeeds_in_order
 
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.legs import Position
 
 
 class Px4FixedWing(WingProcedures):

@@ -3,29 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim_vehicle.motion.arducopter.control import Guide
 from sim_vehicle.motion.arducopter.model import AlongCurves
 from sim_vehicle.motion.columns import State
 from sim_vehicle.motion.compiled_motion import CompiledMotion, Dynamics
-from sim_vehicle.motion.legs import KEEP, LegKind
+from sim_vehicle.motion.legs import KEEP, Heading, LegKind, Position, Route
 from wbf_mission.addons.rovers.motion import ardurover, kernel
 from wbf_mission.addons.rovers.motion import layout as wheels
 from wbf_mission.addons.rovers.motion.ardurover import Drive, DriveLaw
-from wbf_mission.addons.rovers.motion.layout import Leg, Wheels
+from wbf_mission.addons.rovers.motion.layout import Leg, RoverLimits, Wheels
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from numpy.typing import NDArray
-
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.legs import Heading, Position, Route
     from sim_vehicle.weather.wind import Wind
-    from wbf_mission.addons.rovers.motion.layout import RoverLimits
 
 NOT_DRIVEN = (LegKind.TAKEOFF, LegKind.CLIMB, LegKind.DESCEND)
 """Kinds of legs without effect on the ground."""

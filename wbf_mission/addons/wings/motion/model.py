@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim_vehicle.airframe.power_spec import DRAG, GRAVITY_M_S2, OWN_DRAG
 from sim_vehicle.energy.power import power_coefficients
@@ -13,22 +15,16 @@ from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import State, record_of, row_of
 from sim_vehicle.motion.compiled_motion import CompiledMotion, Dynamics
-from sim_vehicle.motion.legs import KEEP, LegKind
+from sim_vehicle.motion.legs import KEEP, Heading, LegKind, Position, Route
 from sim_vehicle.weather.wind import Wind
 from wbf_mission.addons.wings.kind import FixedWingAirframe, FixedWingPowerSpec
 from wbf_mission.addons.wings.motion import layout as wing
 from wbf_mission.addons.wings.motion.air import drag
 from wbf_mission.addons.wings.motion.kernel import advance
-from wbf_mission.addons.wings.motion.layout import NPFG, Leg, Wing
+from wbf_mission.addons.wings.motion.layout import NPFG, FixedWingLimits, Leg, Wing
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from numpy.typing import NDArray
-
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.legs import Heading, Position, Route
-    from wbf_mission.addons.wings.motion.layout import FixedWingLimits
 
 # Default minimum pitch of a climb-out.
 _TAKEOFF_PITCH = math.radians(4.0)

@@ -11,7 +11,8 @@ import os
 import re
 import shutil
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import cache, partial
 from importlib import import_module
@@ -24,10 +25,12 @@ from geo.system import user_cache_folder
 
 _Inline = Literal["never", "always", "late"]
 _Function = TypeVar("_Function", bound=Callable[..., Any])
+_Item = TypeVar("_Item")
 _IMPORT = re.compile(
     r"^(?:from[ ]+([\w.]+)[ ]+import[ ]+(\([^)]*\)|[^\n]*)|import[ ]+([\w.]+))", re.MULTILINE
 )
 
+_PARTS_PER_CORE = 8  # Several parts for each core balance the load
 _VERSIONS_KEPT = 8  # Versions cached per module, for git branches that are checked out again
 
 _INTERNALS = {
@@ -324,3 +327,18 @@ def _imported(file: Path) -> tuple[Path, ...]:
         paths += [base.with_suffix(".py"), base / "__init__.py"]
         paths += [base / f"{name}.py" for name in re.findall(r"\w+", names)]
     return tuple(path for path in paths if path.is_file())
+
+
+def in_parallel(work: Callable[[Sequence[_Item]], None], items: Sequence[_Item]) -> None:
+    """Call `work` with each part of the items, in threads on all cores; `work` must release the GIL."""
+    cores = os.cpu_count() or 1
+    if not items:
+        return
+    if len(items) < 2 or cores == 1:
+        work(items)
+        return
+    size = max(1, len(items) // (_PARTS_PER_CORE * cores))
+    parts = [items[start : start + size] for start in range(0, len(items), size)]
+    with ThreadPoolExecutor(cores) as pool:
+        for done in [pool.submit(work, part) for part in parts]:
+            done.result()

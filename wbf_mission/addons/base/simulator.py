@@ -133,8 +133,6 @@ class Simulated:
 def parse_home(text: str) -> tuple[GeoPoint, float]:
     """Read ``LAT,LON[,ALT[,HEADING]]``.
 
-    Examples
-    --------
     >>> parse_home("28.05,-82.15,30,90")
     (GeoPoint(latitude_deg=28.05, longitude_deg=-82.15, altitude_m=30.0), 90.0)
     """

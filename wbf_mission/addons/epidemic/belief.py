@@ -59,8 +59,6 @@ def expected_loss(
 ) -> NDArray[np.float64]:
     """Return the expected loss of estimated values: the mean over the classes, weighted by probability.
 
-    Examples
-    --------
     >>> p = np.array([[0.0, 1, 0], [0.5, 0, 0.5]])
     >>> expected_loss(p, np.array([0.7, 0.1]), 10.0, 1.0).round(3).tolist()
     [0.4, 0.455]
@@ -76,8 +74,6 @@ def expected_loss(
 def standard_deviation(probabilities: NDArray[np.floating]) -> NDArray[np.float64]:
     """Return the standard deviation of a cell's true value, given class probabilities, float[..., 3].
 
-    Examples
-    --------
     >>> standard_deviation(np.array([[1.0, 0, 0], [0.5, 0, 0.5]])).tolist()
     [0.0, 0.5]
     """

@@ -185,8 +185,6 @@ def cells_in_reach(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return all cells of a farm that are at most `REACH` along each axis from a changed cell (x, y).
 
-    Examples
-    --------
     >>> x, y = cells_in_reach(np.array([0]), np.array([20]), (30, 30))
     >>> len(x), int(x.max()), int(y.min())
     (153, 8, 12)

@@ -82,8 +82,6 @@ def uri(path: str) -> str:
 def parameter_details(name: str, package: str) -> Mapping[str, dict[str, Any]]:
     """Return ``parameter.schema.json`` entries, keyed by parameter, from ``lists/NAME*.csv`` of a package.
 
-    Examples
-    --------
     >>> details = parameter_details("px4", "sim_vehicle.autopilot")["GF_ACTION"]
     >>> details["group"], details["values"][2], details["max"]
     ('Geofence', {'value': 2, 'description': 'Hold mode'}, 5.0)
@@ -138,8 +136,6 @@ def _compressed(value: object) -> bytes:
 def asked_for(query: str) -> tuple[int, int, bool] | None:
     """Parse a query: first parameter, count (0 for all), and whether to add defaults; None if invalid.
 
-    Examples
-    --------
     >>> asked_for("start=10&count=5&withdefaults=1")
     (10, 5, True)
     """
@@ -260,8 +256,6 @@ class PackedPlan(NamedTuple):
 def pack_plan(mission_type: MissionType, items: Sequence[m.MAVLink_mission_item_int_message]) -> bytes:
     """Pack a plan into the contents of its file.
 
-    Examples
-    --------
     >>> pack_plan(MissionType.FENCE, []).hex()
     '3d760100000000000000'
     """

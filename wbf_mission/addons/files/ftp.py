@@ -313,8 +313,6 @@ class FtpServer:
 def checksum(data: bytes) -> int:
     """Return the CRC32 of MAVLink FTP: initial value 0, no final inversion.
 
-    Examples
-    --------
     >>> hex(checksum(b"123456789"))
     '0x2dfd2d88'
     """

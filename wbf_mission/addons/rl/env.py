@@ -112,15 +112,10 @@ class SurveyEnv(OneEpisode, gymnasium.Env[Observation, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Start a run.
+        """Start a run; `options` are ignored.
 
-        Parameters
-        ----------
-        seed : int, optional
-            The environment is the same as in ``bench run`` with this seed. By default a seed from 2^32 on is
-            drawn, which no benchmark uses.
-        options : dict, optional
-            Ignored.
+        The environment is the same as in ``bench run`` with this seed. By default a seed from 2^32 on is
+        drawn, which no benchmark uses.
         """
         super().reset(seed=seed, options=options)
         episode = self._begin(seed, self.np_random)

@@ -99,15 +99,8 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Restart all runs, or some of them with ``options={"reset_mask": bool[num_envs]}``.
 
-        Parameters
-        ----------
-        seed : int or sequence of int or None, optional
-            Seed of the first run; each further run gets the next number. A sequence has one seed per run.
-
-        Raises
-        ------
-        TrainingError
-            If the number of seeds or mask entries differs from the number of runs.
+        `seed` is the seed of the first run, and each further run gets the next number; or a sequence has one
+        seed per run. TrainingError if the number of seeds or mask entries differs from the number of runs.
         """
         if seed is None or isinstance(seed, int | np.integer):
             seeds = [None if seed is None else int(seed) + one for one in range(self.num_envs)]

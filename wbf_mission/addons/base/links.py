@@ -55,8 +55,7 @@ def fitted_to(scenario: Scenario, *vehicles: Vehicle) -> Scenario:
         if planned != kind:
             which = "" if len(vehicles) == 1 else f" as system {heard.system_id}"
             does = f"a {kind} is heard{which}; name a {kind} with --vehicle"
-            msg = f"vehicle {name} is a {planned}, but {does}"
-            raise LiveFlightError(msg)
+            raise LiveFlightError(f"vehicle {name} is a {planned}, but {does}")
         fitted.append((heard.system_id, name, name_of_number(heard.autopilot) or planned_for))
     _, names, autopilots = zip(*sorted(fitted), strict=True)
     if len(vehicles) == 1:

@@ -143,10 +143,9 @@ def parse_home(text: str) -> tuple[GeoPoint, float]:
             raise ValueError
         return GeoPoint(latitude, longitude, altitude), heading
     except ValueError as error:
-        msg = (
+        raise ScenarioError(
             f"home {text!r} is not LAT,LON[,ALT[,HEADING]] in degrees and metres, such as 28.05,-82.15,30,90"
-        )
-        raise ScenarioError(msg) from error
+        ) from error
 
 
 def make_components(

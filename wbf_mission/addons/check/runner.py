@@ -159,8 +159,7 @@ def check_vehicle(
         vehicle = peer.driver.wait_for_vehicle(wait_s, system_id=system_id)
         peer.sleep(1.5)
         if peer.armed:
-            msg = f"{link.name}: the vehicle is armed; land and disarm it before the checks"
-            raise CheckError(msg)
+            raise CheckError(f"{link.name}: the vehicle is armed; land and disarm it before the checks")
         _find_home(peer)
         kept = False
         for check in checks:

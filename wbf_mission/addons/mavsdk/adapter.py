@@ -258,8 +258,7 @@ class MavsdkVia(Via):
         """Raise LiveFlightError if a policy is given and the vehicle must leave its mission for a change."""
         policy = scenario.mission.policy
         if policy is not None and vehicle.vehicle_type in (vehicle.profile.change_modes or {}):
-            msg = (
+            raise LiveFlightError(
                 f"policy {policy} changes the mission in flight, which --via mavsdk cannot do for "
                 f"{vehicle.profile.name}: leave out --via mavsdk, or give a planner instead"
             )
-            raise LiveFlightError(msg)

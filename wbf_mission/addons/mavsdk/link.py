@@ -94,8 +94,7 @@ class MavsdkLink:
         result = self._mavsdk.add_any_connection_with_forwarding(url, ForwardingOption.ON)
         if result != ConnectionResult.SUCCESS:
             why = self._complaint or ConnectionResult(result).name.lower().replace("_", " ")
-            msg = f"{self.name}: MAVSDK cannot open it: {why}; check the address"
-            raise LinkError(msg)
+            raise LinkError(f"{self.name}: MAVSDK cannot open it: {why}; check the address")
 
     def _on_log(self, level: LogLevel, text: str, _file: str | None, _line: int) -> bool:
         """Keep MAVSDK's log off the terminal; the log's last error says why a connection cannot be opened."""
@@ -149,8 +148,7 @@ class MavsdkLink:
                     self._systems[system_id] = system
                     return system
             time.sleep(_LOOK_S)
-        msg = f"{self.name}: MAVSDK knows of no vehicle with system id {system_id}"
-        raise NoVehicleError(msg)
+        raise NoVehicleError(f"{self.name}: MAVSDK knows of no vehicle with system id {system_id}")
 
     def close(self) -> None:
         """Stop MAVSDK and its threads; a second call does nothing."""

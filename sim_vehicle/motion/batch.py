@@ -195,12 +195,20 @@ class VehicleBatch:
         calls, events = self._calls, np.zeros(len(self.vehicles), dtype=np.int64)
         calls[:, STEPS], calls[:, STOPS] = max_steps, stop_each
         together: list[int] = []
+        alone: list[int] = []
         for k in np.flatnonzero(calls[:, STEPS] > 0).tolist():
-            if self._dynamics is not None and self._vehicle(k).is_flown_by_its_autopilot():
-                together.append(k)
-            else:
+            shared = self._dynamics is not None and self._vehicle(k).is_flown_by_its_autopilot()
+            (together if shared else alone).append(k)
+
+        def advance_alone(members: Sequence[int]) -> None:
+            for k in members:
                 steps, stops = calls[k, STEPS : STOPS + 1].tolist()
                 events[k] = self.vehicles[k].advance(steps, stop_each=bool(stops))
+
+        if self._parallel:
+            in_parallel(advance_alone, alone)
+        else:
+            advance_alone(alone)
         if not together:
             return events
         self._adopt()

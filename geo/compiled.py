@@ -12,7 +12,7 @@ import re
 import shutil
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from functools import cache, partial
 from importlib import import_module
@@ -329,16 +329,33 @@ def _imported(file: Path) -> tuple[Path, ...]:
     return tuple(path for path in paths if path.is_file())
 
 
+@cache
+def _threads() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(os.cpu_count() or 1, "parallel")
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_threads.cache_clear)  # A forked process has no threads of its parent
+
+
 def in_parallel(work: Callable[[Sequence[_Item]], None], items: Sequence[_Item]) -> None:
-    """Call `work` with each part of the items, in threads on all cores; `work` must release the GIL."""
+    """Call `work` with each part of the items, in threads on all cores.
+
+    `work` must release the GIL, and must not call this function.
+    """
     cores = os.cpu_count() or 1
-    if not items:
+    if not len(items):
         return
     if len(items) < 2 or cores == 1:
         work(items)
         return
     size = max(1, len(items) // (_PARTS_PER_CORE * cores))
-    parts = [items[start : start + size] for start in range(0, len(items), size)]
-    with ThreadPoolExecutor(cores) as pool:
-        for done in [pool.submit(work, part) for part in parts]:
-            done.result()
+    starts = range(0, len(items), size)
+    parts = [_threads().submit(work, items[start : start + size]) for start in starts]
+    try:
+        for part in parts:
+            part.result()
+    finally:
+        for part in parts:
+            part.cancel()
+        wait(parts)

@@ -5,9 +5,9 @@ import json
 import pytest
 
 from wbf_mission import BenchSpec, benchmark
-from wbf_mission.addons.base.pages import bench_report
 from wbf_mission.addons.base.standings import standings
 from wbf_mission.cli.app import main
+from wbf_mission.cli.command import provided
 from wbf_mission.own_code import own_choice
 
 TEN = ["WBF/Miniberry-10-v1"]
@@ -73,7 +73,7 @@ def test_bad_answers_are_counted_and_too_many_are_a_failure(tmp_path, answer, ki
     assert f"policy Mine: {bad} of {row.decisions} answers were bad: {count} {kind}" in row.error
     (standing,) = standings([row])
     assert (standing.failed, standing.environments, standing.bad_answers) == (1, 1, row.bad_answers)
-    page = bench_report()([row], tmp_path / "report", title="t")
+    page = provided("bench.report")([row], tmp_path / "report", title="t")
     tables = [table.title for section in page.sections for table in section.tables]
     assert "Answers that were not flown, or came too late" in tables
 

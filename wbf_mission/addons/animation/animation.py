@@ -30,7 +30,7 @@ from geo.errors import WbfMissionError
 from mission.ground.tracks import Track
 from sensors.estimators import Estimator
 from sensors.fields import Field
-from wbf_mission.addons.base.relearning import estimates_again, fresh_estimator, kept_truths
+from wbf_mission.addons.base.replay import estimates_again, fresh_estimator, kept_truths
 from wbf_mission.maps.blocks import MapGrid
 from wbf_mission.maps.field_maps import pixel_means
 from wbf_mission.progress import Progress, silent

@@ -13,7 +13,7 @@ import shapely
 from numpy.typing import NDArray
 
 from geo import Farm
-from wbf_mission.addons.base.html_page import data_uri
+from wbf_mission.addons.base.markup import data_uri
 from wbf_mission.maps.blocks import MapGrid
 
 Colours = NDArray[np.uint8]

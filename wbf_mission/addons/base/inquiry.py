@@ -33,8 +33,6 @@ _KINDS = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
 class FirmwareVersion:
     """Version of an autopilot's firmware; `kind` is a FIRMWARE_VERSION_TYPE, 255 for an official release.
 
-    Examples
-    --------
     >>> str(FirmwareVersion.of(0x010E02FF)), str(FirmwareVersion.of(0x04070000))
     ('1.14.2', '4.7.0 dev')
     """
@@ -236,7 +234,14 @@ class Inquiry:
         self._contact.receive(message, now_s)
         if isinstance(message, m.MAVLink_heartbeat_message):
             return self._begin(now_s) if first else []
-        self._take(message, now_s)
+        if isinstance(message, m.MAVLink_param_value_message):
+            self._on_parameter(message, now_s)
+        elif not isinstance(message, m.MAVLink_statustext_message):
+            self._ids.add(type(message).id)
+            self._told |= _changes(message)
+            if not self._alternatives:
+                # A parameter measures the delay better, because this message may be streamed, not an answer.
+                self._measure_pace(now_s)
         self._settle(now_s)
         return []
 
@@ -321,16 +326,6 @@ class Inquiry:
         """Time between two requests (s): a fixed time before the first answer, then based on its delay."""
         return 2.0 * _FIRST_RETRY_S if self._answer_s is None else max(_FIRST_RETRY_S, 1.5 * self._answer_s)
 
-    def _take(self, message: Message, now_s: float) -> None:
-        if isinstance(message, m.MAVLink_param_value_message):
-            self._on_parameter(message, now_s)
-        elif not isinstance(message, m.MAVLink_statustext_message):
-            self._ids.add(type(message).id)
-            self._told |= _changes(message)
-            if not self._alternatives:
-                # A parameter measures the delay better, because this message may be streamed, not an answer.
-                self._measure_pace(now_s)
-
     def _on_parameter(self, message: m.MAVLink_param_value_message, now_s: float) -> None:
         name = str(message.param_id)
         if not any(name in names for names in self._alternatives):
@@ -367,8 +362,6 @@ def decoded(value: float, kind: int, *, bytewise: bool) -> float | None:
 
     If `bytewise`, integers are encoded as the bytes of the float (PX4), otherwise as numbers (ArduPilot).
 
-    Examples
-    --------
     >>> decoded(struct.unpack("<f", struct.pack("<i", 3))[0], 6, bytewise=True)
     3.0
     >>> decoded(3.0, 2, bytewise=False)

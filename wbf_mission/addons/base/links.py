@@ -29,20 +29,6 @@ from wbf_mission.preflight.run import check_mission
 from wbf_mission.preflight.subject import Circumstances
 from wbf_mission.scenario import Scenario, scenario_with
 
-__all__ = [
-    "Heard",
-    "LinkHost",
-    "LiveFlightError",
-    "Note",
-    "Tap",
-    "Via",
-    "fitted_to",
-    "links_of",
-    "typical_vehicle",
-    "upload_checked",
-    "via_named",
-]
-
 Tap = Callable[[bytes, float], None]
 Note = Callable[[str], None]
 Heard = tuple[str, Vehicle]
@@ -69,8 +55,7 @@ def fitted_to(scenario: Scenario, *vehicles: Vehicle) -> Scenario:
         if planned != kind:
             which = "" if len(vehicles) == 1 else f" as system {heard.system_id}"
             does = f"a {kind} is heard{which}; name a {kind} with --vehicle"
-            msg = f"vehicle {name} is a {planned}, but {does}"
-            raise LiveFlightError(msg)
+            raise LiveFlightError(f"vehicle {name} is a {planned}, but {does}")
         fitted.append((heard.system_id, name, name_of_number(heard.autopilot) or planned_for))
     _, names, autopilots = zip(*sorted(fitted), strict=True)
     if len(vehicles) == 1:
@@ -87,8 +72,6 @@ def _for_each(names: Sequence[str]) -> str:
 def typical_vehicle(vehicle: Vehicle) -> str:
     """Return the name of the default vehicle of the kind that was heard.
 
-    Examples
-    --------
     >>> typical_vehicle(Vehicle(1, 1, 12, 2))
     'quad'
     """

@@ -10,8 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from geo import Crop, Farm, FarmGrid
+from geo import Crop, Farm
 from geo.atomic import atomic_write
+from geo.frame import LocalFrame
+from geo.linear_algebra import cos, sin
+from mission.errors import MissionFileError
+from mission.files.fence import geo_fence
+from mission.model import MissionItem
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -100,11 +105,6 @@ def shown_every(shape: Sequence[int]) -> int:
     return max(1, -(-max(shape) // MAX_PIXELS))
 
 
-def _extent(grid: FarmGrid) -> tuple[float, float, float, float]:
-    width, height = grid.shape
-    return 0.0, width * grid.cell_size_m, 0.0, height * grid.cell_size_m
-
-
 def crop_colours(crops: Sequence[str]) -> dict[str, str]:
     """Return the colour of each crop; crops outside the benchmark share a cycle of further colours."""
     further = itertools.cycle(_FURTHER_CROPS)
@@ -120,6 +120,7 @@ def draw_farm(axes: Axes, farm: Farm, *, legend: bool = True) -> None:
     from matplotlib.patches import Patch as LegendPatch
 
     grid = farm.grid()
+    width_m, height_m = (cells * grid.cell_size_m for cells in grid.shape)
     stride = shown_every(grid.shape)
     crops = grid.crop[::stride, ::stride]
     colour_of = crop_colours(grid.crops)
@@ -128,7 +129,7 @@ def draw_farm(axes: Axes, farm: Farm, *, legend: bool = True) -> None:
     axes.imshow(
         crops.T,
         origin="lower",
-        extent=_extent(grid),
+        extent=(0.0, width_m, 0.0, height_m),
         interpolation="nearest",
         aspect="equal",
         cmap=colours,
@@ -187,3 +188,29 @@ def outline(axes: Axes, farm: Farm) -> dict[str, Artist]:
         name = "obstacle with a height" if low else "obstacle or no-fly zone"
         (shown[name],) = axes.fill(*obstacle.polygon.exterior.xy, **style)
     return shown
+
+
+CIRCLE_CORNERS = 48
+"""Number of corners of a circle drawn as a polygon; the sides are within 0.2 % of the radius."""
+
+
+def fence_rings(items: Sequence[MissionItem], frame: LocalFrame) -> list[tuple[NDArray[np.float64], bool]]:
+    """Return each outline of a geofence (float64[n, 2], m in `frame`) and whether it is an inclusion zone.
+
+    Circles become polygons of `CIRCLE_CORNERS` corners. Outlines outside the range of the frame are left out.
+    Invalid fence items give an empty list.
+    """
+    try:
+        fence = geo_fence(items)
+    except MissionFileError:
+        return []
+    found = []
+    for polygon in fence["polygons"]:
+        latitude, longitude = np.array(polygon["polygon"]).T
+        found.append((np.stack(frame.from_wgs84(latitude, longitude), 1), polygon["inclusion"]))
+    around = np.linspace(0.0, 2.0 * np.pi, CIRCLE_CORNERS, endpoint=False)
+    for circle in fence["circles"]:
+        centre = np.array(frame.from_wgs84(*circle["circle"]["center"]))
+        corners = centre + circle["circle"]["radius"] * np.stack([cos(around), sin(around)], 1)
+        found.append((corners, circle["inclusion"]))
+    return [(ring, inclusion) for ring, inclusion in found if np.isfinite(ring).all()]

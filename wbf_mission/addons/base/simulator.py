@@ -1,28 +1,103 @@
-"""Makes simulated vehicles and their cameras, as components that a server on sockets runs."""
+"""Makes simulated vehicles and their cameras for a server on sockets, and compiles their motion ahead."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from geo.farm import Farm
+from geo.frame import LocalFrame
 from geo.seeds import stream
 from geo.texts import parse_number
-from mission.model import GeoPoint
+from mission.model import GeoPoint, Mission, MissionItem
 from sensors.camera.leaf_camera import LeafCamera
 from sensors.environment import Environment
 from sensors.field_files import load_field_set
-from sim_vehicle.autopilot import get_autopilot
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.airframe.kind import NO_AUTOPILOT, get_kind, kind_names
+from sim_vehicle.airframe.navigation_errors import EstimateErrors
+from sim_vehicle.autopilot import autopilot_names, flight_procedures, get_autopilot, with_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.component import Component
+from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import EPOCH_UNIX_S
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.mavlink.fleet import SPACING_M, Fleet
-from wbf_mission.addons.base.compile_ahead import warm_up
+from sim_vehicle.prediction.predict import predict_flights
+from sim_vehicle.weather.wind import Wind
 from wbf_mission.planning import flown_vehicle
 from wbf_mission.planning.conditions import noise_of, wind_of_run
 from wbf_mission.run.resolve import cameras_of, make_environment
 from wbf_mission.scenario import Scenario, ScenarioError
+
+if TYPE_CHECKING:
+    from sim_vehicle.airframe.spec import VehicleSpec
+
+_WIND = Wind(1.0, gust_m_s=0.5)
+
+
+def warm_up(spec: VehicleSpec) -> None:
+    """Compile the motion of a vehicle by simulating a two-second flight.
+
+    Without this, the motion of a vehicle is compiled on its first flight, and a client that orders a take-off
+    would time out. Compilation takes up to a minute once per machine; loading the compiled functions takes
+    half a second in each process. `geo.compiled.compile_notices` names the functions that are being compiled.
+    The ideal vehicle needs no compiled functions.
+
+    >>> warm_up(get_vehicle("ideal"))
+    """
+    if spec.is_ideal:
+        return
+    executor = MissionExecutor(spec, LocalFrame(0.0, 0.0), wind=_WIND, estimate_errors=EstimateErrors())
+    executor.arm()
+    if spec.drives:
+        executor.goto(1.0, 0.0, 0.0)
+    else:
+        executor.takeoff(min(2.0, spec.max_altitude_m))
+    executor.advance(1.0)
+    if spec.hovers:
+        executor.steer((0.5, 0.0, 0.0))
+    executor.advance(1.5)
+    executor.flight.hold()
+    executor.advance(2.0)
+
+
+def compile_all(progress: Callable[[str, int, int], None] | None = None) -> None:
+    """Compile the motion of all vehicles, for single flights and for batches, unless it is cached.
+
+    `progress` is called before each vehicle with a title, the number of finished vehicles, and the total.
+    """
+    dynamics = _dynamics()
+    for done, (name, spec) in enumerate(dynamics):
+        if progress is not None:
+            progress(name, done, len(dynamics))
+        warm_up(spec)
+        items = (
+            MissionItem(22, 3, 0, 0, 0, None, 0.0, 0.0, 2.0),
+            MissionItem.waypoint(0.0001, 0.0, 2.0),
+            MissionItem(20, 2),
+        )
+        short = Mission(items, GeoPoint(0.0, 0.0))
+        predict_flights([short, short], spec, wind=_WIND)
+
+
+def _dynamics() -> list[tuple[str, VehicleSpec]]:
+    """Return one vehicle, with a title, for each motion class that the installed autopilots use."""
+    found: dict[type, tuple[str, VehicleSpec]] = {}
+    for bare in [get_vehicle(get_kind(kind).typical) for kind in kind_names()]:
+        if bare.is_ideal:
+            continue
+        kind = bare.kind.replace("-", " ")
+        flown = {kind: with_autopilot(bare, NO_AUTOPILOT)}
+        for name in autopilot_names():
+            autopilot = get_autopilot(name)
+            if autopilot.firmware(bare.kind) is not None:
+                flown[f"{kind} under {autopilot.title}"] = with_autopilot(bare, name)
+        for title, spec in flown.items():
+            motion = flight_procedures(spec).motion(spec, None, 0.0)
+            found.setdefault(type(motion), (title, spec))
+    return list(found.values())
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +133,6 @@ class Simulated:
 def parse_home(text: str) -> tuple[GeoPoint, float]:
     """Read ``LAT,LON[,ALT[,HEADING]]``.
 
-    Examples
-    --------
     >>> parse_home("28.05,-82.15,30,90")
     (GeoPoint(latitude_deg=28.05, longitude_deg=-82.15, altitude_m=30.0), 90.0)
     """
@@ -70,10 +143,9 @@ def parse_home(text: str) -> tuple[GeoPoint, float]:
             raise ValueError
         return GeoPoint(latitude, longitude, altitude), heading
     except ValueError as error:
-        msg = (
+        raise ScenarioError(
             f"home {text!r} is not LAT,LON[,ALT[,HEADING]] in degrees and metres, such as 28.05,-82.15,30,90"
-        )
-        raise ScenarioError(msg) from error
+        ) from error
 
 
 def make_components(

@@ -1,4 +1,4 @@
-"""Standings of benchmark rows: the scores, losses and ranks of each planner with each estimator.
+"""Standings of benchmark rows: scores, losses and ranks of each planner with each estimator, and tables.
 
 An environment (seed) counts only if every pair of planner and estimator has a row on it. A failed run gets
 the worst loss of any row on its environment at any scored time; this is normally the loss before the first
@@ -7,18 +7,24 @@ observation. Therefore, neither a lucky choice of seeds nor a failed run can imp
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import structs
 from numpy.typing import NDArray
 from scipy import stats
 
-from wbf_mission.addons.base.intervals import Interval, mean_intervals
+from wbf_mission.addons.base.intervals import Interval, mean_intervals, score_text
+from wbf_mission.addons.base.pages import Table
 from wbf_mission.bench.rows import BenchRow, build_of, by_scenario, shown_digest
 from wbf_mission.bench.spec import seed_ranges
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _NAMED = (("scenario", "code"), ("scenario", "scenario"), ("planner", "planner"), ("estimator", "estimator"))
 
@@ -27,10 +33,6 @@ def _of_old(row: BenchRow, key: str) -> str:
     """Return the digest of a row's code, scenario, planner or estimator, or words for a missing digest."""
     unknown = f"unknown {build_of(row)}" if key == "code" else "unknown"
     return row.codes.get(key, "") or ("built in" if row.codes else unknown)
-
-
-def _words(row: BenchRow, key: str) -> str:
-    return build_of(row) if key == "code" else row.objects.get(key, "")
 
 
 def apart(rows: Sequence[BenchRow]) -> Sequence[BenchRow]:
@@ -44,7 +46,8 @@ def apart(rows: Sequence[BenchRow]) -> Sequence[BenchRow]:
     for name, key in _NAMED:
         words: dict[str, dict[str, str]] = {}
         for row in rows:
-            words.setdefault(getattr(row, name), {}).setdefault(_of_old(row, key), _words(row, key))
+            text = build_of(row) if key == "code" else row.objects.get(key, "")
+            words.setdefault(getattr(row, name), {}).setdefault(_of_old(row, key), text)
         several = {given: _labels(given, found) for given, found in words.items() if len(found) > 1}
         if several:
             rows = [
@@ -310,3 +313,90 @@ def _places(scores: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
     ranks = stats.rankdata(-scores, axis=0, method="average")
     best = scores == scores.max(axis=0)
     return ranks.mean(axis=1), (best / best.sum(axis=0)).sum(axis=1)
+
+
+SCORES = "Scores over the run and at its end"
+_POINTS = 200
+_FEWEST_FOR_A_BAND = 5
+
+
+def standing_table(title: str, found: Sequence[Standing], *, whole: bool = False) -> Table:
+    """Return a table of standings; with `whole`, it has a column `scenario` for several scenarios."""
+    named = ("scenario", "planner or policy", "estimator") if whole else ("planner, estimator",)
+    header = (*named, "run", "95 %", "end", "95 %", "rank", "wins", "runs", "bad answers", "CPU, s")
+    rows = tuple(
+        (
+            *((standing.scenario, standing.planner, standing.estimator) if whole else (standing.named,)),
+            *interval_cells(standing.score),
+            *interval_cells(standing.final_score),
+            number_text(standing.rank, 1),
+            f"{standing.wins:.3g}",
+            f"{standing.environments}" + (f", {standing.failed} failed" if standing.failed else ""),
+            "-" if math.isnan(standing.bad_share) else f"{standing.bad_share:.1%}",
+            number_text(standing.cpu_time_s, 2),
+        )
+        for standing in found
+    )
+    return Table(title, header, rows)
+
+
+def field_table(found: Sequence[Standing]) -> Table:
+    """Return a table of the loss of each field in one scenario, over the run and at its end."""
+    fields = list(dict.fromkeys(name for standing in found for name in standing.losses))
+    rows = tuple(
+        (
+            standing.named,
+            *(
+                score_text(losses.get(name, math.nan))
+                for name in fields
+                for losses in (standing.losses_over_run, standing.losses)
+            ),
+        )
+        for standing in found
+    )
+    header = ("planner, estimator", *(f"{name}, {when}" for name in fields for when in ("run", "end")))
+    return Table("Mean loss per cell of each field", header, rows)
+
+
+def interval_cells(of: Interval) -> tuple[str, str]:
+    """Return two table cells: a mean, and its interval."""
+    limits = "-" if math.isnan(of.low) else f"{score_text(of.low)} to {score_text(of.high)}"
+    return score_text(of.mean), limits
+
+
+def number_text(value: float, digits: int) -> str:
+    """Return a number with `digits` digits after the point; nan becomes "-"."""
+    return "-" if math.isnan(value) else f"{value:.{digits}f}"
+
+
+def score_over_time(rows: Sequence[BenchRow]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return evenly spaced times (s), and the rows' scores at these times, float64[runs, times]."""
+    last_s = max(row.times_s[-1] for row in rows)
+    times_s = np.linspace(0.0, last_s, _POINTS)
+    return times_s, np.array([scores_at(row, times_s) for row in rows])
+
+
+def scores_at(row: BenchRow, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the latest score of a run at each time, or the first score before the first scored time."""
+    at = np.searchsorted(row.times_s, times_s, side="right") - 1
+    scores: NDArray[np.float64] = np.array(row.scores)[np.maximum(at, 0)]
+    return scores
+
+
+def draw_mean_score(
+    axes: Axes,
+    rows: Sequence[BenchRow],
+    label: str,
+    colour: str,
+    *,
+    alpha: float,
+    linewidth: float | None = None,
+) -> None:
+    """Draw the mean score of rows over time, with a 95 % band for five or more rows."""
+    times_s, scores = score_over_time(rows)
+    means = scores.mean(axis=0)
+    axes.plot(times_s, means, color=colour, label=label, linewidth=linewidth)
+    if len(rows) >= _FEWEST_FOR_A_BAND:
+        band = mean_intervals(scores.T)
+        limits = [interval.low for interval in band], [interval.high for interval in band]
+        axes.fill_between(times_s, *limits, color=colour, alpha=alpha, linewidth=0.0)

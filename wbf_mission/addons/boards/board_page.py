@@ -12,7 +12,7 @@ from msgspec import structs
 
 from geo.texts import one_line
 from wbf_mission.addons.base.intervals import Interval
-from wbf_mission.addons.base.page import Page, Picture, Section, Table
+from wbf_mission.addons.base.pages import Page, Picture, Section, Table
 from wbf_mission.addons.base.plots import new_figure, save_figure
 from wbf_mission.addons.boards.board import SHOWN_DIGEST, Board, BoardTable, Entry, Line
 from wbf_mission.addons.boards.comparison import doubt_in_words, verdict

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from geo.texts import file_stem
-from wbf_mission.addons.base.pages import bench_page
 from wbf_mission.addons.boards.standings_command import print_table, rows_in
 from wbf_mission.cli import options
-from wbf_mission.cli.command import Command
+from wbf_mission.cli.command import Command, provided
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode
@@ -232,7 +231,7 @@ def board_command(
 
     opened = _secret(seal, secret)
     if out is not None:
-        bench_page()  # Without a web add-on, this fails before the flights
+        provided("bench")  # Without a web add-on, this fails before the flights
     with output.progress() as progress:
         board = board_of(packs_of(packs), verify=verify, secret=opened, progress=progress)
     if not board.entries:
@@ -270,7 +269,7 @@ def _write(output: Output, board: Board, out: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
     page = board_page(board, draw_board(board, out))
     page.write(out / "board.md")
-    bench_page()(out / "board.html", page, out)
+    provided("bench")(out / "board.html", page, out)
     with atomic_write(out / "board.json", "wb") as file:
         file.write(msgspec.json.format(msgspec.json.encode(board_values(board))) + b"\n")
     output.note(f"written: {out / 'board.md'}, {out / 'board.html'}, {out / 'board.json'}")

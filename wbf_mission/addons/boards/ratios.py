@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from wbf_mission.addons.base.intervals import Interval, ratio_intervals
-from wbf_mission.addons.base.page import Table, number_text
-from wbf_mission.addons.base.standings import Scored
+from wbf_mission.addons.base.pages import Table
+from wbf_mission.addons.base.standings import Scored, number_text
 from wbf_mission.bench.rows import BenchRow
 
 WHOLE = "whole"

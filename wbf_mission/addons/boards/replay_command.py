@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from geo.texts import unknown
-from wbf_mission.addons.base.pages import run_page
 from wbf_mission.addons.boards.standings_command import rows_in
 from wbf_mission.cli import options
-from wbf_mission.cli.command import Command
+from wbf_mission.cli.command import Command, provided
 from wbf_mission.cli.options import TargetError, option
 from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode
@@ -20,6 +19,7 @@ from wbf_mission.exit_codes import ExitCode
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from wbf_mission.addons.base.pages import RunPage
     from wbf_mission.bench.rows import BenchRow
     from wbf_mission.bench.spec import BenchRun
     from wbf_mission.scenario import Choice
@@ -116,7 +116,7 @@ def _replay(output: Output, row: BenchRow, run: BenchRun, out: Path, formats: Se
     from wbf_mission.bench.rows import KEY_DIGITS
 
     name = row.key[:KEY_DIGITS]
-    page_of = run_page() if "html" in formats else None
+    page_of: type[RunPage] | None = provided("run") if "html" in formats else None
     out.mkdir(parents=True, exist_ok=True)
     with output.progress(), tempfile.TemporaryDirectory() as logs:
         events, log = output.events, Path(logs) / "flight.tlog"

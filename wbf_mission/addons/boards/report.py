@@ -11,20 +11,20 @@ import numpy as np
 
 from geo.texts import file_stem
 from wbf_mission.addons.base.intervals import mean_intervals
-from wbf_mission.addons.base.page import (
+from wbf_mission.addons.base.pages import Listing, Page, Picture, Section, Table
+from wbf_mission.addons.base.plots import LINE_COLOURS, new_figure, save_figure
+from wbf_mission.addons.base.standings import (
     SCORES,
-    Listing,
-    Page,
-    Picture,
-    Section,
-    Table,
+    Scored,
+    Standing,
+    apart,
     draw_mean_score,
     field_table,
     interval_cells,
+    scored,
     standing_table,
+    standings_of,
 )
-from wbf_mission.addons.base.plots import LINE_COLOURS, new_figure, save_figure
-from wbf_mission.addons.base.standings import Scored, Standing, apart, scored, standings_of
 from wbf_mission.addons.boards.comparison import doubt_in_words
 from wbf_mission.addons.boards.ratios import by_fixed, ratio_table, worse_in_words
 from wbf_mission.bench.requests import AskedFor, card_of

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from wbf_mission.addons.base.pages import bench_page
 from wbf_mission.cli import options
 from wbf_mission.cli.bench import RUN_PANEL, Flying, choices, exit_code, selection, warn_of_failures
-from wbf_mission.cli.command import Command
+from wbf_mission.cli.command import Command, provided
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode
@@ -19,7 +18,7 @@ from wbf_mission.exit_codes import ExitCode
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from wbf_mission.addons.base.page import Table
+    from wbf_mission.addons.base.pages import Table
     from wbf_mission.bench.rows import BenchRow
 
 REPORT_EXAMPLES = """
@@ -63,7 +62,7 @@ def report_command(
 
     rows = rows_in(folder)
     if out is not None:
-        write_page = bench_page()
+        write_page = provided("bench")
         page = report_page(rows, out, title=f"Benchmark of {len(rows)} runs", asked=read_asked(folder))
         page.write(out / "report.md")
         write_page(out / "report.html", page, out, rows)
@@ -132,8 +131,7 @@ def print_standings(output: Output, rows: Sequence[BenchRow], title: str) -> Non
     """Print a table of standings for each scenario, and the causes of failed runs."""
     from dataclasses import asdict
 
-    from wbf_mission.addons.base.page import standing_table
-    from wbf_mission.addons.base.standings import standings
+    from wbf_mission.addons.base.standings import standing_table, standings
 
     _warn_of_uncounted(output, rows)
     found = standings(rows)

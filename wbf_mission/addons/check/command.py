@@ -50,8 +50,7 @@ def check_command(
         output.table(values, headings, rows, title="Checks", left=True)
         return
     if url is None:
-        msg = "give the link to the vehicle, such as udpin:127.0.0.1:14550, or --list"
-        raise typer.BadParameter(msg)
+        raise typer.BadParameter("give the link to the vehicle, such as udpin:127.0.0.1:14550, or --list")
 
     def tell(result: CheckResult) -> None:
         output.note(f"{result.verdict.value:8}{result.check.id}{': ' + result.told if result.told else ''}")

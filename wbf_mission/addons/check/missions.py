@@ -15,11 +15,13 @@ from wbf_mission.addons.check.peer import (
     RE_REQUEST_S,
     FailedError,
     Peer,
+    Sender,
     SkippedError,
     needed,
+    require_accepted,
+    told,
 )
 from wbf_mission.addons.check.registry import Checks
-from wbf_mission.addons.check.sender import Sender, require_accepted, told
 
 check = Checks()
 

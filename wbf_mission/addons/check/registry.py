@@ -11,8 +11,6 @@ from mission.autopilots import ARDUPILOT, PX4
 from mission.autopilots.profile import Profile
 from wbf_mission.addons.check.peer import Peer
 
-__all__ = ["Check", "CheckResult", "Checks", "Verdict"]
-
 Function = Callable[[Peer], str | None]
 Requirement = Callable[[Profile], bool]
 _KNOWN = (PX4, ARDUPILOT)
@@ -95,8 +93,6 @@ def _first_line(function: Function) -> str:
 class Checks(list[Check]):
     """Checks of one module, in order of definition.
 
-    Examples
-    --------
     >>> checks = Checks()
     >>> @checks("identity.nothing", "it is there")
     ... def nothing(peer):

@@ -18,21 +18,17 @@ from mission.model import GeoPoint
 from mission.transfer import RemoteTransferError
 from mission.transfer.driver import wait_readable
 from mission.transfer.vehicles import Vehicle
-from wbf_mission.addons.check import commands, flight, identity, missions, parameters, transfers
+from wbf_mission.addons.check import commands, identity, missions, parameters, transfers
 from wbf_mission.addons.check.peer import CheckError, FailedError, Peer, SkippedError
 from wbf_mission.addons.check.registry import Check, CheckResult, Verdict
 
-__all__ = ["CheckReport", "all_checks", "check_vehicle", "chosen_checks"]
-
-_MODULES = (identity, commands, parameters, missions, transfers, flight)
+_MODULES = (identity, commands, parameters, missions, transfers)
 _GROUPS = ("identity", "command", "telemetry", "param", "mission", "transfer", "fly")
 
 
 def all_checks() -> tuple[Check, ...]:
     """Return all checks in the order of their groups.
 
-    Examples
-    --------
     >>> all_checks()[0].id
     'identity.heartbeat'
     """
@@ -163,8 +159,7 @@ def check_vehicle(
         vehicle = peer.driver.wait_for_vehicle(wait_s, system_id=system_id)
         peer.sleep(1.5)
         if peer.armed:
-            msg = f"{link.name}: the vehicle is armed; land and disarm it before the checks"
-            raise CheckError(msg)
+            raise CheckError(f"{link.name}: the vehicle is armed; land and disarm it before the checks")
         _find_home(peer)
         kept = False
         for check in checks:

@@ -18,10 +18,13 @@ from wbf_mission.addons.check.peer import (
     REQUESTS,
     FailedError,
     Peer,
+    Sender,
+    cancelling,
     needed,
+    require_accepted,
+    told,
 )
 from wbf_mission.addons.check.registry import Checks
-from wbf_mission.addons.check.sender import Sender, cancelling, require_accepted, told
 
 check = Checks()
 

@@ -154,8 +154,7 @@ def _plan(planner: Planner, what: str, request: PlanningRequest) -> PlannedPath 
     try:
         return planner(request)
     except AnswerError as error:
-        msg = f"{what}: {error}"
-        raise AssertionError(msg) from error
+        raise AssertionError(f"{what}: {error}") from error
     except PlanningError as error:
         text = str(error)
         _require(
@@ -167,5 +166,4 @@ def _plan(planner: Planner, what: str, request: PlanningRequest) -> PlannedPath 
 
 def _require(kept: bool, what: str, broken: str) -> None:
     if not kept:
-        msg = f"{what}: {broken}"
-        raise AssertionError(msg)
+        raise AssertionError(f"{what}: {broken}")

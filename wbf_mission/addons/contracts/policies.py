@@ -261,8 +261,7 @@ def _answer(policy: Policy, observation: PolicyObservation, what: str, times: li
     except ValueError as error:
         if "read-only" not in str(error):
             raise
-        msg = f"check_policy: {what}: the policy writes into its observation"
-        raise AssertionError(msg) from error
+        raise AssertionError(f"check_policy: {what}: the policy writes into its observation") from error
     times.append(time.process_time() - begin)
     policy_name = f"check_policy: {what}, after {observation.time_s:g} steps: the policy"
     try:
@@ -351,5 +350,4 @@ def _model(truth: NDArray[np.float32], seen: Observations) -> InformationModel:
 
 def _require(good: bool, what: str, fault: str) -> None:
     if not good:
-        msg = f"check_policy: {what}: {fault}"
-        raise AssertionError(msg)
+        raise AssertionError(f"check_policy: {what}: {fault}")

@@ -16,8 +16,6 @@ DEFAULT_CELLS = 128 * 128
 def is_default(farm: Farm, fields: tuple[str, ...]) -> bool:
     """Return whether `epidemic` is the default: for the paper's fields, on farms of up to 128 x 128 cells.
 
-    Examples
-    --------
     >>> from geo.farms import get_farm
     >>> [is_default(get_farm(name), PAPER_FIELDS.names) for name in ("miniberry-30", "waterberry")]
     [True, False]

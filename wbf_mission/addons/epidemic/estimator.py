@@ -14,7 +14,7 @@ from sensors.dynamics.soil import SoilParameters
 from sensors.errors import EstimatorError
 from sensors.estimators.base import LEARNING, BaseEstimator, Progress, require_paper_fields
 from sensors.fields import PAPER_FIELDS, FieldSet
-from sensors.observations import GrowingArray, read_only
+from sensors.observations import GrowingArray, Observations, read_only
 from sensors.scoring.expected import loss_of_deviation
 from sensors.scoring.information import InformationModel, LazyProbabilities
 from sensors.scoring.score import PAPER_WEIGHTS, ScoreWeights
@@ -25,7 +25,6 @@ from wbf_mission.addons.epidemic.training import TrainingTask
 
 if TYPE_CHECKING:
     from geo.grid import FarmGrid
-    from sensors.observations import Observations
 
 _Values = NDArray[np.float32]
 _Basis = tuple[object, int, int]

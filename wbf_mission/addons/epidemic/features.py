@@ -33,18 +33,12 @@ Floats32 = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rings:
-    """Rings of neighbours around a cell.
+    """Rings of neighbours around a cell."""
 
-    Parameters
-    ----------
-    number : intp[REACH + 1, REACH + 1]
-        Index of a neighbour's ring by its distances along x and y; -1 for the cell itself.
-    scales : float32[rings]
-        Factor of the sums over each ring, the inverse square root of the ring's size. It gives all features
-        similar variances.
-    """
-
+    # intp[REACH + 1, REACH + 1]: a neighbour's ring by its distances along x and y; -1 for the cell itself.
     number: Cells
+    # float32[rings]: factor of the sums over each ring, the inverse square root of its size, which gives all
+    # features similar variances.
     scales: Floats32
 
     @classmethod
@@ -191,8 +185,6 @@ def cells_in_reach(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return all cells of a farm that are at most `REACH` along each axis from a changed cell (x, y).
 
-    Examples
-    --------
     >>> x, y = cells_in_reach(np.array([0]), np.array([20]), (30, 30))
     >>> len(x), int(x.max()), int(y.min())
     (153, 8, 12)

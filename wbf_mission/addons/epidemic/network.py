@@ -33,26 +33,15 @@ _DECAY = 1e-5
 class Network:
     """A multilayer perceptron with rectified linear units and a softmax output.
 
-    Parameters
-    ----------
-    weights : tuple of float32[n, m]
-        Weight matrix of each layer.
-    biases : tuple of float32[m]
-        Bias vector of each layer.
-    further : tuple of Network
-        Refinement networks. The inputs of each include the output of the previous network
-        (`wbf_mission.addons.epidemic.features`).
-
-    Examples
-    --------
     >>> network = Network((np.zeros((2, 3), np.float32),), (np.zeros(3, np.float32),))
     >>> network.probabilities(np.ones((1, 2), np.float32)).round(3).tolist()
     [[0.3330000042915344, 0.3330000042915344, 0.3330000042915344]]
     """
 
-    weights: tuple[Floats32, ...]
-    biases: tuple[Floats32, ...]
+    weights: tuple[Floats32, ...]  # Weight matrix of each layer, float32[n, m].
+    biases: tuple[Floats32, ...]  # Bias vector of each layer, float32[m].
     further: tuple[Network, ...] = ()
+    """Refinement networks, whose inputs include the output of the previous network (see `features`)."""
 
     @classmethod
     def draw(cls, sizes: Sequence[int], rng: Generator) -> Network:

@@ -149,7 +149,7 @@ class SoilField:
             start = 0
             while start < len(x):
                 part = slice(start, start + min(_BATCH, sums.until_due))
-                functions = self._functions(x[part], y[part])
+                functions = _products(self._x.functions[x[part]], self._y.functions[y[part]])
                 readings = values[part] - product(functions, self._prior(day).mean)
                 sums.add(functions, readings, weights[part])
                 learned.append((day, functions, readings, weights[part]))
@@ -235,10 +235,6 @@ class SoilField:
         mean += solve_positive(precision, response)
         self._priors[day] = _WeightsPrior(mean, variance)
         return self._priors[day]
-
-    def _functions(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> Floats:
-        """Return the constant and the products of functions at cells, float64[n, 1 + functions^2]."""
-        return _products(self._x.functions[x], self._y.functions[y])
 
     def _noise_from(self, day: int) -> int:
         """Return the number of readings of a day in its noise estimate; 0 if there are too few readings."""

@@ -66,28 +66,13 @@ class TrainingTask:
     """Parameters of a network's training; tasks with equal keys give equal networks.
 
     On farms of at most `WHOLE_FARM_CELLS`, eight days share a network.
-
-    Parameters
-    ----------
-    parameters : EpidemicParameters
-        The disease.
-    hosts : bool[W, H]
-        Crop map.
-    day : int
-        Day of the observations.
-    outbreaks : int
-        Number of simulated fields.
-    epochs : int
-        Number of passes over the samples.
-    seed : int
-        Seed of the training.
     """
 
     parameters: EpidemicParameters
-    hosts: NDArray[np.bool_]
-    day: int
-    outbreaks: int = 1250
-    epochs: int = 6
+    hosts: NDArray[np.bool_]  # Crop map, bool[W, H].
+    day: int  # Day of the observations.
+    outbreaks: int = 1250  # Number of simulated fields.
+    epochs: int = 6  # Number of passes over the samples.
     seed: int = 0
 
     @property

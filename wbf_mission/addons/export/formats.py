@@ -12,12 +12,11 @@ from mission.errors import LinkError
 from mission.link.tlog import read_tlog
 from sim_vehicle.execution.state import EPOCH_UNIX_S
 from wbf_mission.addons.base.replay import events_of
-from wbf_mission.events import VehicleMoved
+from wbf_mission.events import Event, VehicleMoved
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.storage import ResultError
 
 if TYPE_CHECKING:
-    from wbf_mission.events import Event
     from wbf_mission.run.record import RunRecord
 
 Write: TypeAlias = "Callable[[RunRecord, tuple[Path, ...], Iterable[Event], float], None]"

@@ -25,8 +25,7 @@ from geo.frame import quaternion_of
 from geo.geojson import farm_document
 from geo.imports import load_extra
 from wbf_mission import events
-from wbf_mission.addons.base.fence_rings import fence_rings
-from wbf_mission.addons.base.plots import rgb
+from wbf_mission.addons.base.plots import fence_rings, rgb
 from wbf_mission.addons.export import scene
 from wbf_mission.addons.export.foxglove_schemas import schemas
 from wbf_mission.version import __version__

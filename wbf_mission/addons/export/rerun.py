@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from geo.atomic import atomic_path
 from geo.imports import load_extra
 from wbf_mission import events
-from wbf_mission.addons.base.fence_rings import fence_rings
-from wbf_mission.addons.base.plots import rgb
+from wbf_mission.addons.base.plots import fence_rings, rgb
 from wbf_mission.addons.export import scene
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from geo.atomic import atomic_write
 from geo.geojson import farm_document
 from geo.texts import printable
 from mission.outcome import in_words
-from wbf_mission.addons.base.xml_output import GPX, add, decimal, document
+from wbf_mission.addons.base.markup import GPX, add, decimal, document
 from wbf_mission.addons.export.scene import OBSTACLE, crop_colour, places_of, vehicle_colour, waypoints_of
 from wbf_mission.events import Event, FlightEnded, Planned, RunBegun, Seen, VehicleMoved
 

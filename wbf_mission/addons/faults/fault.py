@@ -22,8 +22,6 @@ from sim_vehicle.errors import VehicleError
 if TYPE_CHECKING:
     from wbf_mission.cli.output import Output
 
-__all__ = ["KINDS", "Fault", "FaultError", "faults_of", "load_faults", "parse_fault", "show_kinds"]
-
 Group = Literal["link", "message", "vehicle"]
 ValueKind = Literal[
     "chance", "part", "seconds", "baud", "item", "message", "result", "command", "component", "none"
@@ -255,8 +253,6 @@ def parse_fault(text: str) -> Fault:
 
     The options are from, for (seconds), at (trigger), vehicle, direction, link and times; see `Fault`.
 
-    Examples
-    --------
     >>> parse_fault("loss=0.2,from=10,for=60,direction=down")
     Fault(kind='loss', value=0.2, start_s=10.0, duration_s=60.0, trigger='start', vehicle=None, \
 direction='down', link=None, times=None)

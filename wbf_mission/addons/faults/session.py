@@ -22,9 +22,6 @@ from sim_vehicle.component import NEVER, Component, SaysGoodbye, Streams
 from sim_vehicle.host.injection import Direction, Injection, Radio
 from wbf_mission.addons.faults.fault import Fault, FaultError, parse_fault
 
-__all__ = ["FaultSession", "FaultyComponent", "FaultyRadio"]
-
-
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 _REQUESTED = {
     m.MAVLINK_MSG_ID_MISSION_COUNT: "upload",
@@ -37,8 +34,6 @@ _FEWEST_PORT = 1000
 class FaultSession(Injection):
     """The faults of a run, given as values or text, with their triggers and random streams.
 
-    Examples
-    --------
     >>> session = FaultSession(["loss=0.5,at=armed,for=10"])
     >>> session.is_active(session.faults[0], 1, 5.0)
     False

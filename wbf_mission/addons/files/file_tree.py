@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from enum import IntEnum
 
-__all__ = ["FileError", "FileTree", "FtpError", "path_of"]
-
 _MOST_ENTRIES = 512
 _MOST_BYTES = 4_000_000
 _MOST_DEPTH = 8
@@ -43,8 +41,6 @@ class FileError(Exception):
 def path_of(text: str) -> Path:
     """Split a path from the root into its parts, without ``.`` and empty parts; FileError for ``..``.
 
-    Examples
-    --------
     >>> path_of("/fs/./microsd//log/")
     ('fs', 'microsd', 'log')
     """

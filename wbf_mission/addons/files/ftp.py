@@ -17,8 +17,6 @@ from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.component import NEVER
 from wbf_mission.addons.files.file_tree import FileError, FileTree, FtpError, Path, path_of
 
-__all__ = ["ACK", "MOST_DATA", "NAK", "FtpServer", "Operation", "Packet", "checksum"]
-
 MOST_DATA = 239
 """Maximum bytes of data in a packet."""
 _HEADER = struct.Struct("<HBBBBBxI")
@@ -48,8 +46,6 @@ ACK, NAK = 128, 129
 class Packet:
     """A request or an answer. An answer has the sequence number of the request plus 1, modulo 65536.
 
-    Examples
-    --------
     >>> packet = Packet(7, 1, Operation.LIST, data=b"/")
     >>> Packet.parse(packet.payload()) == packet
     True
@@ -317,8 +313,6 @@ class FtpServer:
 def checksum(data: bytes) -> int:
     """Return the CRC32 of MAVLink FTP: initial value 0, no final inversion.
 
-    Examples
-    --------
     >>> hex(checksum(b"123456789"))
     '0x2dfd2d88'
     """

@@ -22,8 +22,6 @@ from sim_vehicle.component import NEVER
 if TYPE_CHECKING:
     from sim_vehicle.pilot.pilot import Pilot
 
-__all__ = ["FlightLog", "FlightLogs", "LogMessage", "LogTransfer"]
-
 _MOST_BYTES = 16 * 2**20
 _MOST_LOGS = 32
 _AFTER_S = 1.0
@@ -59,8 +57,6 @@ class FlightLog:
     def path(self, *, by_date: bool) -> str:
         """Return the path below the log directory: date and time as on PX4, or the number as on ArduPilot.
 
-        Examples
-        --------
         >>> log = FlightLog(3, 1_700_000_000.0)
         >>> log.path(by_date=True), log.path(by_date=False)
         ('2023-11-14/22_13_20.tlog', '00000003.tlog')
@@ -76,8 +72,6 @@ class FlightLogs:
     The oldest logs are deleted to make room for new logs. A log that fills all the space stops growing.
     `epoch_unix_s` is the Unix time at time 0 of the simulation.
 
-    Examples
-    --------
     >>> logs = FlightLogs(1_700_000_000.0)
     >>> logs.write(b"frame", 0, 1.0, armed=True)
     >>> [len(log.data) for log in logs.all]

@@ -21,7 +21,7 @@ from mission.files.common import Firmware
 from mission.files.formats import Loss, dropped, numbered
 from mission.model import Command, Frame, Mission, MissionItem
 from wbf_mission.addons.base.archive import archive_of
-from wbf_mission.addons.base.xml_output import add, decimal, document
+from wbf_mission.addons.base.markup import add, decimal, document
 from wbf_mission.addons.formats.records import command_name, is_placed
 
 _DRONE_NAME = "Mavic 3M"

@@ -15,7 +15,7 @@ from geo.texts import parse_number
 from mission.errors import MissionFileError
 from mission.files.common import GPX_KIND, Firmware
 from mission.model import Frame, Mission
-from wbf_mission.addons.base.xml_output import GPX, add, decimal, document
+from wbf_mission.addons.base.markup import GPX, add, decimal, document
 from wbf_mission.addons.formats.drawn import Drawing, DrawnPath, Point
 from wbf_mission.addons.formats.records import (
     LatLon,

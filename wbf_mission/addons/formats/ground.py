@@ -5,17 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pyproj import CRS, Transformer
 from pyproj.exceptions import CRSError
 
 from geo.errors import GroundError
 from geo.imports import load_extra
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 _MAX_PIXELS = 50_000_000  # These take 0.4 GB as float64.
 _HIGHEST_M = 9000.0  # Higher than all mountains: larger numbers mark missing heights.

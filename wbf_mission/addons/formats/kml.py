@@ -15,7 +15,7 @@ from mission.errors import MissionFileError
 from mission.files.common import KML_KIND, KMZ_KIND, MAX_BYTES, Firmware, kind_of, wrong_kind
 from mission.model import Frame, Mission
 from wbf_mission.addons.base.archive import Archive, ArchiveError, archive_of
-from wbf_mission.addons.base.xml_output import add, decimal, document
+from wbf_mission.addons.base.markup import add, decimal, document
 from wbf_mission.addons.formats.drawn import Drawing, DrawnPath, Point
 from wbf_mission.addons.formats.records import (
     PATH,

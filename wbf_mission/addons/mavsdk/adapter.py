@@ -26,11 +26,8 @@ from mission.transfer.vehicles import Vehicle
 from mission.transfer.wire import GROUND_STATION
 from sim_vehicle.component import Component
 from wbf_mission.addons.base.links import Heard, LinkHost, LiveFlightError, Note, Tap, Via
-from wbf_mission.addons.mavsdk.link import Call, MavsdkLink
-from wbf_mission.addons.mavsdk.transfers import mavsdk_transfers
+from wbf_mission.addons.mavsdk.link import Call, MavsdkLink, mavsdk_transfers
 from wbf_mission.scenario import Scenario
-
-__all__ = ["MavsdkOrders", "MavsdkVia"]
 
 _POLL_S = 0.02
 _Commanding = m.MAVLink_command_long_message | m.MAVLink_command_int_message
@@ -150,16 +147,15 @@ class MavsdkOrders:
         direct = (MavlinkDirect, "send_command")
         kind, name = self._functions.get(wanted) or self._functions.get((message.command, None), direct)
         begin = getattr(self._link.plugin(kind, self._system_id), f"{name}_async")
-        return name, begin, (self._direct(message),) if kind is MavlinkDirect else ()
-
-    def _direct(self, message: Message) -> MavlinkMessage:
-        fields = {name: getattr(message, name) for name in type(message).fieldnames}
-        return MavlinkMessage(
+        if kind is not MavlinkDirect:
+            return name, begin, ()
+        sent = MavlinkMessage(
             message_name=message.get_type(),
             target_system_id=self._system_id,
             target_component_id=_AUTOPILOT,
-            fields_json=json.dumps(fields),
+            fields_json=json.dumps({field: getattr(message, field) for field in type(message).fieldnames}),
         )
+        return name, begin, (sent,)
 
     def _ack(self, command: int, result: int) -> Message:
         """Return a COMMAND_ACK that looks as if the vehicle had sent it."""
@@ -262,8 +258,7 @@ class MavsdkVia(Via):
         """Raise LiveFlightError if a policy is given and the vehicle must leave its mission for a change."""
         policy = scenario.mission.policy
         if policy is not None and vehicle.vehicle_type in (vehicle.profile.change_modes or {}):
-            msg = (
+            raise LiveFlightError(
                 f"policy {policy} changes the mission in flight, which --via mavsdk cannot do for "
                 f"{vehicle.profile.name}: leave out --via mavsdk, or give a planner instead"
             )
-            raise LiveFlightError(msg)

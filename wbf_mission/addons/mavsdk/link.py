@@ -1,24 +1,46 @@
-"""A link opened by MAVSDK, which forwards messages between the vehicle and this program."""
+"""A link opened by MAVSDK, and plan transfers by its plugin mission_raw, as steps of a verified upload."""
 
 from __future__ import annotations
 
 import contextlib
 import socket
 import time
+from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from queue import Empty, SimpleQueue
 from typing import Any
 
 from mavsdk import Configuration, ConnectionResult, ForwardingOption, Mavsdk, System
 from mavsdk.logging import LogLevel, log_subscribe, log_unsubscribe
+from mavsdk.plugins.mission_raw import MissionItem as RawItem
+from mavsdk.plugins.mission_raw import MissionRaw, MissionRawError, MissionRawResult
 
-from mission.errors import LinkError
+from mission.autopilots import GENERIC
+from mission.autopilots.profile import Profile
+from mission.errors import LinkError, MissionError
 from mission.link.address import SERIAL, LinkAddress, parse_link_url
-from mission.transfer.events import NoVehicleError
-from mission.transfer.wire import GROUND_STATION
-
-__all__ = ["Call", "MavsdkLink", "mavsdk_url"]
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.model import MissionItem, MissionType
+from mission.transfer import (
+    DownloadComplete,
+    FailureReason,
+    LocalTransferError,
+    MissionUpload,
+    Output,
+    PlanState,
+    Progress,
+    TransferFailed,
+    TransferMaker,
+    TransferStatistics,
+    UploadComplete,
+    VerifiedUpload,
+    wire,
+)
+from mission.transfer.events import NOTHING, Event, NoVehicleError
+from mission.transfer.wire import GROUND_STATION, from_wire_order
 
 _SCHEMES = {"udpin": "udpin", "udpout": "udpout", "tcp": "tcpout", "tcpin": "tcpin", SERIAL: "serial"}
 _WIRELESS = "raw://"
@@ -30,8 +52,6 @@ _LOOK_S = 0.01
 def mavsdk_url(address: LinkAddress) -> str:
     """Return a link address in MAVSDK's syntax.
 
-    Examples
-    --------
     >>> mavsdk_url(parse_link_url("tcp:127.0.0.1:5760")), mavsdk_url(parse_link_url("serial:/dev/ttyACM0"))
     ('tcpout://127.0.0.1:5760', 'serial:///dev/ttyACM0:57600')
     """
@@ -74,8 +94,7 @@ class MavsdkLink:
         result = self._mavsdk.add_any_connection_with_forwarding(url, ForwardingOption.ON)
         if result != ConnectionResult.SUCCESS:
             why = self._complaint or ConnectionResult(result).name.lower().replace("_", " ")
-            msg = f"{self.name}: MAVSDK cannot open it: {why}; check the address"
-            raise LinkError(msg)
+            raise LinkError(f"{self.name}: MAVSDK cannot open it: {why}; check the address")
 
     def _on_log(self, level: LogLevel, text: str, _file: str | None, _line: int) -> bool:
         """Keep MAVSDK's log off the terminal; the log's last error says why a connection cannot be opened."""
@@ -129,8 +148,7 @@ class MavsdkLink:
                     self._systems[system_id] = system
                     return system
             time.sleep(_LOOK_S)
-        msg = f"{self.name}: MAVSDK knows of no vehicle with system id {system_id}"
-        raise NoVehicleError(msg)
+        raise NoVehicleError(f"{self.name}: MAVSDK knows of no vehicle with system id {system_id}")
 
     def close(self) -> None:
         """Stop MAVSDK and its threads; a second call does nothing."""
@@ -162,3 +180,222 @@ class Call:
             return self._answers.get_nowait()
         except Empty:
             return None
+
+
+_UPLOADS = {
+    MissionType.MISSION: "upload_mission_async",
+    MissionType.FENCE: "upload_geofence_async",
+    MissionType.RALLY: "upload_rally_points_async",
+}
+_DOWNLOADS = {
+    MissionType.MISSION: "download_mission_async",
+    MissionType.FENCE: "download_geofence_async",
+    MissionType.RALLY: "download_rallypoints_async",
+}
+_ITEM_FIELDS = (
+    "seq", "frame", "command", "current", "autocontinue",
+    "param1", "param2", "param3", "param4", "x", "y", "z", "mission_type",
+)  # fmt: skip
+_REASONS = {
+    MissionRawResult.TIMEOUT: FailureReason.TIMEOUT,
+    MissionRawResult.NO_SYSTEM: FailureReason.TIMEOUT,
+    MissionRawResult.TRANSFER_CANCELLED: FailureReason.CANCELLED,
+}
+_POLL_S = 0.02
+# MAVSDK has its own timeouts; this timeout ends a call that MAVSDK never answers.
+_LONGEST_S = 300.0
+
+
+def mavsdk_transfers(link: Callable[[], MavsdkLink]) -> TransferMaker:
+    """Return a maker of MAVSDK's transfers; each transfer uses the link that is open when it starts."""
+    return TransferMaker(partial(MavsdkUpload, link=link), partial(MavsdkDownload, link=link))
+
+
+class _Transfer(ABC):
+    """Base of MAVSDK's uploads and downloads: a pending call and its result.
+
+    The statistics count 0 messages, because MAVSDK does not report the number of messages.
+    """
+
+    _verb: str
+    _count = 0
+
+    def __init__(
+        self,
+        mission_type: MissionType,
+        *,
+        link: Callable[[], MavsdkLink],
+        target: tuple[int, int] = (1, 1),
+        profile: Profile = GENERIC,
+        **_options: Any,
+    ) -> None:
+        self.mission_type = mission_type
+        self.done = False
+        self._target, self._profile = target, profile
+        self._link = link
+        self._call: Call | None = None
+        self._began_s = self._ended_s = self._due_s = 0.0
+
+    @property
+    def _raw(self) -> Any:
+        return self._link().plugin(MissionRaw, self._target[0])
+
+    @property
+    def _what(self) -> str:
+        return f"{self._verb} of the {self.mission_type.name.lower()}"
+
+    def receive(self, message: Message, now_s: float) -> Output:  # noqa: ARG002
+        """Ignore a message: MAVSDK itself receives the messages of a transfer."""
+        return NOTHING
+
+    def _begin(self, now_s: float, begin: Callable[..., None], *arguments: Any) -> None:
+        self._began_s = now_s
+        self._due_s = now_s + _POLL_S
+        self._call = Call(begin, *arguments)
+
+    def poll(self, now_s: float) -> Output:
+        """Return the result if MAVSDK has answered or the call has timed out."""
+        if self._call is None or now_s < self._due_s:
+            return NOTHING
+        self._due_s = now_s + _POLL_S
+        answer = self._call.answer()
+        if answer is None and now_s > self._began_s + _LONGEST_S:
+            answer = (MissionRawResult.TIMEOUT, [])
+        return NOTHING if answer is None else self._finish(now_s, *self._ends(*answer))
+
+    @abstractmethod
+    def _ends(self, result: MissionRawResult, raw: Sequence[RawItem] = ()) -> tuple[Event, ...]:
+        """Return the events for MAVSDK's answer."""
+
+    def _finish(self, now_s: float, *events: Event) -> Output:
+        self.done, self._call, self._ended_s = True, None, now_s
+        return Output(events=events)
+
+    def _failure(self, result: MissionRawResult, state: PlanState) -> TransferFailed:
+        """Return the event of a failed transfer, with MAVSDK's result name."""
+        reason = _REASONS.get(result, FailureReason.REFUSED)
+        text = f"{self._what} failed: MAVSDK says {result.name}"
+        if reason is FailureReason.TIMEOUT:
+            text += "; the vehicle did not answer, check the link and try again"
+        code = wire.UNSUPPORTED if result is MissionRawResult.UNSUPPORTED else None
+        return TransferFailed(self.mission_type, reason, text, code, state)
+
+    def next_deadline(self) -> float | None:
+        """Return the time of the next `poll` with something to do; None before the start or after the end."""
+        return None if self._call is None else self._due_s
+
+    def cancel(self, now_s: float) -> Output:
+        """Cancel the transfer."""
+        if self.mission_type is MissionType.MISSION and self._call is not None:
+            with contextlib.suppress(MissionRawError):
+                getattr(self._raw, f"cancel_mission_{self._verb}")()
+        text = f"{self._what} was cancelled"
+        return self._finish(now_s, TransferFailed(self.mission_type, FailureReason.CANCELLED, text))
+
+    def statistics(self, now_s: float | None = None) -> TransferStatistics:
+        """Return the statistics that MAVSDK provides."""
+        end_s = self._ended_s if self.done or now_s is None else now_s
+        return TransferStatistics(self.mission_type, self._count, 0, 0, 0, end_s - self._began_s)
+
+
+class MavsdkDownload(_Transfer):
+    """Downloads a plan; ends with `DownloadComplete` or `TransferFailed`."""
+
+    _verb = "download"
+
+    def start(self, now_s: float) -> Output:
+        """Start the download."""
+        self._begin(now_s, getattr(self._raw, _DOWNLOADS[self.mission_type]))
+        return NOTHING
+
+    def _ends(self, result: MissionRawResult, raw: Sequence[RawItem] = ()) -> tuple[Event, ...]:
+        if result not in (MissionRawResult.SUCCESS, MissionRawResult.NO_MISSION_AVAILABLE):
+            return (self._failure(result, PlanState.OLD),)
+        try:
+            came = tuple(map(_item_of, raw))
+        except MissionError as error:
+            return (TransferFailed(self.mission_type, FailureReason.BROKEN, f"{self._what}: {error}"),)
+        items, home = from_wire_order(came, self.mission_type, self._profile)
+        self._count = len(items)
+        progress = Progress(self.mission_type, len(came), len(came))
+        return progress, DownloadComplete(self.mission_type, items, 0, home)
+
+
+class _Sending(_Transfer):
+    """Uploads a plan; ends with `UploadComplete` (without the plan's id) or `TransferFailed`.
+
+    The plan is kept in a `MissionUpload`, which is never started.
+    """
+
+    _verb = "upload"
+
+    def __init__(self, items: Sequence[MissionItem], mission_type: MissionType, **options: Any) -> None:
+        if not items and mission_type is not MissionType.MISSION:
+            msg = f"MAVSDK cannot empty a vehicle's {mission_type.name.lower()} plan; leave out --via mavsdk"
+            raise LocalTransferError(msg)
+        super().__init__(mission_type, **options)
+        del options["link"]
+        # MAVSDK requires one item marked as current.
+        options["start_sequence"] = options["start_sequence"] or 0
+        self._plan = MissionUpload(items, mission_type, **options)
+        self._count = len(items)
+
+    def start(self, now_s: float) -> Output:
+        """Start the upload."""
+        raw = [
+            RawItem(*(getattr(message, field) for field in _ITEM_FIELDS))
+            for message in self._plan.item_messages()
+        ]
+        if raw:
+            self._begin(now_s, getattr(self._raw, _UPLOADS[self.mission_type]), raw)
+        else:
+            self._begin(now_s, self._raw.clear_mission_async)
+        return NOTHING
+
+    def _ends(self, result: MissionRawResult, raw: Sequence[RawItem] = ()) -> tuple[Event, ...]:  # noqa: ARG002
+        if result is MissionRawResult.SUCCESS:
+            return (UploadComplete(self.mission_type, self._count),)
+        # After a refusal, a vehicle that overwrites its plan in place may hold the old or the new plan. After
+        # a timeout, any vehicle may hold the new plan; a download shows whether it does.
+        timeout = _REASONS.get(result) is FailureReason.TIMEOUT
+        state = PlanState.OLD if self._profile.atomic and not timeout else PlanState.UNKNOWN
+        return (self._failure(result, state),)
+
+
+class MavsdkUpload(VerifiedUpload):
+    """Uploads a plan, downloads it and compares.
+
+    A failure in MAVSDK is reported, unless only the answer was lost and the vehicle already holds the plan.
+    """
+
+    def __init__(
+        self,
+        items: Sequence[MissionItem],
+        mission_type: MissionType,
+        *,
+        link: Callable[[], MavsdkLink],
+        **options: Any,
+    ) -> None:
+        send, read = partial(_Sending, link=link), partial(MavsdkDownload, link=link)
+        super().__init__(items, mission_type, readings=1, send=send, read=read, **options)
+        self._failed: TransferFailed | None = None
+
+    def _after_failure(self, failed: TransferFailed, now_s: float) -> Output:
+        self._failed = self._failed or failed
+        return super()._after_failure(failed, now_s)
+
+    def _compare(self, received: DownloadComplete, now_s: float) -> Output:
+        if self._refusal is not None:
+            return self._refused(self._refusal, received)
+        output = super()._compare(received, now_s)
+        if self._verified:
+            self.confirmed_s = now_s if self.confirmed_s is None else self.confirmed_s
+        elif self._failed is not None:
+            return Output(events=(self._failed,))
+        return output
+
+
+def _item_of(raw: RawItem) -> MissionItem:
+    """Convert an item from MAVSDK; raise MissionError for infinite numbers or an invalid position."""
+    fields = [getattr(raw, field) for field in _ITEM_FIELDS]
+    return wire.item_from_message(m.MAVLink_mission_item_int_message(0, 0, *fields))

@@ -9,17 +9,10 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot.parameters import Setting
-from sim_vehicle.motion.legs import KEEP, Heading
-from sim_vehicle.pilot.controls import RefusedError
-
-if TYPE_CHECKING:
-    from sim_vehicle.motion.legs import Position
-    from sim_vehicle.pilot.controls import Controls
-
-__all__ = ["FollowPilot"]
+from sim_vehicle.motion.legs import KEEP, Heading, Position
+from sim_vehicle.pilot.controls import Controls, RefusedError
 
 _HEIGHT = Setting("FLW_TGT_HT", 8.0)
 _DISTANCE = Setting("FLW_TGT_DST", 8.0)

@@ -15,20 +15,16 @@ from typing import TYPE_CHECKING
 
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.autopilot.behaviour import Mode
-from sim_vehicle.autopilot.parameters import Setting
+from sim_vehicle.autopilot.parameters import RuntimeParameters, Setting
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.leg_follower import drag_1_s
 from sim_vehicle.execution.state import LandedState
 from sim_vehicle.motion.legs import ALONG, KEEP, Heading
-from sim_vehicle.pilot.controls import RefusedError, Severity
+from sim_vehicle.pilot.controls import Controls, RefusedError, Severity
 
 if TYPE_CHECKING:
-    from sim_vehicle.autopilot.parameters import RuntimeParameters
-    from sim_vehicle.pilot.controls import Controls
     from sim_vehicle.pilot.failsafe import Failsafe
     from sim_vehicle.pilot.pilot import Pilot
-
-__all__ = ["AttitudeTarget", "Flip", "GuidedFlight", "Setpoint"]
 
 _SLOWEST_M_S = 0.05
 # On the ground, setpoints less than this height above the vehicle are ignored: MAVLink rounds heights.

@@ -7,10 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
-from wbf_mission.addons.base.pages import bench_page
 from wbf_mission.cli import options
 from wbf_mission.cli.bench import RUN_PANEL, exit_code, selection, warn_of_failures
-from wbf_mission.cli.command import Command
+from wbf_mission.cli.command import Command, provided
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode
@@ -66,7 +65,7 @@ def paper_command(
     from wbf_mission.bench.spec import BenchSpec
 
     options.require_processes(jobs)
-    write_page = bench_page()
+    write_page = provided("bench")
     paper = selected | {"seeds": selected["seeds"] or 5}
     wanted = BenchSpec.of(**paper) if spec is None else BenchSpec.read(spec, selected)
     try:

@@ -15,8 +15,9 @@ from geo import Farm, FarmGrid
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
 from wbf_mission.addons.base.intervals import Interval, mean_intervals
-from wbf_mission.addons.base.page import Table, draw_mean_score, scores_at
+from wbf_mission.addons.base.pages import Table
 from wbf_mission.addons.base.plots import FLOWN, LAND, WORST_COLOURS, draw_farm, new_sheet, save_sheet
+from wbf_mission.addons.base.standings import draw_mean_score, scores_at
 from wbf_mission.addons.paper.shown import ShownRun
 from wbf_mission.bench.rows import BenchRow, by_pair
 from wbf_mission.scenario import Scenario

@@ -11,9 +11,9 @@ from typing import Any
 from geo import Crop
 from geo.farms import get_farm
 from geo.texts import unknown
-from wbf_mission.addons.base.page import SCORES, Page, Picture, Section, field_table, standing_table
+from wbf_mission.addons.base.pages import Page, Picture, Section
 from wbf_mission.addons.base.plots import CROP_COLOURS, LINE_COLOURS, draw_farm, new_sheet, save_sheet
-from wbf_mission.addons.base.standings import standings
+from wbf_mission.addons.base.standings import SCORES, field_table, standing_table, standings
 from wbf_mission.addons.paper.comparison import (
     authors_table,
     early_table,

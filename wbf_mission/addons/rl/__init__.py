@@ -8,17 +8,13 @@ Discrete(5)
 
 from typing import TYPE_CHECKING
 
-from wbf_mission.addons.rl.errors import require_libraries
-
-require_libraries()
-
 if TYPE_CHECKING:
     from wbf_mission.addons.rl.catalogue import Interfaces as Interfaces
+    from wbf_mission.addons.rl.catalogue import TrainingError as TrainingError
     from wbf_mission.addons.rl.catalogue import interfaces as interfaces
     from wbf_mission.addons.rl.env import SurveyEnv as SurveyEnv
-    from wbf_mission.addons.rl.errors import TrainingError as TrainingError
-    from wbf_mission.addons.rl.parallel import SurveyParallelEnv as SurveyParallelEnv
-    from wbf_mission.addons.rl.parallel import parallel_env as parallel_env
+    from wbf_mission.addons.rl.env import SurveyParallelEnv as SurveyParallelEnv
+    from wbf_mission.addons.rl.env import parallel_env as parallel_env
     from wbf_mission.addons.rl.task import MOVE_NAMES as MOVE_NAMES
     from wbf_mission.addons.rl.vector_env import SurveyVectorEnv as SurveyVectorEnv
 else:

@@ -12,9 +12,9 @@ from geo.seeds import stream
 from sensors.estimators.disks import adaptive_radius, half_widths
 from sensors.scoring.information import TILE_CELLS, tile_shape
 from sensors.scoring.score import ScoreWeights
-from wbf_mission.addons.rl.batch_kernel import SCORES_A_STEP, Rules, Runs, advance, resume_errors
-from wbf_mission.addons.rl.drawing import Scene
 from wbf_mission.addons.rl.episode import rewards_of
+from wbf_mission.addons.rl.kernels import SCORES_A_STEP, Rules, Runs, advance, resume_errors
+from wbf_mission.addons.rl.rendering import Scene
 from wbf_mission.addons.rl.task import MOVES, SurveyTask
 from wbf_mission.planning.assignment import SortieNumber
 

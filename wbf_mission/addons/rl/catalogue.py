@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import importlib.util
 from dataclasses import dataclass
 
-import gymnasium
-
+from geo.errors import WbfMissionError
 from mission.planners import parse_budget
 from sim_vehicle.airframe.catalog import get_vehicle
 from wbf_mission.scenario import Scenario, load_scenario, scenario_ids
+
+
+class TrainingError(WbfMissionError, ValueError):
+    """A training environment cannot be created, or is used wrongly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +82,17 @@ def why_not_batched(scenario: Scenario) -> str:
 
 
 def register_all() -> None:
-    """Register the ids not yet registered; for an unavailable id, `gymnasium.make` raises TrainingError."""
+    """Register the ids not yet registered; for an unavailable id, `gymnasium.make` raises TrainingError.
+
+    Raises TrainingError if a library of the extra is missing.
+    """
+    missing = [name for name in ("gymnasium", "pettingzoo") if importlib.util.find_spec(name) is None]
+    if missing:
+        raise TrainingError(
+            f"training environments need {' and '.join(missing)}: install with pip install 'wbf-mission[rl]'"
+        )
+    import gymnasium
+
     for interface in interfaces():
         if interface.name not in gymnasium.registry:
             gymnasium.register(

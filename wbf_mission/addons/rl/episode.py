@@ -25,7 +25,7 @@ from sensors.estimators import advance_estimator
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import RunningScore, ScoreWeights
-from wbf_mission.addons.rl.drawing import Scene
+from wbf_mission.addons.rl.rendering import Scene
 from wbf_mission.addons.rl.task import MOVES, SurveyTask
 from wbf_mission.planning.assignment import SortieNumber
 from wbf_mission.progress import silent

@@ -1,12 +1,18 @@
-"""Task of a training environment: a scenario of the paper's robots, in cells and steps."""
+"""Task of a training environment: a scenario of the paper's robots in cells and steps, and observations.
+
+Agents observe position, remaining budget, the estimate and its uncertainty; never the truth. Maps hold the
+means of square blocks of cells, at most `MOST_BLOCKS` blocks along a side.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
+from gymnasium import spaces
+from numpy.typing import NDArray
 
 from geo import Farm
 from geo.texts import one_line
@@ -16,15 +22,13 @@ from sensors.environment import Environment
 from sensors.errors import EstimatorError
 from sensors.estimators import Estimator
 from sensors.field_files import load_field_set
-from wbf_mission.addons.rl.catalogue import why_not_stepped
-from wbf_mission.addons.rl.errors import TrainingError
+from wbf_mission.addons.rl.catalogue import TrainingError, why_not_stepped
+from wbf_mission.addons.rl.kernels import block_means
 from wbf_mission.run.estimation import estimator_of, readings_a_score
 from wbf_mission.run.resolve import cameras_of, make_environment
 from wbf_mission.scenario import Scenario, load_scenario, scenario_with
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from geo.grid import FarmGrid
 
 MOVE_NAMES = ("stay", "east", "north", "west", "south")
@@ -132,3 +136,56 @@ def _allowed(farm: Farm, grid: FarmGrid) -> NDArray[np.bool_]:
         allowed[x, y] = ~inside
     allowed.flags.writeable = False
     return allowed
+
+
+MOST_BLOCKS = 64
+
+
+class Shown:
+    """Spaces and observations of a task.
+
+    `block` is the side of a map block in cells, by default the smallest that `MOST_BLOCKS` allows.
+    `map_shape` counts blocks along x and y. Raises TrainingError unless `block` is from 1 to the farm's size.
+    """
+
+    def __init__(self, task: SurveyTask, block: int | None = None) -> None:
+        width, height = task.grid.shape
+        longest = max(width, height)
+        self.task = task
+        self.block = -(-longest // MOST_BLOCKS) if block is None else block
+        if not isinstance(self.block, int) or not 1 <= self.block <= longest:
+            raise TrainingError(f"block {block!r}: give a whole number of cells from 1 to {longest}")
+        self.map_shape = -(-width // self.block), -(-height // self.block)
+
+    def action_space(self) -> spaces.Discrete[Any]:
+        """Return the space of the moves of one robot."""
+        return spaces.Discrete(len(MOVE_NAMES))
+
+    def space(self) -> spaces.Dict:
+        """Return the observation space of one robot."""
+        maps = (len(self.task.fields), *self.map_shape)
+        parts: dict[str, spaces.Space[Any]] = {
+            "position": _unit((2,)),
+            "left": _unit((2,)),
+            "value": _unit(maps),
+            "uncertainty": _unit(maps),
+            "seen": _unit(self.map_shape),
+        }
+        if self.task.robots > 1:
+            parts["others"] = _unit((self.task.robots - 1, 2))
+        return spaces.Dict(parts)
+
+    def positions(self, cells: NDArray[np.integer]) -> NDArray[np.float32]:
+        """Return the centres of cells as fractions of the farm's width and height, float32[..., 2]."""
+        parts: NDArray[np.float64] = (cells + 0.5) / np.array(self.task.grid.shape)
+        return parts.astype(np.float32)
+
+    def maps(self, array: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the block means, limited to 0..1, float32[n, blocks along x, blocks along y]."""
+        out = np.empty((len(array), *self.map_shape), np.float32)
+        block_means(np.ascontiguousarray(array), self.block, out)
+        return out
+
+
+def _unit(shape: tuple[int, ...]) -> spaces.Box:
+    return spaces.Box(0.0, 1.0, shape, np.float32)

@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 from sensors.estimators import Estimator
 from sensors.estimators.adaptive_disk import AdaptiveDiskEstimator
 from wbf_mission.addons.rl.batch import Batch
-from wbf_mission.addons.rl.catalogue import why_not_batched, why_not_single
+from wbf_mission.addons.rl.catalogue import TrainingError, why_not_batched, why_not_single
 from wbf_mission.addons.rl.env import Observation, run_seed
-from wbf_mission.addons.rl.errors import TrainingError
-from wbf_mission.addons.rl.observing import Shown, block_means
+from wbf_mission.addons.rl.kernels import block_means
 from wbf_mission.addons.rl.rendering import ARRAY, FRAMES_A_SECOND, Rendering
-from wbf_mission.addons.rl.task import SurveyTask, checked_moves
+from wbf_mission.addons.rl.task import Shown, SurveyTask, checked_moves
 from wbf_mission.scenario import Scenario
 
 _Bools = NDArray[np.bool_]
@@ -100,15 +99,8 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Restart all runs, or some of them with ``options={"reset_mask": bool[num_envs]}``.
 
-        Parameters
-        ----------
-        seed : int or sequence of int or None, optional
-            Seed of the first run; each further run gets the next number. A sequence has one seed per run.
-
-        Raises
-        ------
-        TrainingError
-            If the number of seeds or mask entries differs from the number of runs.
+        `seed` is the seed of the first run, and each further run gets the next number; or a sequence has one
+        seed per run. TrainingError if the number of seeds or mask entries differs from the number of runs.
         """
         if seed is None or isinstance(seed, int | np.integer):
             seeds = [None if seed is None else int(seed) + one for one in range(self.num_envs)]

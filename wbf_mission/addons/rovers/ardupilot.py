@@ -25,6 +25,7 @@ from sim_vehicle.autopilot.ardupilot.firmware import (
 from sim_vehicle.autopilot.behaviour import Mode, actions_by_value
 from sim_vehicle.autopilot.parameters import Setting, motion_parameters, reference_parameters
 from sim_vehicle.autopilot.stick_rules import StickLoss, StickRules, bits
+from wbf_mission.addons.rovers.motion.layout import RoverLimits
 from wbf_mission.addons.rovers.procedures import RoverProcedures
 
 if TYPE_CHECKING:
@@ -35,10 +36,6 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.legs import Leg, Position
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.weather.wind import Wind
-    from wbf_mission.addons.rovers.motion.layout import RoverLimits
-
-__all__ = ["FIRMWARE"]
-
 _SKID = 73.0
 # Largest acceptance radius. The vehicle stays this near to its S-curve target, which rounds corners.
 _FOLLOWS_M = 0.3
@@ -71,8 +68,6 @@ class ArduRover(RoverProcedures):
 
     def limits(self, spec: VehicleSpec) -> RoverLimits:
         """Return the driving limits of a vehicle."""
-        from wbf_mission.addons.rovers.motion.layout import RoverLimits
-
         value = self.values(spec)
         skid = value["SERVO1_FUNCTION"] == _SKID
         acceleration = value["ATC_ACCEL_MAX"] or spec.acceleration_m_s2

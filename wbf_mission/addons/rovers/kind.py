@@ -52,15 +52,9 @@ class RoverPowerSpec(FurtherPowerSpec):
 def rover_power(power: NDArray[np.float64], speed: float, airspeed: float, acceleration: float) -> float:
     """Return the power that a ground vehicle draws from the cells of its battery, in watts.
 
-    Parameters
-    ----------
-    power : float64[COEFFICIENTS]
-    speed : float
-        Ground speed, at least 0.
-    airspeed : float
-        Airspeed along the direction of travel: above `speed` in a head wind, negative in a strong tail wind.
-    acceleration : float
-        Acceleration along the direction of travel.
+    `power` is float64[COEFFICIENTS]. The ground speed is at least 0. Airspeed and acceleration are those
+    along the direction of travel; the airspeed is above `speed` in a head wind, negative in a strong tail
+    wind.
     """
     pull = power[OWN_DRAG] + power[DRAG] * airspeed * abs(airspeed) + power[MASS] * acceleration
     total = power[CONSTANT_POWER] + power[PER_EFFICIENCY] * max(pull * speed, 0.0)

@@ -6,16 +6,13 @@ from abc import abstractmethod
 from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot.procedures import FlightProcedures
-from sim_vehicle.motion.legs import Leg, LegKind
+from sim_vehicle.motion.legs import Heading, Leg, LegKind, Position
 
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.legs import Heading, Position
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.weather.wind import Wind
     from wbf_mission.addons.rovers.motion.layout import RoverLimits
-
-__all__ = ["RoverProcedures"]
 
 
 class RoverProcedures(FlightProcedures):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -14,16 +15,11 @@ from sim_vehicle.autopilot.parameters import MavParameter, Setting, motion_param
 from sim_vehicle.autopilot.px4 import no_multirotor
 from sim_vehicle.autopilot.px4.firmware import AXIS, LOSS, RULES, common_parameters
 from sim_vehicle.autopilot.stick_rules import StickRules
+from wbf_mission.addons.rovers.motion.layout import RoverLimits
 from wbf_mission.addons.rovers.procedures import RoverProcedures
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from sim_vehicle.airframe.spec import VehicleSpec
-    from wbf_mission.addons.rovers.motion.layout import RoverLimits
-
-__all__ = ["FIRMWARE"]
-
 _DIFFERENTIAL = 6.0
 _GRIP_M_S2 = 0.4 * GRAVITY_M_S2
 # Rover of the simulator (`sih.cpp`): force of full throttle, rolling resistance over weight, wheel base,
@@ -58,8 +54,6 @@ class Px4Rover(RoverProcedures):
 
     def limits(self, spec: VehicleSpec) -> RoverLimits:
         """Return the driving limits of a vehicle."""
-        from wbf_mission.addons.rovers.motion.layout import RoverLimits
-
         value = self.values(spec)
         skid = value["CA_AIRFRAME"] == _DIFFERENTIAL
         rate = value["RO_YAW_RATE_LIM"]

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from geo.texts import duration
 from mission.outcome import in_words
-from wbf_mission.addons.base.pages import followed_simulation
 from wbf_mission.addons.sim.options import LINKS, SimOptions, load_sim, parse_speed
 from wbf_mission.cli import options, signals
-from wbf_mission.cli.command import Command
+from wbf_mission.cli.command import Command, provided
 from wbf_mission.cli.live import LivePage
 from wbf_mission.cli.options import Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output
@@ -26,6 +25,7 @@ from wbf_mission.scenario.parts import CAMERA_OF_PLANS
 
 if TYPE_CHECKING:
     from mission.link.codec.signing import Signing
+    from wbf_mission.addons.base.pages import FollowedSimulation
     from wbf_mission.addons.base.simulator import Simulated
 
 _SHOWN_LINKS = 8
@@ -148,9 +148,9 @@ def sim_command(
 
     try:
         orders = page.orders(output)
-        followed = None
+        followed: FollowedSimulation | None = None
         if page.wanted:
-            followed = followed_simulation()(simulated, scenario, output.events, orders)
+            followed = provided("live.simulation")(simulated, scenario, output.events, orders)
         with (
             page.serve(output, output.events, orders),
             Server(

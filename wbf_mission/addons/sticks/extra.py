@@ -17,7 +17,7 @@ from mission.link.codec.typed import is_a
 from sim_vehicle.autopilot.parameters import Setting
 from sim_vehicle.autopilot.stick_rules import StickRules, Sticks
 from sim_vehicle.mavlink.extras import VehicleExtra
-from sim_vehicle.mavlink.wire_state import UNUSED
+from sim_vehicle.mavlink.wire_state import UNUSED, WireState
 from sim_vehicle.pilot.controls import RefusedError, Severity
 from wbf_mission.addons.sticks.pilot import StickPilot
 
@@ -25,10 +25,7 @@ if TYPE_CHECKING:
     from sim_vehicle.autopilot.behaviour import Mode
     from sim_vehicle.mavlink.parameters import ParameterSet
     from sim_vehicle.mavlink.plan_receiver import PlanReceiver
-    from sim_vehicle.mavlink.wire_state import WireState
     from sim_vehicle.pilot.failsafe import Reaction
-
-__all__ = ["SticksExtra"]
 
 StickMessage: TypeAlias = m.MAVLink_manual_control_message | m.MAVLink_rc_channels_override_message
 _GROUND_STATION = Setting("MAV_GCS_SYSID", 255.0)

@@ -5,22 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import suppress
-from typing import TYPE_CHECKING
 
 from mission.outcome import Outcome
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.autopilot.behaviour import Action, Mode
-from sim_vehicle.autopilot.stick_rules import Sticks
+from sim_vehicle.autopilot.stick_rules import StickRules, Sticks, TiltSticks, WingSticks
 from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.motion.legs import KEEP, Heading
-from sim_vehicle.pilot.controls import RefusedError, Severity
+from sim_vehicle.pilot.controls import Controls, RefusedError, Severity
 from sim_vehicle.pilot.failsafe import Reaction, is_done
-
-if TYPE_CHECKING:
-    from sim_vehicle.autopilot.stick_rules import StickRules, Sticks, TiltSticks, WingSticks
-    from sim_vehicle.pilot.controls import Controls
-
-__all__ = ["StickPilot", "StickTilt", "StickWing"]
 
 # After a gap longer than this, manual flight restarts from the present motion.
 _LONGEST_STEP_S = 0.5

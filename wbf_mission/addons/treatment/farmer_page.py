@@ -14,7 +14,7 @@ import numpy as np
 from geo import Farm
 from geo.atomic import atomic_write
 from wbf_mission.addons.base.farm_drawing import FarmDrawing
-from wbf_mission.addons.base.html_page import html_document
+from wbf_mission.addons.base.markup import html_document
 from wbf_mission.addons.base.plots import rgb
 from wbf_mission.addons.treatment.treatment_map import TreatmentMap
 from wbf_mission.addons.treatment.zone_shapes import Zone

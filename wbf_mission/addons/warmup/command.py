@@ -44,7 +44,7 @@ def warm_up_command(output: Output) -> None:
 
     Compiled code is kept in the user's cache, so a second warm-up only checks the cache.
     """
-    from wbf_mission.addons.base.compile_ahead import compile_all
+    from wbf_mission.addons.base.simulator import compile_all
 
     begun: list[tuple[str, float]] = []
 

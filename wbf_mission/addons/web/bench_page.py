@@ -12,9 +12,9 @@ from html import escape
 from pathlib import Path
 
 from geo.atomic import atomic_write
-from wbf_mission.addons.base.html_page import data_element, data_uri
-from wbf_mission.addons.base.page import SCORES, Page, Table, standing_table
-from wbf_mission.addons.base.standings import Scored, apart, scored, standings_of
+from wbf_mission.addons.base.markup import data_element, data_uri
+from wbf_mission.addons.base.pages import Page, Table
+from wbf_mission.addons.base.standings import SCORES, Scored, apart, scored, standing_table, standings_of
 from wbf_mission.addons.web.document import document
 from wbf_mission.bench.rows import KEY_DIGITS, BenchRow
 

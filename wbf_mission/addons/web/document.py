@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import resources
 
-from wbf_mission.addons.base.html_page import html_document
+from wbf_mission.addons.base.markup import html_document
 
 
 def document(title: str, body: str, script: str, data: str = "") -> str:

@@ -20,7 +20,7 @@ from geo import Farm
 from geo.atomic import atomic_write
 from geo.errors import WbfMissionError
 from sensors.errors import EstimatorError
-from wbf_mission.addons.base.html_page import data_element
+from wbf_mission.addons.base.markup import data_element
 from wbf_mission.addons.base.replay import events_of
 from wbf_mission.addons.web import schema
 from wbf_mission.addons.web.document import document

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from wbf_mission.addons.base.pages import bench_report
 from wbf_mission.cli import options
-from wbf_mission.cli.command import Command
+from wbf_mission.cli.command import Command, provided
 from wbf_mission.cli.options import TargetError, option, refuse_overwrite
 from wbf_mission.cli.output import Output
 
@@ -83,7 +82,7 @@ def _bench(folder: Path, path: Path) -> dict[str, Any]:
 
     rows = read_rows(folder)
     with tempfile.TemporaryDirectory() as pictures:
-        page = bench_report()(
+        page = provided("bench.report")(
             rows, Path(pictures), title=f"Benchmark of {len(rows)} runs", asked=read_asked(folder)
         )
         write_bench_page(path, page, Path(pictures), rows)

@@ -9,7 +9,7 @@ import shapely
 
 from geo import Farm
 from mission.model import Command, MissionItem
-from wbf_mission.addons.base.fence_rings import fence_rings
+from wbf_mission.addons.base.plots import fence_rings
 from wbf_mission.addons.web import schema
 from wbf_mission.events import Planned
 

@@ -28,7 +28,7 @@ from sim_vehicle.autopilot.behaviour import Action, Mode, actions_by_value
 from sim_vehicle.autopilot.parameters import Setting, motion_parameters, reference_parameters
 from sim_vehicle.autopilot.stick_rules import StickLoss, StickRules, WingSticks, bits
 from sim_vehicle.motion.legs import Circle, Leg, LegKind
-from wbf_mission.addons.wings.motion.layout import STOPPED_M_S
+from wbf_mission.addons.wings.motion.layout import L1, STOPPED_M_S, FixedWingLimits
 from wbf_mission.addons.wings.procedures import WingProcedures, airspeeds_in_order
 
 if TYPE_CHECKING:
@@ -38,10 +38,6 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.autopilot.parameters import RuntimeParameters
     from sim_vehicle.motion.legs import Position
-    from wbf_mission.addons.wings.motion.layout import FixedWingLimits
-
-__all__ = ["FIRMWARE"]
-
 _ROLL_RATE = 75.0
 _ANY_RATE = 180.0
 # ArduPlane assumes flight until the filtered ground speed is lower than this (``is_flying.cpp``).
@@ -64,9 +60,6 @@ class ArduPlane(WingProcedures):
 
     def limits(self, spec: VehicleSpec) -> FixedWingLimits:
         """Return the flight limits of a vehicle."""
-        from wbf_mission.addons.wings.motion.guidance import L1
-        from wbf_mission.addons.wings.motion.layout import FixedWingLimits
-
         value = self.values(spec)
         least, trim, most = airspeeds_in_order(
             value["AIRSPEED_MIN"], value["AIRSPEED_CRUISE"], value["AIRSPEED_MAX"]

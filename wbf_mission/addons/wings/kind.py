@@ -108,15 +108,9 @@ class FixedWingAirframe:
 def fixed_wing_power(power: NDArray[np.float64], airspeed: float, climb: float, load: float) -> float:
     """Return the power that a fixed wing draws from the cells of its battery, in watts.
 
-    Parameters
-    ----------
-    power : float64[COEFFICIENTS]
-    airspeed : float
-        True airspeed; below 1 m/s only constant power is counted.
-    climb : float
-        Energy rate divided by weight: the climb rate in steady flight, plus V a / g when accelerating.
-    load : float
-        Lift over weight, 1 / cos(bank) in a level turn.
+    `power` is float64[COEFFICIENTS]. Below a true airspeed of 1 m/s only constant power is counted. `climb`
+    is the energy rate divided by weight: the climb rate in steady flight, plus V a / g when accelerating.
+    `load` is the lift over weight, 1 / cos(bank) in a level turn.
     """
     speed2 = airspeed * airspeed
     if speed2 < 1.0:

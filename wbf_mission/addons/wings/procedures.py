@@ -8,16 +8,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot.procedures import FixedWingProcedures
-from sim_vehicle.motion.legs import KEEP, Circle, Leg, LegKind
+from sim_vehicle.motion.legs import KEEP, Circle, Heading, Leg, LegKind, Position
 
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.legs import Heading, Position
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.weather.wind import Wind
     from wbf_mission.addons.wings.motion.layout import FixedWingLimits
-
-__all__ = ["WingProcedures", "airspeeds_in_order"]
 
 # Accelerations of a thrown or catapulted take-off and of a ground roll; airspeed of a throw as a fraction of
 # the minimum airspeed.

@@ -13,15 +13,12 @@ from sim_vehicle.autopilot.parameters import MavParameter, Setting, motion_param
 from sim_vehicle.autopilot.px4 import no_multirotor
 from sim_vehicle.autopilot.px4.firmware import COPTER_STICKS, LOSS, MISSION, RULES, common_parameters
 from sim_vehicle.autopilot.stick_rules import Axis, StickRules, WingSticks
-from sim_vehicle.motion.legs import KEEP, Circle, Leg, LegKind
+from sim_vehicle.motion.legs import KEEP, Circle, Leg, LegKind, Position
+from wbf_mission.addons.wings.motion.layout import NPFG, FixedWingLimits
 from wbf_mission.addons.wings.procedures import WingProcedures, airspeeds_in_order
 
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.legs import Position
-    from wbf_mission.addons.wings.motion.layout import FixedWingLimits
-
-__all__ = ["FIRMWARE"]
 
 
 class Px4FixedWing(WingProcedures):
@@ -39,9 +36,6 @@ class Px4FixedWing(WingProcedures):
 
     def limits(self, spec: VehicleSpec) -> FixedWingLimits:
         """Return the flight limits of a vehicle."""
-        from wbf_mission.addons.wings.motion.guidance import NPFG
-        from wbf_mission.addons.wings.motion.layout import FixedWingLimits
-
         value = self.values(spec)
         least, trim, most = airspeeds_in_order(
             value["FW_AIRSPD_MIN"], value["FW_AIRSPD_TRIM"], value["FW_AIRSPD_MAX"]

@@ -10,8 +10,7 @@ from msgspec import structs
 from scipy import stats
 
 from wbf_mission.addons.base.intervals import _drawn, _weights, mean_intervals, ratio_intervals
-from wbf_mission.addons.base.page import score_over_time
-from wbf_mission.addons.base.standings import scored, standings
+from wbf_mission.addons.base.standings import score_over_time, scored, standings
 
 
 def mean_interval(values):

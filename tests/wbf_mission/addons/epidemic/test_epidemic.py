@@ -26,13 +26,13 @@ from wbf_mission import check_estimator
 from wbf_mission.addons.epidemic import belief as belief_module
 from wbf_mission.addons.epidemic import network as network_module
 from wbf_mission.addons.epidemic import store, training
-from wbf_mission.addons.epidemic.estimator import EpidemicEstimator
-from wbf_mission.addons.epidemic.expected import (
+from wbf_mission.addons.epidemic.belief import (
     CLASS_VALUES,
     expected_loss,
     least_loss_value,
     standard_deviation,
 )
+from wbf_mission.addons.epidemic.estimator import EpidemicEstimator
 from wbf_mission.addons.epidemic.features import (
     N_CONTEXT,
     N_FEATURES,

@@ -1,7 +1,7 @@
 """Details of parameters for editors."""
 
 from sim_vehicle.autopilot.parameters import reference_parameters
-from wbf_mission.addons.files.vehicle_files import parameter_details
+from wbf_mission.addons.files.extra import parameter_details
 
 
 def test_all_of_px4s_parameters_have_a_group_and_their_values_fit():

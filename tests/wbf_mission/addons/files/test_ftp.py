@@ -18,7 +18,7 @@ from mission.model import GeoPoint
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.mavlink.vehicle import SimVehicle
-from wbf_mission.addons.files import vehicle_files
+from wbf_mission.addons.files import extra
 from wbf_mission.addons.files.file_tree import FileTree, FtpError
 from wbf_mission.addons.files.ftp import ACK, MOST_DATA, NAK, FtpServer, Operation, Packet
 
@@ -437,5 +437,5 @@ def test_parameters_are_written_as_a_file():
 @settings(max_examples=200)
 def test_any_bytes_are_parameters_or_none(data):
     head = struct.pack("<HHH", 0x671B, 3, 6 + len(data))
-    values = vehicle_files.unpacked(head + data)
+    values = extra.unpacked(head + data)
     assert values is None or len(values) == 3

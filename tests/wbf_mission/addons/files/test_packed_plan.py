@@ -13,9 +13,9 @@ from mission.model import GeoPoint, MissionType
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.mavlink.vehicle import SimVehicle
+from wbf_mission.addons.files.extra import PLAN_PATHS, pack_plan, unpack_plan
 from wbf_mission.addons.files.file_tree import FtpError
 from wbf_mission.addons.files.ftp import NAK, Operation, Packet
-from wbf_mission.addons.files.vehicle_files import PLAN_PATHS, pack_plan, unpack_plan
 
 HOME = GeoPoint(28.05, -82.15, 10.0)
 X, Y = 280500000, -821500000

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim_vehicle.autopilot.parameters import Setting
-from wbf_mission.addons.gimbal.gimbal import RATE_RAD_S, Gimbal, GimbalMode
+from wbf_mission.addons.gimbal.extra import RATE_RAD_S, Gimbal, GimbalMode
 
 NADIR = (0.0, -math.pi / 2.0, 0.0)
 ANYTHING = st.floats(-50.0, 50.0)

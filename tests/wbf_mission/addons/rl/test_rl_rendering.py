@@ -15,7 +15,7 @@ from gymnasium.vector import SyncVectorEnv
 from gymnasium.wrappers import RenderCollection
 
 from wbf_mission.addons.rl import SurveyEnv, SurveyVectorEnv, TrainingError, parallel_env
-from wbf_mission.addons.rl.drawing import Drawing, Scene
+from wbf_mission.addons.rl.rendering import Drawing, Scene
 from wbf_mission.addons.rl.task import SurveyTask
 
 NEEDS_PYGAME = pytest.mark.skipif(find_spec("pygame") is None, reason="pygame is not installed")

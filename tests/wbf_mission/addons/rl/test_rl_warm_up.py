@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from wbf_mission import flight
-from wbf_mission.addons.base import compile_ahead
+from wbf_mission.addons.base import simulator
 from wbf_mission.addons.rl import vector_env
 from wbf_mission.cli.app import main
 
@@ -14,7 +14,7 @@ from wbf_mission.cli.app import main
 @pytest.fixture
 def stepped(monkeypatch):
     steps = []
-    monkeypatch.setattr(compile_ahead, "compile_all", lambda _told: None)
+    monkeypatch.setattr(simulator, "compile_all", lambda _told: None)
     monkeypatch.setattr(flight, "fly", lambda _scenario: None)
 
     class Stepped:

@@ -52,6 +52,6 @@ def test_nothing_is_left_to_compile(tmp_path):
         pytest.skip("nothing is compiled")
     first, later = compiled_by(FLIGHTS, tmp_path)
     expected = ("cell_posterior.take_observations", "tile.solve_tiles", "route_search.search_tour")
-    for compiled in (*expected, "batch_kernel.advance", "block_means"):
+    for compiled in (*expected, "rl.kernels.advance", "block_means"):
         assert any(compiled in one for one in first), compiled
     assert later == []

@@ -10,10 +10,10 @@ from bench_rows import made_row
 from PIL import Image
 
 from wbf_mission.addons.base.intervals import score_text
-from wbf_mission.addons.base.page import Page, Section, Table
-from wbf_mission.addons.base.pages import bench_report
+from wbf_mission.addons.base.pages import Page, Section, Table
 from wbf_mission.addons.web.bench_page import write_bench_page
 from wbf_mission.cli.app import main
+from wbf_mission.cli.command import provided
 
 ASKED = {
     "page": "document.documentElement.scrollWidth",
@@ -83,7 +83,7 @@ def report(tmp_path_factory):
 
 def written(rows, folder):
     """Write the page of rows, without its pictures beside it."""
-    page = bench_report()(rows, folder / "pictures", title=f"Benchmark of {len(rows)} runs")
+    page = provided("bench.report")(rows, folder / "pictures", title=f"Benchmark of {len(rows)} runs")
     write_bench_page(folder / "report.html", page, folder / "pictures", rows)
     shutil.rmtree(folder / "pictures")
     return folder / "report.html"

@@ -3,45 +3,34 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim_vehicle.motion.arducopter.control import Guide
 from sim_vehicle.motion.arducopter.model import AlongCurves
 from sim_vehicle.motion.columns import State
 from sim_vehicle.motion.compiled_motion import CompiledMotion, Dynamics
-from sim_vehicle.motion.legs import KEEP, LegKind
+from sim_vehicle.motion.legs import KEEP, Heading, LegKind, Position, Route
 from wbf_mission.addons.rovers.motion import ardurover, kernel
 from wbf_mission.addons.rovers.motion import layout as wheels
 from wbf_mission.addons.rovers.motion.ardurover import Drive, DriveLaw
-from wbf_mission.addons.rovers.motion.layout import Leg, Wheels
+from wbf_mission.addons.rovers.motion.layout import Leg, RoverLimits, Wheels
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from numpy.typing import NDArray
-
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.legs import Heading, Position, Route
     from sim_vehicle.weather.wind import Wind
-    from wbf_mission.addons.rovers.motion.layout import RoverLimits
 
 NOT_DRIVEN = (LegKind.TAKEOFF, LegKind.CLIMB, LegKind.DESCEND)
 """Kinds of legs without effect on the ground."""
 
 
 class Rover(CompiledMotion):
-    """A wheeled vehicle that drives routes and ignores heights.
+    """A wheeled vehicle that drives routes and ignores heights; the wind affects only its power.
 
-    Parameters
-    ----------
-    limits_of : callable
-        Function from a vehicle to the limits set by its autopilot's parameters.
-    wind : Wind, optional
-        Affects only the power.
-    yaw_rad : float
-        Initial heading.
+    `limits_of` returns the limits that the parameters of a vehicle's autopilot set.
     """
 
     dynamics = Dynamics(kernel.advance, wheels.STATE, wheels.LIMITS)
@@ -170,14 +159,7 @@ _PURSUED = (LegKind.ARC, LegKind.SETPOINT)
 class ArduRover(AlongCurves, Rover):
     """A wheeled or tracked vehicle under ArduPilot's Rover; velocity setpoints are followed as by `Rover`.
 
-    Parameters
-    ----------
-    limits_of, law_of : callable
-        Functions from a vehicle to its limits and its law, float64[LAW], from its parameters.
-    wind : Wind, optional
-        Affects only the power.
-    yaw_rad : float
-        Initial heading.
+    `law_of` returns the law, float64[LAW], that a vehicle's parameters set.
     """
 
     dynamics = Dynamics(

@@ -14,8 +14,7 @@ from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion.columns import Record
 from sim_vehicle.motion.stepping import take_velocity
-from wbf_mission.addons.wings.motion.guidance import NPFG
-from wbf_mission.addons.wings.motion.layout import FLARE, FLYING, SHORT
+from wbf_mission.addons.wings.motion.layout import FLARE, FLYING, NPFG, SHORT
 
 CLIMB_LAG_S = 0.5
 ROLL_RATE_S = 0.1

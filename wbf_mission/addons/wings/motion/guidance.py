@@ -18,9 +18,8 @@ from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion.columns import Record
 from wbf_mission.addons.wings.motion import layout as at
-from wbf_mission.addons.wings.motion.tecs import PERIOD_S
+from wbf_mission.addons.wings.motion.layout import NPFG, PERIOD_S
 
-NPFG, L1 = 0.0, 1.0
 # If airspeed less crosswind is below this, NPFG fades out the acceleration for curvature.
 AIRSPEED_BUFFER = 1.5
 LEAST_RADIUS_M = 0.5

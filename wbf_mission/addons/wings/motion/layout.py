@@ -66,6 +66,10 @@ LINING_UP, APPROACH, PREFLARE = 0.0, 1.0, 2.0
 STOPPED_M_S = 0.1
 # Lower limit of speeds (m/s) and lengths (m) in divisions.
 SHORT = 0.5
+# Guidance laws of PX4 and of ArduPlane.
+NPFG, L1 = 0.0, 1.0
+# Period of ArduPlane's guidance and energy control.
+PERIOD_S = 0.1
 
 # Columns of a leg.
 Leg = IntEnum(
@@ -94,7 +98,7 @@ class FixedWingLimits(FixedWingBounds):
     """Flight limits of a fixed wing set by an autopilot's parameters; SI units, radians."""
 
     law: float
-    """Guidance law: `wbf_mission.addons.wings.motion.guidance.NPFG` or `L1`."""
+    """Guidance law: `NPFG` or `L1`."""
     airspeed_max: float
     # Time constant and maximum rate of the roll, and maximum rate of its setpoint.
     roll_s: float

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim_vehicle.airframe.power_spec import DRAG, GRAVITY_M_S2, OWN_DRAG
 from sim_vehicle.energy.power import power_coefficients
@@ -13,23 +15,16 @@ from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import State, record_of, row_of
 from sim_vehicle.motion.compiled_motion import CompiledMotion, Dynamics
-from sim_vehicle.motion.legs import KEEP, LegKind
+from sim_vehicle.motion.legs import KEEP, Heading, LegKind, Position, Route
 from sim_vehicle.weather.wind import Wind
 from wbf_mission.addons.wings.kind import FixedWingAirframe, FixedWingPowerSpec
 from wbf_mission.addons.wings.motion import layout as wing
 from wbf_mission.addons.wings.motion.air import drag
-from wbf_mission.addons.wings.motion.guidance import NPFG
 from wbf_mission.addons.wings.motion.kernel import advance
-from wbf_mission.addons.wings.motion.layout import Leg, Wing
+from wbf_mission.addons.wings.motion.layout import NPFG, FixedWingLimits, Leg, Wing
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from numpy.typing import NDArray
-
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.legs import Heading, Position, Route
-    from wbf_mission.addons.wings.motion.layout import FixedWingLimits
 
 # Default minimum pitch of a climb-out.
 _TAKEOFF_PITCH = math.radians(4.0)
@@ -44,12 +39,7 @@ _ELEVATOR_RAD = 0.25 * math.pi
 class FixedWing(CompiledMotion):
     """A fixed wing that flies routes and holds by circling.
 
-    Parameters
-    ----------
-    limits_of : callable
-        Function from a vehicle to the limits set by its autopilot's parameters.
-    yaw_rad : float
-        Initial heading.
+    `limits_of` returns the limits that the parameters of a vehicle's autopilot set.
     """
 
     dynamics = Dynamics(advance, wing.STATE, wing.LIMITS)
@@ -168,13 +158,7 @@ class FixedWing(CompiledMotion):
                 rows[i, Leg.TURN_ANGLE] = abs(math.atan2(ax * by - ay * bx, ax * bx + ay * by))
 
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
-        """Fall, if the velocity points straight down.
-
-        Raises
-        ------
-        VehicleError
-            For any other velocity.
-        """
+        """Fall, if the velocity points straight down; VehicleError for any other velocity."""
         east, north, up = velocity_m_s
         if east != 0.0 or north != 0.0 or not up < 0.0 or not math.isnan(height_m):
             msg = f"vehicle {self.spec.name}: a fixed wing cannot hold a ground velocity, give positions"

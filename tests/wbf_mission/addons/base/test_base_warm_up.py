@@ -4,7 +4,7 @@ import subprocess
 import sys
 
 from sim_vehicle.airframe.catalog import get_vehicle
-from wbf_mission.addons.base.compile_ahead import warm_up
+from wbf_mission.addons.base.simulator import warm_up
 
 FLIGHT = """
 from geo.frame import LocalFrame
@@ -13,7 +13,7 @@ from sim_vehicle.motion.multirotor import kernel
 from sim_vehicle.motion.multirotor import model
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.mavlink import SimVehicle
-from wbf_mission.addons.base.compile_ahead import warm_up
+from wbf_mission.addons.base.simulator import warm_up
 from sim_vehicle.weather.wind import Wind
 
 def compiled():

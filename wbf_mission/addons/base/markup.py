@@ -1,4 +1,4 @@
-"""Makes HTML documents, each in a single file that loads no other resource.
+"""Makes documents of HTML and XML: HTML in a single file that loads no other resource.
 
 All HTML documents are made here, so that they share one Content Security Policy
 (https://www.w3.org/TR/CSP3/). The policy allows the document's own style and script by their digests, and
@@ -12,8 +12,10 @@ import hashlib
 import zlib
 from html import escape
 from typing import Any
+from xml.etree import ElementTree
 
 import msgspec
+import numpy as np
 
 
 def html_document(title: str, body: str, *, style: str, script: str = "", data: str = "") -> str:
@@ -59,3 +61,31 @@ def data_uri(content: bytes, kind: str = "image/png") -> str:
 
 def _digest(text: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+GPX = {"version": "1.1", "creator": "wbf-mission", "xmlns": "http://www.topografix.com/GPX/1/1"}
+"""Attributes of the root of a GPX file."""
+
+
+def decimal(value: float) -> str:
+    """Return a number as an XML decimal, without exponent; reading it gives exactly this number.
+
+    >>> decimal(1e-7), decimal(30)
+    ('0.0000001', '30.0')
+    """
+    return np.format_float_positional(float(value), unique=True, trim="0")
+
+
+def document(root: ElementTree.Element) -> str:
+    """Return an XML document as text, with one element per line."""
+    ElementTree.indent(root, " ")
+    return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def add(
+    parent: ElementTree.Element, tag: str, text: str | None = None, **attributes: str
+) -> ElementTree.Element:
+    """Add a child element to `parent` and return the child."""
+    made = ElementTree.SubElement(parent, tag, attributes)
+    made.text = text
+    return made

@@ -1,8 +1,8 @@
-"""Compiled step of many runs with adaptive disks.
+"""Compiled code of training environments: the step of many runs with adaptive disks, and means of blocks.
 
-The results equal the results of a flight to the last bit. `sensors.estimators.adaptive_disk` paints each cell
-by the newest disk that covers it, and `sensors.scoring.score_sums` adds the errors. Here, while the radius is
-unchanged, only the new disk is painted. A tile's sums resume at the first changed column.
+The results of a step equal the results of a flight to the last bit. `sensors.estimators.adaptive_disk` paints
+each cell by the newest disk that covers it, and `sensors.scoring.score_sums` adds the errors. Here, while the
+radius is unchanged, only the new disk is painted. A tile's sums resume at the first changed column.
 """
 
 from __future__ import annotations
@@ -171,3 +171,24 @@ def _paint(rules: Rules, runs: Runs, run: int, number: int, radius: int) -> None
                     value[k, column, row] = reading[k]
                     if within < dirty[tile, row // TILE_CELLS]:
                         dirty[tile, row // TILE_CELLS] = within
+
+
+@compiled(nogil=True, allocates=False)
+def block_means(array: NDArray[np.float32], block: int, out: NDArray[np.float32]) -> None:
+    """Write the means of square blocks of maps to `out`, limited to 0..1.
+
+    `array` is float32[n, W, H], and `out` float32[n, ceil(W / block), ceil(H / block)]; blocks at the far
+    borders are smaller.
+    """
+    number, width, height = array.shape
+    for k in range(number):
+        for column in range(out.shape[1]):
+            x0, x1 = column * block, min((column + 1) * block, width)
+            for row in range(out.shape[2]):
+                y0, y1 = row * block, min((row + 1) * block, height)
+                total = 0.0
+                for x in range(x0, x1):
+                    for y in range(y0, y1):
+                        total += array[k, x, y]
+                mean = total / ((x1 - x0) * (y1 - y0))
+                out[k, column, row] = np.float32(min(max(mean, 0.0), 1.0))

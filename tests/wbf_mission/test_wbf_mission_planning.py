@@ -40,7 +40,7 @@ def test_the_default_budget_is_the_battery_less_its_reserve(planner: str) -> Non
     assert 0.0 < result.battery_used <= 1.0 - result.vehicle.battery.reserve_fraction + 1e-9
 
 
-@pytest.mark.parametrize("planner", ["lawnmower", "spiral"])
+@pytest.mark.parametrize("planner", ["lawnmower", pytest.param("spiral", marks=pytest.mark.slow)])
 def test_a_time_budget_is_kept_and_used(planner: str) -> None:
     result = plan(Scenario(farm="waterberry", planner=planner, budget="12min"))
     assert result.prediction.duration_s <= 720.0

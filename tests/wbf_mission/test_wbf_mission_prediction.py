@@ -129,7 +129,9 @@ def test_errors_of_the_estimate_are_predicted_by_their_statistics():
     assert exact_s < min(times_s)
 
 
-@pytest.mark.parametrize("gusts", [{"turbulence": "light"}, {"wind_gust_m_s": 1.0}])
+@pytest.mark.parametrize(
+    "gusts", [{"turbulence": "light"}, pytest.param({"wind_gust_m_s": 1.0}, marks=pytest.mark.slow)]
+)
 def test_gusts_are_predicted_by_their_statistics_only(gusts):
     scenario = Scenario(
         farm="miniberry-30",
@@ -258,12 +260,18 @@ def test_too_much_wind_is_known_before_the_flight():
     ("planner", "autopilot", "wind"),
     [
         ("random-waypoint", "px4", {}),
-        (
+        pytest.param(
             "random-waypoint",
             "px4",
             {"wind_speed_m_s": 5.0, "wind_direction_deg": 270.0, "wind_gust_m_s": 1.0},
+            marks=pytest.mark.slow,
         ),
-        ("spiral", "px4", {"wind_speed_m_s": 5.0, "wind_direction_deg": 270.0, "wind_gust_m_s": 2.0}),
+        pytest.param(
+            "spiral",
+            "px4",
+            {"wind_speed_m_s": 5.0, "wind_direction_deg": 270.0, "wind_gust_m_s": 2.0},
+            marks=pytest.mark.slow,
+        ),
         (
             "random-waypoint",
             "ardupilot",

@@ -133,6 +133,7 @@ def command_line(folder, *words, **forced):
     return done.stdout
 
 
+@pytest.mark.slow
 def test_the_command_line_flies_the_rows_that_python_flies(tmp_path):
     words = ["--scenarios", "WBF/Miniberry-10-v1", "--seeds", "1"]
     words += ["--planners", "greedy", "--estimators", "gp,adaptive-disk", "--jobs", "2"]
@@ -142,7 +143,6 @@ def test_the_command_line_flies_the_rows_that_python_flies(tmp_path):
     assert decided(read_rows(tmp_path / "out")) == decided(here)
 
 
-@pytest.mark.slow
 def test_the_command_line_flies_what_python_flies(tmp_path):
     words = ["--farm", "miniberry-10", "--policy", "greedy", "--estimator", "gp", "--no-plots", "--quiet"]
     words += ["--budget", "60s"]

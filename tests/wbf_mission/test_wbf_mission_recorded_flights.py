@@ -41,7 +41,13 @@ NAMES = sorted(
 )
 
 
-@pytest.mark.parametrize("name", NAMES)
+# The vehicle alone flies all of them in the default suite, too: sim_vehicle/motion and mavlink.
+QUICK = {"ardupilot-ground-takeoff-rtl", "ardupilot-random-10", "px4-climbs-holds", "px4-random-10"}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in NAMES]
+)
 def test_a_recorded_mission_from_the_command_line(name, tmp_path, capsys):
     recording = load_recording(FLIGHTS / f"{name}.json")
     plan = FLIGHTS / f"{recording.name}.plan"

@@ -106,7 +106,13 @@ def test_cells_count_once(cells):
 
 
 @pytest.mark.parametrize(
-    ("autopilot", "metres"), [("ardupilot", 1.0), ("ardupilot", 0.5), ("px4", 1.0), ("px4", 3.0)]
+    ("autopilot", "metres"),
+    [
+        ("ardupilot", 1.0),
+        pytest.param("ardupilot", 0.5, marks=pytest.mark.slow),
+        pytest.param("px4", 1.0, marks=pytest.mark.slow),
+        ("px4", 3.0),
+    ],
 )
 def test_a_plan_counts_the_images_that_the_trigger_takes(tmp_path, autopilot, metres):
     """Orders for each row, an image at once: rows are about as long as a whole number of distances."""

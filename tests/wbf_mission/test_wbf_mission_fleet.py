@@ -83,7 +83,8 @@ def test_vehicles_stand_in_a_row_behind_home():
 
 
 @pytest.mark.parametrize(
-    ("autopilot", "seed", "errs"), [("ardupilot", 2, True), ("px4", 3, False), ("px4", 3, True)]
+    ("autopilot", "seed", "errs"),
+    [("ardupilot", 2, True), pytest.param("px4", 3, False, marks=pytest.mark.slow), ("px4", 3, True)],
 )
 def test_layers_keep_vehicles_apart_from_take_off_to_landing(autopilot, seed, errs):
     scenario = Scenario(

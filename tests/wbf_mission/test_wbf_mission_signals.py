@@ -292,7 +292,7 @@ def last_bytes(folder):
 @pytest.mark.parametrize(
     "numbers",
     [
-        (signal.SIGTERM, signal.SIGKILL),
+        (signal.SIGKILL,),
         pytest.param((signal.SIGINT, signal.SIGKILL) * 3, marks=pytest.mark.slow),
     ],
     ids=len,

@@ -179,7 +179,7 @@ class NearAndFar(Watching):
         self.observations.append(observation)
         if len(self.observations) > 1:
             return NO_CHANGE
-        near = [[0.5 + 3.0 * (k % 2), 0.5 + 0.04 * k] for k in range(50)]
+        near = [[0.5 + 3.0 * (k % 2), 0.5 + 0.04 * k] for k in range(32)]
         return Decision({1: near, 2: [[8.5, 8.5], [8.5, 0.5], [0.5, 0.5]]})
 
 

@@ -53,7 +53,10 @@ def timeless(run: Result) -> dict[str, Any]:
         pytest.param({"vehicles": 2, "camera_noise": 0.1}, 1, id="two robots"),
         pytest.param({"days": 2, "flights_per_day": 2, "camera_noise": 0.1}, 1, id="days"),
         pytest.param(
-            {"days": 2, "vehicle": "quad", "budget": "60m", "wind_gust_m_s": 2.0}, 4, id="days with gusts"
+            {"days": 2, "vehicle": "quad", "budget": "60m", "wind_gust_m_s": 2.0},
+            4,
+            id="days with gusts",
+            marks=pytest.mark.slow,
         ),
     ],
 )

@@ -31,7 +31,15 @@ from wbf_mission.run.resolve import resolve
 from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
 
 
-@pytest.mark.parametrize("planner", ["lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint"])
+@pytest.mark.parametrize(
+    "planner",
+    [
+        "lawnmower",
+        "adaptive-lawnmower",
+        "spiral",
+        pytest.param("random-waypoint", marks=pytest.mark.slow),
+    ],
+)
 def test_the_default_budget_is_the_battery_less_its_reserve(planner: str) -> None:
     result = plan(Scenario(farm="miniberry-100", planner=planner, vehicle="quad"))
     assert result.vehicle.battery is not None

@@ -3,6 +3,7 @@
 from functools import cache
 
 import pytest
+from sweeps import slow
 from terminal import on_terminal, screen
 
 BAR = "\u2501"
@@ -46,12 +47,7 @@ def shown_at(tmp_path_factory):
 
 @pytest.mark.parametrize(
     ("width", "believed"),
-    [
-        (80, None),
-        pytest.param(200, None, marks=pytest.mark.slow),
-        pytest.param(60, None, marks=pytest.mark.slow),
-        (80, 200),
-    ],
+    [(80, None), slow(200, None), slow(60, None), (80, 200)],
 )
 def test_lines_stay_and_the_bar_leaves_nothing_behind(shown_at, width, believed):
     """In a shell that has exported COLUMNS before its window was resized, too."""

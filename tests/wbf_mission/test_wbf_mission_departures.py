@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import shapely
+from sweeps import slow
 
 from mission.outcome import Outcome
 from mission.planners import LengthBudget, PlanningRequest
@@ -26,7 +27,7 @@ def test_those_who_never_fly_at_the_same_time_are_never_near():
 
 @pytest.mark.parametrize(
     ("vehicles", "planner", "seed"),
-    [(2, "lawnmower", 1), pytest.param(3, "spiral", 2, marks=pytest.mark.slow)],
+    [(2, "lawnmower", 1), slow(3, "spiral", 2)],
 )
 def test_a_fleet_at_one_height_keeps_its_distance(vehicles, planner, seed):
     scenario = Scenario(**SHORT, vehicles=vehicles, planner=planner)

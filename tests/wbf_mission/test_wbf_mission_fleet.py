@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from sweeps import slow
 
 from geo import get_farm
 from geo.errors import WbfMissionError
@@ -83,7 +84,7 @@ def test_vehicles_stand_in_a_row_behind_home():
 
 @pytest.mark.parametrize(
     ("autopilot", "seed", "errs"),
-    [("ardupilot", 2, True), pytest.param("px4", 3, False, marks=pytest.mark.slow), ("px4", 3, True)],
+    [("ardupilot", 2, True), slow("px4", 3, False), ("px4", 3, True)],
 )
 def test_layers_keep_vehicles_apart_from_take_off_to_landing(autopilot, seed, errs):
     scenario = Scenario(
@@ -125,7 +126,7 @@ def test_a_vehicle_that_fails_gives_its_part_to_the_others():
     assert images[1] < 0.5 * min(images[0], images[2])
 
 
-@pytest.mark.parametrize("count", [2, pytest.param(10, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [2, slow(10)])
 def test_the_papers_robots_fly_in_any_number(count):
     scenario = Scenario(**ROBOTS, vehicles=count, budget="40steps")
     result = fly(scenario)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from sweeps import slow
 
 from geo import get_farm, save_farm
 from geo.farm import Farm, Patch
@@ -33,12 +34,7 @@ from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
 
 @pytest.mark.parametrize(
     "planner",
-    [
-        "lawnmower",
-        "adaptive-lawnmower",
-        "spiral",
-        pytest.param("random-waypoint", marks=pytest.mark.slow),
-    ],
+    ["lawnmower", "adaptive-lawnmower", "spiral", slow("random-waypoint")],
 )
 def test_the_default_budget_is_the_battery_less_its_reserve(planner: str) -> None:
     result = plan(Scenario(farm="miniberry-100", planner=planner, vehicle="quad"))
@@ -48,7 +44,7 @@ def test_the_default_budget_is_the_battery_less_its_reserve(planner: str) -> Non
     assert 0.0 < result.battery_used <= 1.0 - result.vehicle.battery.reserve_fraction + 1e-9
 
 
-@pytest.mark.parametrize("planner", ["lawnmower", pytest.param("spiral", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("planner", ["lawnmower", slow("spiral")])
 def test_a_time_budget_is_kept_and_used(planner: str) -> None:
     result = plan(Scenario(farm="waterberry", planner=planner, budget="12min"))
     assert result.prediction.duration_s <= 720.0

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sweeps import slow
 
 from mission.errors import PlanningError
 from mission.outcome import Outcome
@@ -406,11 +407,11 @@ def test_a_policy_is_scored_as_often_as_a_planner() -> None:
     ("policy", "autopilot"),
     [
         ("greedy", "px4"),
-        pytest.param("greedy", "ardupilot", marks=pytest.mark.slow),
-        pytest.param("rolling-horizon", "px4", marks=pytest.mark.slow),
+        slow("greedy", "ardupilot"),
+        slow("rolling-horizon", "px4"),
         ("rolling-horizon", "ardupilot"),
         ("orienteering", "px4"),
-        pytest.param("orienteering", "ardupilot", marks=pytest.mark.slow),
+        slow("orienteering", "ardupilot"),
     ],
 )
 def test_a_vehicle_whose_turns_cost_time_uses_its_budget(policy: str, autopilot: str) -> None:

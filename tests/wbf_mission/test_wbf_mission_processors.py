@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from sweeps import slow
 from threadpoolctl import threadpool_info
 
 from geo.compiled import compiled_folder
@@ -62,9 +63,7 @@ if "epidemic" in estimator_names():
     RUNS["epidemic"] = {"policy": "greedy", "estimator": quick, "days": 2, "budget": "60s"}
 # Kernels without FMA differ most from what a processor chooses; the first and the last run take longest.
 QUICK = ("Sandybridge", tuple(RUNS)[1:4])
-CHOSEN = [QUICK] * ("Sandybridge" in KERNELS) + [
-    pytest.param(name, tuple(RUNS), marks=pytest.mark.slow) for name in KERNELS
-]
+CHOSEN = [QUICK] * ("Sandybridge" in KERNELS) + [slow(name, tuple(RUNS)) for name in KERNELS]
 
 
 def environment_of(folder, **forced):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given
 from hypothesis import strategies as st
-from sweeps import sweep
+from sweeps import slow, sweep
 
 from mission.outcome import Outcome
 from mission.policies.decision import NO_CHANGE, Decision
@@ -52,12 +52,7 @@ def test_reach_tells_how_long_a_plan_explains_silence():
 
 @pytest.mark.parametrize(
     ("vehicles", "autopilot"),
-    [
-        (1, "px4"),
-        pytest.param(1, "ardupilot", marks=pytest.mark.slow),
-        pytest.param(2, "px4", marks=pytest.mark.slow),
-        (2, "ardupilot"),
-    ],
+    [(1, "px4"), slow(1, "ardupilot"), slow(2, "px4"), (2, "ardupilot")],
 )
 def test_the_map_of_a_fixed_plan_is_the_same_in_the_end(autopilot, vehicles):
     # Behind each other, or the first vehicle would start beyond the least range; a PX4 lands up to a metre
@@ -131,7 +126,7 @@ def test_observations_come_when_it_is_in_range_again_and_not_before():
         ("greedy", 2.0, "ardupilot"),
         ("greedy", 5.0, "px4"),
         ("greedy", 5.0, "ardupilot"),
-        pytest.param("rolling-horizon", 2.0, "px4", marks=pytest.mark.slow),
+        slow("rolling-horizon", 2.0, "px4"),
     ],
 )
 def test_beyond_the_range_a_policy_flies_all_that_its_budget_pays_for(policy, speed_m_s, autopilot):

@@ -263,6 +263,7 @@ def test_a_signal_keeps_what_is_finished(tmp_path, jobs, number, code):
     assert "Traceback" not in err
 
 
+@pytest.mark.slow
 def test_kill_keeps_what_is_finished(tmp_path, capsys):
     process = started(tmp_path / "b")
     os.killpg(process.pid, signal.SIGKILL)

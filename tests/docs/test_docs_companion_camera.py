@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from stand_in import LONG_S, Nobody, scenario, stand_in
+from sweeps import slow
 
 from geo import get_farm
 from mission.outcome import Outcome
@@ -61,7 +62,7 @@ def test_a_command_takes_the_picture_and_may_know_the_place(example):
     assert example.shoot(words, Here) == b"28.05 -82.15"
 
 
-@pytest.mark.parametrize("autopilot", ["px4", pytest.param("ardupilot", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("autopilot", ["px4", slow("ardupilot")])
 def test_the_whole_loop_with_pictures(example, autopilot):
     """Pictures of what grows where the camera fires come out as the environment's own values."""
     chosen = scenario(autopilot=autopilot)

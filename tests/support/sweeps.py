@@ -1,4 +1,4 @@
-"""Property tests with few examples in the default suite, and with many in its slow part."""
+"""What the default suite has little of, and its slow part all: examples of properties, and variants."""
 
 import os
 from typing import Any
@@ -12,6 +12,11 @@ IN_THE_SLOW_PART = "WBF_MISSION_TESTS_SLOW"
 
 def sweep(few: int, many: int, **more: Any) -> Any:
     """Return the settings of a property test; in the slow part it is a slow test."""
-    slow = IN_THE_SLOW_PART in os.environ
-    chosen = settings(max_examples=many if slow else few, deadline=None, **more)
-    return lambda test: pytest.mark.slow(chosen(test)) if slow else chosen(test)
+    many_now = IN_THE_SLOW_PART in os.environ
+    chosen = settings(max_examples=many if many_now else few, deadline=None, **more)
+    return lambda test: pytest.mark.slow(chosen(test)) if many_now else chosen(test)
+
+
+def slow(*values: Any, **more: Any) -> Any:
+    """Return the values of a parametrised test as a variant of the slow part."""
+    return pytest.param(*values, marks=pytest.mark.slow, **more)

@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from sweeps import slow
 
 from wbf_mission import Scenario
 from wbf_mission.cli.app import main
@@ -20,12 +21,12 @@ def scenario(small, **more):
 @pytest.mark.parametrize(
     ("count", "more"),
     [
-        pytest.param(2, {}, marks=pytest.mark.slow),
-        pytest.param(3, {"planner": "lawnmower"}, marks=pytest.mark.slow),
+        slow(2, {}),
+        slow(3, {"planner": "lawnmower"}),
         (3, {"autopilot": "ardupilot"}),
-        pytest.param(4, {"wind_speed_m_s": 3.0}, marks=pytest.mark.slow),
-        pytest.param(2, {"wind_speed_m_s": 4.0, "turbulence": "light"}, marks=pytest.mark.slow),
-        pytest.param(3, {"farm": "waterberry", "vehicle": "quad"}, marks=pytest.mark.slow),
+        slow(4, {"wind_speed_m_s": 3.0}),
+        slow(2, {"wind_speed_m_s": 4.0, "turbulence": "light"}),
+        slow(3, {"farm": "waterberry", "vehicle": "quad"}),
     ],
 )
 def test_so_many_batteries_carry_it_and_hardly_more(small, count, more):

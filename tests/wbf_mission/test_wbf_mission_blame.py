@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from sweeps import slow
 
 from wbf_mission import BenchSpec, benchmark
 from wbf_mission.addons.base.standings import standings
@@ -58,7 +59,7 @@ def policy_file(folder, answer):
         ("return Decision({1: np.tile([[0.5, 0.5], [2.0, 2.0]], (40, 1))})", "over the budget"),
         ("return Decision({7: [[1.0, 1.0]]})", "wrong vehicle"),
         ("return 3", "no Decision"),
-        pytest.param("time.sleep(1.01); return NO_CHANGE", "too late", marks=pytest.mark.slow),
+        slow("time.sleep(1.01); return NO_CHANGE", "too late"),
     ],
 )
 def test_bad_answers_are_counted_and_too_many_are_a_failure(tmp_path, answer, kind):

@@ -1,9 +1,6 @@
 """The command line, as a user and as a script sees it."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -77,21 +74,6 @@ def test_bad_input_is_one_line_exit_2_nothing_written(
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
-@pytest.mark.parametrize(
-    "content", [b"", b"\x00\x01", b"{", b"{}", b"<kml/>", b"QGC WPL 110\nx\n", b"[" * 100_000]
-)
-def test_files_that_are_not_missions(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, content: bytes
-) -> None:
-    for suffix in (".plan", ".waypoints", ".json"):
-        path = tmp_path / f"file{suffix}"
-        path.write_bytes(content)
-        code, _, err = run(capsys, "fly", "--mission", str(path), "--no-files", "--quiet")
-        assert code == 2
-        assert str(path) in err
-        assert err.count("\n") == 1
-
-
 def test_plan_prints_and_writes_every_format(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     for suffix in (".plan", ".waypoints", ".json"):
         out = tmp_path / f"path{suffix}"
@@ -151,23 +133,6 @@ def test_a_scenario_file_says_what_goes_wrong(capsys: pytest.CaptureFixture[str]
         assert (code, out) == (2, "") and why in err and err.count("\n") == 1
 
 
-def test_a_planned_file_can_be_flown(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    out = tmp_path / "rows.plan"
-    assert run(capsys, "plan", "--planner", "lawnmower", "--budget", "150m", "--out", str(out))[0] == 0
-    code, text, _ = run(capsys, "fly", "--mission", str(out), *DISKS, "--no-files", "--json")
-    assert code == 0
-    assert json.loads(text)["outcome"] == "completed"
-
-
-def test_fly_into_a_file_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    path = tmp_path / "taken"
-    path.write_text("mine")
-    code, _, err = run(capsys, *FLY, "--out", str(path))
-    assert code == 2
-    assert "taken" in err
-    assert path.read_text() == "mine"
-
-
 def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     for command in (["plan"], ["fly"], ["sim"], ["upload"], ["download"], ["bench", "run"]):
         code, text, _ = run(capsys, *command, "--help")
@@ -197,19 +162,3 @@ def test_what_an_operator_should_know_is_said(capsys: pytest.CaptureFixture[str]
     assert "saw nothing of the farm" in err
     values = json.loads(text)
     assert (values["outcome"], values["observations"], values["score"]) == ("completed", 0, None)
-
-
-def test_a_pipe_is_no_mission(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    path = tmp_path / "pipe.plan"
-    os.mkfifo(path)
-    code, _, err = run(capsys, "fly", "--mission", str(path), "--no-files")
-    assert code == 2
-    assert "pipe.plan" in err
-
-
-def test_output_that_nobody_reads_ends_quietly(tmp_path: Path) -> None:
-    command = f"{sys.executable} -m wbf_mission farm show waterberry | true"
-    done = subprocess.run(
-        command, shell=True, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
-    )
-    assert "Traceback" not in done.stderr

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from processes import environment
+from sweeps import slow
 
 from geo.system import AvailableMemory
 from sensors.environment import cache, load_environment
@@ -98,7 +99,7 @@ def test_too_little_memory_is_one_line_and_exit_code_2(
     assert err.count("\n") == 1
 
 
-@pytest.mark.parametrize("jobs", [pytest.param("1", marks=pytest.mark.slow), "2"])
+@pytest.mark.parametrize("jobs", [slow("1"), "2"])
 def test_ctrl_c_keeps_what_is_finished(capsys: pytest.CaptureFixture[str], tmp_path: Path, jobs: str) -> None:
     command = ["farm", "generate", "--farm", "miniberry-30", "--count", "400", "--out", str(tmp_path / "e")]
     process = subprocess.Popen(

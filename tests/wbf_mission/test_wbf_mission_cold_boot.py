@@ -7,6 +7,7 @@ import re
 import pytest
 from mission_items import SHORT as MISSION
 from stand_in import Nobody, heard, scenario, stand_in
+from sweeps import slow
 
 from geo import get_farm
 from geo.errors import WbfMissionError
@@ -123,7 +124,7 @@ def test_one_that_stands_elsewhere_is_not_started_once_it_knows_where():
     assert ground.ended_s is not None and ground.ended_s > 40.0
 
 
-@pytest.mark.parametrize("aside_m", [0.0, pytest.param(60.0, marks=pytest.mark.slow), 222.0])
+@pytest.mark.parametrize("aside_m", [*(slow(aside_m) for aside_m in (0.0, 60.0)), 222.0])
 def test_one_that_boots_is_planned_from_where_it_stands(aside_m):
     """It is asked as soon as it boots, and knows its place 40 s later."""
     events, told = heard(Noted)

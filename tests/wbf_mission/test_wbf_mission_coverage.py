@@ -8,6 +8,7 @@ import pytest
 import shapely
 from hypothesis import given
 from hypothesis import strategies as st
+from sweeps import slow
 
 from geo import Crop, Farm, FarmError, LocalFrame, Obstacle, Patch, save_farm
 from mission.files import write_mission
@@ -106,7 +107,8 @@ def test_cells_count_once(cells):
 
 
 @pytest.mark.parametrize(
-    ("autopilot", "metres"), [("ardupilot", 1.0), ("ardupilot", 0.5), ("px4", 1.0), ("px4", 3.0)]
+    ("autopilot", "metres"),
+    [("ardupilot", 1.0), slow("ardupilot", 0.5), slow("px4", 1.0), ("px4", 3.0)],
 )
 def test_a_plan_counts_the_images_that_the_trigger_takes(tmp_path, autopilot, metres):
     """Orders for each row, an image at once: rows are about as long as a whole number of distances."""

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import shapely
+from sweeps import slow
 
 from mission.outcome import Outcome
 from mission.planners import LengthBudget, PlanningRequest
@@ -24,7 +25,10 @@ def test_those_who_never_fly_at_the_same_time_are_never_near():
     assert least_apart_m(first, first + np.array([0.0, 4.0])) == 4.0
 
 
-@pytest.mark.parametrize(("vehicles", "planner", "seed"), [(2, "lawnmower", 1), (3, "spiral", 2)])
+@pytest.mark.parametrize(
+    ("vehicles", "planner", "seed"),
+    [(2, "lawnmower", 1), slow(3, "spiral", 2)],
+)
 def test_a_fleet_at_one_height_keeps_its_distance(vehicles, planner, seed):
     scenario = Scenario(**SHORT, vehicles=vehicles, planner=planner)
     delays = departure_delays(plan_fleet(scenario), 3.0)

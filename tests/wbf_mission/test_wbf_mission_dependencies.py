@@ -46,6 +46,7 @@ def imported(*folders):
     return {name: path for name, path in found.items() if name not in sys.stdlib_module_names}
 
 
+@functools.cache
 def distributions():
     return {
         module: {name.lower().replace("_", "-") for name in found}

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sweeps import slow
 
 from mission.files import write_mission
 from mission.outcome import Outcome
@@ -52,9 +53,7 @@ def timeless(run: Result) -> dict[str, Any]:
         pytest.param({**EXACT, "gps_noise_m": 1.0}, 2, id="errors of position"),
         pytest.param({"vehicles": 2, "camera_noise": 0.1}, 1, id="two robots"),
         pytest.param({"days": 2, "flights_per_day": 2, "camera_noise": 0.1}, 1, id="days"),
-        pytest.param(
-            {"days": 2, "vehicle": "quad", "budget": "60m", "wind_gust_m_s": 2.0}, 4, id="days with gusts"
-        ),
+        slow({"days": 2, "vehicle": "quad", "budget": "60m", "wind_gust_m_s": 2.0}, 4, id="days with gusts"),
     ],
 )
 def test_runs_with_a_memory_are_those_that_fly_on_their_own(changes: dict[str, Any], flown: int) -> None:

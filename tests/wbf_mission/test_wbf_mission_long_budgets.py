@@ -98,7 +98,7 @@ def test_a_flight_says_it_too(budget, said, capsys):
 
 
 def test_a_fleet_is_not_cut_to_a_battery_without_a_word(small):
-    fleet = planned(small, "10min", vehicles=2)
+    fleet = planned(small, "4min", vehicles=2)
     assert all(not one.prediction.feasible for one in plan_fleet(fleet))
     from wbf_mission.flight import fly
 

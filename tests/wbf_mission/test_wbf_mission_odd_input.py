@@ -161,8 +161,8 @@ def test_a_command_with_a_closed_output_still_writes_its_file(tmp_path):
 
 
 LARGE = (
-    "farm save waterberry --out big.geojson",
-    "farm draw waterberry --out big.png",
+    "farm save miniberry-100 --out big.geojson",
+    "farm draw miniberry-100 --out big.png",
     "plan --farm miniberry-10 --planner lawnmower --budget 60m --out big.plan",
 )
 # One process for all of them.

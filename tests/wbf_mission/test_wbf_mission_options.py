@@ -109,13 +109,6 @@ def test_help_names_no_types_of_python(capsys: pytest.CaptureFixture[str], comma
     assert "True" not in text.replace("True development", "") and "list[" not in text
 
 
-def test_help_says_the_range_beside_what_it_is_of(capsys: pytest.CaptureFixture[str]) -> None:
-    text = helped(capsys, "fly")
-    fence = "Geofence METRES outside the farm's border, 1 to 1000 m; exclusion zones round obstacles"
-    assert f"--fence METRES {fence} (not with --mission). [default: none]" in text
-    assert "Autopilot to simulate: px4 or ardupilot; a list gives one per vehicle. [default: px4]" in text
-
-
 @pytest.mark.parametrize("command", ["plan", "fly", "sim"])
 def test_shared_options_read_the_same(capsys: pytest.CaptureFixture[str], command: str) -> None:
     text, fly = helped(capsys, command), helped(capsys, "fly")

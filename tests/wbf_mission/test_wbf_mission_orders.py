@@ -131,7 +131,8 @@ class Watcher:
 
     def __init__(self, *steps):
         self.stream, self.modes, self.notes = EventStream(), [], []
-        self.orders, self._steps = Orders(self.stream), list(steps)
+        # However slow the machine is, no order grows too old.
+        self.orders, self._steps = Orders(self.stream, clock=lambda: 0.0), list(steps)
         self.stream.listen(self.look, VehicleMoved)
         self.stream.listen(lambda one: self.notes.append(one.text), Noted)
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from sweeps import slow
 
 from geo import get_farm, save_farm
 from geo.farm import Farm, Patch
@@ -31,7 +32,10 @@ from wbf_mission.run.resolve import resolve
 from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
 
 
-@pytest.mark.parametrize("planner", ["lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint"])
+@pytest.mark.parametrize(
+    "planner",
+    ["lawnmower", "adaptive-lawnmower", "spiral", slow("random-waypoint")],
+)
 def test_the_default_budget_is_the_battery_less_its_reserve(planner: str) -> None:
     result = plan(Scenario(farm="miniberry-100", planner=planner, vehicle="quad"))
     assert result.vehicle.battery is not None
@@ -40,7 +44,7 @@ def test_the_default_budget_is_the_battery_less_its_reserve(planner: str) -> Non
     assert 0.0 < result.battery_used <= 1.0 - result.vehicle.battery.reserve_fraction + 1e-9
 
 
-@pytest.mark.parametrize("planner", ["lawnmower", "spiral"])
+@pytest.mark.parametrize("planner", ["lawnmower", slow("spiral")])
 def test_a_time_budget_is_kept_and_used(planner: str) -> None:
     result = plan(Scenario(farm="waterberry", planner=planner, budget="12min"))
     assert result.prediction.duration_s <= 720.0
@@ -61,11 +65,6 @@ def test_a_length_budget_counts_the_way_home() -> None:
     way_m = np.hypot(*np.diff(path, axis=0).T).sum()
     assert way_m <= 8000.0
     assert result.length_m == pytest.approx(way_m, rel=0.01), "predicted, with its corners"
-
-
-def test_a_budget_that_is_too_small_says_what_is_needed() -> None:
-    with pytest.raises(PlanningError, match="budget"):
-        plan(Scenario(farm="waterberry", planner="lawnmower", budget="100m"))
 
 
 def test_energy_budgets_need_a_vehicle_that_uses_energy() -> None:
@@ -108,16 +107,6 @@ def test_the_wind_is_part_of_the_prediction() -> None:
     scenario = Scenario(farm="miniberry-100", planner="lawnmower", budget="900m", vehicle="mapping-quad")
     calm, storm = plan(scenario), plan(replace(scenario, wind_speed_m_s=12.0))
     assert storm.prediction.energy_wh != pytest.approx(calm.prediction.energy_wh, rel=0.01)
-
-
-def test_a_mission_file_is_taken_as_it_is(tmp_path: Path) -> None:
-    scenario = Scenario(farm="miniberry-100", planner="spiral", budget="500m")
-    made = plan(scenario)
-    path = tmp_path / "mine.plan"
-    write_mission(made.mission, path)
-    again = plan(scenario_with(scenario, {"mission": str(path)}))
-    assert len(again.mission.items) == len(made.mission.items)
-    assert again.prediction.duration_s == pytest.approx(made.prediction.duration_s, rel=1e-3)
 
 
 def test_a_mission_file_without_a_position_is_refused(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as st
+from sweeps import slow
 
 from geo.farms import get_farm
 from mission.errors import PlanningError
@@ -129,7 +130,7 @@ def test_errors_of_the_estimate_are_predicted_by_their_statistics():
     assert exact_s < min(times_s)
 
 
-@pytest.mark.parametrize("gusts", [{"turbulence": "light"}, {"wind_gust_m_s": 1.0}])
+@pytest.mark.parametrize("gusts", [{"turbulence": "light"}, slow({"wind_gust_m_s": 1.0})])
 def test_gusts_are_predicted_by_their_statistics_only(gusts):
     scenario = Scenario(
         farm="miniberry-30",
@@ -254,21 +255,16 @@ def test_too_much_wind_is_known_before_the_flight():
         plan(scenario)
 
 
+FROM_WEST = {"wind_speed_m_s": 5.0, "wind_direction_deg": 270.0}
+
+
 @pytest.mark.parametrize(
     ("planner", "autopilot", "wind"),
     [
         ("random-waypoint", "px4", {}),
-        (
-            "random-waypoint",
-            "px4",
-            {"wind_speed_m_s": 5.0, "wind_direction_deg": 270.0, "wind_gust_m_s": 1.0},
-        ),
-        ("spiral", "px4", {"wind_speed_m_s": 5.0, "wind_direction_deg": 270.0, "wind_gust_m_s": 2.0}),
-        (
-            "random-waypoint",
-            "ardupilot",
-            {"wind_speed_m_s": 5.0, "wind_direction_deg": 270.0, "wind_gust_m_s": 2.0},
-        ),
+        slow("random-waypoint", "px4", {**FROM_WEST, "wind_gust_m_s": 1.0}),
+        slow("spiral", "px4", {**FROM_WEST, "wind_gust_m_s": 2.0}),
+        ("random-waypoint", "ardupilot", {**FROM_WEST, "wind_gust_m_s": 2.0}),
     ],
 )
 def test_flights_for_the_whole_battery_come_home_with_its_reserve(planner, autopilot, wind, tmp_path):

@@ -7,14 +7,13 @@ import sys
 from functools import cache
 from pathlib import Path
 
-import msgspec
 import pytest
+from sweeps import slow
 from threadpoolctl import threadpool_info
 
 from geo.compiled import compiled_folder
 from sensors.estimators import estimator_names
-from wbf_mission import BenchSpec, Scenario, benchmark, fly, load_result
-from wbf_mission.bench.rows import read_rows
+from wbf_mission import Scenario, fly, load_result
 
 CPUS = Path("/proc/cpuinfo")
 FLAGS = frozenset(CPUS.read_text().split()) if CPUS.is_file() else frozenset()
@@ -64,9 +63,7 @@ if "epidemic" in estimator_names():
     RUNS["epidemic"] = {"policy": "greedy", "estimator": quick, "days": 2, "budget": "60s"}
 # Kernels without FMA differ most from what a processor chooses; the first and the last run take longest.
 QUICK = ("Sandybridge", tuple(RUNS)[1:4])
-CHOSEN = [QUICK] * ("Sandybridge" in KERNELS) + [
-    pytest.param(name, tuple(RUNS), marks=pytest.mark.slow) for name in KERNELS
-]
+CHOSEN = [QUICK] * ("Sandybridge" in KERNELS) + [slow(name, tuple(RUNS)) for name in KERNELS]
 
 
 def environment_of(folder, **forced):
@@ -114,17 +111,6 @@ def test_no_kernel_changes_a_bit(kernel, runs, by_itself, tmp_path):
     assert names <= set(by_itself(runs)["features"])
 
 
-SPEC = {"planners": ["greedy"], "estimators": ["gp", "adaptive-disk"], "seeds": 1}
-COSTS = ("wall_time_s", "cpu_time_s", "timings_s", "hardware", "versions")
-
-
-def decided(rows):
-    return sorted(
-        ({k: v for k, v in msgspec.structs.asdict(one).items() if k not in COSTS} for one in rows),
-        key=lambda one: one["key"],
-    )
-
-
 def command_line(folder, *words, **forced):
     command = [sys.executable, "-m", "wbf_mission", *words]
     done = subprocess.run(
@@ -133,20 +119,10 @@ def command_line(folder, *words, **forced):
     return done.stdout
 
 
-def test_the_command_line_flies_the_rows_that_python_flies(tmp_path):
-    words = ["--scenarios", "WBF/Miniberry-10-v1", "--seeds", "1"]
-    words += ["--planners", "greedy", "--estimators", "gp,adaptive-disk", "--jobs", "2"]
-    forced = disabled("") | ({"OPENBLAS_CORETYPE": "Sandybridge"} if "Sandybridge" in KERNELS else {})
-    command_line(tmp_path, "bench", "run", *words, "--out", str(tmp_path / "out"), **forced)
-    here = benchmark(BenchSpec.of(["WBF/Miniberry-10-v1"], **SPEC))
-    assert decided(read_rows(tmp_path / "out")) == decided(here)
-
-
-@pytest.mark.slow
 def test_the_command_line_flies_what_python_flies(tmp_path):
     words = ["--farm", "miniberry-10", "--policy", "greedy", "--estimator", "gp", "--no-plots", "--quiet"]
     words += ["--budget", "60s"]
-    forced = {"OPENBLAS_CORETYPE": "Sandybridge"} if "Sandybridge" in KERNELS else {}
+    forced = disabled("") | ({"OPENBLAS_CORETYPE": "Sandybridge"} if "Sandybridge" in KERNELS else {})
     command_line(tmp_path, "fly", *words, "--out", str(tmp_path / "run"), **forced)
     there = load_result(tmp_path / "run")
     here = fly(Scenario(farm="miniberry-10", policy="greedy", estimator="gp", budget="60s"))

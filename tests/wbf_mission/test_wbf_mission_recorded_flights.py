@@ -7,7 +7,6 @@ import pytest
 from pymavlink import mavutil
 from recordings import Flight, compare, load_recording
 
-from wbf_mission import load_result
 from wbf_mission.cli.app import main
 
 FLIGHTS = Path(__file__).parents[1] / "data" / "flights"
@@ -41,7 +40,13 @@ NAMES = sorted(
 )
 
 
-@pytest.mark.parametrize("name", NAMES)
+# The vehicle alone flies all of them in the default suite, too: sim_vehicle/motion and mavlink.
+QUICK = {"ardupilot-ground-takeoff-rtl", "ardupilot-random-10", "px4-climbs-holds", "px4-random-10"}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in NAMES]
+)
 def test_a_recorded_mission_from_the_command_line(name, tmp_path, capsys):
     recording = load_recording(FLIGHTS / f"{name}.json")
     plan = FLIGHTS / f"{recording.name}.plan"
@@ -60,12 +65,3 @@ def test_a_recorded_mission_from_the_command_line(name, tmp_path, capsys):
         assert abs(result.time_error) < 0.02
         # Over seven minutes in the wind a few seconds of drift leave little of it, and PX4's errors some.
         assert "wind" in name or result.correlation > (0.6 if recording.autopilot == "px4" else 0.8)
-
-
-def test_a_flight_with_jumps_of_the_height_is_predicted_and_kept_with_its_interval(tmp_path, capsys):
-    command = ["fly", "--farm", "miniberry-10", "--estimate-errors", "--autopilot", "px4", "--budget", "3min"]
-    assert main([*command, "--estimator", "point", "--quiet", "--no-plots", "--out", str(tmp_path)]) == 0
-    capsys.readouterr()
-    prediction = load_result(tmp_path).flights[0].plan.prediction
-    low_s, high_s = prediction.duration_interval_s
-    assert low_s < prediction.duration_s < high_s

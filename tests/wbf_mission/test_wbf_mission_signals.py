@@ -14,6 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from processes import environment
+from sweeps import slow
 
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import TlogWriter, read_tlog
@@ -87,8 +88,8 @@ def start_sim(folder, *more, **options):
     [
         (signal.SIGINT, 0),
         # The next test ends one by SIGTERM.
-        pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow),
-        pytest.param(signal.SIGHUP, 129, marks=pytest.mark.slow),
+        slow(signal.SIGTERM, 143),
+        slow(signal.SIGHUP, 129),
     ],
     ids=str,
 )
@@ -291,10 +292,7 @@ def last_bytes(folder):
 
 @pytest.mark.parametrize(
     "numbers",
-    [
-        (signal.SIGTERM, signal.SIGKILL),
-        pytest.param((signal.SIGINT, signal.SIGKILL) * 3, marks=pytest.mark.slow),
-    ],
+    [(signal.SIGKILL,), slow((signal.SIGINT, signal.SIGKILL) * 3)],
     ids=len,
 )
 def test_a_run_that_is_ended_at_any_time_leaves_a_whole_result(tmp_path, numbers):

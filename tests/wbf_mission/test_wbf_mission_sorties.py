@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
+from sweeps import slow
 
 from geo import Obstacle, get_farm, save_farm
 from mission.course import Course, Place
@@ -74,7 +75,7 @@ def test_every_place_of_an_image_is_seen_by_a_sortie(small):
     assert farthest_from(on_land(planned, farm), np.vstack(parts)) < 0.4 * made.whole.spacing_m
 
 
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+@pytest.mark.parametrize("autopilot", [slow("px4"), "ardupilot"])
 def test_gusts_and_a_wind_are_counted(small, autopilot):
     windy = scenario(small, wind_speed_m_s=4.0, turbulence="light", autopilot=autopilot, budget="700m")
     made = cut(windy)

@@ -42,17 +42,13 @@ def test_tiny_and_huge_parameters_survive():
     assert waypoints.loads(waypoints.dumps(mission).encode()).items == mission.items
 
 
-def test_home_row():
-    mission = read(HOME, TAKEOFF, WAYPOINT)
+@pytest.mark.parametrize(
+    "row", [HOME, "0 0 0 0 0 0 0 0 28.05 -82.15 30 1\n", "0 1 3 0 0 0 0 0 28.05 -82.15 30 1\n"]
+)
+def test_home_row(row):
+    mission = read(row, TAKEOFF, WAYPOINT)
     assert mission.home == GeoPoint(28.05, -82.15, 30.0)
     assert [item.command for item in mission.items] == [22, 16]
-
-
-@pytest.mark.parametrize(
-    "row", ["0 0 0 0 0 0 0 0 28.05 -82.15 30 1\n", "0 1 3 0 0 0 0 0 28.05 -82.15 30 1\n"]
-)
-def test_home_row_with_command_0(row):
-    assert read(row, TAKEOFF).home == GeoPoint(28.05, -82.15, 30.0)
 
 
 def test_home_at_0_0_0_is_unknown():
@@ -78,6 +74,7 @@ def test_file_without_home_row():
         HEADER + "  " + HOME + TAKEOFF.replace("10.0", "1e1") + "\t" + WAYPOINT + "\n\n",
         HEADER.replace("110", "100") + HOME + TAKEOFF + WAYPOINT,
         HEADER + HOME.replace("0 1 0", "0 0 0") + TAKEOFF + WAYPOINT.replace("2 0 3", "17 0 3"),
+        HEADER + HOME + TAKEOFF.replace("1 0 3", "1 0 6") + WAYPOINT.replace("2 0 3", "2 0 6"),
         HEADER + HOME + TAKEOFF.replace(" 22 ", " 22.0 ") + WAYPOINT.replace(" 1\n", " 1.0\n"),
     ],
 )
@@ -104,10 +101,6 @@ def test_real_version_100():
 def test_commands_without_a_place_get_the_mission_frame(frame):
     mission = read(HOME, f"1 0 {frame} 178 1 5 -1 0 0 0 0 1\n", f"2 0 {frame} 20 0 0 0 0 0 0 0 1\n")
     assert [item.frame for item in mission.items] == [Frame.MISSION, Frame.MISSION]
-
-
-def test_int_frames():
-    assert read(HOME, TAKEOFF.replace("1 0 3", "1 0 6")) == read(HOME, TAKEOFF)
 
 
 def test_jumps_follow_seq():

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, assume, given
 from hypothesis import strategies as st
 from live_changes import SameEverywhere
-from sweeps import sweep
+from sweeps import slow, sweep
 
 from geo.farms import get_farm
 from geo.frame import LocalFrame
@@ -318,8 +318,10 @@ def test_a_change_leads_home_at_once_and_one_asked_for_in_the_climb_is_flown_aft
     assert flight.misses(path) < 2.5 and flight.misses(OLD[3:]) > 10.0
 
 
-@pytest.mark.parametrize("autopilot", AUTOPILOTS)
-@pytest.mark.parametrize("begin_s", [0.05, 1.0])
+@pytest.mark.parametrize(
+    ("begin_s", "autopilot"),
+    [(0.05, "ardupilot"), slow(0.05, "px4"), slow(1.0, "ardupilot"), (1.0, "px4")],
+)
 def test_a_link_that_is_dead_for_a_minute_leaves_the_old_mission_or_the_new_one(autopilot, begin_s):
     impairment = Impairment(delay_s=0.05, seed=3)
     flight = Flight(autopilot, other_path(NEW), at_item(5), impairment, dead=(begin_s, 60.0)).fly()
@@ -485,8 +487,9 @@ def test_a_refused_item_leaves_the_old_mission(autopilot):
     assert flight.misses(OLD) < 2.5
 
 
-@pytest.mark.parametrize("autopilot", AUTOPILOTS)
-@pytest.mark.parametrize("after", [1, 5])
+@pytest.mark.parametrize(
+    ("after", "autopilot"), [(1, "ardupilot"), slow(1, "px4"), slow(5, "ardupilot"), (5, "px4")]
+)
 def test_a_change_that_the_vehicle_gives_up_is_sent_anew(autopilot, after):
     """The link is dead for as long as the vehicle waits for an item; the operator reads one line of it."""
     abort_s = {"px4": PX4, "ardupilot": ARDUPILOT}[autopilot].abort_s

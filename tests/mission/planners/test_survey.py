@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from shapely import affinity
 from shapely.geometry import MultiPolygon, Polygon
 from swath import seen_share
-from sweeps import sweep
+from sweeps import slow, sweep
 
 from mission.errors import PlanningError
 from mission.planners import LengthBudget, PlanningRequest, make_planner
@@ -360,7 +360,7 @@ def test_a_layout_that_leaves_land_unseen_is_not_chosen() -> None:
         assert seen_share(survey(ask_high(strip)), strip, 51.3) > 0.98
 
 
-@pytest.mark.parametrize("count", [4000, pytest.param(20000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [4000, slow(20000)])
 @pytest.mark.parametrize("hole_m", [0.0, 50.0])
 @pytest.mark.parametrize(
     "planner", ["survey", "spiral", "lawnmower", "adaptive-lawnmower", "random-waypoint"]

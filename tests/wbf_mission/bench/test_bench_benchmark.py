@@ -11,6 +11,7 @@ import time
 import msgspec
 import pytest
 from processes import environment
+from sweeps import slow
 
 from mission.planners import planner_names
 from sensors.estimators.point import PointEstimator
@@ -248,11 +249,7 @@ def started(folder, *more):
 
 @pytest.mark.parametrize(
     ("jobs", "number", "code"),
-    [
-        ("2", signal.SIGINT, 130),
-        pytest.param("2", signal.SIGTERM, 143, marks=pytest.mark.slow),
-        pytest.param("1", signal.SIGINT, 130, marks=pytest.mark.slow),
-    ],
+    [("2", signal.SIGINT, 130), slow("2", signal.SIGTERM, 143), slow("1", signal.SIGINT, 130)],
 )
 def test_a_signal_keeps_what_is_finished(tmp_path, jobs, number, code):
     process = started(tmp_path / "b", "--jobs", jobs)
@@ -266,6 +263,7 @@ def test_a_signal_keeps_what_is_finished(tmp_path, jobs, number, code):
     assert "Traceback" not in err
 
 
+@pytest.mark.slow
 def test_kill_keeps_what_is_finished(tmp_path, capsys):
     process = started(tmp_path / "b")
     os.killpg(process.pid, signal.SIGKILL)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from sweeps import sweep
+from sweeps import slow, sweep
 
 from mission.errors import PlanningError
 from wbf_mission.preflight.finding import Severity
@@ -63,7 +63,7 @@ QUICK = [*(("miniberry-30", "quad", planner) for planner in ROWS), ("miniberry-3
 FITTING = [
     *QUICK,
     *(
-        pytest.param(*one, marks=pytest.mark.slow)
+        slow(*one)
         for one in (
             *(("miniberry-30", "mapping-quad", planner) for planner in ROWS),
             *(("miniberry-30", "rover", planner) for planner in ROWS[1:]),

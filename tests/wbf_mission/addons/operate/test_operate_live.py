@@ -42,9 +42,9 @@ def order(url, vehicle, command, *params):
 
 
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
-def test_the_whole_job_with_a_vehicle_behind_a_link(autopilot, tmp_path):
+def test_the_whole_job_with_a_vehicle_behind_a_link(quick_stand_in, autopilot, tmp_path):
     watcher = Watcher()
-    with stand_in(autopilot) as (url, made):
+    with quick_stand_in(autopilot) as (url, made):
         tlog = tmp_path / "run.tlog"
         result = fly(scenario(), by=LiveLink(url, watcher, tlog=tlog))
     assert result.outcome is Outcome.COMPLETED
@@ -79,8 +79,8 @@ def standing(east_m):
         ({"budget": "150s", "policy": "greedy"}, lambda flight: flight.flight_time_s / 150.0),
     ],
 )
-def test_the_way_from_where_the_vehicle_stands_is_in_the_budget(more, spent):
-    with stand_in(homes=standing(221.0), speed=12.0) as (url, made):
+def test_the_way_from_where_the_vehicle_stands_is_in_the_budget(quick_stand_in, more, spent):
+    with quick_stand_in(homes=standing(221.0), speed=12.0) as (url, made):
         result = fly(scenario(**more), by=LiveLink(url, Watcher(images=10**9)))
         assert max(map(abs, made.vehicle.true_position_m[:2])) < 3.0, "it is back where it started"
     (flight,) = result.flights
@@ -91,10 +91,10 @@ def test_the_way_from_where_the_vehicle_stands_is_in_the_budget(more, spent):
     assert 0.6 < spent(flight) < 1.06, spent(flight)
 
 
-def test_a_vehicle_that_stands_a_few_metres_away_flies_the_plan_of_the_farm():
+def test_a_vehicle_that_stands_a_few_metres_away_flies_the_plan_of_the_farm(quick_stand_in):
     paths = []
     for east_m in (0.0, 3.0):
-        with stand_in(homes=standing(east_m)) as (url, _):
+        with quick_stand_in(homes=standing(east_m)) as (url, _):
             link = LiveLink(url, Watcher(agrees=False))
             paths.append(fly(scenario(), by=link).plan.path_m.tolist())
     assert paths[0] == paths[1]
@@ -107,15 +107,15 @@ def test_a_budget_that_does_not_reach_the_farm_from_there_is_refused():
         assert not made.vehicle.pilot.armed
 
 
-def test_a_camera_on_board_is_used_and_ours_stays_silent():
-    with stand_in(camera=True) as (url, made):
+def test_a_camera_on_board_is_used_and_ours_stays_silent(quick_stand_in):
+    with quick_stand_in(camera=True) as (url, made):
         result = fly(scenario(), by=LiveLink(url, Watcher()))
         assert result.outcome is Outcome.COMPLETED
         assert result.flights[0].camera.images == made.images > 30
 
 
-def test_a_policy_changes_the_mission_of_the_vehicle_behind_the_link():
-    with stand_in() as (url, _):
+def test_a_policy_changes_the_mission_of_the_vehicle_behind_the_link(quick_stand_in):
+    with quick_stand_in() as (url, _):
         result = fly(scenario(policy="greedy"), by=LiveLink(url, Watcher()))
     assert result.outcome is Outcome.COMPLETED
     changes = [one for record in result.decisions for one in record.changes if one.outcome == "flown"]
@@ -146,10 +146,10 @@ def test_what_a_policy_flies_behind_a_link_is_what_it_flies_offline(autopilot):
     assert flown / 2 <= came <= 2 * flown
 
 
-def test_the_operator_ends_the_mission():
+def test_the_operator_ends_the_mission(quick_stand_in):
     watcher = Watcher(act=lambda flight: flight.maneuver(Maneuver.LAND))
     # Far enough that it is not on its way home when the order arrives.
-    with stand_in() as (url, _):
+    with quick_stand_in() as (url, _):
         result = fly(scenario(budget="150s"), by=LiveLink(url, watcher))
     assert watcher.acted
     assert result.outcome is Outcome.INTERRUPTED
@@ -158,7 +158,7 @@ def test_the_operator_ends_the_mission():
 
 
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
-def test_a_pilot_who_takes_over_is_noticed_and_not_fought(autopilot):
+def test_a_pilot_who_takes_over_is_noticed_and_not_fought(quick_stand_in, autopilot):
     land = VehicleModes(AUTOPILOTS[autopilot], m.MAV_TYPE_QUADROTOR).numbers("LAND")
     endpoints = []
 
@@ -166,7 +166,7 @@ def test_a_pilot_who_takes_over_is_noticed_and_not_fought(autopilot):
         endpoints.append(order(url, 1, m.MAV_CMD_DO_SET_MODE, *land))
 
     watcher = Watcher(act=take_over)
-    with stand_in(autopilot) as (url, made):
+    with quick_stand_in(autopilot) as (url, made):
         result = fly(scenario(policy="greedy", budget="150s"), by=LiveLink(url, watcher))
         heard = [one for endpoint in endpoints for one in endpoint.receive()]
         assert not made.vehicle.pilot.armed

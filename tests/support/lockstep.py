@@ -1,8 +1,11 @@
 """A clock that servers of one process share: it goes on to the next deadline when all of them only wait."""
 
 import contextlib
+import select
 import threading
 import time
+
+from mission.transfer.driver import TransferDriver
 
 LONG_S = 60.0  # a limit against hanging, not a measure
 _LEAST_S = 1e-6  # more than rounding: a deadline that is due is past after a wait
@@ -111,3 +114,23 @@ def sharing(kind, clock, *, leads=False):
                 return super().run(*given, **options)
 
     return Sharing
+
+
+def leading_driver(clock):
+    """Return a `TransferDriver` by the time of a shared clock, which waits for it while it is open."""
+
+    class LeadingDriver(TransferDriver):
+        def __init__(self, endpoint, **options):
+            self._part = contextlib.ExitStack()
+            self._part.enter_context(clock.led())
+            self._part.enter_context(clock.taking_part(self))
+            super().__init__(endpoint, clock=clock.now, wait=self._look, **options)
+
+        def _look(self, link, seconds):
+            clock.wait(self, lambda left_s: select.select([link.fileno()], [], [], left_s)[0], seconds)
+
+        def close(self):
+            self._part.close()
+            super().close()
+
+    return LeadingDriver

@@ -1,20 +1,24 @@
-"""A vehicle for ground stations that fly it in the process of a test."""
+"""A vehicle for ground stations that fly or command it in the process of a test."""
 
 from functools import partial
 
 import pytest
-from lockstep import SharedClock, sharing
+from lockstep import SharedClock, leading_driver, sharing
 from stand_in import stand_in
 
-from sim_vehicle.host.server import Server
-from wbf_mission.addons.base import links
+from mission.ground import link
+from sim_vehicle.host import server
+from wbf_mission.addons.base import inquiry, links
 from wbf_mission.run import flight_events
 
 
 @pytest.fixture
 def quick_stand_in(monkeypatch):
-    """Return `stand_in` for ground stations of this process: while they fly it, nobody waits in real time."""
-    clock = SharedClock()
+    """Return `stand_in` for ground stations of this process: while they run, nobody waits in real time."""
+    clock, Server = SharedClock(), server.Server
     monkeypatch.setattr(links, "LinkHost", sharing(links.LinkHost, clock, leads=True))
+    for module in (server, inquiry):
+        monkeypatch.setattr(module, "Server", sharing(Server, clock, leads=True))
+    monkeypatch.setattr(link, "TransferDriver", leading_driver(clock))
     monkeypatch.setattr(flight_events, "_LEAST_WALL_S", 0.0)
     return partial(stand_in, server=sharing(Server, clock))

@@ -263,8 +263,11 @@ def test_two_vehicles_with_one_system_id_are_refused():
         fly(scenario(vehicles=2), by=LiveLink((one, two), Watcher()))
 
 
-def test_a_vehicle_that_is_not_there_is_told():
-    with stand_in() as (url, _), pytest.raises(NoVehicleError, match="no vehicle besides system 1 was heard"):
+def test_a_vehicle_that_is_not_there_is_told(quick_stand_in):
+    with (
+        quick_stand_in() as (url, _),
+        pytest.raises(NoVehicleError, match="no vehicle besides system 1 was heard"),
+    ):
         fly(scenario(vehicles=2), by=LiveLink(url, Watcher(), wait_s=1.5))
 
 

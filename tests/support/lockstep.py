@@ -62,6 +62,7 @@ class SharedClock:
             with self._changed:
                 del self._until_s[server]
                 self._looked.pop(server, None)
+                self._count += 1  # The others may be at rest without it.
                 self._changed.notify_all()
 
     def wait(self, server, look, seconds):

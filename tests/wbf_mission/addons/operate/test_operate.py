@@ -7,6 +7,7 @@ from subprocess import PIPE
 
 import processes
 import pytest
+from lockstep import sharing
 from stand_in import stand_in
 
 from mission.ground.command import OperatorCommand, OrderError
@@ -218,8 +219,8 @@ def said(lines):
     return sum(json.loads(line).get("times", 0) for line in lines)
 
 
-def test_monitor_marks_what_cannot_be_and_folds_texts(capsys):
-    with running(Server([Liar()], ["tcpin:127.0.0.1:0"])) as server:
+def test_monitor_marks_what_cannot_be_and_folds_texts(clock, capsys):
+    with running(sharing(Server, clock)([Liar()], ["tcpin:127.0.0.1:0"])) as server:
         url = server.urls[0].replace("tcpin", "tcp")
         lines = watched(capsys, url, "--json", "--interval", "0.3", until=lambda lines: said(lines) > 5)
         lines = [json.loads(line) for line in lines]

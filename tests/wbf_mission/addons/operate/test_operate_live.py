@@ -7,6 +7,7 @@ import os
 import pty
 import re
 import select
+import signal
 import subprocess
 import sys
 import time
@@ -25,6 +26,7 @@ from mission.outcome import Outcome, Phase, in_words
 from sim_vehicle.autopilot.behaviour import Mode
 from wbf_mission.addons.base.links import LiveFlightError
 from wbf_mission.addons.operate.link import LiveLink
+from wbf_mission.cli import signals
 from wbf_mission.cli.app import main
 from wbf_mission.exit_codes import ExitCode, exit_code_of_flight
 from wbf_mission.flight import fly
@@ -252,16 +254,55 @@ def test_no_bars_are_drawn_over_a_question(tmp_path):
     assert "\u2501" not in between
 
 
-def test_at_the_terminal_all_are_asked_for_and_one_comes_back(tmp_path):
-    answers = [
-        (b"start the motors of vehicles 1, 2? [y/N]", b"y\n"),
-        (b"vehicle 2: MISSION, item", interrupt),
-        (b"such as r2?", b"r9\n"),
-        (b"such as r2?", b"r2\n"),
+class Answering(io.StringIO):
+    """What a command writes for its operator, who answers each question when it is there."""
+
+    def __init__(self, answers):
+        super().__init__()
+        self.answers, self.seen = list(answers), 0
+
+    def write(self, text):
+        super().write(text)
+        if self.answers and (found := self.getvalue().find(self.answers[0][0], self.seen)) >= 0:
+            question, answer = self.answers.pop(0)
+            self.seen = found + len(question)
+            answer()
+        return len(text)
+
+
+def test_at_the_terminal_all_are_asked_for_and_one_comes_back(quick_stand_in, tmp_path, monkeypatch, capsys):
+    ours, theirs = os.openpty()
+
+    def types(text):
+        return lambda: os.write(ours, text)
+
+    shown = Answering(
+        (
+            ("start the motors of vehicles 1, 2? [y/N]", types(b"y\n")),
+            ("vehicle 2: MISSION, item", lambda: signal.raise_signal(signal.SIGINT)),
+            ("such as r2?", types(b"r9\n")),
+            ("such as r2?", types(b"r2\n")),
+        )
+    )
+    given = [
+        *("--farm", "miniberry-10", "--planner", "lawnmower", "--budget", "150s", "--estimator", "point")
     ]
-    with stand_in(speed=6.0) as (one, _), stand_in(speed=6.0, first_system=2) as (two, made):
-        code, summary, shown = talk(one, answers, tmp_path, more=("--connect", two, "--budget", "150s"))
+    given += ["--no-plots", "--json", "--out", str(tmp_path / "run")]
+    signals.install()
+    with (
+        quick_stand_in() as (one, _),
+        quick_stand_in(first_system=2) as (two, made),
+        os.fdopen(theirs, "r") as stdin,
+    ):
+        monkeypatch.setattr(sys, "stdin", stdin)
+        monkeypatch.setattr(sys, "stderr", shown)
+        try:
+            code = main(["fly", *given, "--connect", one, "--connect", two])
+        finally:
+            signals.restore()
+            os.close(ours)
         assert not made.vehicle.pilot.armed
+    summary, shown = json.loads(capsys.readouterr().out), shown.getvalue()
     flights = {one["vehicle"]: one for one in summary["flights"]}
     assert flights[1]["outcome"] == "completed"
     assert (flights[2]["outcome"], flights[2]["reason"]) == (

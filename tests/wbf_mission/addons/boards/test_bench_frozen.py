@@ -20,7 +20,7 @@ PACKS = [path for path, _ in packs_of([RESULTS])]
 FLOWN = 1
 
 
-@pytest.fixture(params=PACKS, ids=[path.relative_to(RESULTS).as_posix() for path in PACKS])
+@pytest.fixture(scope="module", params=PACKS, ids=[path.relative_to(RESULTS).as_posix() for path in PACKS])
 def pack(request):
     return read_pack(request.param), request.param
 

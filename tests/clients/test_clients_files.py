@@ -108,6 +108,7 @@ def test_mavftp_lists_puts_and_gets(autopilot, fly, tools, tmp_path):
     connection = mavutil.mavlink_connection(f"tcp:127.0.0.1:{tools.port_of(flying.urls[0])}")
     connection.wait_heartbeat(timeout=10)
     ftp = MAVFTP(connection, 1, 1)
+    ftp.ftp_settings.idle_detection_time = 1.1  # A list has no end but silence, longer than it asks again
     sent, got = tmp_path / "sent.txt", tmp_path / "got.txt"
     sent.write_bytes(b"0123456789" * 500)
     assert ftp.cmd_put([str(sent), "/sent.txt"]).error_code == 0

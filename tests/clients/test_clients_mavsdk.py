@@ -3,10 +3,9 @@
 import time
 
 import pytest
+from autopilots import autopilots
 
 from mission.outcome import Outcome
-
-pytestmark = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 
 
 @pytest.fixture
@@ -36,6 +35,7 @@ def signature(items):
     ]
 
 
+@autopilots()
 def test_it_is_recognised(autopilot, ready, tools):
     from mavsdk import Autopilot, Vehicle
     from mavsdk.plugins.info import Info
@@ -64,6 +64,7 @@ def test_it_is_recognised(autopilot, ready, tools):
     assert telemetry.battery().remaining_percent > 90.0
 
 
+@autopilots()
 def test_plans_come_back_as_they_were_sent_and_changes_are_told(autopilot, ready, tools):
     from mavsdk.plugins.mission_raw import MissionRawError
 
@@ -99,6 +100,7 @@ def test_plans_come_back_as_they_were_sent_and_changes_are_told(autopilot, ready
         raw.start_mission()  # only a mode, which PX4 takes while it is disarmed
 
 
+@autopilots(slow=["ardupilot"])
 def test_it_flies_a_mission_with_a_pause_and_a_jump_ahead(autopilot, ready, tools):
     from mavsdk.plugins.telemetry import FlightMode
 
@@ -131,6 +133,7 @@ def test_it_flies_a_mission_with_a_pause_and_a_jump_ahead(autopilot, ready, tool
     assert place.relative_altitude_m == pytest.approx(0.0, abs=off_m)
 
 
+@autopilots(slow=["px4"])
 def test_it_takes_off_goes_returns_and_lands(autopilot, ready, tools):
     from mavsdk.plugins.action import ActionError
     from mavsdk.plugins.telemetry import FlightMode, LandedState
@@ -179,6 +182,7 @@ def test_it_takes_off_goes_returns_and_lands(autopilot, ready, tools):
     wait(lambda: telemetry.flight_mode() == FlightMode.HOLD, what="the mode before")
 
 
+@autopilots()
 def test_it_hears_refusals_and_why(autopilot, ready, tools):
     from mavsdk.plugins.action import ActionError, ActionResult
 
@@ -211,6 +215,7 @@ def test_it_hears_refusals_and_why(autopilot, ready, tools):
     action.land()
 
 
+@autopilots()
 def test_parameters_are_read_set_and_listed(autopilot, connected, tools):
     from mavsdk.plugins.param import Param, ParamError
 
@@ -238,6 +243,7 @@ def test_parameters_are_read_set_and_listed(autopilot, connected, tools):
         param.get_param_int(speed)  # the wrong type
 
 
+@autopilots()
 def test_rates_change_and_streams_arrive(autopilot, ready, tools):
     _, _, telemetry, _, _ = ready(autopilot, speed=10.0)
     counts = dict.fromkeys(("position", "quaternion", "velocity", "time"), 0)

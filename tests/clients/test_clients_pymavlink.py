@@ -3,10 +3,9 @@
 import time
 
 import pytest
+from autopilots import autopilots
 
 from mission.link.codec.dialect import mavlink
-
-pytestmark = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 
 
 @pytest.fixture
@@ -89,6 +88,7 @@ def download(connection, mission_type=0):
     return items
 
 
+@autopilots()
 def test_all_three_plans_up_and_down(autopilot, master, tools):
     flying, connection = master(autopilot, speed=2.0)
     ardupilot = autopilot == "ardupilot"
@@ -108,6 +108,7 @@ def test_all_three_plans_up_and_down(autopilot, master, tools):
     assert len(download(connection, 1)) == 5, "clearing the mission leaves the fence"
 
 
+@autopilots()
 def test_old_scripts_with_float_items_and_the_waypoint_loader(autopilot, master, tmp_path, tools):
     from pymavlink import mavwp
 
@@ -130,6 +131,7 @@ def test_old_scripts_with_float_items_and_the_waypoint_loader(autopilot, master,
     assert again.wpoints[-2].x == pytest.approx(flying.mission[-2].x, abs=2e-6)
 
 
+@autopilots(slow=["px4"])
 def test_a_mission_is_flown(autopilot, master, tools):
     flying, connection = master(autopilot)
     ardupilot = autopilot == "ardupilot"
@@ -155,6 +157,7 @@ def test_a_mission_is_flown(autopilot, master, tools):
     assert flying.vehicle.outcome.value == "completed"
 
 
+@autopilots(slow=["ardupilot"])
 def test_guided_flight_by_commands(autopilot, master):
     """Arm, take off, wait for the altitude, go somewhere, come back."""
     flying, connection = master(autopilot)
@@ -188,6 +191,7 @@ def test_guided_flight_by_commands(autopilot, master):
     assert abs(position.relative_alt) < (100 if ardupilot else 2500)
 
 
+@autopilots()
 def test_every_mode_is_entered_by_its_name(autopilot, master):
     _, connection = master(autopilot)
     if autopilot == "ardupilot":
@@ -203,6 +207,7 @@ def test_every_mode_is_entered_by_its_name(autopilot, master):
             assert time.monotonic() < end_s, f"{name}: still {connection.flightmode}"
 
 
+@autopilots()
 def test_parameters_are_fetched_read_and_set(autopilot, master):
     flying, connection = master(autopilot)
     name, value = ("WPNAV_SPEED", 650.0) if autopilot == "ardupilot" else ("MPC_XY_CRUISE", 6.5)
@@ -224,6 +229,7 @@ def test_parameters_are_fetched_read_and_set(autopilot, master):
     assert message.param_index == 3, "an unknown name has no answer"
 
 
+@autopilots()
 def test_requests_streams_and_refusals(autopilot, master):
     flying, connection = master(autopilot)
     assert ordered(connection, 512, 148) == 0

@@ -338,15 +338,15 @@ class Bench:
 
 
 @contextlib.contextmanager
-def served(autopilot):
-    """Serve a stand-in on a UDP socket, in real time; yields the address for the ground station."""
+def served(autopilot, clock=time.monotonic):
+    """Serve a stand-in on a UDP socket; yields the address for the ground station."""
     link = open_link("udpin:127.0.0.1:0")
     endpoint = MavlinkEndpoint(link, 1, 1)
     stop = threading.Event()
 
     def run():
         while not stop.is_set():
-            now_s = time.monotonic()
+            now_s = clock()
             answers = [a for x in endpoint.receive() for a in autopilot.hear(x, now_s)]
             for answer in [*answers, *autopilot.tick(now_s)]:
                 endpoint.send(answer)

@@ -35,12 +35,14 @@ class Rig:
             if message.get_type() == "STATUSTEXT":
                 self.texts.append(message.text)
 
-    def run(self, seconds, until=None, beats=False):
+    def run(self, seconds, until=None, beats=False, stream=None):
         end_s = self.now_s + seconds
         while self.now_s < end_s - 1e-9 and not (until and until()):
             self.now_s = round(self.now_s + 0.1, 6)
             if beats and round(self.now_s * 10) % 10 == 0:
                 self.beat()
+            if stream is not None:
+                self.tell(stream)
             self.take(self.vehicle.poll(self.now_s))
 
     def tell(self, message, system=255, component=190):

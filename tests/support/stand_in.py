@@ -69,6 +69,7 @@ def stand_in(
     system_faults=(),
     homes=(),
     listen="tcpin:127.0.0.1:0",
+    server=Server,
     **more,
 ):
     """Serve a simulated vehicle from another thread, over TCP by default; yields its address and it."""
@@ -76,11 +77,11 @@ def stand_in(
     made = make_components(
         given, with_camera=camera, count=count, cold=cold, first_system=first_system, homes=homes
     )
-    with Server(made.components, [listen], speed=speed, faults=system_faults) as server:
-        thread = threading.Thread(target=server.run, daemon=True)
+    with server(made.components, [listen], speed=speed, faults=system_faults) as serving:
+        thread = threading.Thread(target=serving.run, daemon=True)
         thread.start()
         try:
-            yield server.urls[0].replace("tcpin", "tcp"), made
+            yield serving.urls[0].replace("tcpin", "tcp"), made
         finally:
-            server.stop()
+            serving.stop()
             thread.join(LONG_S)

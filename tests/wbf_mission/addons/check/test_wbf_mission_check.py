@@ -154,7 +154,7 @@ def test_a_silent_link_is_an_error():
 class Serving:
     """A vehicle on a TCP port."""
 
-    def __init__(self, *faults, speed=4.0):
+    def __init__(self, *faults, speed):
         vehicle = SimVehicle(get_vehicle("quad"), HOME)
         self.server = Server([vehicle], ["tcpin:127.0.0.1:0"], speed=speed, faults=faults)
         self.thread = threading.Thread(target=self.server.run, daemon=True)
@@ -169,16 +169,16 @@ class Serving:
         self.server.close()
 
 
-def test_the_command_over_a_socket(capsys):
-    with Serving() as url:
+def test_the_command_over_a_socket(pace, capsys):
+    with Serving(speed=4.0 * pace) as url:
         assert main(["check", url, "--only", "param.set", "--only", "transfer.cancel", "--json", "-q"]) == 0
     values = json.loads(capsys.readouterr().out)
     assert values["passed"] and values["autopilot"] == "PX4"
     assert {check["result"] for check in values["checks"]} == {"passed"}
 
 
-def test_the_command_fails_with_code_1_and_a_table(capsys):
-    with Serving("drop=TIMESYNC") as url:
+def test_the_command_fails_with_code_1_and_a_table(pace, capsys):
+    with Serving("drop=TIMESYNC", speed=4.0 * pace) as url:
         assert main(["check", url, "--only", "telemetry.timesync"]) == 1
     captured = capsys.readouterr()
     assert "FAILS" in captured.out and "telemetry.timesync" in captured.out

@@ -1,6 +1,7 @@
 """The conformance kit against stand-ins that answer as real autopilots were seen to answer."""
 
 import json
+import time
 from pathlib import Path
 
 import pytest
@@ -109,16 +110,16 @@ def test_plans_that_are_lost_are_told():
     assert text.startswith("the vehicle's plans could not be restored: ")
 
 
-def test_over_a_socket():
+def test_over_a_socket(pace):
     for real in REAL.values():
-        with served(real()) as url:
+        with served(real(), lambda: pace * time.monotonic()) as url:
             report = check_vehicle(url, only=("identity.capabilities", "mission.fence", "mission.clear-all"))
         assert failed(report) == {}
         assert report.result("mission.fence").verdict is Verdict.PASSED
 
 
-def test_the_command_says_who_has_trouble_without_advice(capsys):
-    with served(Px4()) as url:
+def test_the_command_says_who_has_trouble_without_advice(pace, capsys):
+    with served(Px4(), lambda: pace * time.monotonic()) as url:
         assert main(["check", url, "--only", "transfer.bad-latitude", "--json"]) == 0
     captured = capsys.readouterr()
     told = "failed  transfer.bad-latitude: it is accepted (trouble for clients that do not check coordinates"

@@ -3,13 +3,13 @@
 import struct
 
 import pytest
+from peer import Peer as GroundPeer
 
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import FrameReader, FrameWriter
+from mission.link.codec.frames import FrameWriter
 from mission.link.codec.signing import SETUP_SIGNING
 from mission.model import GeoPoint
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.host.server import Server
 from sim_vehicle.mavlink.vehicle import SimVehicle
 from wbf_mission.addons.files.logs import FlightLogs
@@ -76,13 +76,11 @@ def test_erasing_leaves_the_log_that_is_written():
     assert logs.all == ()
 
 
-class Peer:
+class Peer(GroundPeer):
     """Asks a vehicle that has some logs, as a ground station."""
 
     def __init__(self, autopilot, logs=(1000, 900)):
-        self.vehicle = SimVehicle(get_vehicle("quad"), HOME, autopilot=get_autopilot(autopilot))
-        self.vehicle.poll(0.0)
-        self.now_s = 0.0
+        super().__init__(autopilot, home=HOME)
         for size in logs:
             self.log(size)
 
@@ -101,8 +99,7 @@ class Peer:
         assert self.vehicle.pilot.armed == bool(value)
 
     def ask(self, message, source=255):
-        (crossed,) = FrameReader().feed(FrameWriter(source, 190).encode(message))
-        return self.vehicle.receive(crossed, self.now_s)
+        return self.tell(message, FrameWriter(source, 190))
 
     def entries(self, start=0, end=65535):
         told = self.ask(m.MAVLink_log_request_list_message(1, 1, start, end))
@@ -115,8 +112,9 @@ class Peer:
             told += self.vehicle.poll(self.now_s)
         return [t for t in told if t.get_type() == "LOG_DATA"]
 
-    def texts(self, told):
-        return [t.text if isinstance(t.text, str) else t.text.decode() for t in told if hasattr(t, "text")]
+
+def texts(told):
+    return [message.text for message in told if message.get_type() == "STATUSTEXT"]
 
 
 def test_lists_are_numbered_as_each_autopilot_numbers_them():
@@ -153,7 +151,7 @@ def test_ardupilot_sends_no_logs_while_it_is_armed_and_says_so_once():
     peer.arm(1.0)
     told = peer.ask(m.MAVLink_log_request_list_message(1, 1, 0, 65535))
     told += peer.ask(m.MAVLink_log_request_list_message(1, 1, 0, 65535))
-    assert peer.texts(told) == ["Disarm for log download"]
+    assert texts(told) == ["Disarm for log download"]
     peer = Peer("px4")
     peer.arm(1.0)
     assert len(peer.entries()) == 2
@@ -163,7 +161,7 @@ def test_one_download_at_a_time():
     request = m.MAVLink_log_request_data_message(1, 1, 1, 0, 2**32 - 1)
     peer = Peer("ardupilot", logs=(9999,))
     peer.ask(request)
-    assert peer.texts(peer.ask(request, source=254)) == ["Log download in progress"]
+    assert texts(peer.ask(request, source=254)) == ["Log download in progress"]
     assert peer.ask(request) == []
     peer.ask(m.MAVLink_log_request_end_message(1, 1))
     assert peer.data(1)[0].ofs == 0

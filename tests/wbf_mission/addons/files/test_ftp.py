@@ -8,12 +8,13 @@ import struct
 import zlib
 
 import pytest
+from ftp_client import Client
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sweeps import sweep
 
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import FrameReader, FrameWriter
+from mission.link.codec.frames import FrameReader
 from mission.model import GeoPoint
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot
@@ -26,59 +27,11 @@ HOME = GeoPoint(28.05, -82.15, 10.0)
 TEXT = bytes(range(256)) * 5
 
 
-class Client:
-    """Asks a server, as the ground station that it says it is."""
-
-    def __init__(self, server, source=255):
-        self.server = server
-        self.sequence = 0
-        self.writer = FrameWriter(source, 190)
-
-    def send(self, packet, now_s=0.0):
-        message = m.MAVLink_file_transfer_protocol_message(0, 1, 1, list(packet.payload()))
-        (crossed,) = FrameReader().feed(self.writer.encode(message))
-        return [Packet.parse(bytes(reply.payload)) for reply in self.server.receive(crossed, now_s)]
-
-    def ask(self, operation, data=b"", *, session=0, offset=0, size=-1):
-        self.sequence = (self.sequence + 1) & 0xFFFF
-        if isinstance(data, str):
-            data = data.encode()
-        (reply,) = self.send(Packet(self.sequence, session, operation, size, offset=offset, data=data))
-        assert reply.sequence == (self.sequence + 1) & 0xFFFF
-        assert (reply.session, reply.request) == (session, operation)
-        if reply.operation == NAK:
-            return FtpError(reply.data[0])
-        assert reply.operation == ACK
-        return reply.data
-
-    def read(self, path, size=MOST_DATA):
-        opened = self.ask(Operation.OPEN_TO_READ, path)
-        if isinstance(opened, FtpError):
-            return opened
-        data = b""
-        while not isinstance(part := self.ask(Operation.READ, offset=len(data), size=size), FtpError):
-            data += part
-        assert part is FtpError.END_OF_FILE
-        self.ask(Operation.TERMINATE)
-        return data
-
-    def write(self, path, data):
-        assert self.ask(Operation.CREATE, path) == b""
-        for start in range(0, len(data), 200):
-            assert self.ask(Operation.WRITE, data[start : start + 200], offset=start) == b""
-        self.ask(Operation.TERMINATE)
-
-
-class OfVehicle:
+def of_vehicle(name, kind="quad"):
     """The FTP of a whole vehicle, as a server."""
-
-    def __init__(self, name, kind="quad"):
-        self.vehicle = SimVehicle(get_vehicle(kind), HOME, autopilot=get_autopilot(name))
-        self.vehicle.poll(0.0)
-
-    def receive(self, message, now_s):
-        answers = self.vehicle.receive(message, now_s)
-        return [answer for answer in answers if answer.get_type() == "FILE_TRANSFER_PROTOCOL"]
+    vehicle = SimVehicle(get_vehicle(kind), HOME, autopilot=get_autopilot(name))
+    vehicle.poll(0.0)
+    return vehicle
 
 
 def client():
@@ -241,22 +194,22 @@ def unpacked(data):
 
 @pytest.mark.parametrize("read_size", [80, 239])
 def test_ardupilots_parameters_are_one_file(read_size):
-    server = OfVehicle("ardupilot")
+    server = of_vehicle("ardupilot")
     one = Client(server)
     total, found = unpacked(one.read("@PARAM/param.pck", read_size))
-    table = server.vehicle.firmware.parameters(server.vehicle.pilot.spec, 1)
+    table = server.firmware.parameters(server.pilot.spec, 1)
     assert total == len(found) == len(table)
     assert list(found) == [parameter.name for parameter in table]
     assert found["WPNAV_SPEED"] == (800.0, 800.0)
     set_speed = m.MAVLink_param_set_message(1, 1, b"WPNAV_SPEED", 700.0, 9)
-    server.vehicle.receive(set_speed, 0.0)
+    server.receive(set_speed, 0.0)
     _, changed = unpacked(one.read("@PARAM/param.pck?withdefaults=1", read_size))
     assert {name for name, (now, first) in changed.items() if now != first} == {"MIS_TOTAL", "WPNAV_SPEED"}
     assert changed["WPNAV_SPEED"] == (700.0, 800.0)
 
 
 def test_a_part_of_the_parameters():
-    one = Client(OfVehicle("ardupilot"))
+    one = Client(of_vehicle("ardupilot"))
     _, everything = unpacked(one.read("@PARAM/param.pck"))
     total, part = unpacked(one.read("@PARAM/param.pck?start=5&count=3"))
     assert total == len(everything)
@@ -269,7 +222,7 @@ def test_a_part_of_the_parameters():
 
 
 def test_values_do_not_cross_from_one_read_to_the_next():
-    server = OfVehicle("ardupilot")
+    server = of_vehicle("ardupilot")
     data = Client(server).read("@PARAM/param.pck", 80)
     at, ends = 6, []
     while at < len(data):
@@ -284,9 +237,9 @@ def test_values_do_not_cross_from_one_read_to_the_next():
 
 @pytest.mark.parametrize("kind", ["quad", "fixed-wing"])
 def test_px4_describes_its_parameters_in_files(kind):
-    server = OfVehicle("px4", kind)
+    server = of_vehicle("px4", kind)
     ask = m.MAVLink_command_long_message(1, 1, 512, 0, 397, 0, 0, 0, 0, 0, 0)
-    answers = server.vehicle.receive(ask, 0.0)
+    answers = server.receive(ask, 0.0)
     (told,) = [answer for answer in answers if answer.get_type() == "COMPONENT_METADATA"]
     address = told.uri if isinstance(told.uri, str) else told.uri.decode()
     one = Client(server)
@@ -296,14 +249,14 @@ def test_px4_describes_its_parameters_in_files(kind):
     raw = one.read(kind_of_file["uri"].removeprefix("mftp://"))
     assert zlib.crc32(raw, 0xFFFFFFFF) ^ 0xFFFFFFFF == kind_of_file["fileCrc"]
     entries = {entry["name"]: entry for entry in json.loads(lzma.decompress(raw))["parameters"]}
-    table = server.vehicle.firmware.parameters(server.vehicle.pilot.spec, 1)
+    table = server.firmware.parameters(server.pilot.spec, 1)
     assert set(entries) == {parameter.name for parameter in table}
     assert entries["NAV_ACC_RAD"]["type"] == "Float" and entries["GF_ACTION"]["type"] == "Int32"
     assert one.ask(Operation.REMOVE, address.removeprefix("mftp://")) is FtpError.PROTECTED
 
 
 def told_parameters(kind="quad"):
-    client = Client(OfVehicle("px4", kind))
+    client = Client(of_vehicle("px4", kind))
     return json.loads(lzma.decompress(client.read("/etc/extras/parameters.json.xz")))
 
 
@@ -395,13 +348,13 @@ def test_the_parameter_file_keeps_to_the_schema_of_component_metadata(kind):
 
 def test_ardupilot_has_no_component_metadata():
     ask = m.MAVLink_command_long_message(1, 1, 512, 0, 397, 0, 0, 0, 0, 0, 0)
-    answers = OfVehicle("ardupilot").vehicle.receive(ask, 0.0)
+    answers = of_vehicle("ardupilot").receive(ask, 0.0)
     assert [a.result for a in answers if a.get_type() == "COMMAND_ACK"] == [4]
 
 
 @pytest.mark.parametrize("name", ["px4", "ardupilot"])
 def test_the_list_of_logs_is_empty_and_says_so(name):
-    answers = OfVehicle(name).vehicle.receive(m.MAVLink_log_request_list_message(1, 1, 0, 65535), 0.0)
+    answers = of_vehicle(name).receive(m.MAVLink_log_request_list_message(1, 1, 0, 65535), 0.0)
     (entry,) = [answer for answer in answers if answer.get_type() == "LOG_ENTRY"]
     assert (entry.id, entry.num_logs, entry.last_log_num, entry.size) == (0, 0, 0, 0)
 
@@ -422,11 +375,11 @@ def put(client, path, data):
 
 
 def test_parameters_are_written_as_a_file():
-    server = OfVehicle("ardupilot")
+    server = of_vehicle("ardupilot")
     data = upload((4, "<f", b"WPNAV_SPEED", 600.0), (1, "<b", b"FS_THR_ENABLE", 3), (2, "<h", b"NO_SUCH", 1))
     client = Client(server)
     assert put(client, "@PARAM/param.pck", data) == b""
-    pilot = server.vehicle.pilot
+    pilot = server.pilot
     assert pilot.parameters.cruise_speed_m_s == pytest.approx(6.0)
     assert pilot.parameters.stored["FS_THR_ENABLE"] == 3.0
     for wrong in (b"", data[:-1], data[:6], data.replace(b"WPNAV", b"WPN\xffV")):

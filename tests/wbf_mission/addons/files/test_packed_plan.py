@@ -4,6 +4,7 @@ import math
 import struct
 
 import pytest
+from ftp_client import Client
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -15,7 +16,7 @@ from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.mavlink.vehicle import SimVehicle
 from wbf_mission.addons.files.extra import PLAN_PATHS, pack_plan, unpack_plan
 from wbf_mission.addons.files.file_tree import FtpError
-from wbf_mission.addons.files.ftp import NAK, Operation, Packet
+from wbf_mission.addons.files.ftp import Operation
 
 HOME = GeoPoint(28.05, -82.15, 10.0)
 X, Y = 280500000, -821500000
@@ -31,42 +32,22 @@ def item(seq, command=16, frame=3, z=10.0, params=(0.0, 0.0, 0.0, 0.0), x=X, y=Y
 ITEMS = [item(0, frame=0), item(1, 22), item(2), item(3), item(4, 20, x=0, y=0)]
 
 
-class Vehicle:
+class Vehicle(Client):
     """A vehicle, and whoever reads and writes its files."""
 
     def __init__(self, autopilot="ardupilot"):
         self.vehicle = SimVehicle(get_vehicle("quad"), HOME, autopilot=get_autopilot(autopilot))
-        self.told = self.vehicle.poll(0.0)
-        self.sequence = 0
+        self.vehicle.poll(0.0)
+        super().__init__(self.vehicle)
 
     def tell(self, message, source=255):
         (crossed,) = FrameReader().feed(FrameWriter(source, 190).encode(message))
-        answers = self.vehicle.receive(crossed, 0.0)
-        self.told += answers
-        return answers
-
-    def ask(self, operation, data=b"", *, offset=0, size=-1):
-        self.sequence += 1
-        packet = Packet(self.sequence, 0, operation, size, offset=offset, data=data)
-        replies = self.tell(m.MAVLink_file_transfer_protocol_message(0, 1, 1, list(packet.payload())))
-        (reply,) = [r for r in replies if r.get_type() == "FILE_TRANSFER_PROTOCOL"]
-        answer = Packet.parse(bytes(reply.payload))
-        return FtpError(answer.data[0]) if answer.operation == NAK else answer.data
+        return self.vehicle.receive(crossed, 0.0)
 
     def read(self, path):
-        (size,) = struct.unpack("<I", self.ask(Operation.OPEN_TO_READ, path.encode()))
-        data = b""
-        while not isinstance(part := self.ask(Operation.READ, offset=len(data), size=239), FtpError):
-            data += part
-        self.ask(Operation.TERMINATE)
-        assert len(data) == size
+        data = super().read(path)
+        assert len(data) == self.told_size
         return data
-
-    def write(self, path, data):
-        assert self.ask(Operation.CREATE, path.encode()) == b""
-        for start in range(0, len(data), 239):
-            assert self.ask(Operation.WRITE, data[start : start + 239], offset=start) == b""
-        return self.ask(Operation.TERMINATE)
 
     @property
     def commands(self):

@@ -30,12 +30,10 @@ def attitude(roll_deg=0.0, pitch_deg=0.0, yaw_deg=0.0, thrust=0.5, mask=7, rates
 class Copter(Rig):
     def __init__(self, autopilot=ARDUPILOT):
         super().__init__(autopilot)
-        self.results = []
 
-    def take(self, messages):
-        super().take(messages)
-        if hasattr(self, "results"):
-            self.results += [a.result for a in messages if a.get_type() == "COMMAND_ACK"]
+    @property
+    def results(self):
+        return [answer.result for answer in self.sent if answer.get_type() == "COMMAND_ACK"]
 
     def mode(self, number):
         self.tell(m.MAVLink_command_long_message(1, 1, 176, 0, 1.0, number, *[0.0] * 5))

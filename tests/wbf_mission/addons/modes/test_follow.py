@@ -5,20 +5,19 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rig import FRAME, HOME, QUAD
 from sweeps import sweep
 
 from mission.link.codec.dialect import mavlink as m
-from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.autopilot.px4 import PX4
 from tests.support.peer import Peer
-from tests.wbf_mission.addons.modes.test_setpoints import FRAME, HOME, Rig
+from tests.wbf_mission.addons.modes.test_setpoints import Rig
 
 FOLLOW = (4, 8)
 SPEED = 3.0
-QUAD = get_vehicle("quad")
 MODELS = pytest.mark.parametrize("spec", [QUAD, with_autopilot(QUAD, "px4")], ids=["generic", "px4"])
 
 
@@ -35,7 +34,7 @@ def target(east, north, up=0.0, velocity=(0.0, 0.0, 0.0)):
 class Follower(Rig):
     """A PX4 in the air in the mode Follow me; a target that walks tells of itself each second."""
 
-    def __init__(self, autopilot=PX4, spec=None):
+    def __init__(self, autopilot=PX4, spec=QUAD):
         super().__init__(autopilot, spec)
         self.pilot.arm()
         self.pilot.takeoff(10.0)

@@ -5,49 +5,26 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rig import FRAME
+from rig import Rig as SafetyRig
 from sweeps import sweep
 
-from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
-from mission.model import GeoPoint, MissionItem
+from mission.model import MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.execution.state import FlightPhase, LandedState
-from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.pilot.controls import RefusedError
 
-HOME = GeoPoint(28.05, -82.15, 20.0)
-FRAME = LocalFrame(HOME.latitude_deg, HOME.longitude_deg, HOME.altitude_m)
 POSITION, VELOCITY = 0b110111111000, 0b110111000111
 YAW = 0b100111111111
 BOTH = pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
 
 
-class Rig:
-    def __init__(self, autopilot, spec=None):
-        self.vehicle = SimVehicle(spec or get_vehicle("quad"), HOME, autopilot=autopilot)
-        self.pilot = self.vehicle.pilot
-        self.now_s, self.texts = 0.0, []
-        self.run(0.1)
-
-    def take(self, messages):
-        self.texts += [message.text for message in messages if message.get_type() == "STATUSTEXT"]
-
-    def run(self, seconds, stream=None, until=None):
-        end_s = self.now_s + seconds
-        while self.now_s < end_s - 1e-9 and not (until and until()):
-            self.now_s = round(self.now_s + 0.1, 6)
-            if stream is not None:
-                self.tell(stream)
-            self.take(self.vehicle.poll(self.now_s))
-
-    def tell(self, message):
-        message._header.srcSystem, message._header.srcComponent = 255, 190
-        self.take(self.vehicle.receive(message, self.now_s))
-
+class Rig(SafetyRig):
     def guided(self, first):
         """Be in the air in the mode for setpoints."""
         self.pilot.arm()
@@ -56,10 +33,6 @@ class Rig:
         self.run(0.3, stream=first)
         self.pilot.set_mode(Mode.GUIDED)
         return self
-
-    @property
-    def place(self):
-        return self.pilot.state.position_m
 
     @property
     def velocity(self):

@@ -7,6 +7,7 @@ from subprocess import PIPE
 
 import processes
 import pytest
+from lockstep import sharing
 from stand_in import stand_in
 
 from mission.ground.command import OperatorCommand, OrderError
@@ -39,14 +40,14 @@ def watched(capsys, url, *options, until):
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_orders_are_confirmed_by_what_the_vehicle_shows(autopilot, capsys):
+def test_orders_are_confirmed_by_what_the_vehicle_shows(quick_stand_in, autopilot, capsys):
     rows = Scenario(farm="miniberry-10", planner="lawnmower", budget="60s", autopilot=autopilot)
     guided = {"px4": "HOLD", "ardupilot": "GUIDED"}[autopilot]
     shown = {"px4": ("LOITER", "MISSION", "LOITER"), "ardupilot": ("GUIDED", "AUTO", "BRAKE")}[autopilot]
     mission = plan(rows).mission
     count = len(mission.items)
     # A vehicle that is armed and does not take off disarms after ten seconds of its own.
-    with stand_in(autopilot, speed=2.0, camera=True) as (url, made):
+    with quick_stand_in(autopilot, speed=2.0, camera=True) as (url, made):
         assert (
             command(capsys, url, "takeoff", "8", code=5)
             == "error: system 1: takeoff 8: the motors stand still; arm first (order arm)"
@@ -95,18 +96,18 @@ def test_orders_that_are_none_open_no_link(capsys, words, text):
         OperatorCommand(*words)
 
 
-def test_a_mode_that_the_vehicle_does_not_have(capsys):
-    with stand_in() as (url, _):
+def test_a_mode_that_the_vehicle_does_not_have(quick_stand_in, capsys):
+    with quick_stand_in() as (url, _):
         text = command(capsys, url, "mode", "HOVER", code=2)
         assert text.startswith("error: this vehicle: unknown mode 'HOVER': choose ACRO, ")
 
 
-def test_monitor_tells_lines_of_json(capsys):
+def test_monitor_tells_lines_of_json(quick_stand_in, capsys):
     def is_whole(lines):
         last = json.loads(lines[-1])
         return last.get("latitude_deg") is not None and last["gps_fix"] is not None and last["silent_s"] < 1.0
 
-    with stand_in("ardupilot", speed=FAST) as (url, _):
+    with quick_stand_in("ardupilot", speed=FAST) as (url, _):
         lines = watched(capsys, url, "--json", "--interval", "0.5", until=is_whole)
     last = json.loads(lines[-1])
     assert last["system_id"] == 1
@@ -119,10 +120,12 @@ def test_monitor_tells_lines_of_json(capsys):
 
 
 @pytest.mark.parametrize(("autopilot", "seq"), [("px4", 2), ("ardupilot", 3)])
-def test_monitor_counts_items_from_1_and_tells_the_number_of_the_protocol(autopilot, seq, capsys):
+def test_monitor_counts_items_from_1_and_tells_the_number_of_the_protocol(
+    quick_stand_in, autopilot, seq, capsys
+):
     rows = Scenario(farm="miniberry-10", planner="lawnmower", budget="60s", autopilot=autopilot)
     mission = plan(rows).mission
-    with stand_in(autopilot, speed=FAST) as (url, _):
+    with quick_stand_in(autopilot, speed=FAST) as (url, _):
         upload(mission, url)
         command(capsys, url, "set-item", "3")
         told = (3, seq, len(mission.items))
@@ -135,8 +138,8 @@ def test_monitor_counts_items_from_1_and_tells_the_number_of_the_protocol(autopi
         watched(capsys, url, until=lambda lines: f" 3 of {len(mission.items)} " in lines[-1])
 
 
-def test_monitor_shows_one_header_and_a_line_for_each_vehicle(capsys):
-    with stand_in(speed=FAST, count=2) as (url, _):
+def test_monitor_shows_one_header_and_a_line_for_each_vehicle(quick_stand_in, capsys):
+    with quick_stand_in(speed=FAST, count=2) as (url, _):
         header, *lines = watched(
             capsys,
             url,
@@ -176,8 +179,8 @@ def test_monitor_hears_nobody(capsys):
     assert capsys.readouterr().out == ""
 
 
-def test_an_empty_mission_is_not_started(capsys):
-    with stand_in() as (url, made):
+def test_an_empty_mission_is_not_started(quick_stand_in, capsys):
+    with quick_stand_in() as (url, made):
         assert "the motors stand still" in command(capsys, url, "mission", code=2)
         text = command(capsys, url, "mission", "--arm", code=5)
         assert "refused mission" in text
@@ -216,8 +219,8 @@ def said(lines):
     return sum(json.loads(line).get("times", 0) for line in lines)
 
 
-def test_monitor_marks_what_cannot_be_and_folds_texts(capsys):
-    with running(Server([Liar()], ["tcpin:127.0.0.1:0"])) as server:
+def test_monitor_marks_what_cannot_be_and_folds_texts(clock, capsys):
+    with running(sharing(Server, clock)([Liar()], ["tcpin:127.0.0.1:0"])) as server:
         url = server.urls[0].replace("tcpin", "tcp")
         lines = watched(capsys, url, "--json", "--interval", "0.3", until=lambda lines: said(lines) > 5)
         lines = [json.loads(line) for line in lines]

@@ -7,6 +7,7 @@ import os
 import pty
 import re
 import select
+import signal
 import subprocess
 import sys
 import time
@@ -25,6 +26,7 @@ from mission.outcome import Outcome, Phase, in_words
 from sim_vehicle.autopilot.behaviour import Mode
 from wbf_mission.addons.base.links import LiveFlightError
 from wbf_mission.addons.operate.link import LiveLink
+from wbf_mission.cli import signals
 from wbf_mission.cli.app import main
 from wbf_mission.exit_codes import ExitCode, exit_code_of_flight
 from wbf_mission.flight import fly
@@ -42,9 +44,9 @@ def order(url, vehicle, command, *params):
 
 
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
-def test_the_whole_job_with_a_vehicle_behind_a_link(autopilot, tmp_path):
+def test_the_whole_job_with_a_vehicle_behind_a_link(quick_stand_in, autopilot, tmp_path):
     watcher = Watcher()
-    with stand_in(autopilot) as (url, made):
+    with quick_stand_in(autopilot) as (url, made):
         tlog = tmp_path / "run.tlog"
         result = fly(scenario(), by=LiveLink(url, watcher, tlog=tlog))
     assert result.outcome is Outcome.COMPLETED
@@ -79,8 +81,8 @@ def standing(east_m):
         ({"budget": "150s", "policy": "greedy"}, lambda flight: flight.flight_time_s / 150.0),
     ],
 )
-def test_the_way_from_where_the_vehicle_stands_is_in_the_budget(more, spent):
-    with stand_in(homes=standing(221.0), speed=12.0) as (url, made):
+def test_the_way_from_where_the_vehicle_stands_is_in_the_budget(quick_stand_in, more, spent):
+    with quick_stand_in(homes=standing(221.0), speed=12.0) as (url, made):
         result = fly(scenario(**more), by=LiveLink(url, Watcher(images=10**9)))
         assert max(map(abs, made.vehicle.true_position_m[:2])) < 3.0, "it is back where it started"
     (flight,) = result.flights
@@ -91,10 +93,10 @@ def test_the_way_from_where_the_vehicle_stands_is_in_the_budget(more, spent):
     assert 0.6 < spent(flight) < 1.06, spent(flight)
 
 
-def test_a_vehicle_that_stands_a_few_metres_away_flies_the_plan_of_the_farm():
+def test_a_vehicle_that_stands_a_few_metres_away_flies_the_plan_of_the_farm(quick_stand_in):
     paths = []
     for east_m in (0.0, 3.0):
-        with stand_in(homes=standing(east_m)) as (url, _):
+        with quick_stand_in(homes=standing(east_m)) as (url, _):
             link = LiveLink(url, Watcher(agrees=False))
             paths.append(fly(scenario(), by=link).plan.path_m.tolist())
     assert paths[0] == paths[1]
@@ -107,15 +109,15 @@ def test_a_budget_that_does_not_reach_the_farm_from_there_is_refused():
         assert not made.vehicle.pilot.armed
 
 
-def test_a_camera_on_board_is_used_and_ours_stays_silent():
-    with stand_in(camera=True) as (url, made):
+def test_a_camera_on_board_is_used_and_ours_stays_silent(quick_stand_in):
+    with quick_stand_in(camera=True) as (url, made):
         result = fly(scenario(), by=LiveLink(url, Watcher()))
         assert result.outcome is Outcome.COMPLETED
         assert result.flights[0].camera.images == made.images > 30
 
 
-def test_a_policy_changes_the_mission_of_the_vehicle_behind_the_link():
-    with stand_in() as (url, _):
+def test_a_policy_changes_the_mission_of_the_vehicle_behind_the_link(quick_stand_in):
+    with quick_stand_in() as (url, _):
         result = fly(scenario(policy="greedy"), by=LiveLink(url, Watcher()))
     assert result.outcome is Outcome.COMPLETED
     changes = [one for record in result.decisions for one in record.changes if one.outcome == "flown"]
@@ -146,10 +148,10 @@ def test_what_a_policy_flies_behind_a_link_is_what_it_flies_offline(autopilot):
     assert flown / 2 <= came <= 2 * flown
 
 
-def test_the_operator_ends_the_mission():
+def test_the_operator_ends_the_mission(quick_stand_in):
     watcher = Watcher(act=lambda flight: flight.maneuver(Maneuver.LAND))
     # Far enough that it is not on its way home when the order arrives.
-    with stand_in() as (url, _):
+    with quick_stand_in() as (url, _):
         result = fly(scenario(budget="150s"), by=LiveLink(url, watcher))
     assert watcher.acted
     assert result.outcome is Outcome.INTERRUPTED
@@ -158,7 +160,7 @@ def test_the_operator_ends_the_mission():
 
 
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
-def test_a_pilot_who_takes_over_is_noticed_and_not_fought(autopilot):
+def test_a_pilot_who_takes_over_is_noticed_and_not_fought(quick_stand_in, autopilot):
     land = VehicleModes(AUTOPILOTS[autopilot], m.MAV_TYPE_QUADROTOR).numbers("LAND")
     endpoints = []
 
@@ -166,7 +168,7 @@ def test_a_pilot_who_takes_over_is_noticed_and_not_fought(autopilot):
         endpoints.append(order(url, 1, m.MAV_CMD_DO_SET_MODE, *land))
 
     watcher = Watcher(act=take_over)
-    with stand_in(autopilot) as (url, made):
+    with quick_stand_in(autopilot) as (url, made):
         result = fly(scenario(policy="greedy", budget="150s"), by=LiveLink(url, watcher))
         heard = [one for endpoint in endpoints for one in endpoint.receive()]
         assert not made.vehicle.pilot.armed
@@ -252,16 +254,55 @@ def test_no_bars_are_drawn_over_a_question(tmp_path):
     assert "\u2501" not in between
 
 
-def test_at_the_terminal_all_are_asked_for_and_one_comes_back(tmp_path):
-    answers = [
-        (b"start the motors of vehicles 1, 2? [y/N]", b"y\n"),
-        (b"vehicle 2: MISSION, item", interrupt),
-        (b"such as r2?", b"r9\n"),
-        (b"such as r2?", b"r2\n"),
+class Answering(io.StringIO):
+    """What a command writes for its operator, who answers each question when it is there."""
+
+    def __init__(self, answers):
+        super().__init__()
+        self.answers, self.seen = list(answers), 0
+
+    def write(self, text):
+        super().write(text)
+        if self.answers and (found := self.getvalue().find(self.answers[0][0], self.seen)) >= 0:
+            question, answer = self.answers.pop(0)
+            self.seen = found + len(question)
+            answer()
+        return len(text)
+
+
+def test_at_the_terminal_all_are_asked_for_and_one_comes_back(quick_stand_in, tmp_path, monkeypatch, capsys):
+    ours, theirs = os.openpty()
+
+    def types(text):
+        return lambda: os.write(ours, text)
+
+    shown = Answering(
+        (
+            ("start the motors of vehicles 1, 2? [y/N]", types(b"y\n")),
+            ("vehicle 2: MISSION, item", lambda: signal.raise_signal(signal.SIGINT)),
+            ("such as r2?", types(b"r9\n")),
+            ("such as r2?", types(b"r2\n")),
+        )
+    )
+    given = [
+        *("--farm", "miniberry-10", "--planner", "lawnmower", "--budget", "150s", "--estimator", "point")
     ]
-    with stand_in(speed=6.0) as (one, _), stand_in(speed=6.0, first_system=2) as (two, made):
-        code, summary, shown = talk(one, answers, tmp_path, more=("--connect", two, "--budget", "150s"))
+    given += ["--no-plots", "--json", "--out", str(tmp_path / "run")]
+    signals.install()
+    with (
+        quick_stand_in() as (one, _),
+        quick_stand_in(first_system=2) as (two, made),
+        os.fdopen(theirs, "r") as stdin,
+    ):
+        monkeypatch.setattr(sys, "stdin", stdin)
+        monkeypatch.setattr(sys, "stderr", shown)
+        try:
+            code = main(["fly", *given, "--connect", one, "--connect", two])
+        finally:
+            signals.restore()
+            os.close(ours)
         assert not made.vehicle.pilot.armed
+    summary, shown = json.loads(capsys.readouterr().out), shown.getvalue()
     flights = {one["vehicle"]: one for one in summary["flights"]}
     assert flights[1]["outcome"] == "completed"
     assert (flights[2]["outcome"], flights[2]["reason"]) == (

@@ -74,18 +74,17 @@ def pair(folder, *more, autopilots=("px4", "ardupilot"), listen=1):
         ]
 
 
-def test_two_vehicles_of_two_autopilots_fly_together(tmp_path, capsys):
+def test_two_vehicles_of_two_autopilots_fly_together(quick_stand_in, tmp_path, capsys):
     """In flight the link of one loses 30 % of all frames, each way."""
     # An upload at eight times real time meets an eighth of the vehicle's patience.
     bad = ("loss=0.3,at=airborne",)
     first_home, second_home = homes_of(("px4", "ardupilot"))
     given = [*FARM, *JOB, "--planner", "lawnmower", "--budget", "150s", "--yes", "--json", "--no-plots"]
     with (
-        stand_in("px4", speed=FAST, homes=[(first_home, 0.0)]) as (one, _),
-        stand_in("ardupilot", speed=FAST, homes=[(second_home, 0.0)], first_system=2, system_faults=bad) as (
-            two,
-            _,
-        ),
+        quick_stand_in("px4", speed=FAST, homes=[(first_home, 0.0)]) as (one, _),
+        quick_stand_in(
+            "ardupilot", speed=FAST, homes=[(second_home, 0.0)], first_system=2, system_faults=bad
+        ) as (two, _),
     ):
         code = main(["fly", *given, "--connect", two, "--connect", one, "--out", str(tmp_path / "run")])
     out, told = capsys.readouterr()
@@ -264,8 +263,11 @@ def test_two_vehicles_with_one_system_id_are_refused():
         fly(scenario(vehicles=2), by=LiveLink((one, two), Watcher()))
 
 
-def test_a_vehicle_that_is_not_there_is_told():
-    with stand_in() as (url, _), pytest.raises(NoVehicleError, match="no vehicle besides system 1 was heard"):
+def test_a_vehicle_that_is_not_there_is_told(quick_stand_in):
+    with (
+        quick_stand_in() as (url, _),
+        pytest.raises(NoVehicleError, match="no vehicle besides system 1 was heard"),
+    ):
         fly(scenario(vehicles=2), by=LiveLink(url, Watcher(), wait_s=1.5))
 
 

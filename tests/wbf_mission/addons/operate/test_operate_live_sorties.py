@@ -164,8 +164,8 @@ def images_planned(small):
     return whole.length_m / whole.farm.cell_size_m
 
 
-def test_no_more_after_the_first_keeps_what_was_flown_and_the_rest(small, tmp_path, capsys):
-    with stand_in(vehicle=small, farm=FARM, speed=FASTER) as (url, made):
+def test_no_more_after_the_first_keeps_what_was_flown_and_the_rest(quick_stand_in, small, tmp_path, capsys):
+    with quick_stand_in(vehicle=small, farm=FARM, speed=FASTER) as (url, made):
         operator = Operator(made, answer=False)
         result = fly(asked(small), by=LiveLink(url, operator))
     assert len(result.flights) == 1 and result.flights[0].outcome is Outcome.COMPLETED

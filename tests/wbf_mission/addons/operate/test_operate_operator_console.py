@@ -7,7 +7,7 @@ import threading
 
 import numpy as np
 import pytest
-from stand_in import scenario, stand_in
+from stand_in import scenario
 
 from mission.outcome import Outcome
 from mission.policies.decision import Decision
@@ -35,9 +35,9 @@ def typed(monkeypatch):
     signals.defer(False)
 
 
-def test_a_flight_is_told_from_the_question_to_the_ground(typed, capsys):
+def test_a_flight_is_told_from_the_question_to_the_ground(quick_stand_in, typed, capsys):
     typed("y\n")
-    with stand_in() as (url, _):
+    with quick_stand_in() as (url, _):
         result = fly(scenario(), by=LiveLink(url, TerminalConsole(Output())))
     assert result.outcome is Outcome.COMPLETED
     told = capsys.readouterr().err
@@ -46,7 +46,7 @@ def test_a_flight_is_told_from_the_question_to_the_ground(typed, capsys):
     assert told.index("start the motors") < told.index("images, link")
 
 
-def test_ctrl_c_asks_and_the_vehicle_returns(typed, capsys):
+def test_ctrl_c_asks_and_the_vehicle_returns(quick_stand_in, typed, capsys):
     output, done_s = Output(), []
 
     def interrupt_and_answer(event):
@@ -61,7 +61,7 @@ def test_ctrl_c_asks_and_the_vehicle_returns(typed, capsys):
     typed("y\n")
     signals.install()
     try:
-        with stand_in() as (url, made):
+        with quick_stand_in() as (url, made):
             link = LiveLink(url, TerminalConsole(output))
             result = fly(scenario(budget="150s"), by=link, events=output.events)
             assert not made.vehicle.pilot.armed
@@ -72,9 +72,9 @@ def test_ctrl_c_asks_and_the_vehicle_returns(typed, capsys):
     assert "[h]old, [r]eturn" in told and "the vehicle returns (mode RTL)" in told, told
 
 
-def test_no_starts_nothing(typed, capsys):
+def test_no_starts_nothing(quick_stand_in, typed, capsys):
     typed("no\n")
-    with stand_in() as (url, made):
+    with quick_stand_in() as (url, made):
         result = fly(scenario(), by=LiveLink(url, TerminalConsole(Output())))
         assert not made.vehicle.pilot.armed
     assert result.outcome is not Outcome.COMPLETED and not len(result.observations)
@@ -139,11 +139,11 @@ def flies(event):
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_a_page_starts_holds_and_lets_go_on(autopilot, monkeypatch, capsys):
+def test_a_page_starts_holds_and_lets_go_on(quick_stand_in, autopilot, monkeypatch, capsys):
     """Nobody is at the terminal: its input is at its end."""
     monkeypatch.setattr(operator_console.sys, "stdin", io.StringIO())
     page = Page((may("start"), "start", "", True), (flies, "hold"), (shows("LOITER", "BRAKE"), "resume"))
-    with stand_in(autopilot) as (url, _):
+    with quick_stand_in(autopilot) as (url, _):
         result = page.fly(url, autopilot=autopilot)
     told = capsys.readouterr().err
     assert result.outcome is Outcome.COMPLETED, told
@@ -163,7 +163,7 @@ def test_a_page_starts_holds_and_lets_go_on(autopilot, monkeypatch, capsys):
     assert not [one for one in result.warnings if "by hand" in one], "no seed gives a real flight again"
 
 
-def test_a_page_does_not_start_what_it_was_asked_about(typed, capsys):
+def test_a_page_does_not_start_what_it_was_asked_about(quick_stand_in, typed, capsys):
     page = Page()
     refused = []
 
@@ -174,7 +174,7 @@ def test_a_page_does_not_start_what_it_was_asked_about(typed, capsys):
             assert page.orders.answer("do not start", event.number) == ""
 
     page.output.events.listen(look, Asked)
-    with stand_in() as (url, made):
+    with quick_stand_in() as (url, made):
         result = page.fly(url)
         assert not made.vehicle.pilot.armed
     assert result.outcome is Outcome.NOT_STARTED
@@ -219,7 +219,9 @@ class Thoughtful:
         return Decision({1: path[::-1]})
 
 
-def test_orders_are_obeyed_while_a_policy_decides_and_its_answer_is_dropped(monkeypatch, capsys):
+def test_orders_are_obeyed_while_a_policy_decides_and_its_answer_is_dropped(
+    quick_stand_in, monkeypatch, capsys
+):
     monkeypatch.setattr(operator_console.sys, "stdin", io.StringIO())
     policy = Thoughtful()
     held = shows("LOITER")
@@ -234,7 +236,7 @@ def test_orders_are_obeyed_while_a_policy_decides_and_its_answer_is_dropped(monk
         (lambda event: policy.asked > 0 and flies(event), "hold"),
         (let_go_on, "resume"),
     )
-    with stand_in("px4") as (url, _):
+    with quick_stand_in("px4") as (url, _):
         result = page.fly(url, policy=policy, autopilot="px4")
     told = capsys.readouterr().err
     assert policy.came, "the vehicle was heard, and held, before the policy had decided"

@@ -1,7 +1,7 @@
 """A connected vehicle is planned and predicted with the parameters that are set on it."""
 
 import pytest
-from stand_in import Nobody, heard, scenario, stand_in
+from stand_in import Nobody, heard, scenario
 
 from mission.outcome import Outcome
 from wbf_mission.addons.operate.link import LiveLink
@@ -18,10 +18,10 @@ from wbf_mission.planning.builder import budget_left
         ("ardupilot", {"RTL_ALT": 4000, "RTL_CONE_SLOPE": 0.0, "LAND_SPEED": 30}),
     ],
 )
-def test_its_return_and_landing_count_in_the_predicted_time(autopilot, parameters):
+def test_its_return_and_landing_count_in_the_predicted_time(quick_stand_in, autopilot, parameters):
     events, told = heard(Noted)
     given = {"budget": "3min"}
-    with stand_in(autopilot, speed=20.0, parameters=parameters, **given) as (url, _):
+    with quick_stand_in(autopilot, parameters=parameters, **given) as (url, _):
         result = fly(scenario(**given), by=LiveLink(url, Nobody(), agreed=True), events=events)
     assert result.outcome is Outcome.COMPLETED
     predicted_s = result.plan.prediction.duration_s
@@ -34,13 +34,13 @@ def test_its_return_and_landing_count_in_the_predicted_time(autopilot, parameter
     assert (left := budget_left([result.plan])) == "" or left in told
 
 
-def test_in_a_fleet_one_that_leaves_its_layer_is_predicted_so_and_warned_of():
+def test_in_a_fleet_one_that_leaves_its_layer_is_predicted_so_and_warned_of(quick_stand_in):
     events, found = heard(Found)
     given = {"budget": "2min", "separation": "layers:3m"}
     high = {"RTL_RETURN_ALT": 40.0, "RTL_CONE_ANG": 0}
     with (
-        stand_in("px4", speed=20.0, parameters={"RTL_RETURN_ALT": 10.0}) as (one, _),
-        stand_in("px4", speed=20.0, first_system=2, parameters=high) as (two, _),
+        quick_stand_in("px4", parameters={"RTL_RETURN_ALT": 10.0}) as (one, _),
+        quick_stand_in("px4", first_system=2, parameters=high) as (two, _),
     ):
         link = LiveLink([one, two], Nobody(), agreed=True)
         result = fly(scenario(**given), by=link, events=events)

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import pytest
 from preflight_plans import at, box, fenced, good
-from stand_in import stand_in
 
 from mission.files import write_mission
 from mission.model import Command, MissionItem
@@ -83,12 +82,12 @@ def test_a_plan_that_cannot_be_flown_is_not_predicted_and_says_so(tmp_path, caps
     assert "the flight is not predicted" in told
 
 
-def test_every_error_is_told_once(tmp_path, capsys):
+def test_every_error_is_told_once(quick_stand_in, tmp_path, capsys):
     """The last line has the worst; the others stand before it."""
     path = tmp_path / "low.plan"
     circle = at(20, 20, command=Command.NAV_LOITER_TURNS, param1=1.0, param3=10.0)
     write_mission(good(at(60, 0), at(60, 40, -5.0), circle), path)
-    with stand_in("px4", speed=6.0) as (url, _):
+    with quick_stand_in("px4", speed=6.0) as (url, _):
         err = run(capsys, "upload", str(path), "--connect", url, "-q", code=2).err
         *others, last = err.splitlines()
         assert last.startswith("error: ") and "(and 1 more error)" in last
@@ -190,8 +189,8 @@ def test_nobody_to_ask(file, capsys):
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_the_vehicle_is_asked(autopilot, file, capsys):
-    with stand_in(autopilot, speed=6.0) as (url, made):
+def test_the_vehicle_is_asked(quick_stand_in, autopilot, file, capsys):
+    with quick_stand_in(autopilot, speed=6.0) as (url, made):
         words = ("preflight", file, "--vehicle", "quad", "--connect", url, "--json", "-q")
         document = json.loads(run(capsys, *words).out)
         assert document["system_id"] == 1
@@ -203,15 +202,15 @@ def test_the_vehicle_is_asked(autopilot, file, capsys):
         assert "the propellers are off" in found["text"]
 
 
-def test_an_autopilot_that_is_not_heard(file, capsys):
-    with stand_in("px4", speed=6.0) as (url, _):
+def test_an_autopilot_that_is_not_heard(quick_stand_in, file, capsys):
+    with quick_stand_in("px4", speed=6.0) as (url, _):
         words = ("preflight", file, "--connect", url, "-q")
         assert "but PX4 is heard" in run(capsys, *words, "--autopilot", "ardupilot", code=2).err
         assert "a multirotor is heard" in run(capsys, *words, "--vehicle", "rover", code=2).err
 
 
-def test_an_upload_with_an_error_is_refused_and_forced(broken, capsys):
-    with stand_in("px4", speed=6.0) as (url, made):
+def test_an_upload_with_an_error_is_refused_and_forced(quick_stand_in, broken, capsys):
+    with quick_stand_in("px4", speed=6.0) as (url, made):
         out, err = run(capsys, "upload", broken, "--connect", url, "-q", code=2)
         assert out == ""
         assert err.splitlines()[-1].startswith("error: mission item ")
@@ -225,16 +224,16 @@ def test_an_upload_with_an_error_is_refused_and_forced(broken, capsys):
         assert len(made.vehicle.pilot.mission.items) > 0
 
 
-def test_what_only_matters_for_a_start_does_not_hinder_an_upload(file, capsys):
-    with stand_in("ardupilot", speed=6.0) as (url, made):
+def test_what_only_matters_for_a_start_does_not_hinder_an_upload(quick_stand_in, file, capsys):
+    with quick_stand_in("ardupilot", speed=6.0) as (url, made):
         made.vehicle.pilot.arming.block = "the propellers are off"
         document = json.loads(run(capsys, "upload", file, "--connect", url, "--json", "-q").out)
         assert document["verified"]
         assert not [one for one in document["findings"] if one["severity"] == "error"]
 
 
-def test_a_live_flight_with_an_error_does_not_begin(broken, capsys, tmp_path):
-    with stand_in("px4", speed=6.0) as (url, made):
+def test_a_live_flight_with_an_error_does_not_begin(quick_stand_in, broken, capsys, tmp_path):
+    with quick_stand_in("px4", speed=6.0) as (url, made):
         words = ("fly", "--farm", "miniberry-10", "--mission", broken, "--connect", url, "--yes")
         err = run(capsys, *words, "--no-files", "-q", code=2).err
         assert "nothing was sent" in err
@@ -242,8 +241,8 @@ def test_a_live_flight_with_an_error_does_not_begin(broken, capsys, tmp_path):
         assert not made.vehicle.pilot.armed
 
 
-def test_a_policy_is_checked_too(capsys):
-    with stand_in("px4", speed=6.0, policy="greedy") as (url, made):
+def test_a_policy_is_checked_too(quick_stand_in, capsys):
+    with quick_stand_in("px4", speed=6.0, policy="greedy") as (url, made):
         words = ("fly", "--farm", "miniberry-10", "--policy", "greedy", "--budget", "60s", "--wind", "30,270")
         err = run(capsys, *words, "--connect", url, "--yes", "--no-files", "-q", code=2).err
         assert "would be blown away" in err

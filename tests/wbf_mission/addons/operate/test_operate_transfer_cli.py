@@ -5,7 +5,6 @@ import json
 import pytest
 from advice import commands
 from preflight_plans import box, farm_with_obstacle, fenced, good
-from stand_in import stand_in
 
 from geo import save_farm
 from mission.files import read_mission, write_mission
@@ -25,10 +24,10 @@ def file(tmp_path):
     return path
 
 
-def test_what_is_stored_and_then_rejected_is_not_verified(tmp_path, capsys):
+def test_what_is_stored_and_then_rejected_is_not_verified(quick_stand_in, tmp_path, capsys):
     path = tmp_path / "broken.plan"
     write_mission(fenced(good(), box(-20, -20, 20, 20)), path)
-    with stand_in("px4", speed=6.0) as (url, made):
+    with quick_stand_in("px4", speed=6.0) as (url, made):
         out, err = run(capsys, "upload", str(path), "--connect", url, "--force", code=5)
         assert "verified" not in next(line for line in out.splitlines() if "mission" in line)
         assert "stored, but rejected by the vehicle" in out
@@ -45,9 +44,11 @@ def test_what_is_stored_and_then_rejected_is_not_verified(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(("autopilot", "name"), [("px4", "PX4"), ("ardupilot", "ArduPilot")])
-def test_what_is_accepted_is_verified_and_the_autopilot_has_its_name(autopilot, name, file, tmp_path, capsys):
+def test_what_is_accepted_is_verified_and_the_autopilot_has_its_name(
+    quick_stand_in, autopilot, name, file, tmp_path, capsys
+):
     held = tmp_path / "held.plan"
-    with stand_in(autopilot, speed=6.0) as (url, _):
+    with quick_stand_in(autopilot, speed=6.0) as (url, _):
         document = json.loads(run(capsys, "upload", str(file), "--connect", url, "--json", "-q").out)
         assert (document["verified"], document["accepted"], document["autopilot"]) == (True, True, name)
         words = ("download", "--connect", url, "--out", str(held))
@@ -58,8 +59,8 @@ def test_what_is_accepted_is_verified_and_the_autopilot_has_its_name(autopilot, 
     assert len(read_mission(held).items) == len(good().items)
 
 
-def test_one_of_several_vehicles_is_chosen(file, tmp_path, capsys):
-    with stand_in("px4", count=2) as (url, _):
+def test_one_of_several_vehicles_is_chosen(quick_stand_in, file, tmp_path, capsys):
+    with quick_stand_in("px4", count=2) as (url, _):
         link = ("--connect", url, "--system-id")
         document = json.loads(run(capsys, "upload", str(file), *link, "2", "--json", "-q").out)
         assert document["system_id"] == 2
@@ -72,10 +73,10 @@ def test_one_of_several_vehicles_is_chosen(file, tmp_path, capsys):
             assert "no vehicle with system id 9 was heard in 3 s, only system 1 (PX4), system 2 (PX4)" in err
 
 
-def test_farm_and_wind_are_checked_before_an_upload(file, tmp_path, capsys):
+def test_farm_and_wind_are_checked_before_an_upload(quick_stand_in, file, tmp_path, capsys):
     barn = tmp_path / "barn.geojson"
     save_farm(farm_with_obstacle(10, -10, 30, 10), barn)
-    with stand_in("px4", speed=6.0) as (url, made):
+    with quick_stand_in("px4", speed=6.0) as (url, made):
         words = ("upload", str(file), "--connect", url, "--vehicle", "quad", "-q")
         err = run(capsys, *words, "--wind", "30,270", code=2).err
         assert "quad would be blown away" in err

@@ -1,14 +1,13 @@
 """What who watches vehicles tells of them: simulated ones from within, any others over their link."""
 
-import time
 from collections import Counter
 from contextlib import ExitStack, contextmanager
 from threading import Thread
 
 import numpy as np
 import pytest
-from processes import wait_until
-from stand_in import scenario, stand_in
+from lockstep import sharing
+from stand_in import scenario
 
 from mission.ground.link import upload
 from mission.link.codec.dialect import mavlink as m
@@ -50,35 +49,53 @@ class Heard(list):
 
 
 @contextmanager
-def watched_sim(autopilot="px4", *, count=1, speed=10.0, **more):
-    """Serve simulated vehicles with who watches them and gives them orders; yields what is told of them."""
+def watched_sim(clock, autopilot="px4", *, count=1, speed=10.0, **more):
+    """Simulated vehicles with who watches them and gives them orders; yields what is told of them."""
     heard = Heard()
     heard.orders, heard.given = Orders(heard.stream), scenario(autopilot=autopilot, **more)
     heard.made = made = make_components(heard.given, count=count)
     watch, day = SimulatedWatch(made, heard.given.farm.day), heard.given.farm.day
     telemetry = TelemetryEvents(heard.stream, watch, RunBegun("sim", made.farm, None), day=day)
     components = [*made.components, watch, ControlStation(heard.orders)]
-    with Server(components, ["tcpin:127.0.0.1:0"], speed=speed) as server:
-        thread = Thread(target=lambda: server.run(until=telemetry.look), daemon=True)
-        thread.start()
+    shared = sharing(Server, clock, leads=True)
+    with shared(components, ["tcpin:127.0.0.1:0"], speed=speed) as server:
         heard.url, heard.server = server.urls[0].replace("tcpin", "tcp"), server
-        try:
-            yield heard
-        finally:
-            server.stop()
-            thread.join(60.0)
+        heard.watch_until = watching(server, telemetry)
+        yield heard
+
+
+def watching(server, telemetry):
+    """Return a function that serves and tells what happens until something has."""
+
+    def watch_until(condition, what):
+        server.run(until=lambda now_s: telemetry.look(now_s) or bool(condition()), limit_s=600.0)
+        assert condition(), what
+
+    return watch_until
+
+
+def uploaded(heard, mission, **options):
+    """Send the vehicles a mission."""
+    sending = Thread(target=upload, args=(mission, heard.url), kwargs=options)
+
+    def is_over():
+        if sending.ident is None:
+            sending.start()
+        return not sending.is_alive()
+
+    heard.watch_until(is_over, "the upload does not end")
 
 
 def ordered(heard, order, value="", *, of=1, confirmed=False):
-    """Order something, and wait until it is told what came of it."""
+    """Order something, and watch until it is told what came of it."""
     before = len(heard.texts())
-    assert wait_until(lambda: heard.of(Orderable), "nothing can be ordered")
+    heard.watch_until(lambda: heard.of(Orderable), "nothing can be ordered")
     assert heard.orders.take([of], order, value, confirmed) == ""
 
     def told():
         return [one for one in heard.texts()[before:] if "ordered by the page" not in one]
 
-    wait_until(told, f"{order}: nothing came of it", 60.0)
+    heard.watch_until(told, f"{order}: nothing came of it")
     return told()
 
 
@@ -90,12 +107,13 @@ def assert_holds(planned, mission, farm):
     assert np.allclose(planned.path_m, path_m, atol=0.01)
 
 
-def test_a_simulated_flight_is_told_from_the_upload_to_the_landing():
-    with watched_sim(fence_m=5.0) as heard:
+def test_a_simulated_flight_is_told_from_the_upload_to_the_landing(clock):
+    with watched_sim(clock, speed=2.0, fence_m=5.0) as heard:
         mission = plan(heard.given).mission
-        upload(mission, heard.url)
+        uploaded(heard, mission)
         assert ordered(heard, "start", confirmed=True) == ["start is carried out (mode MISSION)"]
-        wait_until(lambda: any("Disarmed" in one.text for one in heard.of(VehicleSaid)), "it never landed")
+        landed = "it never landed"
+        heard.watch_until(lambda: any("Disarmed" in one.text for one in heard.of(VehicleSaid)), landed)
     planned = heard.of(Planned)[-1]
     assert_holds(planned, mission, heard.made.farm)
     assert len(planned.mission.fence) == 4
@@ -114,14 +132,14 @@ def test_a_simulated_flight_is_told_from_the_upload_to_the_landing():
     assert all(0.0 < one.observations.time_s[0] + one.offset_s < heard.server.now_s for one in heard.of(Seen))
 
 
-def test_at_any_speed_ten_states_of_a_vehicle_a_second_are_told():
-    with watched_sim(count=3, speed=100.0) as heard:
-        upload(plan(heard.given).mission, heard.url, system_id=2)
+def test_at_any_speed_ten_states_of_a_vehicle_a_second_are_told(clock):
+    with watched_sim(clock, count=3, speed=20.0) as heard:
+        uploaded(heard, plan(heard.given).mission, system_id=2)
         ordered(heard, "start", of=2, confirmed=True)
         heard.clear()
-        begin = time.monotonic()
-        time.sleep(1.0)
-        states, seconds = heard.of(VehicleMoved), time.monotonic() - begin
+        begin_s = clock.now()
+        heard.watch_until(lambda: clock.now() > begin_s + 1.0, "time stands still")
+        states, seconds = heard.of(VehicleMoved), clock.now() - begin_s
     counts = Counter(one.system_id for one in states)
     assert set(counts) == {1, 2, 3}
     assert max(counts.values()) <= 10.0 * seconds + 2.0
@@ -129,13 +147,13 @@ def test_at_any_speed_ten_states_of_a_vehicle_a_second_are_told():
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_who_watches_a_simulation_orders_what_a_command_would(autopilot):
+def test_who_watches_a_simulation_orders_what_a_command_would(clock, autopilot):
     mission, hold = {"px4": ("MISSION", "LOITER"), "ardupilot": ("AUTO", "BRAKE")}[autopilot]
-    with watched_sim(autopilot, count=2, speed=4.0) as heard:
+    with watched_sim(clock, autopilot, count=2, speed=4.0) as heard:
         (text,) = ordered(heard, "takeoff", "5", of=1, confirmed=True)
         assert text == "system 1: takeoff 5: the motors stand still; arm first (order arm)"
         for number in (1, 2):
-            upload(plan(heard.given).mission, heard.url, system_id=number)
+            uploaded(heard, plan(heard.given).mission, system_id=number)
         assert heard.orders.take([1], "start") == "start starts motors: it has to be confirmed"
         assert not heard.made.vehicles[0].pilot.armed
         assert (
@@ -143,7 +161,7 @@ def test_who_watches_a_simulation_orders_what_a_command_would(autopilot):
             == f"vehicle 1: start is carried out (mode {mission})"
         )
         first, second = (one.pilot for one in heard.made.vehicles)
-        wait_until(lambda: first.state.position_m[2] > 5.0, "it does not climb")
+        heard.watch_until(lambda: first.state.position_m[2] > 5.0, "it does not climb")
         assert ordered(heard, "hold", of=1) == [f"vehicle 1: hold is carried out (mode {hold})"]
         assert ordered(heard, "resume", of=1) == [f"vehicle 1: resume is carried out (mode {mission})"]
         (text,) = ordered(heard, "set item", "400", of=1)
@@ -156,9 +174,9 @@ def test_who_watches_a_simulation_orders_what_a_command_would(autopilot):
         assert ordered(heard, "takeoff", "4", of=2, confirmed=True)[0].startswith("vehicle 2: takeoff is")
 
 
-def test_who_orders_anew_has_the_order_before_dropped():
-    with watched_sim(speed=1.0) as heard:
-        upload(plan(heard.given).mission, heard.url)
+def test_who_orders_anew_has_the_order_before_dropped(clock):
+    with watched_sim(clock, speed=1.0) as heard:
+        uploaded(heard, plan(heard.given).mission)
         ordered(heard, "start", confirmed=True)
         heard.orders.take([1], "set item", "8")
         heard.orders.take([1], "hold")
@@ -166,7 +184,7 @@ def test_who_orders_anew_has_the_order_before_dropped():
     assert text == "return is carried out (mode RTL)"
 
 
-def watched(url, heard, *, farm=None, sent=None):
+def watched(clock, url, heard, *, farm=None, sent=None):
     """Watch what is behind a link, as ``monitor`` does."""
     reader = FrameReader()
 
@@ -183,23 +201,19 @@ def watched(url, heard, *, farm=None, sent=None):
         begun,
         named=lambda one: (one.profile.name, kind_of_type(one.monitor.vehicle_type)),
     )
-    return Server([watch], [url], tap=tap), telemetry
+    return sharing(Server, clock, leads=True)([watch], [url], tap=tap), telemetry
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_a_monitor_tells_of_two_vehicles_and_of_the_plans_that_they_hold(autopilot):
+def test_a_monitor_tells_of_two_vehicles_and_of_the_plans_that_they_hold(clock, quick_stand_in, autopilot):
     heard, sent = Heard(), []
     rows = plan(scenario(autopilot=autopilot, fence_m=5.0)).mission
     other = plan(scenario(autopilot=autopilot, planner="spiral")).mission
-    with stand_in(autopilot, count=2, speed=2.0) as (url, made), ExitStack() as stack:
+    with quick_stand_in(autopilot, count=2, speed=2.0) as (url, made), ExitStack() as stack:
         upload(rows, url, system_id=1)
-        server, telemetry = watched(url, heard, farm=made.farm, sent=sent)
+        server, telemetry = watched(clock, url, heard, farm=made.farm, sent=sent)
         stack.enter_context(server)
-
-        def watch_until(condition, what):
-            server.run(until=lambda now_s: telemetry.look(now_s) or bool(condition()), limit_s=60.0)
-            assert condition(), what
-
+        watch_until = watching(server, telemetry)
         watch_until(lambda: heard.of(Planned), "no plan was read")
         (planned,) = heard.of(Planned)
         assert planned.system_id == 1, "the other one holds none"
@@ -266,14 +280,12 @@ def test_what_a_vehicle_says_that_makes_no_sense_ends_nothing():
     assert heard.of(RunBegun)[-1].farm is not None
 
 
-def test_without_a_farm_the_first_vehicle_is_in_the_middle_of_bare_land():
+def test_without_a_farm_the_first_vehicle_is_in_the_middle_of_bare_land(clock, quick_stand_in):
     heard = Heard()
-    with stand_in(speed=2.0) as (url, made):
-        server, telemetry = watched(url, heard)
+    with quick_stand_in(speed=2.0) as (url, made):
+        server, telemetry = watched(clock, url, heard)
         with server:
-            server.run(
-                until=lambda now_s: telemetry.look(now_s) or bool(heard.of(VehicleMoved)), limit_s=60.0
-            )
+            watching(server, telemetry)(lambda: heard.of(VehicleMoved), "it is not heard")
     assert heard.of(RunBegun)[0].farm is None
     farm = heard.of(RunBegun)[-1].farm
     assert farm.obstacles == () and farm.width_cells == farm.height_cells == 500

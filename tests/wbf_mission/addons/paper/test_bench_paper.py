@@ -110,11 +110,11 @@ def test_the_days_of_other_farms_are_drawn(tmp_path, capsys):
 
 
 def test_processes_make_the_same_maps(folder, tmp_path):
-    spec = BenchSpec.of(["WBF/Miniberry-10-v1"], ["spiral", "lawnmower"], ["adaptive-disk", "point"], seeds=1)
+    spec = BenchSpec.of(["WBF/Miniberry-10-v1"], ["spiral", "lawnmower"], ["point"], seeds=1)
     maps = shown.shown_runs(list(spec.runs()), tmp_path / "shown", jobs=2, progress=silent)
-    assert len(maps) == 4
-    for file in (folder / "shown").iterdir():
-        one, two = ShownRun.load(file), ShownRun.load(tmp_path / "shown" / file.name)
+    assert len(maps) == 2
+    for file in (tmp_path / "shown").iterdir():
+        one, two = ShownRun.load(folder / "shown" / file.name), ShownRun.load(file)
         assert one.axis_max == two.axis_max
         assert all(np.array_equal(getattr(one, name), getattr(two, name)) for name in shown._ARRAYS)
 

@@ -337,6 +337,7 @@ def test_a_lost_connection_is_told_and_found_again_where_the_reader_looked(
     with LiveServer(view) as server:
         port = server.port
         page = browser.new_page()
+        page.clock.install()
         page.goto(server.url)
         expect(page.locator(".connection")).to_have_text("Live")
         page.get_by_role("button", name="Zoom in").click()
@@ -345,7 +346,7 @@ def test_a_lost_connection_is_told_and_found_again_where_the_reader_looked(
         before = page.locator(".vehicle").bounding_box()
     expect(page.locator(".lost")).to_contain_text("The connection to the program is lost")
     page.evaluate(HEAR)
-    page.wait_for_timeout(4_500)  # It tries again meanwhile, and its data get old
+    page.clock.run_for(4_500)  # It tries again meanwhile, and its data get old
     assert page.evaluate("heard") == [], "it is read aloud once"
     told(view, VehicleSaid(12.0, 1, 6, "here again"))
     with LiveServer(view, port=port):

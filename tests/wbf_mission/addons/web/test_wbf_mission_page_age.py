@@ -348,6 +348,7 @@ class Told:
         self.asked: list[dict[str, Any]] = []
         self.sockets: list[Any] = []
         self.page = browser.new_page()
+        self.page.clock.install()
         self.page.add_init_script(f"({CLOCKS})()")
         self._update = view.update(None)[0].json().decode()
         self.page.route_web_socket(re.compile("/live"), self._open)
@@ -394,7 +395,7 @@ def test_an_age_is_told_before_what_is_shown_is_old(told: Told) -> None:
     told.beats(0.0)
     for ms, words in ((0, "Live"), (1_900, "Live"), (200, "2 s old"), (800, "2 s old")):
         told.passes(ms)
-        told.page.wait_for_timeout(300)  # It looks four times a second
+        told.page.clock.run_for(300)  # It looks four times a second
         expect(told.pill).to_have_text(words)
     told.passes(200)
     expect(told.pill).to_have_text("No news for 0:03")
@@ -477,7 +478,7 @@ def test_an_order_that_is_clicked_before_its_button_is_off_is_not_sent(told: Tol
         }"""
     )
     expect(order(told.page, "Hold")).to_be_disabled()
-    told.page.wait_for_timeout(300)  # It looks four times a second, and the message stays
+    told.page.clock.run_for(300)  # It looks four times a second, and the message stays
     expect(told.page.locator(".became")).to_have_text("Hold, drone-1: not sent: the program does not answer")
     assert told.asked == []
 
@@ -552,7 +553,7 @@ def test_no_order_moves_whatever_the_page_says(browser: Browser) -> None:
         assert boxes[360] != boxes[700] != boxes[1280]
 
         def stays(why: str) -> None:
-            one.page.wait_for_timeout(450)  # Panels are drawn anew
+            one.page.clock.run_for(450)  # Panels are drawn anew
             assert places() == boxes, why
 
         def says(*events: Any) -> None:

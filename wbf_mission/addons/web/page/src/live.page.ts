@@ -253,7 +253,7 @@ class App implements Receiver {
 
   /** Names of silent vehicles while the program is alive: the armed ones, or all. */
   private quiet(model: Model): string[] {
-    const known = (model.run?.vehicles ?? []).flatMap(({ system_id }) => {
+    const known = model.vehicles.flatMap(({ system_id }) => {
       const moment = model.vehicleAt(system_id, model.end_s);
       return moment ? [{ system_id, moment }] : [];
     });

@@ -111,7 +111,7 @@ export class Vehicles {
   }
 
   show(time_s: number): void {
-    const all = this.models.flatMap((model) => (model.run?.vehicles ?? []).map((info, k) => ({ model, info, k })));
+    const all = this.models.flatMap((model) => model.vehicles.map((info, k) => ({ model, info, k })));
     const ids = (vehicles: { info: VehicleInfo }[]): string => vehicles.map(({ info }) => info.system_id).join();
     if (ids(all) !== ids(this.cards)) {
       this.cards = all.map(({ model, info, k }) => new Card(model, info, k, () => this.select(model, info.system_id)));

@@ -97,8 +97,7 @@ def monitor_command(
     from wbf_mission.scenario import ScenarioError
 
     if not 0.05 <= interval <= 3600.0 or not (duration is None or 0.0 < duration <= 1e7):
-        msg = "--interval takes 0.05 to 3600 seconds, --duration up to 10000000"
-        raise ScenarioError(msg)
+        raise ScenarioError("--interval takes 0.05 to 3600 seconds, --duration up to 10000000")
     farm = _watched_farm(given, page)
     output.notes(() if farm is None else farm.notes, "farm")
     orders = page.orders(output)
@@ -140,8 +139,7 @@ def _watched_farm(given: options.Given, page: LivePage) -> Farm | None:
     if farm is None:
         return None
     if not page.wanted:
-        msg = "a farm is shown on the live page only: add --live PORT, or leave out the farm"
-        raise ScenarioError(msg)
+        raise ScenarioError("a farm is shown on the live page only: add --live PORT, or leave out the farm")
     return farm.load()
 
 

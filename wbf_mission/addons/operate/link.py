@@ -24,9 +24,14 @@ from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.injection import AnyFault
 from wbf_mission.addons.base.inquiry import VehicleSnapshot, ask_vehicle
 from wbf_mission.addons.base.links import Heard, LinkHost, LiveFlightError, Via, fitted_to, via_named
-from wbf_mission.addons.operate.battery_change import REAL_FULL, BatteryWait, needed_fraction, risen_fraction
 from wbf_mission.addons.operate.console import TerminalConsole
-from wbf_mission.addons.operate.real_sorties import RealSorties
+from wbf_mission.addons.operate.real_sorties import (
+    REAL_FULL,
+    BatteryWait,
+    RealSorties,
+    needed_fraction,
+    risen_fraction,
+)
 from wbf_mission.addons.operate.riding_camera import RidingCamera
 from wbf_mission.cli.output import Output
 from wbf_mission.events import EventStream
@@ -89,21 +94,18 @@ def wanted_vehicles(
     """
     count = max(len(urls), len(system_ids), named)
     if len(urls) not in (1, count) or len(system_ids) not in (0, count) or named not in (1, count):
-        msg = (
+        raise LiveFlightError(
             f"{named} vehicles, {len(urls)} links and {len(system_ids)} system ids do not match: give "
             f"--connect once or once for each vehicle, and --system-id once for each vehicle or never"
         )
-        raise LiveFlightError(msg)
     if count > MOST_VEHICLES:
-        msg = f"{count} vehicles: at most {MOST_VEHICLES} fly together"
-        raise LiveFlightError(msg)
+        raise LiveFlightError(f"{count} vehicles: at most {MOST_VEHICLES} fly together")
     links = list(urls) if len(urls) > 1 else [*urls] * count
     ids: Sequence[int | None] = system_ids or [None] * count
     found = tuple(zip(links, ids, strict=True))
     for url, system_id in found:
         if system_id is not None and found.count((url, system_id)) > 1:
-            msg = f"{url}: system {system_id} is named twice; name each vehicle once"
-            raise LiveFlightError(msg)
+            raise LiveFlightError(f"{url}: system {system_id} is named twice; name each vehicle once")
     return found
 
 
@@ -176,12 +178,11 @@ class LiveLink:
         for url, vehicle in heard:
             self.note(f"heard: system {vehicle.system_id}, {vehicle.profile.name}")
             if vehicle.system_id in by_id:
-                msg = (
+                raise LiveFlightError(
                     f"system {vehicle.system_id} is heard on {by_id[vehicle.system_id][0]} and on {url}: give"
                     " each vehicle its own system id (PX4: MAV_SYS_ID, ArduPilot: MAV_SYSID or"
                     " SYSID_THISMAV)"
                 )
-                raise LiveFlightError(msg)
             by_id[vehicle.system_id] = url, vehicle
             self.via.check(scenario, vehicle)
         self._heard = dict(sorted(by_id.items()))

@@ -68,8 +68,7 @@ def _at_item(text: str, number: int, metres: float, course: Course) -> Place:
         raise ScenarioError(msg)
     length_m = float(course.lengths_m[leg])
     if metres >= length_m and metres > 0.0:
-        msg = f"--resume {text}: the way to item {number} is {length_m:.1f} m long; give less"
-        raise ScenarioError(msg)
+        raise ScenarioError(f"--resume {text}: the way to item {number} is {length_m:.1f} m long; give less")
     return Place(course.legs[leg].item, metres / length_m if metres else 0.0)
 
 
@@ -91,11 +90,9 @@ def _reached(what: str, progress: MissionProgress) -> Place:
     try:
         place = progress.place()
     except MissionError as error:
-        msg = f"{what}: {error}"
-        raise MissionError(msg) from None
+        raise MissionError(f"{what}: {error}") from None
     if place is None:
-        msg = f"{what}: the mission is complete; there is nothing to resume"
-        raise MissionError(msg)
+        raise MissionError(f"{what}: the mission is complete; there is nothing to resume")
     return place
 
 
@@ -132,8 +129,7 @@ def _of_link(url: str, course: Course, wait_s: float) -> Place:
     state = listener.progress.monitor.state
     what = f"the vehicle on {name}"
     if state.item is None:
-        msg = f"{what} does not report its current item; give the item: --resume 12+35m"
-        raise MissionError(msg)
+        raise MissionError(f"{what} does not report its current item; give the item: --resume 12+35m")
     if state.armed and listener.progress.monitor.in_mission:
         return _reached(what, listener.progress)
     if state.item >= course.end or state.total not in (None, len(course.mission.items)):

@@ -258,7 +258,7 @@ def _folder(out: Path, inputs: list[Path | None], *, overwrite: bool) -> Iterato
 
 
 def _rows(of: TreatmentMap, flight: NextFlight | None, out: Path, plan: Path | None) -> dict[str, str]:
-    from wbf_mission.addons.treatment.farmer_page import area_in_words
+    from wbf_mission.addons.treatment.map_files import area_in_words
     from wbf_mission.addons.treatment.zones import HEALTHY, LOOK, TREAT
 
     rows = {

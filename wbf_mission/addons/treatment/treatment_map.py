@@ -12,8 +12,17 @@ from sensors.fields import FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from wbf_mission.addons.treatment.gis import MapError
-from wbf_mission.addons.treatment.zone_shapes import Zone, zones_of
-from wbf_mission.addons.treatment.zones import HEALTHY, LOOK, TREAT, FieldCosts, ZoneMap, block_grid, zone_map
+from wbf_mission.addons.treatment.zones import (
+    HEALTHY,
+    LOOK,
+    TREAT,
+    FieldCosts,
+    Zone,
+    ZoneMap,
+    block_grid,
+    zone_map,
+    zones_of,
+)
 from wbf_mission.maps.field_maps import field_maps
 from wbf_mission.maps.report import FarmReport, report_of_maps
 

@@ -11,8 +11,7 @@ from PIL import Image
 from wbf_mission.addons.base.intervals import Interval
 from wbf_mission.addons.base.page import standing_table
 from wbf_mission.addons.base.standings import scored, standings
-from wbf_mission.addons.boards.ratios import WHOLE, by_fixed
-from wbf_mission.addons.boards.report import report_page
+from wbf_mission.addons.boards.report import WHOLE, by_fixed, report_page
 from wbf_mission.bench.requests import Asked, AskedFor, Card
 
 

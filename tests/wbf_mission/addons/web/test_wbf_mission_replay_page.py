@@ -17,8 +17,7 @@ from single_page import SinglePage
 from mission.policies.decision import AcquisitionMap
 from wbf_mission.addons.boards.replay import Replay, replay, run_of
 from wbf_mission.addons.web import schema
-from wbf_mission.addons.web.recording import LiveLayers, thinned_moments
-from wbf_mission.addons.web.report import MOST_BYTES, write_report
+from wbf_mission.addons.web.report import MOST_BYTES, LiveLayers, thinned_moments, write_report
 from wbf_mission.bench.rows import read_rows
 from wbf_mission.cli.app import main
 from wbf_mission.events import EventStream

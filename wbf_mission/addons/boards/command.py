@@ -262,17 +262,14 @@ def board_command(
 
 
 def _write(output: Output, board: Board, out: Path) -> None:
-    import msgspec
-
-    from geo.atomic import atomic_write
     from wbf_mission.addons.boards.board_page import board_page, board_values, draw_board
+    from wbf_mission.results.files import write_json
 
     out.mkdir(parents=True, exist_ok=True)
     page = board_page(board, draw_board(board, out))
     page.write(out / "board.md")
     bench_page()(out / "board.html", page, out)
-    with atomic_write(out / "board.json", "wb") as file:
-        file.write(msgspec.json.format(msgspec.json.encode(board_values(board))) + b"\n")
+    write_json(out / "board.json", board_values(board))
     output.note(f"written: {out / 'board.md'}, {out / 'board.html'}, {out / 'board.json'}")
 
 

@@ -77,9 +77,11 @@ def report_page(rows: Sequence[BenchRow], folder: Path, *, title: str, asked: As
         *_repeat(asked or AskedFor(), rows),
         Section("What flew", tables=(_what_was_run(rows), _machines(rows))),
     ]
-    failures = _failures(separated)
-    if failures.rows:
-        sections.append(Section("What failed", tables=(failures,)))
+    failures = tuple((row.named, row.error) for row in separated if row.error is not None)
+    if failures:
+        sections.append(
+            Section("What failed", tables=(Table("Runs that failed", ("run", "cause"), failures),))
+        )
     return Page(title, READING, tuple(sections))
 
 
@@ -223,11 +225,6 @@ def _costs(good: Sequence[BenchRow]) -> Table:
     lines = ((name, *(f"{cell:.3f}" for cell in cells)) for name, cells in means)
     header = ("planner, estimator", "wall", "CPU", *stages)
     return Table("Computing time of a run, and wall time of its parts, s", header, tuple(lines))
-
-
-def _failures(rows: Sequence[BenchRow]) -> Table:
-    table = [(row.named, row.error) for row in rows if row.error is not None]
-    return Table("Runs that failed", ("run", "cause"), tuple(table))
 
 
 def _what_was_run(rows: Sequence[BenchRow]) -> Table:

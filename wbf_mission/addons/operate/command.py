@@ -53,11 +53,7 @@ _COLUMNS = {
     "link": (14, "{link}"),
 }
 """Columns of the lines: heading, width, and the format of the cell."""
-
-
 _REPEATS_S = 30.0
-
-
 _JSON_LINES = Annotated[
     bool, option("Print a line of JSON for each vehicle and each text.", "--json", panel="Output")
 ]

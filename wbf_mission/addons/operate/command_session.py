@@ -21,8 +21,6 @@ from mission.link.codec.dialect import mavlink as m
 from mission.transfer.vehicles import VehicleSearch
 from mission.transfer.wire import GROUND_STATION, command_long
 
-__all__ = ["OFF_GROUND_M", "CommandSession", "Step", "is_ready", "step_of"]
-
 OFF_GROUND_M = 0.5
 """Height above home above which a vehicle is in the air (m)."""
 

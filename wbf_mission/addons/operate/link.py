@@ -52,8 +52,6 @@ from wbf_mission.scenario import Scenario, VehicleOptions
 from wbf_mission.scenario.parts import MOST_VEHICLES
 from wbf_mission.scenario.values import LAYERS
 
-__all__ = ["LiveLink", "connect", "require_single_flight", "riding_camera", "wanted_vehicles"]
-
 _NEAR_M = 5.0
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 
@@ -87,8 +85,6 @@ def wanted_vehicles(
     A single link is used for all vehicles, and so is a single vehicle name in the scenario. Raises
     LiveFlightError if the counts do not match, or a vehicle is named twice.
 
-    Examples
-    --------
     >>> wanted_vehicles(["tcp:a:1"], [3, 5], 1), wanted_vehicles(["tcp:a:1", "tcp:b:1"], [], 2)
     ((('tcp:a:1', 3), ('tcp:a:1', 5)), (('tcp:a:1', None), ('tcp:b:1', None)))
     """

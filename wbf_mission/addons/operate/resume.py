@@ -16,8 +16,6 @@ from wbf_mission.addons.base.links import LinkHost
 from wbf_mission.addons.operate.watching import FleetWatch
 from wbf_mission.scenario import ScenarioError
 
-__all__ = ["resume_place"]
-
 _ITEM = re.compile(r"(\d{1,5})(?:\+(\d+(?:\.\d*)?|\.\d+)\s*m)?")
 _LINK = re.compile(r"(udpin|udpout|udp|tcp|tcpin|serial):.+")
 _TLOG = "flight.tlog"
@@ -26,26 +24,14 @@ _ENOUGH_S = 2.5
 
 
 def resume_place(text: str, course: Course, *, wait_s: float = 10.0) -> Place:
-    """Return the place where a mission is resumed.
+    """Return the place on its course where a mission is resumed.
 
-    Parameters
-    ----------
-    text : str
-        An item, counted from 1, with metres flown towards it (``12``, ``12+35m``), a telemetry log, a folder
-        with the results of a flight, or the address of a vehicle's link.
-    course : Course
-        Course of the mission.
-    wait_s : float
-        Timeout for the vehicle behind a link (s).
+    The text is an item, counted from 1, with metres flown towards it (``12``, ``12+35m``), a telemetry log, a
+    folder with the results of a flight, or the address of a link, where a vehicle must be heard in `wait_s`.
 
-    Raises
-    ------
-    ScenarioError
-        If the text is none of these, or the mission has no such item.
-    MissionError
-        If a log or the vehicle does not show the progress of the mission, or the mission is complete.
-    LinkError
-        If a log cannot be read or a link cannot be opened; NoVehicleError without a vehicle.
+    Raises ScenarioError if the text is none of these, or the mission has no such item; MissionError if a log
+    or the vehicle does not show the progress of the mission, or the mission is complete; LinkError if a log
+    cannot be read or a link cannot be opened; NoVehicleError without a vehicle.
     """
     if (item := _ITEM.fullmatch(text)) is not None:
         return _at_item(text, int(item.group(1)), float(item.group(2) or 0.0), course)

@@ -21,8 +21,6 @@ from mission.transfer import (
 from mission.transfer.wire import ACCEPTED, GROUND_STATION
 from sensors.observations import Observations
 
-__all__ = ["FleetWatch", "WatchedVehicle"]
-
 _STREAM_HZ = 2
 _ASK_AGAIN_S = 5.0
 _SILENT_S = 3.0

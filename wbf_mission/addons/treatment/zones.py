@@ -89,8 +89,6 @@ def costs_of(field_set: FieldSet, given: Mapping[str, Iterable[str]]) -> dict[st
     follows by the default ratio. The default of look is `LOOK_SHARE` of treat. Raises MapError if an entry
     cannot be read, is not positive, or names no field.
 
-    Examples
-    --------
     >>> from sensors.fields import PAPER_FIELDS
     >>> costs = costs_of(PAPER_FIELDS, {"treat": ["300"], "rate": ["ccr=1.5kg/ha"]})
     >>> costs["ccr"].treat, costs["ccr"].look, costs["ccr"].rate, costs["ccr"].rate_unit, costs["soil"].rate

@@ -21,7 +21,6 @@ from msgspec import UNSET
 from msgspec.structs import asdict, replace
 from numpy.typing import NDArray
 
-from geo import Farm
 from geo.atomic import atomic_write
 from geo.errors import WbfMissionError
 from sensors.errors import EstimatorError
@@ -240,8 +239,13 @@ def write_report(
     run that was just flown; by default the estimates are computed again (`events_of`). The summary also shows
     the notes `told`. Data is omitted to keep the file below `most_bytes`.
     """
-    if len(records) > 1:
-        _check_farms(*(record.farm for record in records))
+    same = ("frame", "width_cells", "height_cells", "cell_size_m", "patches", "owner")
+    first, last = records[0].farm, records[-1].farm
+    if any(getattr(first, name) != getattr(last, name) for name in same):
+        names = f"{first.name} and {last.name}"
+        raise ReportError(
+            f"the runs are of different farms, {names}: give two runs of the same farm, or one run at a time"
+        )
     kept = [_Kept(record, log, layers, progress) for record, log in zip(records, logs, strict=False)]
     title = " | ".join(run_title(record) for record in records)
     summary = comparison_of if len(records) > 1 else summary_of
@@ -267,15 +271,6 @@ class RunPage(LiveLayers):
         """Write the report and return its notes."""
         report = write_report(path, [record], logs=[log], layers=self, told=notes, progress=progress)
         return report.notes
-
-
-def _check_farms(first: Farm, second: Farm) -> None:
-    same = ("frame", "width_cells", "height_cells", "cell_size_m", "patches", "owner")
-    if any(getattr(first, name) != getattr(second, name) for name in same):
-        names = f"{first.name} and {second.name}"
-        raise ReportError(
-            f"the runs are of different farms, {names}: give two runs of the same farm, or one run at a time"
-        )
 
 
 @dataclass(frozen=True, slots=True)

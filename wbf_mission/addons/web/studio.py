@@ -296,11 +296,12 @@ def _mission(sortie: drafts.PlannedMission) -> dict[str, Any]:
 
 def _described(key: str, option: Option) -> dict[str, Any]:
     """Return an option's description for the page."""
+    shown = ("label", "panel", "unit", "low", "high", "kind", "needs", "not_with", "needs_fleet")
     kinds = [kind for kind in get_args(option.wanted) or (option.wanted,) if kind in _TYPES]
     is_text = option.read is not None or str in get_args(option.wanted)
     names = drafts.known_names(key) if option.kind or key in drafts.NAMED else option.choices
     return {
-        **{name: getattr(option, name) for name in _DESCRIBED},
+        **{name: getattr(option, name) for name in shown},
         "help": worded(option.help),
         "key": key,
         "type": "text" if is_text or not kinds else _TYPES[kinds[0]],
@@ -309,9 +310,6 @@ def _described(key: str, option: Option) -> dict[str, Any]:
         "first": key in _FIRST,
         "several": option.each or option.wanted not in (str, str | None, Any),
     }
-
-
-_DESCRIBED = ("label", "panel", "unit", "low", "high", "kind", "needs", "not_with", "needs_fleet")
 
 
 def _default(initial: Any) -> str:

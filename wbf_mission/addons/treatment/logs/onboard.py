@@ -122,7 +122,6 @@ def _count_fields(topic: str, declared: dict[str, Any], depth: int) -> int:
 
 _NAMES = ("POS", "GPS", "CAM", "TRIG")
 _HEAD_BYTES = 3
-_GPS_3D = 3
 _NOWHERE = math.nan
 
 
@@ -146,7 +145,7 @@ def read_dataflash(path: Path) -> LogTrack:
             boot_s = getattr(message, "TimeUS", _NOWHERE) / 1e6
             utc_s = message._timestamp if message._timestamp >= LEAST_UTC_S else _NOWHERE
             kind = message.get_type()
-            if kind == "GPS" and message.Status < _GPS_3D:
+            if kind == "GPS" and message.Status < _FIX_3D:
                 continue
             place = boot_s, utc_s, message.Lat, message.Lng
             if kind in ("CAM", "TRIG"):

@@ -64,10 +64,7 @@ class Chart {
   private lines: Line[] = [];
   private times: number[] = [];
 
-  constructor(
-    private readonly kind: Kind,
-    private readonly seek: (time_s: number) => void,
-  ) {
+  constructor(private readonly kind: Kind, private readonly seek: (time_s: number) => void) {
     const caption = element("figcaption", {}, element("span", {}, kind.name), this.value);
     this.element = element("figure", { class: "chart" }, caption, this.room);
   }
@@ -179,10 +176,7 @@ export class Charts {
   private end_s = -1;
   private known = "";
 
-  constructor(
-    private readonly models: Model[],
-    seek: (time_s: number) => void,
-  ) {
+  constructor(private readonly models: Model[], seek: (time_s: number) => void) {
     this.charts = KINDS.map((kind) => new Chart(kind, seek));
     this.element.append(...this.charts.map((chart) => chart.element));
     new ResizeObserver(() => this.redraw()).observe(this.element);

@@ -121,12 +121,12 @@ function mark(context: Context, x: number, y: number, letter: string): void {
 /** Draw a layer's picture between two parts of the view's width. */
 export function drawPicture(context: Context, view: View, picture: Picture, from: number, to: number): void {
   const { pixel_m } = picture.raster;
-  const [a, b, c, d, e, f] = view.matrix;
   context.save();
   context.beginPath();
   context.rect(from * view.width, 0, (to - from) * view.width, view.height);
   context.clip();
-  context.transform(a * pixel_m, b * pixel_m, c * pixel_m, d * pixel_m, e, f);
+  context.transform(...view.matrix);
+  context.scale(pixel_m, pixel_m);
   context.imageSmoothingEnabled = view.scale * pixel_m < 1;
   context.imageSmoothingQuality = "medium";
   context.drawImage(picture.canvas, 0, 0);

@@ -11,20 +11,23 @@ import type { Decision, Run, States, Update, VehicleInfo } from "./schema.js";
 import { drawReadings } from "./readings.js";
 import { kindName, Picture } from "./tiles.js";
 
-/** Displayed parts of a run; chosen by the reader in `layers.ts`. */
-export interface Choice {
-  field: string;
-  kind: "value" | "uncertainty" | "truth" | "acquisition" | "none";
+export const KINDS = ["value", "uncertainty", "truth", "acquisition", "none"] as const;
+
+/** Displayed parts of a run at the start; the reader chooses others in `layers.ts`. */
+export const AT_START = {
+  field: "",
+  kind: "value" as (typeof KINDS)[number],
   /** Whether to show the truth right of the handle and the layer left of it. */
-  compare: boolean;
-  split: number;
-  opacity: number;
-  crops: boolean;
-  plans: boolean;
-  trails: boolean;
-  readings: boolean;
-  decisions: boolean;
-}
+  compare: false,
+  split: 0.5,
+  opacity: 0.85,
+  crops: true,
+  plans: true,
+  trails: true,
+  readings: true,
+  decisions: true,
+};
+export type Choice = typeof AT_START;
 
 export function layerName(choice: Choice): string | null {
   if (choice.kind === "none") return null;

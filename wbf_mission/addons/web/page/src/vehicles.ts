@@ -25,12 +25,7 @@ class Card {
   private readonly head: HTMLElement;
   private readonly figures = Object.fromEntries(FIGURES.map((name) => [name, element("dd")])) as Figures<HTMLElement>;
 
-  constructor(
-    readonly model: Model,
-    readonly info: VehicleInfo,
-    number: number,
-    chosen: () => void,
-  ) {
+  constructor(readonly model: Model, readonly info: VehicleInfo, number: number, chosen: () => void) {
     const dot = element("span", { class: "dot", "aria-hidden": "true" });
     dot.style.setProperty("--vehicle", vehicleColour(number));
     this.head = button("", chosen, { class: "head", "aria-pressed": "false" });
@@ -94,10 +89,7 @@ export class Vehicles {
   selected: { model: Model; system_id: number } | null = null;
   private cards: Card[] = [];
 
-  constructor(
-    private readonly models: Model[],
-    private readonly chosen: (model: Model, id: number | null) => void,
-  ) {}
+  constructor(private readonly models: Model[], private readonly chosen: (model: Model, id: number | null) => void) {}
 
   /** Select a vehicle, or deselect the selected one. */
   select(model: Model, system_id: number): void {

@@ -78,10 +78,10 @@ def require_whole(rows: Sequence[BenchRow], *, sealed: bool = False) -> None:
         _require_complete(scenario, here)
         if not sealed:
             _require_all_seeds(scenario, {row.seed for row in here})
-        limits = limits_of(scenario)
+        limits = _limits_of(scenario)
         for row in here:
             strange = "" if row.key in run_keys(row) else "its key does not belong to this run"
-            if why := strange or _inconsistency(row, limits) or impossible(row, limits):
+            if why := strange or _inconsistency(row, limits) or next(_impossible(row, limits), ""):
                 raise ResultError(f"{one_line(row.named)}: {why}; fly it again into a new folder")
 
 
@@ -296,18 +296,11 @@ class Limits:
         return max(1, math.floor(0.9 * readings / every))
 
 
-@functools.cache
-def limits_of(scenario: str) -> Limits:
-    """Return the limits of a scenario of the catalogue, computed once."""
-    return Limits(scenario)
-
-
-def impossible(row: BenchRow, limits: Limits) -> str:
-    """Describe the first impossible value of a row; empty if a run of its scenario can have all values."""
-    return next(_impossible(row, limits), "")
+_limits_of = functools.cache(Limits)
 
 
 def _impossible(row: BenchRow, limits: Limits) -> Iterator[str]:
+    """Yield the impossible values of a row; none if a run of its scenario can have all values."""
     for name in _NUMBERS:
         value = getattr(row, name)
         if value is not None and not (math.isfinite(value) and value >= 0.0):

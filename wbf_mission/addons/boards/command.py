@@ -82,10 +82,7 @@ def submit_command(
         list[Path] | None, option("File or folder of your own code to pack; may be repeated.")
     ] = None,
     out: Annotated[Path | None, option("Pack file.  [default: NAME.zip in lower case]")] = None,
-    verify: Annotated[
-        int,
-        option(_VERIFY, panel=_CHECKED, parser=_rows),
-    ] = 1,
+    verify: Annotated[int, option(_VERIFY, panel=_CHECKED, parser=_rows)] = 1,
     seal: SealFile = None,
     secret: SecretFile = None,
 ) -> int:
@@ -96,13 +93,7 @@ def submit_command(
     """
     from wbf_mission.addons.boards.audit import require_asked, require_whole
     from wbf_mission.addons.boards.sealed import require_seeds
-    from wbf_mission.addons.boards.submission import (
-        SUFFIX,
-        code_files,
-        made_when,
-        require_texts,
-        write_pack,
-    )
+    from wbf_mission.addons.boards.submission import SUFFIX, code_files, made_when, require_texts, write_pack
     from wbf_mission.addons.boards.verification import fly_again
     from wbf_mission.results.storage import ResultError
 

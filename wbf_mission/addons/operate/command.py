@@ -59,11 +59,7 @@ _JSON_LINES = Annotated[
 ]
 
 
-@options.scenario_options(
-    "farm",
-    without=(*options.OF_DAYS, "fields", "seed"),
-    defaults={"farm": None},
-)
+@options.scenario_options("farm", without=(*options.OF_DAYS, "fields", "seed"), defaults={"farm": None})
 @options.speaks(json=_JSON_LINES)
 @options.gives("page", LivePage)
 def monitor_command(
@@ -73,8 +69,7 @@ def monitor_command(
     page: LivePage,
     url: Annotated[str, typer.Argument(help=f"The link: {options.LINKS}")],
     duration: Annotated[
-        float | None,
-        option("Seconds to watch.  [default: until Ctrl-C]", parser=options.number),
+        float | None, option("Seconds to watch.  [default: until Ctrl-C]", parser=options.number)
     ] = None,
     interval: Annotated[float, option("Seconds between two reports.", parser=options.number)] = 1.0,
 ) -> int:

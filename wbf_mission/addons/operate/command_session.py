@@ -7,12 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from geo.errors import WbfMissionError
-from mission.ground.command import (
-    MotorsStandError,
-    OperatorCommand,
-    VehicleRefusedError,
-    VehicleSilentError,
-)
+from mission.ground.command import MotorsStandError, OperatorCommand, VehicleRefusedError, VehicleSilentError
 from mission.ground.contact import Answer, Contact, Heartbeat, Order, StateBefore, result_name
 from mission.ground.modes import Maneuver
 from mission.ground.vehicle_state import VehicleMonitor

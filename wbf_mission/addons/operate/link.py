@@ -333,10 +333,7 @@ class LinkHosting(Hosting):
         return ArmingGate((system_id, _AUTOPILOT), agreed=self.link.agreed, clock=steady_s)
 
     def open(
-        self,
-        sorties: Sequence[Sortie],
-        writer: FrameSink | None,
-        **_of_a_simulation: object,
+        self, sorties: Sequence[Sortie], writer: FrameSink | None, **_of_a_simulation: object
     ) -> LinkHost:
         """Open the links; raise LinkError if an address is wrong, in use or unreachable."""
         cameras = [riding_camera(sortie) for sortie in sorties]

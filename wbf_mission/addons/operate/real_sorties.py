@@ -75,10 +75,7 @@ class RealSorties:
         self.stopped = f"stopped after flight {flight} of {count}"
         begun_s = time.monotonic()
         why = self._change_battery(
-            self._vehicle,
-            self.cut.plans[flight],
-            last=record,
-            which=f"sortie {flight + 1} of {count}",
+            self._vehicle, self.cut.plans[flight], last=record, which=f"sortie {flight + 1} of {count}"
         )
         self.changed_s = time.monotonic() - begun_s
         self.stopped = f"{self.stopped}: {why}" if why else ""

@@ -11,13 +11,7 @@ from mission.ground.contact import Contact, Heartbeat
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Mission, MissionType
-from mission.transfer import (
-    CLIENT_MESSAGES,
-    DownloadComplete,
-    Output,
-    Transfer,
-    TransferFailed,
-)
+from mission.transfer import CLIENT_MESSAGES, DownloadComplete, Output, Transfer, TransferFailed
 from mission.transfer.wire import ACCEPTED, GROUND_STATION
 from sensors.observations import Observations
 

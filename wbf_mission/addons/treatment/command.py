@@ -261,10 +261,7 @@ def _rows(of: TreatmentMap, flight: NextFlight | None, out: Path, plan: Path | N
     from wbf_mission.addons.treatment.map_files import area_in_words
     from wbf_mission.addons.treatment.zones import HEALTHY, LOOK, TREAT
 
-    rows = {
-        "made from": f"{len(of.observations)} readings, day {of.day}, {of.estimator}",
-        **of.report.rows(),
-    }
+    rows = {"made from": f"{len(of.observations)} readings, day {of.day}, {of.estimator}", **of.report.rows()}
     for zones in of.zone_maps:
         areas = ((zones.word(zone), area_in_words(zones.area_ha(zone))) for zone in (TREAT, LOOK, HEALTHY))
         rows[f"zones, {zones.field.title}"] = ", ".join(map(" ".join, areas))

@@ -123,13 +123,7 @@ def costs_of(field_set: FieldSet, given: Mapping[str, Iterable[str]]) -> dict[st
     return found
 
 
-_OPTIONS = {
-    "treat": "treat-cost",
-    "loss": "loss",
-    "look": "look-cost",
-    "below": "low-below",
-    "rate": "rate",
-}
+_OPTIONS = {"treat": "treat-cost", "loss": "loss", "look": "look-cost", "below": "low-below", "rate": "rate"}
 
 
 def _read(option: str, text: str, key: str) -> dict[str, float | str]:

@@ -2,7 +2,7 @@
 
 The page is the same as for a live run, with a recording. A `View` listens to the events of the result, and
 its layers are kept at some moments. A file that is too large gets fewer moments, larger pixels, and finally
-fewer readings; its notes say so. `LiveLayers` keeps the layers of a run that is flown for the report. They
+fewer readings; its notes say so. `RunPage` keeps the layers of a run that is flown for the report. They
 include the acquisition maps of decisions, which results do not contain.
 """
 
@@ -84,11 +84,11 @@ class Recorder:
             moments.append(schema.Moment(at_s, day, observations, update.tiles or [], update.scales or {}))
 
 
-class LiveLayers:
-    """Layers of a run in flight: its estimates, and the acquisition map of each decision.
+class RunPage:
+    """Report of a run, recorded during the flight: a `wbf_mission.addons.base.pages.RunPage`.
 
-    The run is scored `scored` times; layers are kept for about `MOMENTS` of these times. `decided_s` maps the
-    `id` of a decision's record to the time of the decision.
+    It keeps the layers of estimates at about `MOMENTS` of the `scored` times at which the run is scored, and
+    the acquisition map of each decision. `decided_s` maps the `id` of a decision's record to its time.
     """
 
     def __init__(self, events: EventStream, scored: int) -> None:
@@ -121,6 +121,13 @@ class LiveLayers:
                     self.recorder.keep(event.time_s, record.day, record.observations, decision=True)
             elif isinstance(event, RunEnded):
                 self.recorder.keep(*self._last)
+
+    def write(
+        self, path: Path, record: RunRecord, *, log: Path | None, notes: Sequence[str], progress: Progress
+    ) -> Sequence[str]:
+        """Write the report and return its notes."""
+        report = write_report(path, [record], logs=[log], layers=self, told=notes, progress=progress)
+        return report.notes
 
 
 def thinned_moments(
@@ -228,7 +235,7 @@ def write_report(
     records: Sequence[RunRecord],
     *,
     logs: Sequence[Path | None] = (None, None),
-    layers: LiveLayers | None = None,
+    layers: RunPage | None = None,
     told: Sequence[str] = (),
     most_bytes: int = MOST_BYTES,
     progress: Progress = silent,
@@ -262,17 +269,6 @@ def write_report(
     return Report(title, size, tuple(len(recording.moments) for recording in recordings), notes)
 
 
-class RunPage(LiveLayers):
-    """Report of a run, recorded during the flight: a `wbf_mission.addons.base.pages.RunPage`."""
-
-    def write(
-        self, path: Path, record: RunRecord, *, log: Path | None, notes: Sequence[str], progress: Progress
-    ) -> Sequence[str]:
-        """Write the report and return its notes."""
-        report = write_report(path, [record], logs=[log], layers=self, told=notes, progress=progress)
-        return report.notes
-
-
 @dataclass(frozen=True, slots=True)
 class _Reduced:
     """A reduced form of a recording."""
@@ -294,9 +290,7 @@ _REDUCTIONS = (
 class _Kept:
     """Data of a run's page, with the layers at all moments in several pixel sizes."""
 
-    def __init__(
-        self, record: RunRecord, log: Path | None, live: LiveLayers | None, progress: Progress
-    ) -> None:
+    def __init__(self, record: RunRecord, log: Path | None, live: RunPage | None, progress: Progress) -> None:
         self.diseases = [disease.name for disease in record.fields.diseases]
         self.lost = ""  # Reason why estimates could not be computed again
         decided_s = {} if live is None else live.decided_s

@@ -26,8 +26,16 @@ from wbf_mission.addons.base.farm_drawing import FarmDrawing
 from wbf_mission.addons.base.html_page import html_document
 from wbf_mission.addons.base.plots import rgb
 from wbf_mission.addons.treatment.gis import UtmCells, gdal_errors, gis, raster
-from wbf_mission.addons.treatment.treatment_map import TreatmentMap
-from wbf_mission.addons.treatment.zones import HEALTHY, LOOK, TREAT, FieldCosts, Zone, ZoneMap, is_water
+from wbf_mission.addons.treatment.treatment_map import (
+    HEALTHY,
+    LOOK,
+    TREAT,
+    FieldCosts,
+    TreatmentMap,
+    Zone,
+    ZoneMap,
+    is_water,
+)
 from wbf_mission.maps.report import percent
 from wbf_mission.progress import Progress
 from wbf_mission.results.files import write_json

@@ -16,6 +16,7 @@ from geo.linear_algebra import exp, log
 from geo.texts import unknown
 from mission.errors import PlanningError
 from mission.policies.observation import PolicyObservation
+from mission.policies.route_search import add_runs
 from sensors.fields import Field
 from sensors.scoring.information import InformationModel
 
@@ -26,6 +27,23 @@ _CLASS_VALUES = (1.0, 0.5, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class CountedCells:
+    """Cells that count in a sum, as a mask and as runs of neighbouring cells along y."""
+
+    mask: NDArray[np.bool_]  # bool[W, H]
+    runs: NDArray[np.int32]  # Column, first cell and end of each run, int32[n, 3]
+    first: NDArray[np.intp]  # Index of the first run of each column, and the number of runs, intp[W + 1]
+
+    @classmethod
+    def of(cls, mask: NDArray[np.bool_]) -> CountedCells:
+        """Return the cells in a mask."""
+        edges = np.diff(mask.view(np.int8), axis=1, prepend=np.int8(0), append=np.int8(0))
+        columns, begin = np.nonzero(edges > 0)
+        runs = np.column_stack((columns, begin, np.nonzero(edges < 0)[1])).astype(np.int32)
+        return cls(mask, runs, np.searchsorted(columns, np.arange(len(mask) + 1)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class SummedMap:
     """A weighted sum of maps; reading a cell computes the sum in that cell.
 
@@ -33,30 +51,37 @@ class SummedMap:
 
     Parameters
     ----------
-    parts : tuple of (float32, bool[W, H], float[W, H])
+    parts : tuple of (float32, CountedCells, float[W, H])
         Weight, counted cells and values of each map.
     shape : tuple of int
         Shape of the maps.
 
     Examples
     --------
-    >>> mask, values = np.array([[True, False]]), np.array([[0.5, 0.25]], np.float32)
-    >>> SummedMap(((np.float32(2.0), mask, values),), (1, 2))[:].tolist()
+    >>> cells, values = CountedCells.of(np.array([[True, False]])), np.array([[0.5, 0.25]], np.float32)
+    >>> SummedMap(((np.float32(2.0), cells, values),), (1, 2))[:].tolist()
     [[1.0, 0.0]]
     """
 
-    parts: tuple[tuple[np.float32, NDArray[np.bool_], NDArray[np.floating]], ...]
+    parts: tuple[tuple[np.float32, CountedCells, NDArray[np.floating]], ...]
     shape: tuple[int, int]
 
     def __getitem__(self, cells: Any) -> NDArray[np.float32]:
         """Return the sum in the cells that an index, as for an array, selects."""
         first = np.broadcast_to(np.float32(0.0), self.shape)[cells]
         total = np.zeros(first.shape, np.float32)
-        for weight, mask, values in self.parts:
-            counted = mask[cells]
-            if counted.any():
-                total += counted * (weight * values[cells])
+        for weight, counted, values in self.parts:
+            mask = counted.mask[cells]
+            if mask.any():
+                total += mask * (weight * values[cells])
         return total
+
+    def add_columns(self, first: int, total: NDArray[np.float32]) -> None:
+        """Add the sum in the columns from `first` on to `total`, float32[columns, H], without the GIL."""
+        end = min(first + len(total), self.shape[0])
+        for weight, counted, values in self.parts:
+            runs = counted.runs[counted.first[first] : counted.first[end]]
+            add_runs(weight, runs, values, first, total)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return self[:].astype(dtype or np.float32, copy=False)
@@ -255,7 +280,7 @@ def _weighted(
     grid = observation.farm.grid()
     return SummedMap(
         tuple(
-            (np.float32(weight), scored_cells(field, grid), of_field(k, field))
+            (np.float32(weight), _counted(field, grid), of_field(k, field))
             for k, (field, weight) in enumerate(
                 zip(observation.fields, observation.weights.field, strict=True)
             )
@@ -269,6 +294,11 @@ def _weighted(
 def scored_cells(field: Field, grid: FarmGrid) -> NDArray[np.bool_]:
     """Return the scored cells of a field, bool[W, H]. The array is cached: do not modify it."""
     return field.mask(grid)
+
+
+@lru_cache(maxsize=16)
+def _counted(field: Field, grid: FarmGrid) -> CountedCells:
+    return CountedCells.of(scored_cells(field, grid))
 
 
 def _classes(model: InformationModel, name: str) -> NDArray[np.floating] | None:

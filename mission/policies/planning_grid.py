@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from geo.compiled import in_parallel
 from geo.linear_algebra import cos, sin
 from mission.planners.path import Area, Points
 from mission.planners.terrain import TOLERANCE_M, is_rectangle
-from mission.policies.acquisition import AcquisitionValues, ValueMap
+from mission.policies.acquisition import AcquisitionValues, SummedMap, ValueMap
 from mission.policies.observation import VehicleReport
 
 MOST_CELLS = 128
@@ -55,12 +57,20 @@ class PlanningGrid:
             return np.where(self.free, values[:], np.float32(0.0)).astype(np.float32)
         width, height = self.free.shape
         sums = np.empty((width, height), np.float32)
-        column = np.zeros((self.block, height * self.block), np.float32)
-        for number in range(width):
-            part = values[number * self.block : (number + 1) * self.block]
-            column[: len(part), : part.shape[1]] = part
-            column[len(part) :] = 0.0
-            sums[number] = column.reshape(self.block, height, self.block).sum(axis=(0, 2), dtype=np.float32)
+
+        def work(numbers: Sequence[int]) -> None:
+            column = np.empty((self.block, height * self.block), np.float32)
+            for number in numbers:
+                first, column[:] = number * self.block, 0.0
+                if isinstance(values, SummedMap):
+                    values.add_columns(first, column)
+                else:
+                    part = values[first : first + self.block]
+                    column[: len(part), : part.shape[1]] = part
+                blocks = column.reshape(self.block, height, self.block)
+                sums[number] = blocks.sum(axis=(0, 2), dtype=np.float32)
+
+        in_parallel(work, range(width))
         return np.where(self.free, sums, np.float32(0.0)).astype(np.float32)
 
     def shares(self, fine: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -105,6 +105,19 @@ def neighbour_shares(share: float, spread: float, radius: int) -> NDArray[np.flo
     return shares
 
 
+@compiled(nogil=True)
+def add_runs(weight: Any, runs: Any, values: Any, first: int, total: Any) -> None:
+    """Add a weighted map to `total`, which begins at column `first`, in runs of cells.
+
+    `runs`, int32[n, 3], has the column of each run, its first cell along y, and the end of the run.
+    """
+    for k in range(len(runs)):
+        x, low, high = runs[k]
+        added, sums = values[x, low:high], total[x - first, low:high]
+        for y in range(len(sums)):
+            sums[y] += weight * added[y]
+
+
 @compiled
 def pool(left: Any, shares: Any, x_0: int, x_1: int, y_0: int, y_1: int, out: Any) -> None:
     """Write the value of observing each cell, including shares of nearby cells, to a block of `out`."""

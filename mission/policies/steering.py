@@ -19,6 +19,7 @@ from mission.policies.planning_grid import LegCosts, PlanningGrid
 from mission.policies.route_search import take_leg
 
 _LEAST_LEG = 1e-3  # A leg is cut only after a piece of this length (m)
+_PRICED_TOGETHER = 4
 _STAY: Points = np.empty((0, 2))
 _KEEPS_PATH = (Status.READY, Status.CLIMBING, Status.FLYING, Status.CHANGING, Status.SILENT)
 _OUT_BY_BACK, _MOST_ONWARD = 6.0, 12
@@ -344,16 +345,27 @@ def affordable(vehicle: VehicleReport, points_m: Points) -> Points:
     left = most_payable(vehicle)
     if vehicle.travel_cost.rest([points_m])[0] <= left:
         return points_m
-    costs = vehicle.travel_cost.rest([points_m[:count] for count in range(len(points_m))])
-    fits = np.flatnonzero(np.asarray(costs) <= left)
-    if not len(fits):
+    count = _last_payable([points_m[:count] for count in range(len(points_m))], vehicle)
+    if count is None:
         return points_m[:0]
-    count = int(fits[-1])
     begin = points_m[count - 1] if count else np.asarray(vehicle.position_m)
     step = points_m[count] - begin
     parts = np.linspace(1.0 / 16.0, 15.0 / 16.0, 15)
     cut = [np.vstack((points_m[:count], begin + part * step)) for part in parts]
-    payable = np.flatnonzero(np.asarray(vehicle.travel_cost.rest(cut)) <= left)
-    if not len(payable) or np.hypot(*(parts[payable[-1]] * step)) < _LEAST_LEG:
+    payable = _last_payable(cut, vehicle)
+    if payable is None or np.hypot(*(parts[payable] * step)) < _LEAST_LEG:
         return points_m[:count]
-    return cut[int(payable[-1])]
+    return cut[payable]
+
+
+def _last_payable(paths: Sequence[Points], vehicle: VehicleReport) -> int | None:
+    """Return the index of the last path that the remaining budget allows; None if there is no such path."""
+    # Paths are priced in groups from the last one, since pricing takes most of a decision near the end.
+    for end in range(len(paths), 0, -_PRICED_TOGETHER):
+        first = max(0, end - _PRICED_TOGETHER)
+        payable = np.flatnonzero(
+            np.asarray(vehicle.travel_cost.rest(paths[first:end])) <= most_payable(vehicle)
+        )
+        if len(payable):
+            return first + int(payable[-1])
+    return None

@@ -13,14 +13,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from geo.compiled import compiled
+from geo.compiled import compiled, in_parallel
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion.columns import STEP, WIND, Record, records_of
 from sim_vehicle.motion.compiled_motion import CompiledMotion, Dynamics
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from concurrent.futures import Executor
 
     from sim_vehicle.motion.model import MotionModel
 
@@ -109,9 +108,6 @@ def loop_of(dynamics: Dynamics) -> Callable[..., None]:
     return compiled(nogil=True)(loop)
 
 
-_SHARES = 16
-
-
 class VehicleBatch:
     """Batch of vehicles that are advanced together.
 
@@ -121,8 +117,8 @@ class VehicleBatch:
         One or more vehicles of the same class; their arrays become views of the batch's arrays. Vehicles are
         advanced one by one if their class has no loop here (`IdealRobot`), or while a multirotor is flown by
         the generic dynamics.
-    pool : concurrent.futures.Executor, optional
-        Threads that share the work; the results do not depend on the threads.
+    parallel : bool
+        Whether threads share the work; the results do not depend on the threads.
 
     Raises
     ------
@@ -144,12 +140,12 @@ class VehicleBatch:
     ([0, 10, 20], True)
     """
 
-    def __init__(self, vehicles: Sequence[MotionModel], *, pool: Executor | None = None) -> None:
+    def __init__(self, vehicles: Sequence[MotionModel], *, parallel: bool = False) -> None:
         if not vehicles or any(type(vehicle) is not type(vehicles[0]) for vehicle in vehicles):
             msg = "a batch needs one or more vehicles of the same kind and autopilot"
             raise VehicleError(msg)
         self.vehicles = tuple(vehicles)
-        self._pool = pool
+        self._parallel = parallel
         # Vehicles with estimate errors are advanced alone, because each draws its errors during the flight.
         together = all(
             isinstance(vehicle, CompiledMotion) and not vehicle.draws_errors for vehicle in vehicles
@@ -199,12 +195,20 @@ class VehicleBatch:
         calls, events = self._calls, np.zeros(len(self.vehicles), dtype=np.int64)
         calls[:, STEPS], calls[:, STOPS] = max_steps, stop_each
         together: list[int] = []
+        alone: list[int] = []
         for k in np.flatnonzero(calls[:, STEPS] > 0).tolist():
-            if self._dynamics is not None and self._vehicle(k).is_flown_by_its_autopilot():
-                together.append(k)
-            else:
+            shared = self._dynamics is not None and self._vehicle(k).is_flown_by_its_autopilot()
+            (together if shared else alone).append(k)
+
+        def advance_alone(members: Sequence[int]) -> None:
+            for k in members:
                 steps, stops = calls[k, STEPS : STOPS + 1].tolist()
                 events[k] = self.vehicles[k].advance(steps, stop_each=bool(stops))
+
+        if self._parallel:
+            in_parallel(advance_alone, alone)
+        else:
+            advance_alone(alone)
         if not together:
             return events
         self._adopt()
@@ -232,13 +236,10 @@ class VehicleBatch:
             for name, kind in self._dynamics.rows.items()
         ]
         rest = (self._calls, self._offsets, self._routes, self._arrivals, self._wind, *rows)
-        if self._pool is None or len(members) == 1:
+        if self._parallel:
+            in_parallel(lambda share: loop(np.array(share), *rest), members.tolist())
+        else:
             loop(members, *rest)
-            return
-        # There are more shares than threads, because some shares take longer than others.
-        shares = np.array_split(members, min(len(members), _SHARES))
-        for future in [self._pool.submit(loop, share, *rest) for share in shares]:
-            future.result()
 
     def _adopt(self) -> None:
         """Copy the vehicles' arrays into the batch's rows, and replace the arrays by views of these rows."""

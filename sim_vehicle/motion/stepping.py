@@ -186,4 +186,4 @@ def kernel_of(
         return col.RAN
 
     advance.__module__, advance.__qualname__ = module, "advance"
-    return compiled(allocates=False)(advance)
+    return compiled(nogil=True, allocates=False)(advance)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -224,10 +223,9 @@ def fly_all(
     *,
     epoch_unix_s: float = EPOCH_UNIX_S,
     endless: bool = False,
-    threads: int = 1,
     track_points: int = _TRACK_POINTS,
 ) -> list[list[PredictedFlight]]:
-    """Fly each mission in each of `airs`, all in one batch on `threads` threads.
+    """Fly each mission in each of `airs`, all in one batch.
 
     The result includes missions that cannot be flown, with the reason.
     """
@@ -250,20 +248,16 @@ def fly_all(
     flown = [flight for of_mission in flights for flight in of_mission if flight.executor is not None]
     # If there is only one flight, `prediction` flies it on demand.
     if len(flown) > 1 and not spec.is_ideal:
-        if threads > 1:
-            with ThreadPoolExecutor(threads) as pool:
-                _fly_together(flown, pool)
-        else:
-            _fly_together(flown, None)
+        _fly_together(flown)
     return flights
 
 
-def _fly_together(flights: list[PredictedFlight], pool: ThreadPoolExecutor | None) -> None:
+def _fly_together(flights: list[PredictedFlight]) -> None:
     # The import is here because the ideal vehicle needs no compiler.
     from sim_vehicle.motion.batch import VehicleBatch
 
     executors = [flight.executor for flight in flights if flight.executor is not None]
-    batch = VehicleBatch([executor.motion for executor in executors], pool=pool)
+    batch = VehicleBatch([executor.motion for executor in executors], parallel=True)
     courses = [
         executor.course_through(flight.longest_s) for flight, executor in zip(flights, executors, strict=True)
     ]

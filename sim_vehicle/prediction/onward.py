@@ -289,7 +289,7 @@ class _Squadron:
                 motion = self._new()
                 motion.ignore_energy()
                 self._motions.append(motion)
-            self._batch = VehicleBatch(self._motions)
+            self._batch = VehicleBatch(self._motions, parallel=True)
         for slot, (flight, state) in enumerate(zip(flights, states, strict=True)):
             motion = self._motions[slot]
             motion.place_in_flight(*state)

@@ -96,13 +96,13 @@ def predict_flight(
 
 
 def predict_flights(
-    missions: Sequence[Mission], spec: VehicleSpec, *, wind: Wind | None = None, threads: int = 1
+    missions: Sequence[Mission], spec: VehicleSpec, *, wind: Wind | None = None
 ) -> list[Prediction]:
-    """Predict the flights of several missions together, on `threads` threads.
+    """Predict the flights of several missions together, in threads on all cores.
 
     Each prediction equals the result of `predict_flight` to the last bit.
     """
-    flown = fly_all(missions, spec, [(wind, None)], None, _TRACK_STEP_S, threads=threads)
+    flown = fly_all(missions, spec, [(wind, None)], None, _TRACK_STEP_S)
     return [flight.prediction() for (flight,) in flown]
 
 
@@ -114,7 +114,6 @@ def expected_flights(
     frame: LocalFrame | None = None,
     track_step_s: float = _TRACK_STEP_S,
     endless: bool = False,
-    threads: int = 1,
     estimate_errors: bool = False,
     pairs: int = REHEARSAL_PAIRS,
 ) -> list[Prediction]:
@@ -130,7 +129,7 @@ def expected_flights(
     flight has its own errors, which are the same in every call. The estimates of other autopilots are exact.
     """
     airs = _rehearsed_airs(spec, wind, pairs, estimate_errors=estimate_errors)
-    flown = fly_all(missions, spec, airs, frame, track_step_s, endless=endless, threads=threads)
+    flown = fly_all(missions, spec, airs, frame, track_step_s, endless=endless)
     return [_mean_prediction(flights) for flights in flown]
 
 
@@ -166,7 +165,6 @@ def plan_prediction(
     *,
     wind: Wind | None = None,
     frame: LocalFrame | None = None,
-    threads: int = 1,
     estimate_errors: bool = False,
 ) -> Prediction:
     """Predict the flight of a plan for the reports of planning, preflight check and flight.
@@ -184,7 +182,6 @@ def plan_prediction(
             wind=wind,
             frame=frame,
             endless=endless,
-            threads=threads,
             estimate_errors=estimate_errors,
             pairs=PREDICTION_PAIRS,
             track_step_s=track_step_s,

@@ -12,6 +12,7 @@ import shapely
 from geo import Farm, LocalFrame, Patch, get_farm, save_farm
 from mission.model import Command
 from sensors.camera.optics import Imaging, get_camera
+from sensors.errors import CameraError
 from wbf_mission import fly
 from wbf_mission.cli.app import main
 from wbf_mission.planning.imaging import shown_share
@@ -124,6 +125,8 @@ def test_a_strip_along_a_creek_is_surveyed_within_its_border(tmp_path: Path) -> 
 def test_a_mapping_camera_needs_a_height_and_one_image_shows_something() -> None:
     with pytest.raises(ScenarioError, match=r"camera dji-p1-35: give the ground sampling distance \(--gsd"):
         plan(Scenario(planner="survey", camera_model="dji-p1-35", budget="unlimited"))
+    with pytest.raises(CameraError, match="unknown camera 'dji-p1'"):
+        plan(Scenario(planner="survey", camera_model="dji-p1", budget="unlimited"))
     farm = get_farm("miniberry-30")
     imaging = Imaging(get_camera("dji-p1-35"), 50.0, 0.75, 0.7, False)
     assert shown_share(farm, np.array([(4.5, 4.5)]), imaging) == 1.0

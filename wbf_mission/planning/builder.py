@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -234,7 +233,6 @@ def coverage_together(plans: Sequence[PlanResult], footprint: int) -> float:
 # Distance of a fixed wing's climb-out point, and height of its final approach.
 CLIMB_OUT_M = 150.0
 APPROACH_ALTITUDE_M = 30.0
-_MOST_THREADS = 4
 # Used fraction of a budget below which a note is given; planners that add whole rows may leave 10 % unused.
 _USED = 0.85
 _OVER = 1.05
@@ -438,9 +436,7 @@ class MissionBuilder:
             if known == mission:
                 return prediction
         wind = wind_of(self.weather, self.level)
-        prediction = plan_prediction(
-            mission, self.vehicle, wind=wind, threads=_threads(), estimate_errors=self.estimate_errors
-        )
+        prediction = plan_prediction(mission, self.vehicle, wind=wind, estimate_errors=self.estimate_errors)
         self._last[:] = [(mission, prediction)]
         return prediction
 
@@ -455,7 +451,7 @@ class MissionBuilder:
         `endless` flights continue on an empty battery.
         """
         wind = wind_of(self.weather, self.level, gusts=gusts)
-        return expected_flights(missions, self.priced_vehicle, wind=wind, threads=_threads(), endless=endless)
+        return expected_flights(missions, self.priced_vehicle, wind=wind, endless=endless)
 
     def stray_m(self) -> float:
         """Return the largest deviation of the vehicle from its legs (m).
@@ -495,11 +491,6 @@ def cornering_of(vehicle: VehicleSpec, radius_m: float | None = None) -> Corneri
     firmware = firmware_of(vehicle)
     own = Cornering() if firmware is None else firmware.cornering
     return own if radius_m is None else replace(own, radius_m=radius_m)
-
-
-def _threads() -> int:
-    """Return the number of threads for predictions; it does not change their results."""
-    return min(_MOST_THREADS, os.cpu_count() or 1)
 
 
 def check_wind(builder: MissionBuilder) -> None:

@@ -23,13 +23,13 @@ _MOST_CELLS = 200_000
 def require_height(camera: CameraOptions, mission: MissionOptions) -> None:
     """Raise ScenarioError if a mapping camera has neither flight height nor ground sampling distance.
 
-    The vehicle's default height suits only the leaf camera.
+    The vehicle's default height suits only the leaf camera. Raise CameraError for an unknown camera.
     """
-    told = (camera.gsd_cm, mission.altitude_m, mission.height_above_ground_m)
-    if camera.model is not None and mission.file is None and not any(told):
-        msg = (
-            f"camera {camera.model}: give the ground sampling distance (--gsd, cm) or the height (--altitude)"
-        )
+    if camera.model is None:
+        return
+    model = get_camera(camera.model)
+    if mission.file is None and not any((camera.gsd_cm, mission.altitude_m, mission.height_above_ground_m)):
+        msg = f"camera {model.name}: give the ground sampling distance (--gsd, cm) or the height (--altitude)"
         raise ScenarioError(msg)
 
 

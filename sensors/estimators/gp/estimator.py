@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from geo.compiled import in_parallel
 from geo.system import user_cache_folder
 from sensors.errors import EstimatorError
 from sensors.estimators.base import LEARNING, BaseEstimator, Progress, Step, Views, no_step, published_views
@@ -303,15 +304,20 @@ class GaussianProcessEstimator(BaseEstimator):
             losses, stale = self._losses, self._stale
         else:
             losses, stale = np.empty_like(value), np.ones_like(self._stale)
-        for k, strip in zip(*np.nonzero(stale.any(axis=2)), strict=True):
-            tiles = np.flatnonzero(stale[k, strip])
-            columns = slice(strip * TILE_CELLS, (strip + 1) * TILE_CELLS)
-            part = slice(k, k + 1), columns, slice(tiles[0] * TILE_CELLS, (tiles[-1] + 1) * TILE_CELLS)
-            class_map = classes[k]
-            if class_map is None:
-                loss_of_deviation(uncertainty[part], ScoreWeights.of(self.fields), losses[part], first=int(k))
-            else:
-                class_map.expected_loss(value[part][0], uncertainty[part][0], losses[part][0])
+        weights = ScoreWeights.of(self.fields)
+
+        def work(strips: Sequence[tuple[int, int]]) -> None:
+            for k, strip in strips:
+                tiles = np.flatnonzero(stale[k, strip])
+                columns = slice(strip * TILE_CELLS, (strip + 1) * TILE_CELLS)
+                part = slice(k, k + 1), columns, slice(tiles[0] * TILE_CELLS, (tiles[-1] + 1) * TILE_CELLS)
+                class_map = classes[k]
+                if class_map is None:
+                    loss_of_deviation(uncertainty[part], weights, losses[part], first=k)
+                else:
+                    class_map.expected_loss(value[part][0], uncertainty[part][0], losses[part][0])
+
+        in_parallel(work, [(int(k), int(strip)) for k, strip in np.argwhere(stale.any(axis=2))])
         if in_place:
             self._losses = losses
             self._stale[:] = False

@@ -8,15 +8,13 @@ axis. For a field of unit variance, the interpolation error is 2e-5 in the mean 
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from geo.compiled import compiled
+from geo.compiled import compiled, in_parallel
 from sensors.estimators.gp.rbf import RbfKernel
 from sensors.observations import GrowingArray
 from sensors.scoring.information import tile_shape, tiles_of_boxes
@@ -140,29 +138,10 @@ def write_cells(
 NODES_PER_LENGTH = 4
 _COLUMNS_AT_ONCE = 256
 _STRIP_COLUMNS = 32
-_PARTS_PER_CORE = 8  # Several parts for each core balance the load
 
 Box = tuple[int, int, int, int]
 Strip = tuple[slice, slice, NDArray[np.bool_] | None]
 Then = Callable[[slice, slice, NDArray[np.bool_] | None], None]
-
-
-Item = TypeVar("Item")
-
-
-def in_parallel(work: Callable[[Sequence[Item]], None], items: Sequence[Item]) -> None:
-    """Call `work` with each part of the items, in threads on all cores; `work` must release the GIL."""
-    cores = os.cpu_count() or 1
-    if not items:
-        return
-    if len(items) < 2 or cores == 1:
-        work(items)
-        return
-    size = max(1, len(items) // (_PARTS_PER_CORE * cores))
-    parts = [items[start : start + size] for start in range(0, len(items), size)]
-    with ThreadPoolExecutor(cores) as pool:
-        for done in [pool.submit(work, part) for part in parts]:
-            done.result()
 
 
 class LatticeAxis:

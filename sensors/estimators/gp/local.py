@@ -15,10 +15,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from geo.compiled import in_parallel
 from geo.linear_algebra import cholesky, exp, product, solve_lower
 from sensors.estimators.days import pass_day
 from sensors.estimators.gp import tile as gp_tile
-from sensors.estimators.gp.lattice import NodeLattice, in_parallel
+from sensors.estimators.gp.lattice import NodeLattice
 from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel
 
 TILE_LENGTHS = 8.0

@@ -13,6 +13,7 @@ from mission.errors import PlanningError
 from mission.policies.acquisition import (
     ACQUISITIONS,
     Balanced,
+    CountedCells,
     SummedMap,
     WithCorrelationLength,
     WithCoverage,
@@ -83,7 +84,8 @@ def test_a_sum_is_the_same_whatever_part_is_read(data):
     whole = np.zeros(shape, np.float32)
     for weight, mask, values in parts:
         whole += mask * (weight * values)
-    summed, start = SummedMap(parts, shape), data.draw(st.integers(0, 9), "start")
+    counted = tuple((weight, CountedCells.of(mask), values) for weight, mask, values in parts)
+    summed, start = SummedMap(counted, shape), data.draw(st.integers(0, 9), "start")
     columns = slice(start, start + data.draw(st.integers(1, 9), "columns"))
     assert summed[columns].tobytes() == whole[columns].tobytes()
     assert np.asarray(summed).tobytes() == whole.tobytes()

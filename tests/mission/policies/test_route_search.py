@@ -1,4 +1,6 @@
 import itertools
+import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -179,3 +181,17 @@ def test_what_cannot_be_paid_is_cut_off():
     cut = affordable(short, points)
     assert len(cut) == 2 and 0.0 < cut[1, 1] < 20.0 and short.travel_cost.rest([cut])[0] <= 40.0
     assert len(affordable(_vehicle(LengthBudget(5.0), (30.0, 0.0), spent=5.0), points)) == 0
+
+
+@given(st.lists(st.floats(0.0, 20.0), min_size=2, max_size=11))
+def test_the_longest_payable_part_is_kept_even_if_a_shorter_one_costs_more(costs):
+    # The cost of the path's first n points, for n from 0; a part of a leg costs as much as the whole leg.
+    points = np.column_stack((np.arange(1.0, len(costs)), np.zeros(len(costs) - 1)))
+
+    def rest(paths):
+        return [costs[math.ceil(path[-1, 0])] if len(path) else costs[0] for path in paths]
+
+    vehicle = SimpleNamespace(left=10.0, position_m=(0.0, 0.0), travel_cost=SimpleNamespace(rest=rest))
+    payable = [count for count, cost in enumerate(costs) if cost <= 10.0]
+    kept = affordable(vehicle, points)
+    assert kept.tolist() == points[: payable[-1] if payable else 0].tolist()

@@ -16,7 +16,7 @@ from sensors.estimators.gp import prior
 from sensors.estimators.gp.cell_posterior import LEAST_NOISE as WINDOWED_NOISE
 from sensors.estimators.gp.cell_posterior import ExactPosterior, WindowedPosterior
 from sensors.estimators.gp.estimator import GaussianProcessEstimator
-from sensors.estimators.gp.lattice import POINTS, in_parallel, lagrange_weights
+from sensors.estimators.gp.lattice import POINTS, lagrange_weights
 from sensors.estimators.gp.local import LEAST_NOISE, LocalPosterior, Spectrum, WholePosterior
 from sensors.estimators.gp.rbf import RbfKernel
 from sensors.fields import PAPER_FIELDS
@@ -189,15 +189,6 @@ def test_functions_that_no_observation_can_move_are_left_out():
     for i, j in many.terms:
         covariance += (many.roots[0][i] * many.roots[1][j]) ** 2 / 150**2
     assert covariance == pytest.approx(SMOOTH.amplitude, rel=0.3)
-
-
-def test_errors_in_parallel_parts_come_out():
-    def work(part):
-        if 7 in part:
-            raise np.linalg.LinAlgError
-
-    with pytest.raises(np.linalg.LinAlgError):
-        in_parallel(work, list(range(50)))
 
 
 @pytest.mark.parametrize("learn_from", ["model", "observations"])

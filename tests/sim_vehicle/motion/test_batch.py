@@ -1,5 +1,3 @@
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -103,32 +101,31 @@ def test_the_states_are_those_of_the_single_vehicle(name, autopilot):
 def test_orders_in_between_and_threads_change_nothing(autopilot):
     winds = [None, WINDS["steady"], WINDS["gusts"]]
     singles, many = fleet("quad", autopilot, winds), fleet("quad", autopilot, winds)
-    with ThreadPoolExecutor(2) as pool:
-        batch = VehicleBatch(many, pool=pool)
-        for group in (singles, many):
-            rng = np.random.default_rng(3)
-            for vehicle in group:
-                vehicle.fly(route(rng, 4))
+    batch = VehicleBatch(many, parallel=True)
+    for group in (singles, many):
+        rng = np.random.default_rng(3)
+        for vehicle in group:
+            vehicle.fly(route(rng, 4))
 
-        def both(steps):
-            events = batch.advance(steps, stop_each=False)
-            assert events.tolist() == [vehicle.advance(steps, stop_each=False) for vehicle in singles]
-            assert_same(singles, many)
+    def both(steps):
+        events = batch.advance(steps, stop_each=False)
+        assert events.tolist() == [vehicle.advance(steps, stop_each=False) for vehicle in singles]
+        assert_same(singles, many)
 
-        both(900)
-        for group in (singles, many):
-            group[0].steer((1.0, 2.0, 0.0))
-            group[1].look_at((5.0, 5.0))
-            group[1].set_climb(1.0, 0.5)
-            group[2].update_spec(with_autopilot(get_vehicle("mini-quad"), autopilot))
-            group[2].use_energy(100.0)
-        both(300)
-        for group in (singles, many):
-            group[0].fly(Route.through([Leg((3.0, 4.0, 10.0), 3.0)]))
-            group[1].touch_down()
-            group[1].rest(50, armed=True)
-            group[2].ignore_energy()
-        both(500)
+    both(900)
+    for group in (singles, many):
+        group[0].steer((1.0, 2.0, 0.0))
+        group[1].look_at((5.0, 5.0))
+        group[1].set_climb(1.0, 0.5)
+        group[2].update_spec(with_autopilot(get_vehicle("mini-quad"), autopilot))
+        group[2].use_energy(100.0)
+    both(300)
+    for group in (singles, many):
+        group[0].fly(Route.through([Leg((3.0, 4.0, 10.0), 3.0)]))
+        group[1].touch_down()
+        group[1].rest(50, armed=True)
+        group[2].ignore_energy()
+    both(500)
 
 
 def test_tracks_are_written():
@@ -173,9 +170,8 @@ places = st.lists(st.tuples(st.floats(-80, 80), st.floats(-80, 80)), min_size=1,
     st.lists(places, min_size=1, max_size=4),
     st.sampled_from(["generic", "px4", "ardupilot"]),
     st.sampled_from(sorted(WINDS)),
-    st.integers(1, 2),
 )
-def test_predictions_together_are_the_predictions_one_by_one(missions, autopilot, wind, threads):
+def test_predictions_together_are_the_predictions_one_by_one(missions, autopilot, wind):
     spec = with_autopilot(get_vehicle("quad"), autopilot)
     plans = []
     for points in missions:
@@ -184,7 +180,7 @@ def test_predictions_together_are_the_predictions_one_by_one(missions, autopilot
         plans.append(Mission((*items, MissionItem(20, 2)), GeoPoint(28.05, -82.15)))
     # One that cannot be flown at all: too high.
     plans.append(Mission((MissionItem(22, 3, x=28.05, y=-82.15, z=5000.0),), GeoPoint(28.05, -82.15)))
-    together = predict_flights(plans, spec, wind=WINDS[wind], threads=threads)
+    together = predict_flights(plans, spec, wind=WINDS[wind])
     for plan, found in zip(plans, together, strict=True):
         single = predict_flight(plan, spec, wind=WINDS[wind])
         assert (found.duration_s, found.energy_wh, found.path_length_m, found.reason) == (

@@ -115,7 +115,7 @@ def test_of_gusts_the_statistics_decide():
     missions = [plan(lawnmower(100.0, n, 10.0)) for n in (3, 5)]
     air = Wind(4.0, 1.0, seed=1, turbulence=Turbulence(7.0, 10.0, 6.0))
     expected = expected_flights(missions, spec, wind=air)
-    again = expected_flights(missions, spec, wind=replace(air, seed=2), threads=2)
+    again = expected_flights(missions, spec, wind=replace(air, seed=2))
     assert [one.energy_wh for one in expected] == [one.energy_wh for one in again]
     flights = [[predict_flight(one, spec, wind=other) for other in rehearsals(air)] for one in missions]
     for found, tries in zip(expected, flights, strict=True):

@@ -140,7 +140,6 @@ LEFT_TO_THE_PROCESSOR = re.compile(
 )
 ALLOWED = {
     "wbf_mission/addons/authors/sklearn_gp.py": "scikit-learn's own",
-    "wbf_mission/addons/boards/audit.py": "compared to a tolerance",
     "wbf_mission/addons/paper/cost.py": "values to measure the time with",
     "wbf_mission/addons/export/rerun.py": "drawn",
     "wbf_mission/addons/treatment/gis.py": "the georeference of a picture, checked to a tolerance",

@@ -16,8 +16,6 @@ def misplaced_disk(radius: int) -> Disk:
 
     The disk is therefore centred at (x + radius, y + radius) and does not cover the observed cell.
 
-    Examples
-    --------
     >>> disk = misplaced_disk(2)
     >>> disk.first, disk.low.tolist(), disk.high.tolist()
     (0, [2, 1, 0, 1], [3, 4, 4, 4])

@@ -61,8 +61,7 @@ class GridLimitedRandomness:
                 msg = f"{_NAME}: {name} must be a whole number from 1 to {_MOST_CELLS}, not {count!r}"
                 raise PlanningError(msg)
         if order not in ORDERS:
-            msg = f"{_NAME}: order must be one of {', '.join(ORDERS)}, not {order!r}"
-            raise PlanningError(msg)
+            raise PlanningError(f"{_NAME}: order must be one of {', '.join(ORDERS)}, not {order!r}")
         self._h_cells, self._v_cells = h_cells, v_cells
         self._order = order
 

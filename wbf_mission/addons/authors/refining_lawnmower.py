@@ -83,8 +83,7 @@ class RefiningLawnmower:
         every: int = 2,
     ) -> None:
         if not 0.0 < coarse <= 1.0:
-            msg = f"refining-lawnmower: coarse must be above 0 and at most 1, not {coarse!r}"
-            raise PlanningError(msg)
+            raise PlanningError(f"refining-lawnmower: coarse must be above 0 and at most 1, not {coarse!r}")
         if not min(gap, later_gap) > 0.0:
             msg = f"refining-lawnmower: gap and later_gap must be above 0, not {gap!r} and {later_gap!r}"
             raise PlanningError(msg)

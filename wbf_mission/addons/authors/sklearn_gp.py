@@ -81,10 +81,7 @@ class SklearnGaussianProcessEstimator(BaseEstimator):
         self._check_size()
         prior = float(np.sqrt(1.0 + NOISE))
         model = InformationModel.uniform(
-            self.grid_.shape,
-            value=(0.0,) * len(self.fields),
-            uncertainty=prior,
-            fields=self.fields.names,
+            self.grid_.shape, value=(0.0,) * len(self.fields), uncertainty=prior, fields=self.fields.names
         )
         for k in range(len(self.fields)):
             if len(self._values[k]):

@@ -81,10 +81,7 @@ def submit_command(
         list[Path] | None, option("File or folder of your own code to pack; may be repeated.")
     ] = None,
     out: Annotated[Path | None, option("Pack file.  [default: NAME.zip in lower case]")] = None,
-    verify: Annotated[
-        int,
-        option(_VERIFY, panel=_CHECKED, parser=_rows),
-    ] = 1,
+    verify: Annotated[int, option(_VERIFY, panel=_CHECKED, parser=_rows)] = 1,
     seal: SealFile = None,
     secret: SecretFile = None,
 ) -> int:
@@ -95,13 +92,7 @@ def submit_command(
     """
     from wbf_mission.addons.boards.audit import require_asked, require_whole
     from wbf_mission.addons.boards.sealed import require_seeds
-    from wbf_mission.addons.boards.submission import (
-        SUFFIX,
-        code_files,
-        made_when,
-        require_texts,
-        write_pack,
-    )
+    from wbf_mission.addons.boards.submission import SUFFIX, code_files, made_when, require_texts, write_pack
     from wbf_mission.addons.boards.verification import fly_again
     from wbf_mission.results.storage import ResultError
 
@@ -261,17 +252,14 @@ def board_command(
 
 
 def _write(output: Output, board: Board, out: Path) -> None:
-    import msgspec
-
-    from geo.atomic import atomic_write
     from wbf_mission.addons.boards.board_page import board_page, board_values, draw_board
+    from wbf_mission.results.files import write_json
 
     out.mkdir(parents=True, exist_ok=True)
     page = board_page(board, draw_board(board, out))
     page.write(out / "board.md")
     provided("bench")(out / "board.html", page, out)
-    with atomic_write(out / "board.json", "wb") as file:
-        file.write(msgspec.json.format(msgspec.json.encode(board_values(board))) + b"\n")
+    write_json(out / "board.json", board_values(board))
     output.note(f"written: {out / 'board.md'}, {out / 'board.html'}, {out / 'board.json'}")
 
 

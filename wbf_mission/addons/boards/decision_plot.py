@@ -79,11 +79,7 @@ def _most(maps: Sequence[AcquisitionMap]) -> float:
 
 
 def _draw_choice(
-    axes: Axes,
-    record: RunRecord,
-    decision: DecisionRecord,
-    acquisition: AcquisitionMap | None,
-    norm: Any,
+    axes: Axes, record: RunRecord, decision: DecisionRecord, acquisition: AcquisitionMap | None, norm: Any
 ) -> Any:
     """Draw acquisition map, candidates and choice; return the image of the map, or None without a map."""
     image = None

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from geo.texts import file_stem
-from wbf_mission.addons.base.intervals import mean_intervals
+from wbf_mission.addons.base.intervals import Interval, mean_intervals, ratio_intervals
 from wbf_mission.addons.base.pages import Listing, Page, Picture, Section, Table
 from wbf_mission.addons.base.plots import LINE_COLOURS, new_figure, save_figure
 from wbf_mission.addons.base.standings import (
@@ -21,12 +22,12 @@ from wbf_mission.addons.base.standings import (
     draw_mean_score,
     field_table,
     interval_cells,
+    number_text,
     scored,
     standing_table,
     standings_of,
 )
 from wbf_mission.addons.boards.comparison import doubt_in_words
-from wbf_mission.addons.boards.ratios import by_fixed, ratio_table, worse_in_words
 from wbf_mission.bench.requests import AskedFor, card_of
 from wbf_mission.bench.rows import BenchRow, by_pair, commit_of, digest_of
 from wbf_mission.scenario import load_scenario, scenario_ids
@@ -76,9 +77,11 @@ def report_page(rows: Sequence[BenchRow], folder: Path, *, title: str, asked: As
         *_repeat(asked or AskedFor(), rows),
         Section("What flew", tables=(_what_was_run(rows), _machines(rows))),
     ]
-    failures = _failures(separated)
-    if failures.rows:
-        sections.append(Section("What failed", tables=(failures,)))
+    failures = tuple((row.named, row.error) for row in separated if row.error is not None)
+    if failures:
+        sections.append(
+            Section("What failed", tables=(Table("Runs that failed", ("run", "cause"), failures),))
+        )
     return Page(title, READING, tuple(sections))
 
 
@@ -224,11 +227,6 @@ def _costs(good: Sequence[BenchRow]) -> Table:
     return Table("Computing time of a run, and wall time of its parts, s", header, tuple(lines))
 
 
-def _failures(rows: Sequence[BenchRow]) -> Table:
-    table = [(row.named, row.error) for row in rows if row.error is not None]
-    return Table("Runs that failed", ("run", "cause"), tuple(table))
-
-
 def _what_was_run(rows: Sequence[BenchRow]) -> Table:
     """Return a table of the distinct versions, commits, digests and object parameters in the rows."""
     count: Counter[tuple[str, ...]] = Counter()
@@ -263,3 +261,94 @@ def _machines(rows: Sequence[BenchRow]) -> Table:
     )
     header = ("processor", "cores", "memory, GB", "system", "rows", "wall time, s", "CPU time, s")
     return Table("Machines, and total time of all runs", header, lines)
+
+
+WHOLE = "whole"
+"""Key of the total score, beside the names of fields."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ratio:
+    """Losses of a planner or policy, divided by the losses of the best fixed planner with its estimator."""
+
+    planner: str
+    estimator: str
+    fixed: bool
+    """Whether `planner` is fixed: it decides only once, before the flight."""
+    ratios: dict[str, Interval]
+    """Ratio for `WHOLE` and each field; below 1 is better. The intervals of an estimator are simultaneous."""
+    best: dict[str, str]
+    """Best fixed planner, whose loss is the divisor, for `WHOLE` and for each field."""
+
+    @property
+    def named(self) -> str:
+        """Planner and estimator."""
+        return f"{self.planner}, {self.estimator}"
+
+
+def by_fixed(group: Scored, *, over_run: bool) -> list[Ratio]:
+    """Return, for each planner and estimator, the ratios of losses to the best fixed planner, lowest first.
+
+    Each field has its own best fixed planner. Estimators without a fixed planner are skipped.
+    """
+    scores, losses = (group.scores, group.losses) if over_run else (group.final_scores, group.final_losses)
+    tables = {WHOLE: -scores, **losses}
+    found = []
+    for estimator in sorted({estimator for _, estimator in group.pairs}):
+        places = [k for k, pair in enumerate(group.pairs) if pair[1] == estimator]
+        fixed = [k for k in places if _is_fixed(group.rows[k])]
+        if not fixed:
+            continue
+        means = {name: [table[k].mean() for k in fixed] for name, table in tables.items()}
+        best = {name: fixed[np.argmin(np.nan_to_num(mean, nan=np.inf))] for name, mean in means.items()}
+        pairs = [(table[k], table[best[name]]) for k in places for name, table in tables.items()]
+        ratios = iter(ratio_intervals(pairs, together=True))
+        found += [
+            Ratio(
+                planner=group.pairs[k][0],
+                estimator=estimator,
+                fixed=k in fixed,
+                ratios={name: next(ratios) for name in tables},
+                best={name: group.pairs[which][0] for name, which in best.items()},
+            )
+            for k in places
+        ]
+    return sorted(found, key=lambda ratio: (ratio.estimator, ratio.ratios[WHOLE].mean))
+
+
+def _is_fixed(rows: Sequence[BenchRow]) -> bool:
+    good = [row.decisions for row in rows if row.error is None]
+    return bool(good) and set(good) == {1}
+
+
+def ratio_table(ratios: Sequence[Ratio], when: str) -> Table:
+    """Return a table of loss ratios; for each estimator, an extra line names the best fixed planners."""
+    names = list(ratios[0].ratios) if ratios else []
+    lines: list[tuple[str, ...]] = []
+    estimators: set[str] = set()
+    for ratio in ratios:
+        if ratio.estimator not in estimators:
+            estimators.add(ratio.estimator)
+            best = (ratio.best[name] for name in names)
+            lines.append((f"the best fixed planner, {ratio.estimator}", *best))
+        lines.append((ratio.named, *(_ratio(ratio.ratios[name]) for name in names)))
+    title = f"Losses divided by those of the best fixed planner of each column, {when} (below 1 is better)"
+    return Table(title, ("planner, estimator", *names), tuple(lines))
+
+
+def _ratio(ratio: Interval) -> str:
+    low, high = ratio.low, ratio.high
+    interval = "" if math.isnan(low) or low == high else f" ({low:.2f} to {high:.2f})"
+    return number_text(ratio.mean, 2) + interval.replace(" to inf", " or more")
+
+
+def worse_in_words(ratios: Sequence[Ratio], when: str) -> str:
+    """Return a sentence that lists policies with significantly larger losses than the best fixed planner."""
+    worse: dict[str, list[str]] = {}
+    for policy in ratios:
+        for name, ratio in policy.ratios.items():
+            if ratio.low > 1.0 and not policy.fixed:
+                text = f"{policy.named} ({ratio.mean:.2f} times {policy.best[name]})"
+                worse.setdefault(name, []).append(text)
+    listed = "; ".join(f"{name} with {' and '.join(policies)}" for name, policies in worse.items())
+    return f"Losses {when} that are larger than those of the best fixed planner: {listed}." if worse else ""

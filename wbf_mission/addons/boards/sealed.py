@@ -179,10 +179,9 @@ def _read(path: Path, kind: type[_T]) -> _T:
         found = msgspec.json.decode(data, type=kind)
     except UnreadableError as error:
         raise ScenarioError(f"{path}: {error}") from None
-    except msgspec.ValidationError as error:
-        raise ScenarioError(f"{path}: is not {what} of 'bench seal' ({misfit(error)})") from None
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path}: is not {what} of 'bench seal' ({not_json(error, data)})") from None
+        why = misfit(error) if isinstance(error, msgspec.ValidationError) else not_json(error, data)
+        raise ScenarioError(f"{path}: is not {what} of 'bench seal' ({why})") from None
     if found.format != _FORMAT or not 1 <= found.environments <= MOST_ENVIRONMENTS:
         msg = f"{path}: is of format {found.format} with {found.environments} environments"
         raise ScenarioError(f"{msg}; this version reads format {_FORMAT} with 1 to {MOST_ENVIRONMENTS}")

@@ -53,21 +53,13 @@ _COLUMNS = {
     "link": (14, "{link}"),
 }
 """Columns of the lines: heading, width, and the format of the cell."""
-
-
 _REPEATS_S = 30.0
-
-
 _JSON_LINES = Annotated[
     bool, option("Print a line of JSON for each vehicle and each text.", "--json", panel="Output")
 ]
 
 
-@options.scenario_options(
-    "farm",
-    without=(*options.OF_DAYS, "fields", "seed"),
-    defaults={"farm": None},
-)
+@options.scenario_options("farm", without=(*options.OF_DAYS, "fields", "seed"), defaults={"farm": None})
 @options.speaks(json=_JSON_LINES)
 @options.gives("page", LivePage)
 def monitor_command(
@@ -77,8 +69,7 @@ def monitor_command(
     page: LivePage,
     url: Annotated[str, typer.Argument(help=f"The link: {options.LINKS}")],
     duration: Annotated[
-        float | None,
-        option("Seconds to watch.  [default: until Ctrl-C]", parser=options.number),
+        float | None, option("Seconds to watch.  [default: until Ctrl-C]", parser=options.number)
     ] = None,
     interval: Annotated[float, option("Seconds between two reports.", parser=options.number)] = 1.0,
 ) -> int:
@@ -97,8 +88,7 @@ def monitor_command(
     from wbf_mission.scenario import ScenarioError
 
     if not 0.05 <= interval <= 3600.0 or not (duration is None or 0.0 < duration <= 1e7):
-        msg = "--interval takes 0.05 to 3600 seconds, --duration up to 10000000"
-        raise ScenarioError(msg)
+        raise ScenarioError("--interval takes 0.05 to 3600 seconds, --duration up to 10000000")
     farm = _watched_farm(given, page)
     output.notes(() if farm is None else farm.notes, "farm")
     orders = page.orders(output)
@@ -140,8 +130,7 @@ def _watched_farm(given: options.Given, page: LivePage) -> Farm | None:
     if farm is None:
         return None
     if not page.wanted:
-        msg = "a farm is shown on the live page only: add --live PORT, or leave out the farm"
-        raise ScenarioError(msg)
+        raise ScenarioError("a farm is shown on the live page only: add --live PORT, or leave out the farm")
     return farm.load()
 
 

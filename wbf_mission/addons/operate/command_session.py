@@ -7,12 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from geo.errors import WbfMissionError
-from mission.ground.command import (
-    MotorsStandError,
-    OperatorCommand,
-    VehicleRefusedError,
-    VehicleSilentError,
-)
+from mission.ground.command import MotorsStandError, OperatorCommand, VehicleRefusedError, VehicleSilentError
 from mission.ground.contact import Answer, Contact, Heartbeat, Order, StateBefore, result_name
 from mission.ground.modes import Maneuver
 from mission.ground.vehicle_state import VehicleMonitor
@@ -20,8 +15,6 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer.vehicles import VehicleSearch
 from mission.transfer.wire import GROUND_STATION, command_long
-
-__all__ = ["OFF_GROUND_M", "CommandSession", "Step", "is_ready", "step_of"]
 
 OFF_GROUND_M = 0.5
 """Height above home above which a vehicle is in the air (m)."""
@@ -63,11 +56,10 @@ def step_of(wanted: OperatorCommand, vehicle: tuple[int, int], heard: VehicleMon
     if wanted.order == "mission":
         profile = heard.profile
         if profile.start_arms and not heard.state.armed and not wanted.arms:
-            msg = (
+            raise MotorsStandError(
                 f"system {vehicle[0]}: {wanted}: the motors stand still; {profile.name} starts them and "
                 f"takes off at this order: add --arm to allow this"
             )
-            raise MotorsStandError(msg)
         return Step(lambda seen: seen.in_mission, int(m.MAV_CMD_MISSION_START))
     if wanted.order == "set-item":
         return _set_item(wanted, vehicle, heard)
@@ -86,11 +78,10 @@ def _takeoff(wanted: OperatorCommand, system_id: int, heard: VehicleMonitor) -> 
         msg = f"system {system_id}: {wanted}: the motors stand still; arm first (order arm)"
         raise VehicleRefusedError(msg)
     if heard.flies if heard.flies is not None else state.height_m > OFF_GROUND_M:
-        msg = (
+        raise VehicleRefusedError(
             f"system {system_id}: {wanted}: it flies already, {state.height_m:.1f} m above home in mode"
             f" {heard.mode}; give hold, return, land, mission or mode instead"
         )
-        raise VehicleRefusedError(msg)
     profile = heard.profile
     altitude_m = wanted.height_m + (heard.home_altitude_m if profile.takeoff_above_sea else 0.0)
     default = math.nan if profile.nan_parameters is None else 0.0

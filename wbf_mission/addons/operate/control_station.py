@@ -18,8 +18,6 @@ from mission.transfer.wire import GROUND_STATION
 from wbf_mission.addons.operate.command_session import CommandSession
 from wbf_mission.run.orders import IN_FLIGHT, START, Orders, WatchersOrder
 
-__all__ = ["ControlStation", "commands_of"]
-
 _ORDERS = (START, "arm", "takeoff", *IN_FLIGHT)
 _LOOK_S = 0.1
 _MOST_VEHICLES = 250

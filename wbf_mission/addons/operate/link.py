@@ -24,9 +24,14 @@ from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.injection import AnyFault
 from wbf_mission.addons.base.inquiry import VehicleSnapshot, ask_vehicle
 from wbf_mission.addons.base.links import Heard, LinkHost, LiveFlightError, Via, fitted_to, via_named
-from wbf_mission.addons.operate.battery_change import REAL_FULL, BatteryWait, needed_fraction, risen_fraction
 from wbf_mission.addons.operate.console import TerminalConsole
-from wbf_mission.addons.operate.real_sorties import RealSorties
+from wbf_mission.addons.operate.real_sorties import (
+    REAL_FULL,
+    BatteryWait,
+    RealSorties,
+    needed_fraction,
+    risen_fraction,
+)
 from wbf_mission.addons.operate.riding_camera import RidingCamera
 from wbf_mission.cli.output import Output
 from wbf_mission.events import EventStream
@@ -46,8 +51,6 @@ from wbf_mission.run.sortie import Sortie
 from wbf_mission.scenario import Scenario, VehicleOptions
 from wbf_mission.scenario.parts import MOST_VEHICLES
 from wbf_mission.scenario.values import LAYERS
-
-__all__ = ["LiveLink", "connect", "require_single_flight", "riding_camera", "wanted_vehicles"]
 
 _NEAR_M = 5.0
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
@@ -82,28 +85,23 @@ def wanted_vehicles(
     A single link is used for all vehicles, and so is a single vehicle name in the scenario. Raises
     LiveFlightError if the counts do not match, or a vehicle is named twice.
 
-    Examples
-    --------
     >>> wanted_vehicles(["tcp:a:1"], [3, 5], 1), wanted_vehicles(["tcp:a:1", "tcp:b:1"], [], 2)
     ((('tcp:a:1', 3), ('tcp:a:1', 5)), (('tcp:a:1', None), ('tcp:b:1', None)))
     """
     count = max(len(urls), len(system_ids), named)
     if len(urls) not in (1, count) or len(system_ids) not in (0, count) or named not in (1, count):
-        msg = (
+        raise LiveFlightError(
             f"{named} vehicles, {len(urls)} links and {len(system_ids)} system ids do not match: give "
             f"--connect once or once for each vehicle, and --system-id once for each vehicle or never"
         )
-        raise LiveFlightError(msg)
     if count > MOST_VEHICLES:
-        msg = f"{count} vehicles: at most {MOST_VEHICLES} fly together"
-        raise LiveFlightError(msg)
+        raise LiveFlightError(f"{count} vehicles: at most {MOST_VEHICLES} fly together")
     links = list(urls) if len(urls) > 1 else [*urls] * count
     ids: Sequence[int | None] = system_ids or [None] * count
     found = tuple(zip(links, ids, strict=True))
     for url, system_id in found:
         if system_id is not None and found.count((url, system_id)) > 1:
-            msg = f"{url}: system {system_id} is named twice; name each vehicle once"
-            raise LiveFlightError(msg)
+            raise LiveFlightError(f"{url}: system {system_id} is named twice; name each vehicle once")
     return found
 
 
@@ -176,12 +174,11 @@ class LiveLink:
         for url, vehicle in heard:
             self.note(f"heard: system {vehicle.system_id}, {vehicle.profile.name}")
             if vehicle.system_id in by_id:
-                msg = (
+                raise LiveFlightError(
                     f"system {vehicle.system_id} is heard on {by_id[vehicle.system_id][0]} and on {url}: give"
                     " each vehicle its own system id (PX4: MAV_SYS_ID, ArduPilot: MAV_SYSID or"
                     " SYSID_THISMAV)"
                 )
-                raise LiveFlightError(msg)
             by_id[vehicle.system_id] = url, vehicle
             self.via.check(scenario, vehicle)
         self._heard = dict(sorted(by_id.items()))
@@ -336,10 +333,7 @@ class LinkHosting(Hosting):
         return ArmingGate((system_id, _AUTOPILOT), agreed=self.link.agreed, clock=steady_s)
 
     def open(
-        self,
-        sorties: Sequence[Sortie],
-        writer: FrameSink | None,
-        **_of_a_simulation: object,
+        self, sorties: Sequence[Sortie], writer: FrameSink | None, **_of_a_simulation: object
     ) -> LinkHost:
         """Open the links; raise LinkError if an address is wrong, in use or unreachable."""
         cameras = [riding_camera(sortie) for sortie in sorties]

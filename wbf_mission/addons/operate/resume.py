@@ -16,8 +16,6 @@ from wbf_mission.addons.base.links import LinkHost
 from wbf_mission.addons.operate.watching import FleetWatch
 from wbf_mission.scenario import ScenarioError
 
-__all__ = ["resume_place"]
-
 _ITEM = re.compile(r"(\d{1,5})(?:\+(\d+(?:\.\d*)?|\.\d+)\s*m)?")
 _LINK = re.compile(r"(udpin|udpout|udp|tcp|tcpin|serial):.+")
 _TLOG = "flight.tlog"
@@ -26,26 +24,14 @@ _ENOUGH_S = 2.5
 
 
 def resume_place(text: str, course: Course, *, wait_s: float = 10.0) -> Place:
-    """Return the place where a mission is resumed.
+    """Return the place on its course where a mission is resumed.
 
-    Parameters
-    ----------
-    text : str
-        An item, counted from 1, with metres flown towards it (``12``, ``12+35m``), a telemetry log, a folder
-        with the results of a flight, or the address of a vehicle's link.
-    course : Course
-        Course of the mission.
-    wait_s : float
-        Timeout for the vehicle behind a link (s).
+    The text is an item, counted from 1, with metres flown towards it (``12``, ``12+35m``), a telemetry log, a
+    folder with the results of a flight, or the address of a link, where a vehicle must be heard in `wait_s`.
 
-    Raises
-    ------
-    ScenarioError
-        If the text is none of these, or the mission has no such item.
-    MissionError
-        If a log or the vehicle does not show the progress of the mission, or the mission is complete.
-    LinkError
-        If a log cannot be read or a link cannot be opened; NoVehicleError without a vehicle.
+    Raises ScenarioError if the text is none of these, or the mission has no such item; MissionError if a log
+    or the vehicle does not show the progress of the mission, or the mission is complete; LinkError if a log
+    cannot be read or a link cannot be opened; NoVehicleError without a vehicle.
     """
     if (item := _ITEM.fullmatch(text)) is not None:
         return _at_item(text, int(item.group(1)), float(item.group(2) or 0.0), course)
@@ -68,8 +54,7 @@ def _at_item(text: str, number: int, metres: float, course: Course) -> Place:
         raise ScenarioError(msg)
     length_m = float(course.lengths_m[leg])
     if metres >= length_m and metres > 0.0:
-        msg = f"--resume {text}: the way to item {number} is {length_m:.1f} m long; give less"
-        raise ScenarioError(msg)
+        raise ScenarioError(f"--resume {text}: the way to item {number} is {length_m:.1f} m long; give less")
     return Place(course.legs[leg].item, metres / length_m if metres else 0.0)
 
 
@@ -91,11 +76,9 @@ def _reached(what: str, progress: MissionProgress) -> Place:
     try:
         place = progress.place()
     except MissionError as error:
-        msg = f"{what}: {error}"
-        raise MissionError(msg) from None
+        raise MissionError(f"{what}: {error}") from None
     if place is None:
-        msg = f"{what}: the mission is complete; there is nothing to resume"
-        raise MissionError(msg)
+        raise MissionError(f"{what}: the mission is complete; there is nothing to resume")
     return place
 
 
@@ -132,8 +115,7 @@ def _of_link(url: str, course: Course, wait_s: float) -> Place:
     state = listener.progress.monitor.state
     what = f"the vehicle on {name}"
     if state.item is None:
-        msg = f"{what} does not report its current item; give the item: --resume 12+35m"
-        raise MissionError(msg)
+        raise MissionError(f"{what} does not report its current item; give the item: --resume 12+35m")
     if state.armed and listener.progress.monitor.in_mission:
         return _reached(what, listener.progress)
     if state.item >= course.end or state.total not in (None, len(course.mission.items)):

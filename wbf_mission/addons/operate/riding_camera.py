@@ -19,9 +19,6 @@ from mission.transfer.wire import command_long
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.camera.trigger import MAX_GAP_MS
 
-__all__ = ["MissionShots", "RidingCamera", "Silence", "images_in"]
-
-
 _Place = tuple[float, float]
 _PATIENCE_S = 2.0
 _CORNER = 0.7
@@ -228,11 +225,8 @@ class RidingCamera:
         self._before: Any = None
         self._item = -1
         self._seen: Seen | None = None
-        self._then: tuple[int, Seen | None, Shots] = (
-            -1,
-            None,
-            Shots(),
-        )  # Item, place and camera command at the last position
+        # Item, place and camera command at the last position
+        self._then: tuple[int, Seen | None, Shots] = (-1, None, Shots())
         self._silence: Silence | None = None
         self._fastest_m_s = 0.0
         self.missed = 0

@@ -45,7 +45,6 @@ def check_firmware(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Find
 
 
 _PREARM = int(m.MAV_SYS_STATUS_PREARM_CHECK)
-
 _SENSORS = {
     int(m.MAV_SYS_STATUS_SENSOR_3D_GYRO): "gyroscope",
     int(m.MAV_SYS_STATUS_SENSOR_3D_ACCEL): "accelerometer",
@@ -81,9 +80,7 @@ def check_readiness(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Fin
 
 
 _FIX_3D = 3
-
 _FEW_SATELLITES = 8
-
 _POOR_HDOP = 2.0
 
 
@@ -159,7 +156,6 @@ def check_battery_now(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[F
 
 
 _FAR_M = 30.0
-
 _HEIGHT_M = 10.0
 
 
@@ -208,11 +204,8 @@ def _is_unsettled(snapshot: VehicleSnapshot) -> bool:
 
 
 _NOTICEABLE = 0.05  # Relative difference of speeds above which a difference is reported
-
 _NOTICEABLE_RADIUS_M = 0.5
-
 _NOTICEABLE_HEIGHT_M = 1.0
-
 # Parameter, name of the value that plans assume for it, relative and absolute tolerance
 _ASSUMED = {
     "other-speed": (Meaning.CRUISE_SPEED, "cruise_speed_m_s", _NOTICEABLE, 0.0),
@@ -387,10 +380,11 @@ def check_fence_settings(subject: Subject, snapshot: VehicleSnapshot) -> Iterato
     if off is not None:
         return
     types = snapshot.told(Meaning.FENCE_TYPES)
+    farthest_m = max((math.hypot(*leg.end_m[:2]) for leg in legs_of(subject)), default=0.0)
     bits = _CEILING_BIT | _RADIUS_BIT if types is None else int(types[1])
     for meaning, bit, reached, code in (
         (Meaning.FENCE_CEILING, _CEILING_BIT, _highest_m(subject), "above-ceiling"),
-        (Meaning.FENCE_RADIUS, _RADIUS_BIT, _farthest_m(subject), "beyond-fence-radius"),
+        (Meaning.FENCE_RADIUS, _RADIUS_BIT, farthest_m, "beyond-fence-radius"),
     ):
         bound = snapshot.told(meaning)
         if bound is not None and bits & bit and 0.0 < bound[1] < reached:
@@ -403,10 +397,6 @@ def _highest_m(subject: Subject) -> float:
     # The altitude controller overshoots by up to 0.5 m.
     flown = [float(track.points_m[:, 2].max()) - 0.5 for track in subject.tracks]
     return max((*planned, *flown), default=0.0)
-
-
-def _farthest_m(subject: Subject) -> float:
-    return max((math.hypot(*leg.end_m[:2]) for leg in legs_of(subject)), default=0.0)
 
 
 _CONTINUES_BIT = 2  # FS_OPTIONS of ArduCopter: continue the mission without a ground station

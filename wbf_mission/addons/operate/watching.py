@@ -11,17 +11,9 @@ from mission.ground.contact import Contact, Heartbeat
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Mission, MissionType
-from mission.transfer import (
-    CLIENT_MESSAGES,
-    DownloadComplete,
-    Output,
-    Transfer,
-    TransferFailed,
-)
+from mission.transfer import CLIENT_MESSAGES, DownloadComplete, Output, Transfer, TransferFailed
 from mission.transfer.wire import ACCEPTED, GROUND_STATION
 from sensors.observations import Observations
-
-__all__ = ["FleetWatch", "WatchedVehicle"]
 
 _STREAM_HZ = 2
 _ASK_AGAIN_S = 5.0

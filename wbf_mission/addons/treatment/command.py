@@ -96,7 +96,7 @@ class _Costs:
     ] = None
 
     def given(self) -> dict[str, list[str]]:
-        """Return the given options as arguments of `wbf_mission.addons.treatment.zones.costs_of`."""
+        """Return the given options as arguments of `wbf_mission.addons.treatment.treatment_map.costs_of`."""
         if self.block is not None and not 0.01 <= self.block <= 1000.0:
             raise ScenarioError(f"--block {self.block:g} is out of range: give 0.01 to 1000 metres")
         every = (self.treat_cost, self.loss, self.look_cost, self.low_below, self.rate)
@@ -258,13 +258,10 @@ def _folder(out: Path, inputs: list[Path | None], *, overwrite: bool) -> Iterato
 
 
 def _rows(of: TreatmentMap, flight: NextFlight | None, out: Path, plan: Path | None) -> dict[str, str]:
-    from wbf_mission.addons.treatment.farmer_page import area_in_words
-    from wbf_mission.addons.treatment.zones import HEALTHY, LOOK, TREAT
+    from wbf_mission.addons.treatment.map_files import area_in_words
+    from wbf_mission.addons.treatment.treatment_map import HEALTHY, LOOK, TREAT
 
-    rows = {
-        "made from": f"{len(of.observations)} readings, day {of.day}, {of.estimator}",
-        **of.report.rows(),
-    }
+    rows = {"made from": f"{len(of.observations)} readings, day {of.day}, {of.estimator}", **of.report.rows()}
     for zones in of.zone_maps:
         areas = ((zones.word(zone), area_in_words(zones.area_ha(zone))) for zone in (TREAT, LOOK, HEALTHY))
         rows[f"zones, {zones.field.title}"] = ", ".join(map(" ".join, areas))

@@ -15,8 +15,7 @@ from sensors.observations import Observations
 from wbf_mission.addons.treatment.logs import LogError, read_track
 from wbf_mission.addons.treatment.logs.telemetry import observations_in
 from wbf_mission.addons.treatment.readings import is_cells, join, read_readings
-from wbf_mission.addons.treatment.treatment_map import TreatmentMap
-from wbf_mission.addons.treatment.zones import costs_of
+from wbf_mission.addons.treatment.treatment_map import TreatmentMap, costs_of
 from wbf_mission.progress import Progress, silent
 from wbf_mission.run.estimation import estimator_of, naming_estimator, require_run_memory
 from wbf_mission.run.record import RunRecord
@@ -25,7 +24,7 @@ from wbf_mission.scenario import Scenario
 from wbf_mission.scenario.parts import LAST_DAY
 
 Costs = Mapping[str, Sequence[str]]
-"""Costs in the form of `wbf_mission.addons.treatment.zones.costs_of`."""
+"""Costs in the form of `wbf_mission.addons.treatment.treatment_map.costs_of`."""
 
 
 def treatment_of_log(
@@ -41,7 +40,7 @@ def treatment_of_log(
 
     The scenario gives the farm, fields, day, footprint, estimator and seed. Without a `log` (`read_track`)
     the readings need positions. `observations` is a table of readings (`read_readings`) or a file of
-    `Observations`; a .tlog of a leaf camera needs no `observations`. For `costs` and `block_m`, see `zones`.
+    `Observations`; a .tlog of a leaf camera needs no `observations`. `costs`, `block_m`: see `treatment_map`.
     Raises WbfMissionError if a file cannot be read, a value is out of range, or no reading is on the farm.
     """
     farm, fields = farm_of(scenario.farm)

@@ -1,6 +1,6 @@
-"""Report of a benchmark as one HTML file: a table to sort and filter; a row opens to show scores by seed.
+"""Self-contained HTML pages, and the report of a benchmark as one: a table to sort and filter.
 
-Without scripts the page shows the same tables, unsorted.
+A row of the table opens to show scores by seed. Without scripts the page shows the same tables, unsorted.
 """
 
 from __future__ import annotations
@@ -9,13 +9,13 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from html import escape
+from importlib import resources
 from pathlib import Path
 
 from geo.atomic import atomic_write
-from wbf_mission.addons.base.markup import data_element, data_uri
+from wbf_mission.addons.base.markup import data_element, data_uri, html_document
 from wbf_mission.addons.base.pages import Page, Table
 from wbf_mission.addons.base.standings import SCORES, Scored, apart, scored, standing_table, standings_of
-from wbf_mission.addons.web.document import document
 from wbf_mission.bench.rows import KEY_DIGITS, BenchRow
 
 _NAMES = 3
@@ -106,3 +106,10 @@ def _name(text: str) -> str:
 def _numbers(text: str) -> str:
     """Return numbers with intervals on one line; an interval in brackets may be on the next line."""
     return escape(text).replace(" to ", " to&nbsp;" if "(" in text else "&nbsp;to&nbsp;")
+
+
+def document(title: str, body: str, script: str, data: str = "") -> str:
+    """Return a page with a script of ``static``; see `html_document` for the other parameters."""
+    static = resources.files("wbf_mission.addons.web") / "static"
+    style, code = ((static / name).read_text(encoding="utf-8") for name in ("page.css", f"{script}.js"))
+    return html_document(title, body, style=style, script=code, data=data)

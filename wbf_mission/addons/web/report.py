@@ -2,42 +2,215 @@
 
 The page is the same as for a live run, with a recording. A `View` listens to the events of the result, and
 its layers are kept at some moments. A file that is too large gets fewer moments, larger pixels, and finally
-fewer readings; its notes say so. `LiveLayers` keeps the layers of a run that is flown for the report. They
+fewer readings; its notes say so. `RunPage` keeps the layers of a run that is flown for the report. They
 include the acquisition maps of decisions, which results do not contain.
 """
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import replace as replaced
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from msgspec import UNSET
 from msgspec.structs import asdict, replace
+from numpy.typing import NDArray
 
-from geo import Farm
 from geo.atomic import atomic_write
 from geo.errors import WbfMissionError
 from sensors.errors import EstimatorError
 from wbf_mission.addons.base.markup import data_element
 from wbf_mission.addons.base.replay import events_of
 from wbf_mission.addons.web import schema
-from wbf_mission.addons.web.document import document
+from wbf_mission.addons.web.bench_page import document
 from wbf_mission.addons.web.layers import LONGEST
-from wbf_mission.addons.web.recording import (
-    MOMENTS,
-    PIXELS,
-    LiveLayers,
-    Recorder,
-    thinned_moments,
-    thinned_readings,
-    thinned_states,
-)
 from wbf_mission.addons.web.summary import comparison_of, run_title, summary_of
-from wbf_mission.events import Decided, Estimated
+from wbf_mission.addons.web.view import Cursor, View
+from wbf_mission.events import DayBegun, Decided, Estimated, Event, EventStream, RunBegun, RunEnded
+from wbf_mission.maps.blocks import SICK_BELOW
 from wbf_mission.progress import Progress, silent
 from wbf_mission.run.record import RunRecord
+
+MOMENTS = 40
+"""Approximate number of scored times at which layers are kept."""
+PIXELS = (LONGEST, LONGEST // 2, LONGEST // 4)
+"""Sizes in which layers are kept: pixels along the longer side of the farm."""
+_SMALL_CELLS = 40_000
+"""Up to this number of cells, every estimate is drawn, so that a decision shows the estimate that it used."""
+_ACQUISITION = "acquisition"
+_TOLERANCES = {
+    "x": 0.02,
+    "y": 0.02,
+    "height_m": 0.05,
+    "speed_m_s": 0.25,
+    "battery": 0.002,
+    "heading_deg": 2.0,
+}
+"""Maximum deviation of a dropped state from the line between the states kept, in the values' units."""
+_FIXED = ("day", "flight", "item", "items", "mode", "phase", "armed")
+
+
+class Recorder:
+    """Draws the layers of a run in several pixel sizes, and keeps the layers of chosen moments."""
+
+    def __init__(self) -> None:
+        self.views = {longest: View(share=1.0, longest=longest) for longest in PIXELS}
+        self._cursors: dict[int, Cursor | None] = dict.fromkeys(self.views)
+        self.moments: dict[int, list[schema.Moment]] = {longest: [] for longest in self.views}
+        self.decisions: list[bool] = []  # Whether each moment is the time of a decision
+
+    def take(self, event: Event) -> None:
+        """Draw the layers of an event."""
+        for view in self.views.values():
+            view.take(event)
+
+    def keep(self, time_s: float, day: int, observations: int, *, decision: bool = False) -> None:
+        """Keep the tiles changed since the previous moment."""
+        new = {}
+        for longest, view in self.views.items():
+            new[longest], self._cursors[longest] = view.update(self._cursors[longest])
+        if not new[LONGEST].tiles:
+            return
+        self.decisions.append(decision)
+        for longest, moments in self.moments.items():
+            # Events come from two threads, and events with estimates may be late.
+            at_s = max(time_s, moments[-1].time_s) if moments else time_s
+            update = new[longest]
+            moments.append(schema.Moment(at_s, day, observations, update.tiles or [], update.scales or {}))
+
+
+class RunPage:
+    """Report of a run, recorded during the flight: a `wbf_mission.addons.base.pages.RunPage`.
+
+    It keeps the layers of estimates at about `MOMENTS` of the `scored` times at which the run is scored, and
+    the acquisition map of each decision. `decided_s` maps the `id` of a decision's record to its time.
+    """
+
+    def __init__(self, events: EventStream, scored: int) -> None:
+        self.decided_s: dict[int, float] = {}
+        self.recorder = Recorder()
+        self._lock = threading.Lock()
+        self._every, self._left = max(1, -(-scored // MOMENTS)), scored
+        self._draws_all = False
+        self._last = 0.0, 0, 0  # Time, day and number of observations of the last estimate
+        events.listen(self._take, RunBegun, DayBegun, Estimated, Decided, RunEnded)
+
+    def _take(self, event: RunBegun | DayBegun | Estimated | Decided | RunEnded) -> None:
+        with self._lock:
+            if isinstance(event, RunBegun) and event.farm is not None:
+                self._draws_all = event.farm.width_cells * event.farm.height_cells <= _SMALL_CELLS
+            if isinstance(event, Estimated):
+                self._left -= 1
+                due = self._left % self._every == 0
+                self._last = event.time_s, event.day, event.observations
+                # Events replayed from results have a model only if it is drawn; do the same here.
+                self.recorder.take(event if due or self._draws_all else replaced(event, model=None))
+                if due:
+                    self.recorder.keep(*self._last)
+                return
+            self.recorder.take(event)
+            if isinstance(event, Decided):
+                record = event.record
+                self.decided_s[id(record)] = event.time_s
+                if event.acquisition is not None:
+                    self.recorder.keep(event.time_s, record.day, record.observations, decision=True)
+            elif isinstance(event, RunEnded):
+                self.recorder.keep(*self._last)
+
+    def write(
+        self, path: Path, record: RunRecord, *, log: Path | None, notes: Sequence[str], progress: Progress
+    ) -> Sequence[str]:
+        """Write the report and return its notes."""
+        report = write_report(path, [record], logs=[log], layers=self, told=notes, progress=progress)
+        return report.notes
+
+
+def thinned_moments(
+    moments: Sequence[schema.Moment], light: Sequence[bool], every: int
+) -> list[schema.Moment]:
+    """Return every `every`-th moment, counted back from the last; skipped tiles move to the next moment.
+
+    A light moment keeps only the acquisition map; its other tiles move to the next moment that is not light.
+    """
+    kept, tiles = [], dict[tuple[str, int, int], schema.Tile]()
+    for number, (moment, is_light) in enumerate(zip(moments, light, strict=True)):
+        tiles |= {(tile.layer, tile.x, tile.y): tile for tile in moment.tiles}
+        if (len(moments) - 1 - number) % every == 0:
+            shown = [key for key in tiles if not is_light or key[0] == _ACQUISITION]
+            kept.append(replace(moment, tiles=[tiles.pop(key) for key in shown]))
+    if kept:
+        kept[-1].tiles += tiles.values()
+    return kept
+
+
+def thinned_readings(readings: schema.Readings, diseases: Sequence[str], every: int) -> schema.Readings:
+    """Return every `every`-th reading, and all readings of sick plants."""
+    count = len(readings.time_s)
+    kept = np.arange(count) % every == 0
+    for name in diseases:
+        kept |= np.array(readings.values.get(name, [None] * count), np.float64) < SICK_BELOW
+    rows = np.flatnonzero(kept).tolist()
+
+    def some(column: list[Any]) -> list[Any]:
+        return [column[row] for row in rows]
+
+    values = {name: some(column) for name, column in readings.values.items()}
+    return schema.Readings(some(readings.time_s), some(readings.x), some(readings.y), values)
+
+
+def thinned_states(states: schema.States) -> schema.States:
+    """Return the states without the states that lie, within `_TOLERANCES`, on straight lines over time.
+
+    Algorithm of D. H. Douglas and T. K. Peucker, "Algorithms for the reduction of the number of points
+    required to represent a digitized line or its caricature", Cartographica 10 (1973), at equal times.
+    """
+    columns: dict[str, list[Any]] = asdict(states)
+    kept = np.zeros(len(states.time_s), bool)
+    kept[[0, -1]] = True
+    values = np.zeros((len(_TOLERANCES), len(kept)))
+    for number, (name, tolerance) in enumerate(_TOLERANCES.items()):
+        numbers = np.array(columns[name], np.float64)
+        known = np.isfinite(numbers)  # Missing values are None or NaN
+        values[number, known] = numbers[known] / tolerance
+        if name == "heading_deg":
+            values[number] = np.unwrap(values[number], period=360.0 / tolerance)
+        _keep_changes(known.tolist(), kept)
+    for name in _FIXED:
+        _keep_changes(columns[name], kept)
+    _split(np.array(states.time_s), values, kept)
+    rows = np.flatnonzero(kept).tolist()
+    return schema.States(**{name: [column[row] for row in rows] for name, column in columns.items()})
+
+
+def _keep_changes(column: Sequence[Any], kept: NDArray[np.bool_]) -> None:
+    """Keep the rows before and after each change of a value."""
+    differs = np.array([value != following for value, following in pairwise(column)], bool)
+    kept[:-1] |= differs
+    kept[1:] |= differs
+
+
+def _split(time_s: NDArray[np.float64], values: NDArray[np.float64], kept: NDArray[np.bool_]) -> None:
+    """Keep more rows until each dropped row is within 1 of the line between the kept rows."""
+    parts = list(pairwise(np.flatnonzero(kept).tolist()))
+    while parts:
+        first, last = parts.pop()
+        if last - first < 2:
+            continue
+        inner = slice(first + 1, last)
+        part = (time_s[inner] - time_s[first]) / max(time_s[last] - time_s[first], 1e-9)
+        line = values[:, [first]] + part * (values[:, [last]] - values[:, [first]])
+        off = np.abs(values[:, inner] - line).max(axis=0, initial=0.0)
+        worst = int(off.argmax())
+        if off[worst] > 1.0:
+            middle = first + 1 + worst
+            kept[middle] = True
+            parts += [(first, middle), (middle, last)]
+
 
 MOST_BYTES = 5_000_000
 """Target for the maximum size of a report."""
@@ -62,7 +235,7 @@ def write_report(
     records: Sequence[RunRecord],
     *,
     logs: Sequence[Path | None] = (None, None),
-    layers: LiveLayers | None = None,
+    layers: RunPage | None = None,
     told: Sequence[str] = (),
     most_bytes: int = MOST_BYTES,
     progress: Progress = silent,
@@ -73,8 +246,13 @@ def write_report(
     run that was just flown; by default the estimates are computed again (`events_of`). The summary also shows
     the notes `told`. Data is omitted to keep the file below `most_bytes`.
     """
-    if len(records) > 1:
-        _check_farms(*(record.farm for record in records))
+    same = ("frame", "width_cells", "height_cells", "cell_size_m", "patches", "owner")
+    first, last = records[0].farm, records[-1].farm
+    if any(getattr(first, name) != getattr(last, name) for name in same):
+        names = f"{first.name} and {last.name}"
+        raise ReportError(
+            f"the runs are of different farms, {names}: give two runs of the same farm, or one run at a time"
+        )
     kept = [_Kept(record, log, layers, progress) for record, log in zip(records, logs, strict=False)]
     title = " | ".join(run_title(record) for record in records)
     summary = comparison_of if len(records) > 1 else summary_of
@@ -89,26 +267,6 @@ def write_report(
     with atomic_write(path) as file:
         file.write(page)
     return Report(title, size, tuple(len(recording.moments) for recording in recordings), notes)
-
-
-class RunPage(LiveLayers):
-    """Report of a run, recorded during the flight: a `wbf_mission.addons.base.pages.RunPage`."""
-
-    def write(
-        self, path: Path, record: RunRecord, *, log: Path | None, notes: Sequence[str], progress: Progress
-    ) -> Sequence[str]:
-        """Write the report and return its notes."""
-        report = write_report(path, [record], logs=[log], layers=self, told=notes, progress=progress)
-        return report.notes
-
-
-def _check_farms(first: Farm, second: Farm) -> None:
-    same = ("frame", "width_cells", "height_cells", "cell_size_m", "patches", "owner")
-    if any(getattr(first, name) != getattr(second, name) for name in same):
-        names = f"{first.name} and {second.name}"
-        raise ReportError(
-            f"the runs are of different farms, {names}: give two runs of the same farm, or one run at a time"
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,9 +290,7 @@ _REDUCTIONS = (
 class _Kept:
     """Data of a run's page, with the layers at all moments in several pixel sizes."""
 
-    def __init__(
-        self, record: RunRecord, log: Path | None, live: LiveLayers | None, progress: Progress
-    ) -> None:
+    def __init__(self, record: RunRecord, log: Path | None, live: RunPage | None, progress: Progress) -> None:
         self.diseases = [disease.name for disease in record.fields.diseases]
         self.lost = ""  # Reason why estimates could not be computed again
         decided_s = {} if live is None else live.decided_s

@@ -38,8 +38,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from geo.reading import misfit
 from geo.system import steady_s
 from mission.errors import LinkError
-from wbf_mission.addons.web.deadlines import HurriedProtocol
-from wbf_mission.addons.web.guard import Guard, is_loopback, own_names
+from wbf_mission.addons.web.guard import Guard, HurriedProtocol, is_loopback, own_names
 from wbf_mission.addons.web.schema import Answer, Background, Beat, Given, Order, Reply, Update
 from wbf_mission.addons.web.tiles import MapTiles
 from wbf_mission.addons.web.view import Cursor, View

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import inspect
+import re
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import lru_cache, partial
 from typing import Any, TypeAlias, get_args
 from urllib.parse import quote
 
@@ -20,7 +22,8 @@ from geo import Farm
 from geo.errors import FarmError, WbfMissionError
 from geo.geojson import farm_document
 from geo.grid import Crop
-from geo.texts import parse_number
+from geo.texts import one_line, parse_number
+from mission.outcome import in_words
 from mission.planners import make_planner
 from mission.planners.request import planner_parameters
 from mission.policies.policy import policy_parameters
@@ -28,17 +31,18 @@ from mission.transfer.vehicles import Vehicle
 from wbf_mission.addons.base.inquiry import VehicleSnapshot
 from wbf_mission.addons.base.links import fitted_to, upload_checked
 from wbf_mission.addons.web import drafts
-from wbf_mission.addons.web.newest import SupersededError
+from wbf_mission.addons.web.drafts import SupersededError
 from wbf_mission.addons.web.schema import Background
 from wbf_mission.addons.web.server import LiveServer
 from wbf_mission.addons.web.shapes import farm_shape, plan_shape
-from wbf_mission.addons.web.studio_flight import StudioFlight
-from wbf_mission.addons.web.words import worded
-from wbf_mission.events import EventStream, Planned
+from wbf_mission.addons.web.view import View
+from wbf_mission.events import Event, EventStream, Planned, Progressed, RunBegun, RunEnded, VehicleMoved
+from wbf_mission.flight import Simulated, fly
 from wbf_mission.preflight.subject import Circumstances
 from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.scenario.choice import names_of
 from wbf_mission.scenario.option import Option
+from wbf_mission.scenario.scenario import all_options
 
 _FIRST = ("planner", "policy", "budget", "vehicle", "autopilot", "wind_speed_m_s", "wind_direction_deg")
 """Options shown first; the others are in panels."""
@@ -292,11 +296,12 @@ def _mission(sortie: drafts.PlannedMission) -> dict[str, Any]:
 
 def _described(key: str, option: Option) -> dict[str, Any]:
     """Return an option's description for the page."""
+    shown = ("label", "panel", "unit", "low", "high", "kind", "needs", "not_with", "needs_fleet")
     kinds = [kind for kind in get_args(option.wanted) or (option.wanted,) if kind in _TYPES]
     is_text = option.read is not None or str in get_args(option.wanted)
     names = drafts.known_names(key) if option.kind or key in drafts.NAMED else option.choices
     return {
-        **{name: getattr(option, name) for name in _DESCRIBED},
+        **{name: getattr(option, name) for name in shown},
         "help": worded(option.help),
         "key": key,
         "type": "text" if is_text or not kinds else _TYPES[kinds[0]],
@@ -305,9 +310,6 @@ def _described(key: str, option: Option) -> dict[str, Any]:
         "first": key in _FIRST,
         "several": option.each or option.wanted not in (str, str | None, Any),
     }
-
-
-_DESCRIBED = ("label", "panel", "unit", "low", "high", "kind", "needs", "not_with", "needs_fleet")
 
 
 def _default(initial: Any) -> str:
@@ -351,3 +353,122 @@ def _number(request: Request, name: str, low: float, high: float) -> float | Non
     if not low <= value <= high:
         raise drafts.DraftError(f"{name} {value:g} is out of range: give {low:g} to {high:g}")
     return value
+
+
+class FlightState(msgspec.Struct, frozen=True):
+    """State of the latest flight: "none", "preparing", "flying" or an outcome; `words` explains it."""
+
+    outcome: str = "none"
+    words: str = ""
+
+
+class StudioFlight:
+    """Runs one flight in the simulator; a new flight stops the previous one."""
+
+    def __init__(self) -> None:
+        self.show: Callable[[View], None] = lambda _view: None
+        self._thread: threading.Thread | None = None
+        self._flown = Flown(View())
+        self._lock = threading.Lock()
+
+    def start(self, scenario: Scenario, pace: float | None, decider: str) -> None:
+        """Start a flight of a planned scenario, in place of the current flight."""
+        with self._lock:
+            self._flown.stopping.set()
+            view = View()
+            self._flown = Flown(view, "preparing", decider)
+            self.show(view)
+            work = partial(self._flown.fly, scenario, pace)
+            self._thread = threading.Thread(target=work, name="studio flight", daemon=True)
+            self._thread.start()
+
+    @property
+    def state(self) -> FlightState:
+        """State of the latest flight."""
+        return self._flown.state
+
+    def stop(self, wait_s: float = 0.0) -> bool:
+        """Stop the flight and wait for its end; return whether a flight was running."""
+        with self._lock:
+            self._flown.stopping.set()
+            flies = self._thread is not None and self._thread.is_alive()
+            if self._thread is not None:
+                self._thread.join(wait_s)
+            return flies
+
+
+class Flown:
+    """One flight that a view shows and that can be stopped."""
+
+    def __init__(self, view: View, outcome: str = "none", decider: str = "") -> None:
+        self._view, self.state, self._decider = view, FlightState(outcome), decider
+        self.stopping = threading.Event()
+
+    def fly(self, scenario: Scenario, pace: float | None) -> None:
+        """Fly until the end or a stop; after a stop, the readings are evaluated as after Ctrl-C."""
+        events = EventStream()
+        events.listen(self._take)
+        events.listen(self._stop_if_asked, VehicleMoved, Progressed)
+        try:
+            fly(scenario, by=Simulated(pace=pace), events=events)
+        except WbfMissionError as error:
+            self._take(RunEnded(0.0, "failed", worded(error)))
+        except KeyboardInterrupt:
+            begun = self.state.outcome == "flying"
+            why = "stopped while its readings were evaluated" if begun else "stopped before the start"
+            self._take(RunEnded(0.0, "interrupted", why))
+
+    def _take(self, event: Event) -> None:
+        if isinstance(event, RunBegun) and event.farm is not None:
+            # The mission's file has an internal name: show the planner's or policy's name instead.
+            title = f"{event.farm.name}, {self._decider}"
+            event = replace(event, title=title, planner=self._decider)
+        self._view.take(event)
+        if isinstance(event, RunEnded):
+            self.state = FlightState(event.outcome, in_words(event.outcome, event.reason))
+        elif isinstance(event, VehicleMoved) and self.state.outcome == "preparing":
+            self.state = FlightState("flying")
+
+    def _stop_if_asked(self, _event: object) -> None:
+        if self.stopping.is_set():
+            self.stopping.clear()  # Stop only once: the readings must still be evaluated
+            raise KeyboardInterrupt
+
+
+_FLAG = re.compile(r"(?<![\w-])--[a-z][a-z0-9]*(-[a-z0-9]+)*")
+_ONLY_THERE = re.compile(r",? --force does it nevertheless")
+"""Advice that has no input on the page."""
+_OTHERS = {
+    "--crop": "Crop",
+    "--farm-crs": "Coordinate system",
+    "--repair": "Mend it",
+    "--wind": "Wind speed",
+    "--wind-shear": "Wind shear",
+}
+"""Inputs of the page that are not draft options, or that stand for several options."""
+
+
+def worded(text: object) -> str:
+    """Return a text on one line, with the page's input names in place of options.
+
+    >>> worded("the polygon is not valid; --repair mends what is safe to mend")
+    "the polygon is not valid; 'Mend it' mends what is safe to mend"
+    >>> worded("give --budget, such as 8000m"), worded("fly slower, or a smaller --no-such-option")
+    ("give 'Budget', such as 8000m", "fly slower, or a smaller 'No such option'")
+    """
+    return _FLAG.sub(_name, _ONLY_THERE.sub("", one_line(str(text))))
+
+
+def _name(flag: re.Match[str]) -> str:
+    text = flag[0]
+    return f"'{_labels().get(text) or _capital(text[2:].replace('-', ' '))}'"
+
+
+@lru_cache(maxsize=1)
+def _labels() -> dict[str, str]:
+    known = {str(option.flag): _capital(option.label) for _, _, option in all_options().values()}
+    return known | _OTHERS
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

@@ -10,8 +10,7 @@ from PIL import Image
 
 from wbf_mission.addons.base.intervals import Interval
 from wbf_mission.addons.base.standings import scored, standing_table, standings
-from wbf_mission.addons.boards.ratios import WHOLE, by_fixed
-from wbf_mission.addons.boards.report import report_page
+from wbf_mission.addons.boards.report import WHOLE, by_fixed, report_page
 from wbf_mission.bench.requests import Asked, AskedFor, Card
 
 

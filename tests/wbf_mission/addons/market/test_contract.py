@@ -1,7 +1,7 @@
 import numpy as np
 import shapely
 
-from wbf_mission.addons.market.contract import Contract, Stretch
+from wbf_mission.addons.market.market import Contract, Stretch
 from wbf_mission.addons.market.segments import Segment, rows_over
 
 FIELD = shapely.box(0, 0, 10, 10)

@@ -13,9 +13,9 @@ from mission.ground.vehicle_state import Battery
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.airframe.catalog import get_vehicle, vehicle_names
 from wbf_mission.addons.operate import link as live
-from wbf_mission.addons.operate.battery_change import REAL_FULL, BatteryWait, needed_fraction
 from wbf_mission.addons.operate.console import TerminalConsole
 from wbf_mission.addons.operate.link import LiveLink
+from wbf_mission.addons.operate.real_sorties import REAL_FULL, BatteryWait, needed_fraction
 from wbf_mission.addons.operate.watching import WatchedVehicle
 from wbf_mission.cli.output import Output
 from wbf_mission.planning import MissionBuilder

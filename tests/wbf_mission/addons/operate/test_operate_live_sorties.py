@@ -17,10 +17,14 @@ from mission.outcome import Outcome, Phase
 from mission.sorties import part_of
 from wbf_mission import load_result
 from wbf_mission.addons.operate import console as operator_console
-from wbf_mission.addons.operate.battery_change import BatteryWait, needed_fraction, risen_fraction
 from wbf_mission.addons.operate.console import TerminalConsole
 from wbf_mission.addons.operate.link import LiveLink
-from wbf_mission.addons.operate.real_sorties import reached_place
+from wbf_mission.addons.operate.real_sorties import (
+    BatteryWait,
+    needed_fraction,
+    reached_place,
+    risen_fraction,
+)
 from wbf_mission.addons.operate.watching import WatchedVehicle
 from wbf_mission.cli.app import main
 from wbf_mission.cli.output import Output

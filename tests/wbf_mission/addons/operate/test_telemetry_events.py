@@ -17,8 +17,7 @@ from sim_vehicle.airframe.kind import kind_of_type
 from sim_vehicle.host.server import Server
 from wbf_mission.addons.base.simulator import make_components
 from wbf_mission.addons.operate.control_station import ControlStation
-from wbf_mission.addons.operate.simulation import SimulatedWatch
-from wbf_mission.addons.operate.telemetry_events import TelemetryEvents
+from wbf_mission.addons.operate.telemetry_events import SimulatedWatch, TelemetryEvents
 from wbf_mission.addons.operate.watching import FleetWatch
 from wbf_mission.events import (
     EventStream,

@@ -25,9 +25,7 @@ from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from wbf_mission.addons.treatment.gis import MapError, UtmCells
 from wbf_mission.addons.treatment.map_files import NODATA, write_geotiff, write_map
-from wbf_mission.addons.treatment.treatment_map import TreatmentMap
-from wbf_mission.addons.treatment.zone_shapes import zones_of
-from wbf_mission.addons.treatment.zones import HEALTHY, LOOK, TREAT, costs_of
+from wbf_mission.addons.treatment.treatment_map import HEALTHY, LOOK, TREAT, TreatmentMap, costs_of, zones_of
 from wbf_mission.progress import silent
 
 WIDTH, HEIGHT, CELL_M = 700, 540, 0.5

@@ -16,7 +16,7 @@ from sensors.dynamics.continuous import Measured
 from sensors.dynamics.soil import SoilParameters
 from sensors.fields import ALL_CROPS, PAPER_FIELDS, Field, FieldSet
 from wbf_mission.addons.treatment.gis import MapError
-from wbf_mission.addons.treatment.zones import (
+from wbf_mission.addons.treatment.treatment_map import (
     HEALTHY,
     LOOK,
     TREAT,

@@ -17,8 +17,7 @@ from geo import get_farm, save_farm
 from geo.errors import FarmError, WbfMissionError
 from geo.geojson import farm_document
 from mission.planners import PlannedPath, PlanningRequest
-from wbf_mission.addons.web.drafts import DraftError, Drafts
-from wbf_mission.addons.web.newest import NewestOnly, SupersededError
+from wbf_mission.addons.web.drafts import DraftError, Drafts, NewestOnly, SupersededError
 from wbf_mission.planning import PlanResult
 from wbf_mission.progress import Progress
 from wbf_mission.run.plan import plan
@@ -243,7 +242,7 @@ def test_what_is_newer_ends_what_is_under_way() -> None:
 
 
 def test_what_does_not_tell_how_far_it_is_holds_nobody_up_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("wbf_mission.addons.web.newest.PATIENCE_S", 0.2)
+    monkeypatch.setattr("wbf_mission.addons.web.drafts.PATIENCE_S", 0.2)
     begun, go_on = threading.Event(), threading.Event()
 
     def stubborn(_progress: Progress) -> str:

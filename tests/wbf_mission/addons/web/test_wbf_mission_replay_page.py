@@ -17,8 +17,7 @@ from single_page import SinglePage
 from mission.policies.decision import AcquisitionMap
 from wbf_mission.addons.boards.replay import Replay, replay, run_of
 from wbf_mission.addons.web import schema
-from wbf_mission.addons.web.recording import LiveLayers, thinned_moments
-from wbf_mission.addons.web.report import MOST_BYTES, write_report
+from wbf_mission.addons.web.report import MOST_BYTES, RunPage, thinned_moments, write_report
 from wbf_mission.bench.rows import read_rows
 from wbf_mission.cli.app import main
 from wbf_mission.events import EventStream
@@ -33,10 +32,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def flown(folder: Path) -> tuple[Replay, LiveLayers]:
+def flown(folder: Path) -> tuple[Replay, RunPage]:
     row = next(one for one in read_rows(folder) if one.planner == "greedy")
     events = EventStream()
-    layers = LiveLayers(events, len(row.times_s))
+    layers = RunPage(events, len(row.times_s))
     return replay(row, run_of(row), events=events), layers
 
 
@@ -64,7 +63,7 @@ def acquisitions_in(held: dict[str, Any]) -> list[tuple[float, np.ndarray]]:
 
 
 def test_the_page_holds_the_map_of_each_decision(
-    flown: tuple[Replay, LiveLayers], files: dict[str, Path]
+    flown: tuple[Replay, RunPage], files: dict[str, Path]
 ) -> None:
     again, _ = flown
     assert again.equal and again.causes == ()
@@ -83,7 +82,7 @@ def test_the_page_holds_the_map_of_each_decision(
     assert files["greedy"].stat().st_size < MOST_BYTES
 
 
-def test_its_layers_are_those_of_a_saved_result(flown: tuple[Replay, LiveLayers], tmp_path: Path) -> None:
+def test_its_layers_are_those_of_a_saved_result(flown: tuple[Replay, RunPage], tmp_path: Path) -> None:
     """The estimates of the flight are those that are made again of its observations."""
     again, layers = flown
     write_report(tmp_path / "live.html", [again.result], layers=layers)
@@ -138,7 +137,7 @@ def test_light_moments_tell_the_acquisition_alone() -> None:
     assert told(2, [False] * 4) == [(2.0, ["b", "A"]), (4.0, ["d", "B"])]
 
 
-def test_what_is_too_large_is_reduced_and_said(flown: tuple[Replay, LiveLayers], tmp_path: Path) -> None:
+def test_what_is_too_large_is_reduced_and_said(flown: tuple[Replay, RunPage], tmp_path: Path) -> None:
     again, layers = flown
     told = {"layers": layers, "told": ["equal"]}
     whole = write_report(tmp_path / "whole.html", [again.result], **told)

@@ -34,7 +34,7 @@ from mission.errors import LinkError
 from sensors.fields import PAPER_FIELDS
 from sensors.scoring.information import InformationModel
 from wbf_mission import events
-from wbf_mission.addons.web import deadlines, schema
+from wbf_mission.addons.web import guard, schema
 from wbf_mission.addons.web import server as served
 from wbf_mission.addons.web.guard import HEADERS
 from wbf_mission.addons.web.schema import Update
@@ -614,8 +614,8 @@ def posting(server: LiveServer, more: str) -> bytes:
 @contextmanager
 def hurried(monkeypatch: pytest.MonkeyPatch) -> Iterator[LiveServer]:
     """A server that waits shortly, and reads bodies."""
-    monkeypatch.setattr(deadlines, "HEAD_S", 1.0)
-    monkeypatch.setattr(deadlines, "BODY_S", 1.0)
+    monkeypatch.setattr(guard, "HEAD_S", 1.0)
+    monkeypatch.setattr(guard, "BODY_S", 1.0)
     with LiveServer(View(), routes=[Route("/read", read_body, methods=["POST"])]) as server:
         yield server
 

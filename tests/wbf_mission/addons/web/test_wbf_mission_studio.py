@@ -21,13 +21,11 @@ from websockets.sync.client import ClientConnection, connect
 
 from geo import get_farm, save_farm
 from mission.ground.link import download
+from wbf_mission.addons.web.command import _USUAL_PORT
 from wbf_mission.addons.web.drafts import MAX_BODY_BYTES
 from wbf_mission.addons.web.server import LiveServer
-from wbf_mission.addons.web.studio import Studio
-from wbf_mission.addons.web.studio_command import _USUAL_PORT
-from wbf_mission.addons.web.studio_flight import Flown
+from wbf_mission.addons.web.studio import Flown, Studio, worded
 from wbf_mission.addons.web.view import View
-from wbf_mission.addons.web.words import worded
 from wbf_mission.cli.app import main
 from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario

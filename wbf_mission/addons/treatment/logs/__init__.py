@@ -47,11 +47,11 @@ def _reader(path: Path) -> Callable[[Path], LogTrack]:
     except ValueError:  # a NUL in the name
         raise LogError(f"{str(path)!r}: cannot be read: there is a NUL character in its name") from None
     if begin.startswith(_ULOG):
-        from wbf_mission.addons.treatment.logs.ulog import read_ulog
+        from wbf_mission.addons.treatment.logs.onboard import read_ulog
 
         return read_ulog
     if begin.startswith(_DATAFLASH):
-        from wbf_mission.addons.treatment.logs.dataflash import read_dataflash
+        from wbf_mission.addons.treatment.logs.onboard import read_dataflash
 
         return read_dataflash
     if path.suffix.lower() == ".tlog" or begin[_TIME_BYTES:] in _MAVLINK:

@@ -1,6 +1,6 @@
 // Charts over time: score, battery, speed and height, with a common cursor; a click seeks that time.
 import uPlot from "uplot";
-import { themed, lifted } from "./colours.js";
+import { lifted, onTheme, themed } from "./colours.js";
 import { element } from "./dom.js";
 import { between, upTo, type Model } from "./model.js";
 import { clock, fixed, percent } from "./text.js";
@@ -28,7 +28,7 @@ interface Kind {
 
 function states(of: "battery" | "speed_m_s" | "height_m"): Kind["lines"] {
   return (model, times) =>
-    (model.run?.vehicles ?? []).flatMap((info, k) => {
+    model.vehicles.flatMap((info, k) => {
       const columns = model.states[info.system_id];
       if (!columns) return [];
       const values = times.map((time_s) => {
@@ -64,10 +64,7 @@ class Chart {
   private lines: Line[] = [];
   private times: number[] = [];
 
-  constructor(
-    private readonly kind: Kind,
-    private readonly seek: (time_s: number) => void,
-  ) {
+  constructor(private readonly kind: Kind, private readonly seek: (time_s: number) => void) {
     const caption = element("figcaption", {}, element("span", {}, kind.name), this.value);
     this.element = element("figure", { class: "chart" }, caption, this.room);
   }
@@ -179,14 +176,11 @@ export class Charts {
   private end_s = -1;
   private known = "";
 
-  constructor(
-    private readonly models: Model[],
-    seek: (time_s: number) => void,
-  ) {
+  constructor(private readonly models: Model[], seek: (time_s: number) => void) {
     this.charts = KINDS.map((kind) => new Chart(kind, seek));
     this.element.append(...this.charts.map((chart) => chart.element));
     new ResizeObserver(() => this.redraw()).observe(this.element);
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+    onTheme(() => {
       for (const chart of this.charts) chart.forget();
       this.redraw();
     });

@@ -14,16 +14,7 @@ const FURTHER_CROPS = ["#d9c58b", "#c9b3d6", "#a8cfd0", "#e3b78c", "#c2c2b0", "#
 
 /** Palette of Okabe and Ito, extended, in an order with high contrast on a map. */
 const VEHICLES = [
-  "#0072b2",
-  "#d55e00",
-  "#cc79a7",
-  "#009e73",
-  "#e69f00",
-  "#56b4e9",
-  "#7a5cc9",
-  "#8c6d31",
-  "#c23b5a",
-  "#4d6a6d",
+  "#0072b2", "#d55e00", "#cc79a7", "#009e73", "#e69f00", "#56b4e9", "#7a5cc9", "#8c6d31", "#c23b5a", "#4d6a6d",
 ];
 
 const HEALTH = ["#4a0b16", "#8e1f1c", "#e2711d", "#f6c66a", "#dcebc4"];
@@ -80,6 +71,11 @@ export function css([red, green, blue]: Rgb): string {
 }
 
 const theme = getComputedStyle(document.documentElement);
+
+/** Redraw when the reader's theme becomes dark or light. */
+export function onTheme(redraw: () => void): void {
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
+}
 
 /** Variable of page.css, in the reader's present dark or light theme. */
 export function themed(name: string): string {

@@ -125,7 +125,7 @@ export class Controls {
 
   /** System ids of all vehicles. */
   private get ids(): number[] {
-    return (this.model.run?.vehicles ?? []).map(({ system_id }) => system_id);
+    return this.model.vehicles.map(({ system_id }) => system_id);
   }
 
   /** System ids of the vehicles that an order is for. */

@@ -11,13 +11,17 @@ type Context = CanvasRenderingContext2D;
 const SEEN_PX = 1.2;
 const RECENT_S = 30;
 
-function trace(context: Context, view: View, ring: Ring, closed: boolean): void {
-  for (let k = 0; k + 1 < ring.length; k += 2) {
-    const [x, y] = toPixels(view, ring[k]!, ring[k + 1]!);
-    if (k) context.lineTo(x, y);
-    else context.moveTo(x, y);
+/** Make lines the current path; closed ones are shapes. */
+function trace(context: Context, view: View, lines: Ring[], closed: boolean): void {
+  context.beginPath();
+  for (const line of lines) {
+    for (let k = 0; k + 1 < line.length; k += 2) {
+      const [x, y] = toPixels(view, line[k]!, line[k + 1]!);
+      if (k) context.lineTo(x, y);
+      else context.moveTo(x, y);
+    }
+    if (closed) context.closePath();
   }
-  if (closed) context.closePath();
 }
 
 /** Draw the current path as a line. */
@@ -30,11 +34,6 @@ function stroke(context: Context, colour: string, width: number, alpha = 1, dash
   context.setLineDash(dash);
   context.stroke();
   context.restore();
-}
-
-function shape(context: Context, view: View, rings: Ring[]): void {
-  context.beginPath();
-  for (const ring of rings) trace(context, view, ring, true);
 }
 
 function hatch(context: Context, colour: string, crossed: boolean): CanvasPattern | string {
@@ -60,7 +59,7 @@ export function drawFarm(context: Context, view: View, farm: FarmShape): void {
   const strength = Number(themed("crop-strength"));
   for (const own of [false, true])
     for (const patch of farm.patches.filter((one) => one.own === own)) {
-      shape(context, view, patch.rings);
+      trace(context, view, patch.rings, true);
       context.globalAlpha = own ? strength : 0.45 * strength;
       context.fillStyle = cropColour(patch.crop, crops);
       context.fill("evenodd");
@@ -70,12 +69,12 @@ export function drawFarm(context: Context, view: View, farm: FarmShape): void {
 
 export function drawBorders(context: Context, view: View, farm: FarmShape): void {
   for (const patch of farm.patches.filter((one) => one.own)) {
-    shape(context, view, patch.rings);
+    trace(context, view, patch.rings, true);
     stroke(context, themed("border-line"), 1, 1, [5, 4]);
   }
   const line = themed("obstacle");
   for (const obstacle of farm.obstacles) {
-    shape(context, view, obstacle.rings);
+    trace(context, view, obstacle.rings, true);
     context.fillStyle = hatch(context, line, obstacle.height_m === null);
     context.fill("evenodd");
     stroke(context, line, 1.2);
@@ -122,12 +121,12 @@ function mark(context: Context, x: number, y: number, letter: string): void {
 /** Draw a layer's picture between two parts of the view's width. */
 export function drawPicture(context: Context, view: View, picture: Picture, from: number, to: number): void {
   const { pixel_m } = picture.raster;
-  const [a, b, c, d, e, f] = view.matrix;
   context.save();
   context.beginPath();
   context.rect(from * view.width, 0, (to - from) * view.width, view.height);
   context.clip();
-  context.transform(a * pixel_m, b * pixel_m, c * pixel_m, d * pixel_m, e, f);
+  context.transform(...view.matrix);
+  context.scale(pixel_m, pixel_m);
   context.imageSmoothingEnabled = view.scale * pixel_m < 1;
   context.imageSmoothingQuality = "medium";
   context.drawImage(picture.canvas, 0, 0);
@@ -151,11 +150,10 @@ export function drawSplit(context: Context, view: View, split: number, names: [s
 export function drawPlan(context: Context, view: View, plan: Plan, colour: string, fence: boolean): void {
   if (fence)
     for (const { rings, inclusion } of plan.fence) {
-      shape(context, view, rings);
+      trace(context, view, rings, true);
       stroke(context, themed(inclusion ? "fence" : "danger"), 1.8, 1, [10, 5]);
     }
-  context.beginPath();
-  trace(context, view, plan.path, false);
+  trace(context, view, [plan.path], false);
   stroke(context, themed("halo"), 2.4, 0.4);
   stroke(context, colour, 0.9, 0.55);
 }
@@ -189,15 +187,14 @@ export function drawTrail(
 }
 
 function trail(context: Context, view: View, { x, y, flight }: States, from: number, to: number, count: number): void {
-  let [lastX, lastY, begun] = [-Infinity, -Infinity, false];
+  let [lastX, lastY] = [-Infinity, -Infinity];
   context.beginPath();
   for (let k = from; k < to; k++) {
     if (flight[k] !== flight[count - 1]) continue;
     const [left, top] = toPixels(view, x[k]!, y[k]!);
     if (Math.abs(left - lastX) + Math.abs(top - lastY) < SEEN_PX && k < to - 1) continue;
-    if (begun) context.lineTo(left, top);
-    else context.moveTo(left, top);
-    [lastX, lastY, begun] = [left, top, true];
+    context.lineTo(left, top); // The first one of a path only moves there
+    [lastX, lastY] = [left, top];
   }
 }
 
@@ -207,8 +204,7 @@ export function drawDecision(context: Context, view: View, decision: Decision, c
   const [low, high] = [Math.min(...values), Math.max(...values)];
   for (const { path, value, system_id } of decision.candidates) {
     const alpha = 0.25 + 0.5 * (high > low ? (value - low) / (high - low) : 1);
-    context.beginPath();
-    trace(context, view, path, false);
+    trace(context, view, [path], false);
     stroke(context, colour(system_id), 1.6, alpha, [3, 4]);
     // Some candidates have only an end point.
     const [x, y] = path.slice(-2);
@@ -218,8 +214,7 @@ export function drawDecision(context: Context, view: View, decision: Decision, c
     stroke(context, colour(system_id), 1.6, alpha);
   }
   for (const { path, system_id } of decision.changes) {
-    context.beginPath();
-    trace(context, view, path, false);
+    trace(context, view, [path], false);
     stroke(context, themed("halo"), 4.5);
     stroke(context, colour(system_id), 2);
   }

@@ -1,7 +1,7 @@
 // Drafts stored in the browser, which survive a reload or a crash. Other pages may write to the same storage,
 // so an invalid draft is ignored.
-import type { OptionInfo, Value, Values } from "./choices.js";
-import type { Kind, Position, Shape, Sketch } from "./sketch.js";
+import type { OptionInfo, Values } from "./choices.js";
+import type { Kind, Position, Sketch } from "./sketch.js";
 
 const NAME = "wbf-mission studio";
 const FORM = 1;
@@ -41,58 +41,56 @@ export function keptDraft(options: OptionInfo[]): Kept | null {
   return null;
 }
 
-type Any = Record<string, unknown>;
-
 function readDraft(given: unknown, options: OptionInfo[]): Kept | null {
-  if (!isObject(given) || given["form"] !== FORM || typeof given["start"] !== "string") return null;
-  const { sketch, values, start } = given;
-  if (!isSketch(sketch) || !isObject(values)) return null;
+  if (!isDraft(given)) return null;
+  const { sketch, values, start, unsaved } = given as Kept;
   const types = new Map(options.map(({ key, type }) => [key, type]));
   const fits = ([key, value]: [string, unknown]): boolean => {
     const type = types.get(key);
     if (type === "flag") return typeof value === "boolean";
-    return type === "text" ? isText(value) : type !== undefined && isFinite(value);
+    return type === "text" ? isText(value) : type !== undefined && isNumber(value);
   };
-  const known = Object.fromEntries(Object.entries(values).filter(fits)) as Record<string, Value>;
-  return { sketch, values: known, start, unsaved: given["unsaved"] === true };
+  const known = Object.fromEntries(Object.entries(values).filter(fits));
+  return { sketch, values: known, start, unsaved: unsaved === true };
 }
 
-function isObject(given: unknown): given is Any {
-  return typeof given === "object" && given !== null && !Array.isArray(given);
-}
+type Check = (given: unknown) => boolean;
 
-const isText = (given: unknown): given is string => typeof given === "string" && given.length <= 1000;
-const isFinite = (given: unknown): given is number => typeof given === "number" && Number.isFinite(given);
-const isMetres = (given: unknown): boolean => given === null || (isFinite(given) && given >= 0);
+const isText: Check = (given) => typeof given === "string" && given.length <= 1000;
+const isNumber = (given: unknown): given is number => Number.isFinite(given);
+const isObject: Check = (given) => typeof given === "object" && given !== null && !Array.isArray(given);
+const within = (low: number, high: number): Check => (given) => isNumber(given) && low <= given && given <= high;
+const orNull = (check: Check): Check => (given) => given === null || check(given);
+const listOf = (check: Check, least = 0, most = Infinity): Check => (given) =>
+  Array.isArray(given) && given.length >= least && given.length <= most && given.every(check);
+/** Check of an object's members by name; it may have further members. */
+const withMembers = (checks: Record<string, Check>): Check => (given) =>
+  isObject(given) && Object.entries(checks).every(([name, check]) => check((given as Record<string, unknown>)[name]));
 
-function isPosition(given: unknown): given is Position {
-  const [lon, lat] = Array.isArray(given) ? (given as unknown[]) : [];
-  return isFinite(lon) && isFinite(lat) && Math.abs(lon) <= 360 && Math.abs(lat) <= 90 && (given as unknown[]).length === 2;
-}
-
-function isRing(given: unknown): given is Position[] {
-  return Array.isArray(given) && given.length >= 3 && given.length <= MOST_CORNERS && given.every(isPosition);
-}
-
-function isShape(given: unknown): given is Shape {
-  if (!isObject(given)) return false;
-  const { kind, rings } = given;
-  return (
-    [given["name"], given["crop"], given["owner"]].every(isText) &&
-    KINDS.includes(kind as Kind) &&
-    [given["height_m"], given["margin_m"]].every(isMetres) &&
-    Array.isArray(rings) && rings.length > 0 && rings.every(isRing)
-  );
-}
-
-function isSketch(given: unknown): given is Sketch {
-  if (!isObject(given)) return false;
-  const { known, home, rally, shapes, members } = given;
-  return (
-    (known === null || isText(known)) && isText(given["name"]) && isText(given["owner"]) &&
-    (home === null || isPosition(home)) &&
-    Array.isArray(rally) && rally.every(isPosition) &&
-    Array.isArray(shapes) && shapes.every(isShape) &&
-    isObject(members)
-  );
-}
+const isMetres = orNull(within(0, Infinity));
+const isPair = listOf(within(-360, 360), 2, 2);
+const isPosition: Check = (given) => isPair(given) && within(-90, 90)((given as Position)[1]);
+const isShape = withMembers({
+  name: isText,
+  kind: (given) => KINDS.includes(given as Kind),
+  crop: isText,
+  owner: isText,
+  height_m: isMetres,
+  margin_m: isMetres,
+  rings: listOf(listOf(isPosition, 3, MOST_CORNERS), 1),
+});
+const isSketch = withMembers({
+  known: orNull(isText),
+  name: isText,
+  owner: isText,
+  home: orNull(isPosition),
+  rally: listOf(isPosition),
+  shapes: listOf(isShape),
+  members: isObject,
+});
+const isDraft = withMembers({
+  form: (given) => given === FORM,
+  start: (given) => typeof given === "string",
+  sketch: isSketch,
+  values: isObject,
+});

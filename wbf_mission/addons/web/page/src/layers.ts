@@ -1,12 +1,11 @@
 // Layer panel of the map: field, layer, overlays, and the colour key.
 import { RING, cropColour, ramp } from "./colours.js";
 import { checkbox, element, segments } from "./dom.js";
-import { layerName, type Choice } from "./map.js";
+import { KINDS, layerName, type Choice } from "./map.js";
 import type { Model } from "./model.js";
 import { capital } from "./text.js";
 import { kindName, type Picture } from "./tiles.js";
 
-const KINDS: Choice["kind"][] = ["value", "uncertainty", "truth", "acquisition", "none"];
 const OVERLAYS = {
   crops: "Crops",
   plans: "Plans and fences",

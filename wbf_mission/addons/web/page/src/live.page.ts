@@ -4,7 +4,7 @@ import { Controls } from "./controls.js";
 import { button, element, panel, setText } from "./dom.js";
 import { Heart, TOLD_S, type Link } from "./heart.js";
 import { LayerPanel } from "./layers.js";
-import { MapView, type Choice } from "./map.js";
+import { AT_START, MapView } from "./map.js";
 import { Decisions, Messages } from "./messages.js";
 import { Model } from "./model.js";
 import type { Update } from "./schema.js";
@@ -37,18 +37,7 @@ class App implements Receiver {
   private readonly under = element("output", { class: "under-pointer", "aria-live": "off" });
   private readonly heart = new Heart();
   private readonly send = open(this, this.heart);
-  private readonly choice: Choice = {
-    field: "",
-    kind: "value",
-    compare: false,
-    split: 0.5,
-    opacity: 0.85,
-    crops: true,
-    plans: true,
-    trails: true,
-    readings: true,
-    decisions: true,
-  };
+  private readonly choice = { ...AT_START };
   private dirty = true;
   private chartsAt_ms = 0;
   private panelsAt_ms = 0;
@@ -253,7 +242,7 @@ class App implements Receiver {
 
   /** Names of silent vehicles while the program is alive: the armed ones, or all. */
   private quiet(model: Model): string[] {
-    const known = (model.run?.vehicles ?? []).flatMap(({ system_id }) => {
+    const known = model.vehicles.flatMap(({ system_id }) => {
       const moment = model.vehicleAt(system_id, model.end_s);
       return moment ? [{ system_id, moment }] : [];
     });

@@ -1,38 +1,33 @@
 // Map of one run: farm, layer, readings, plans, trails and vehicles.
 import * as L from "leaflet";
 import { CanvasLayer, Frame, type Draw, type View } from "./canvas.js";
-import { lifted, themed, vehicleColour } from "./colours.js";
+import { lifted, onTheme, themed, vehicleColour } from "./colours.js";
 import { element, setText, svg } from "./dom.js";
 import {
-  drawBorders,
-  drawDecision,
-  drawFarm,
-  drawOldTrail,
-  drawPicture,
-  drawPlan,
-  drawSplit,
-  drawTrail,
-  oldUntil,
+  drawBorders, drawDecision, drawFarm, drawOldTrail, drawPicture, drawPlan, drawSplit, drawTrail, oldUntil,
 } from "./draw.js";
 import { upTo, type Model, type Moment } from "./model.js";
 import type { Decision, Run, States, Update, VehicleInfo } from "./schema.js";
 import { drawReadings } from "./readings.js";
 import { kindName, Picture } from "./tiles.js";
 
-/** Displayed parts of a run; chosen by the reader in `layers.ts`. */
-export interface Choice {
-  field: string;
-  kind: "value" | "uncertainty" | "truth" | "acquisition" | "none";
+export const KINDS = ["value", "uncertainty", "truth", "acquisition", "none"] as const;
+
+/** Displayed parts of a run at the start; the reader chooses others in `layers.ts`. */
+export const AT_START = {
+  field: "",
+  kind: "value" as (typeof KINDS)[number],
   /** Whether to show the truth right of the handle and the layer left of it. */
-  compare: boolean;
-  split: number;
-  opacity: number;
-  crops: boolean;
-  plans: boolean;
-  trails: boolean;
-  readings: boolean;
-  decisions: boolean;
-}
+  compare: false,
+  split: 0.5,
+  opacity: 0.85,
+  crops: true,
+  plans: true,
+  trails: true,
+  readings: true,
+  decisions: true,
+};
+export type Choice = typeof AT_START;
 
 export function layerName(choice: Choice): string | null {
   if (choice.kind === "none") return null;
@@ -153,7 +148,7 @@ export class MapView {
       }),
       lines: canvas("lines", 400, false, (context, view) => this.drawLines(context, view)),
     };
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.redraw());
+    onTheme(() => this.redraw());
     for (const kind of ["pointerdown", "wheel", "keydown"])
       container.addEventListener(kind, () => (this.touched = true), { passive: true });
     new ResizeObserver(() => {
@@ -222,7 +217,7 @@ export class MapView {
     void this.picture?.show(time_s);
     void this.truth?.show(time_s);
     let away = false;
-    for (const [k, info] of (this.run?.vehicles ?? []).entries()) {
+    for (const [k, info] of this.model.vehicles.entries()) {
       const moment = this.model.vehicleAt(info.system_id, time_s);
       if (!moment) continue;
       let mark = this.marks.get(info.system_id);
@@ -272,21 +267,21 @@ export class MapView {
   }
 
   private colour(system_id: number): string {
-    return lifted(this.run?.vehicles.findIndex((info) => info.system_id === system_id) ?? 0);
+    return lifted(Math.max(0, this.model.vehicles.findIndex((info) => info.system_id === system_id)));
   }
 
   /** States of all vehicles with any. */
   private states(): [number, States][] {
-    const ids = (this.run?.vehicles ?? []).map((info) => info.system_id);
-    return ids.flatMap((id) => (this.model.states[id] ? [[id, this.model.states[id]]] : []));
+    const { states, vehicles } = this.model;
+    return vehicles.flatMap(({ system_id: id }) => (states[id] ? [[id, states[id]]] : []));
   }
 
   private drawLines(context: CanvasRenderingContext2D, view: View): void {
-    const ids = (this.run?.vehicles ?? []).map((info) => info.system_id);
+    const { vehicles } = this.model;
     if (this.run?.farm) drawBorders(context, view, this.run.farm);
-    for (const id of ids) {
+    for (const { system_id: id } of vehicles) {
       const plan = this.model.planAt(id, this.time_s);
-      const fenced = ids.length <= FEW || id === this.selected;
+      const fenced = vehicles.length <= FEW || id === this.selected;
       if (plan && this.choice.plans) drawPlan(context, view, plan, this.colour(id), fenced);
     }
     if (this.choice.trails)

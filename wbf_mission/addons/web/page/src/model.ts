@@ -1,16 +1,6 @@
 // Data received of a run, and its state at any time.
 import type {
-  Decision,
-  FieldInfo,
-  Plan,
-  Readings,
-  Recording,
-  Run,
-  Said,
-  Scores,
-  States,
-  Status,
-  Update,
+  Decision, FieldInfo, Plan, Readings, Recording, Run, Said, Scores, States, Status, Update, VehicleInfo,
 } from "./schema.js";
 import { Tiles } from "./tiles.js";
 
@@ -124,6 +114,10 @@ export class Model {
     for (const { time_s } of Object.values(this.states)) this.end_s = Math.max(this.end_s, time_s.at(-1) ?? 0);
   }
 
+  get vehicles(): VehicleInfo[] {
+    return this.run?.vehicles ?? [];
+  }
+
   /** Fields with a layer, or all before the first layer; other fields have no crop on the farm. */
   get fields(): FieldInfo[] {
     const all = this.run?.fields ?? [];
@@ -137,9 +131,8 @@ export class Model {
 
   /** Display name of a vehicle, with its number if the name is not unique. */
   nameOf(system_id: number): string {
-    const vehicles = this.run?.vehicles ?? [];
-    const name = vehicles.find((info) => info.system_id === system_id)?.name;
-    const several = vehicles.filter((info) => info.name === name).length > 1;
+    const name = this.vehicles.find((info) => info.system_id === system_id)?.name;
+    const several = this.vehicles.filter((info) => info.name === name).length > 1;
     return [name ?? "vehicle", several || !name ? system_id : "", this.letter].filter(Boolean).join(" ");
   }
 

@@ -1,5 +1,5 @@
 // Camera readings of a field: a square per cell, and rings around sick plants.
-import type { View } from "./canvas.js";
+import { toPixels, type View } from "./canvas.js";
 import { RING, SICK, colourAt, css, ramp, themed } from "./colours.js";
 import { upTo, type Model } from "./model.js";
 import type { FieldInfo } from "./schema.js";
@@ -31,7 +31,6 @@ export function drawReadings(
   const values = model.readings.values[field.name];
   if (!values) return;
   const count = upTo(times, time_s);
-  const [a, b, c, d, e, f] = view.matrix;
   // Squares of visible size, so that the work depends on the screen and not on the number of readings.
   const step = Math.max(cell_m, SMALLEST_PX / view.scale);
   const [left, bottom, right, top] = seen(view);
@@ -50,8 +49,7 @@ export function drawReadings(
     if (i < 0 || j < 0 || i >= columns || j >= rows) continue;
     levels[j * columns + i] = 1 + Math.round(value * (LEVELS - 1));
     if (field.kind !== "disease" || value >= SICK) continue;
-    const ringX = a * x[k]! + c * y[k]! + e;
-    const ringY = b * x[k]! + d * y[k]! + f;
+    const [ringX, ringY] = toPixels(view, x[k]!, y[k]!);
     const place = Math.floor(ringY / radius) * across + Math.floor(ringX / radius);
     if (ringX < 0 || ringY < 0 || ringX > view.width || taken[place]) continue;
     taken[place] = 1;
@@ -60,14 +58,9 @@ export function drawReadings(
   const colours = ramp(`value/${field.name}`, field);
   const table = Array.from({ length: LEVELS }, (_, level) => colourAt(colours, level / (LEVELS - 1)));
   context.save();
-  context.transform(
-    a * step,
-    b * step,
-    c * step,
-    d * step,
-    e + (a * first + c * low) * step,
-    f + (b * first + d * low) * step,
-  );
+  context.transform(...view.matrix);
+  context.scale(step, step);
+  context.translate(first, low);
   if (step * view.scale > LARGE_PX) drawSquares(context, levels, columns, table.map(css), step * view.scale);
   else {
     context.imageSmoothingEnabled = false;

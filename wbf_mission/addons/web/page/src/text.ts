@@ -1,25 +1,21 @@
 // Formatting of numbers and times.
 
+/** Hours, minutes and seconds of a whole number of seconds. */
+function parts(whole: number): [number, number, number] {
+  return [Math.floor(whole / 3600), Math.floor(whole / 60) % 60, whole % 60];
+}
+
 export function clock(time_s: number): string {
-  const whole = Math.max(0, Math.floor(time_s));
-  const [hours, minutes, seconds] = [Math.floor(whole / 3600), Math.floor(whole / 60) % 60, whole % 60];
+  const [hours, minutes, seconds] = parts(Math.max(0, Math.floor(time_s)));
   const two = (n: number): string => String(n).padStart(2, "0");
   return hours ? `${hours}:${two(minutes)}:${two(seconds)}` : `${minutes}:${two(seconds)}`;
 }
 
 /** Duration in its two largest units. */
 export function duration(time_s: number): string {
-  const whole = Math.round(time_s);
-  const parts: [number, string][] = [
-    [Math.floor(whole / 3600), "h"],
-    [Math.floor(whole / 60) % 60, "min"],
-    [whole % 60, "s"],
-  ];
-  const first = whole ? parts.findIndex(([part]) => part > 0) : 2;
-  return parts
-    .slice(first, first + 2)
-    .map(([part, unit]) => `${part} ${unit}`)
-    .join(" ");
+  const [hours, minutes, seconds] = parts(Math.round(time_s));
+  if (hours) return `${hours} h ${minutes} min`;
+  return minutes ? `${minutes} min ${seconds} s` : `${seconds} s`;
 }
 
 /** Number with a fixed count of decimals, without a sign on zero. */

@@ -27,10 +27,7 @@ export class Time {
     ...options(SPEEDS.map((speed) => [String(speed), `${speed}×`])),
   );
 
-  constructor(
-    private readonly live: boolean,
-    private readonly changed: () => void,
-  ) {
+  constructor(private readonly live: boolean, private readonly changed: () => void) {
     this.follows = live;
     this.slider.addEventListener("input", () => this.seek(Number(this.slider.value)));
     this.slider.addEventListener("keydown", (event) => this.step(event));

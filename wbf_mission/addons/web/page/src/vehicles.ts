@@ -25,12 +25,7 @@ class Card {
   private readonly head: HTMLElement;
   private readonly figures = Object.fromEntries(FIGURES.map((name) => [name, element("dd")])) as Figures<HTMLElement>;
 
-  constructor(
-    readonly model: Model,
-    readonly info: VehicleInfo,
-    number: number,
-    chosen: () => void,
-  ) {
+  constructor(readonly model: Model, readonly info: VehicleInfo, number: number, chosen: () => void) {
     const dot = element("span", { class: "dot", "aria-hidden": "true" });
     dot.style.setProperty("--vehicle", vehicleColour(number));
     this.head = button("", chosen, { class: "head", "aria-pressed": "false" });
@@ -94,10 +89,7 @@ export class Vehicles {
   selected: { model: Model; system_id: number } | null = null;
   private cards: Card[] = [];
 
-  constructor(
-    private readonly models: Model[],
-    private readonly chosen: (model: Model, id: number | null) => void,
-  ) {}
+  constructor(private readonly models: Model[], private readonly chosen: (model: Model, id: number | null) => void) {}
 
   /** Select a vehicle, or deselect the selected one. */
   select(model: Model, system_id: number): void {
@@ -111,7 +103,7 @@ export class Vehicles {
   }
 
   show(time_s: number): void {
-    const all = this.models.flatMap((model) => (model.run?.vehicles ?? []).map((info, k) => ({ model, info, k })));
+    const all = this.models.flatMap((model) => model.vehicles.map((info, k) => ({ model, info, k })));
     const ids = (vehicles: { info: VehicleInfo }[]): string => vehicles.map(({ info }) => info.system_id).join();
     if (ids(all) !== ids(this.cards)) {
       this.cards = all.map(({ model, info, k }) => new Card(model, info, k, () => this.select(model, info.system_id)));

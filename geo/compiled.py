@@ -11,8 +11,7 @@ import os
 import re
 import shutil
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache, partial
 from importlib import import_module
@@ -25,12 +24,10 @@ from geo.system import user_cache_folder
 
 _Inline = Literal["never", "always", "late"]
 _Function = TypeVar("_Function", bound=Callable[..., Any])
-_Item = TypeVar("_Item")
 _IMPORT = re.compile(
     r"^(?:from[ ]+([\w.]+)[ ]+import[ ]+(\([^)]*\)|[^\n]*)|import[ ]+([\w.]+))", re.MULTILINE
 )
 
-_PARTS_PER_CORE = 8  # Several parts for each core balance the load
 _VERSIONS_KEPT = 8  # Versions cached per module, for git branches that are checked out again
 
 _INTERNALS = {
@@ -327,35 +324,3 @@ def _imported(file: Path) -> tuple[Path, ...]:
         paths += [base.with_suffix(".py"), base / "__init__.py"]
         paths += [base / f"{name}.py" for name in re.findall(r"\w+", names)]
     return tuple(path for path in paths if path.is_file())
-
-
-@cache
-def _threads() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(os.cpu_count() or 1, "parallel")
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_threads.cache_clear)  # A forked process has no threads of its parent
-
-
-def in_parallel(work: Callable[[Sequence[_Item]], None], items: Sequence[_Item]) -> None:
-    """Call `work` with each part of the items, in threads on all cores.
-
-    `work` must release the GIL, and must not call this function.
-    """
-    cores = os.cpu_count() or 1
-    if not len(items):
-        return
-    if len(items) < 2 or cores == 1:
-        work(items)
-        return
-    size = max(1, len(items) // (_PARTS_PER_CORE * cores))
-    starts = range(0, len(items), size)
-    parts = [_threads().submit(work, items[start : start + size]) for start in starts]
-    try:
-        for part in parts:
-            part.result()
-    finally:
-        for part in parts:
-            part.cancel()
-        wait(parts)

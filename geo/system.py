@@ -1,4 +1,4 @@
-"""Access to the operating system: clocks, open files, available memory, and the user's cache folder.
+"""Access to the operating system: clocks, threads, open files, available memory, and the user's cache folder.
 
 Available memory is checked before a task begins, so that the system does not kill the process halfway. The
 smallest of three limits applies: the machine's free memory, the memory of this process's control groups
@@ -14,14 +14,20 @@ import sys
 import time
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path, PurePosixPath
-from typing import Self
+from typing import TYPE_CHECKING, Self, TypeVar
 
 from geo.errors import WbfMissionError
 
+if TYPE_CHECKING:
+    from concurrent.futures import ThreadPoolExecutor
+
 _IMPORTED_S = time.perf_counter()
+_Item = TypeVar("_Item")
+_PARTS_PER_CORE = 8  # Several parts for each core balance the load
 
 
 class Closing(ABC):
@@ -288,3 +294,39 @@ def warn_of_cache(folder: Path, error: Exception) -> None:
         reason = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     msg = f"{folder}: cannot keep anything in this cache ({reason}); every run makes the content anew"
     warnings.warn(msg, CacheWarning, stacklevel=3)
+
+
+@cache
+def _threads() -> ThreadPoolExecutor:
+    from concurrent.futures import ThreadPoolExecutor
+
+    return ThreadPoolExecutor(os.cpu_count() or 1, "parallel")
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_threads.cache_clear)  # A forked process has no threads of its parent
+
+
+def in_parallel(work: Callable[[Sequence[_Item]], None], items: Sequence[_Item]) -> None:
+    """Call `work` with each part of the items, in threads on all cores.
+
+    `work` must release the GIL, and must not call this function.
+    """
+    cores = os.cpu_count() or 1
+    if not len(items):
+        return
+    if len(items) < 2 or cores == 1:
+        work(items)
+        return
+    from concurrent.futures import wait
+
+    size = max(1, len(items) // (_PARTS_PER_CORE * cores))
+    starts = range(0, len(items), size)
+    parts = [_threads().submit(work, items[start : start + size]) for start in starts]
+    try:
+        for part in parts:
+            part.result()
+    finally:
+        for part in parts:
+            part.cancel()
+        wait(parts)

@@ -10,8 +10,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from geo.compiled import in_parallel
 from geo.linear_algebra import cos, sin
+from geo.system import in_parallel
 from mission.planners.path import Area, Points
 from mission.planners.terrain import TOLERANCE_M, is_rectangle
 from mission.policies.acquisition import AcquisitionValues, SummedMap, ValueMap

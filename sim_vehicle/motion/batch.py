@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from geo.compiled import compiled, in_parallel
+from geo.compiled import compiled
+from geo.system import in_parallel
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion.columns import STEP, WIND, Record, records_of
 from sim_vehicle.motion.compiled_motion import CompiledMotion, Dynamics

@@ -1,11 +1,9 @@
 """The cache of compiled functions sees changes of what they call, and is never needed."""
 
 import importlib
-import multiprocessing
 import os
 import subprocess
 import sys
-import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -20,7 +18,6 @@ from geo.compiled import (
     _is_known_inside,
     compile_notices,
     compiled,
-    in_parallel,
     sources_digest,
 )
 
@@ -291,34 +288,3 @@ def test_a_name_that_numba_lacks_is_noticed(module, name, monkeypatch):
     with pytest.warns(RuntimeWarning, match=last):
         assert not _is_known_inside()
     _is_known_inside.cache_clear()
-
-
-def test_an_error_in_a_thread_is_raised_when_no_thread_works_any_more():
-    begun, done = [], []
-
-    def work(part):
-        begun.append(part)
-        time.sleep(0.02)
-        done.append(part)
-        if 3 in part:
-            raise ValueError("part of 3")
-
-    with pytest.raises(ValueError, match="part of 3"):
-        in_parallel(work, range(64))
-    assert begun and sorted(begun, key=min) == sorted(done, key=min)
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
-@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
-def test_a_forked_process_has_threads_of_its_own():
-    def add():
-        sums = []
-        in_parallel(lambda part: sums.append(sum(part)), range(100))
-        sys.exit(0 if sum(sums) == 4950 else 1)
-
-    in_parallel(len, range(100))
-    child = multiprocessing.get_context("fork").Process(target=add)
-    child.start()
-    child.join(30)
-    child.kill()
-    assert child.exitcode == 0

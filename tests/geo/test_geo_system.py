@@ -2,6 +2,7 @@
 
 import errno
 import gc
+import multiprocessing
 import os
 import resource
 import signal
@@ -13,7 +14,14 @@ from pathlib import Path
 import pytest
 
 from geo.atomic import lock_file, made_by_one
-from geo.system import allow_open_files, free_unused_memory, process_age_s, steady_s, use_memory_again
+from geo.system import (
+    allow_open_files,
+    free_unused_memory,
+    in_parallel,
+    process_age_s,
+    steady_s,
+    use_memory_again,
+)
 
 
 def test_the_steady_clock_runs_during_sleep(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -128,3 +136,34 @@ def test_a_cache_on_a_disk_without_locks_is_made(tmp_path: Path, monkeypatch: py
     with made_by_one(tmp_path / "made"):
         (tmp_path / "made").touch()
     assert (tmp_path / "made").exists()
+
+
+def test_an_error_in_a_thread_is_raised_when_no_thread_works_any_more():
+    begun, done = [], []
+
+    def work(part):
+        begun.append(part)
+        time.sleep(0.02)
+        done.append(part)
+        if 3 in part:
+            raise ValueError("part of 3")
+
+    with pytest.raises(ValueError, match="part of 3"):
+        in_parallel(work, range(64))
+    assert begun and sorted(begun, key=min) == sorted(done, key=min)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+def test_a_forked_process_has_threads_of_its_own():
+    def add():
+        sums = []
+        in_parallel(lambda part: sums.append(sum(part)), range(100))
+        sys.exit(0 if sum(sums) == 4950 else 1)
+
+    in_parallel(len, range(100))
+    child = multiprocessing.get_context("fork").Process(target=add)
+    child.start()
+    child.join(30)
+    child.kill()
+    assert child.exitcode == 0

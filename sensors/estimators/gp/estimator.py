@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from geo.compiled import in_parallel
-from geo.system import user_cache_folder
+from geo.system import in_parallel, user_cache_folder
 from sensors.errors import EstimatorError
 from sensors.estimators.base import LEARNING, BaseEstimator, Progress, Step, Views, no_step, published_views
 from sensors.estimators.days import transition

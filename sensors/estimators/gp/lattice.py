@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from geo.compiled import compiled, in_parallel
+from geo.compiled import compiled
+from geo.system import in_parallel
 from sensors.estimators.gp.rbf import RbfKernel
 from sensors.observations import GrowingArray
 from sensors.scoring.information import tile_shape, tiles_of_boxes

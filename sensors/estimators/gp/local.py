@@ -15,8 +15,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from geo.compiled import in_parallel
 from geo.linear_algebra import cholesky, exp, product, solve_lower
+from geo.system import in_parallel
 from sensors.estimators.days import pass_day
 from sensors.estimators.gp import tile as gp_tile
 from sensors.estimators.gp.lattice import NodeLattice

@@ -160,7 +160,7 @@ def _farm_of(document: Document, default_name: str, crop: str | None, *, repair:
     if origin_given:
         for feature, polygon in polygons:
             if not feature.obstacle and min(polygon.bounds[:2]) < -_ORIGIN_SLACK_M:
-                msg = f'{feature.where}: reaches beyond the farm\'s "origin" to the south or west of the grid'
+                msg = f'{feature.where}: lies partly south or west of the farm\'s "origin"'
                 raise FarmError(msg)
     width, height = _size(members, bounds[2] / cell_size_m, bounds[3] / cell_size_m, cell_size_m)
     _check_detail([polygon for _, polygon in polygons], cell_size_m)

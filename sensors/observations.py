@@ -1,4 +1,4 @@
-"""Observations of the leaf camera as a struct of arrays, files of observations, and growing arrays."""
+"""Observations of the leaf camera as arrays, the files that store them, and an array that grows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contract checks of planners, policies and estimators; an add-on provides them as entry points."""
+"""Checks that planners, policies and estimators keep their contracts; an add-on provides the checks."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ def shoot(command, exposure):
 
 
 def classify(picture):
-    """Tell what a picture shows, in place of your network: green is healthy, yellow sick, brown lost."""
+    """Return what a picture shows: green is healthy, yellow sick, brown lost. Your network replaces this."""
     red, green, blue = np.moveaxis(np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"), float), 2, 0)
     leaf = np.maximum(red, green) > 1.3 * blue  # neither sky nor a sheet of plastic
     if leaf.mean() < 0.05:

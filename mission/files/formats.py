@@ -136,8 +136,9 @@ class MissionFormat:
         Name for messages.
     suffixes : tuple of str
         Suffixes in lower case, with the dot; the first is the usual suffix.
-    loads : callable or None Function from the content of a file to a mission, a mission with notes, or a
-        drawing. None: the format cannot be read.
+    loads : callable or None
+        Function from the content of a file to a mission, a mission with notes, or a drawing. None: the format
+        cannot be read.
     dumps : callable or None
         Function from a mission and a firmware to the content of a file; None if the format cannot be written.
     hold : callable or None

@@ -274,7 +274,7 @@ class _Reader:
         return None if number < 0 else number
 
     def show(self, waits: bool) -> None:
-        """Make the descriptor readable if ``waits``; the caller holds the lock of the queue."""
+        """Make the descriptor readable, or not, as ``waits`` says; the caller holds the lock of the queue."""
         if waits and not self._is_shown:
             self._signal.send(b"\0")
         elif self._is_shown and not waits:

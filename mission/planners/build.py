@@ -36,9 +36,9 @@ class HeightProfile:
         Wanted height above the ground.
     step_m : float
         Greatest distance between samples of the ground.
-    climb, descent : float Steepest slopes of the vehicle, metres up or down per metre over ground, above
-        zero. Over steeper ground the flight starts its climb earlier, so it is higher than wanted, never
-        lower.
+    climb, descent : float
+        Steepest slopes of the vehicle, metres up or down per metre over ground, above zero. Over steeper
+        ground the flight starts its climb earlier, so it is higher than wanted, never lower.
     home_m : tuple of float
         Home position. Altitudes are relative to the ground at home.
     """

@@ -120,7 +120,7 @@ class Cornering:
         every = np.where((length_m < COINCIDENT_M)[:, None], 0.0, steps / np.maximum(length_m, 1e-9)[:, None])
         as_planned = (length_m < _LEAST_LEG * self.radius_m) | self._between_rows(every, length_m)
         overshot = np.where(as_planned[:, None], 0.0, every)
-        # The first point has no incoming leg if the start is unknown, the last point no outgoing leg.
+        # If the start is unknown, the first point has no incoming leg. The last point has no outgoing leg.
         before = 0 if start_m is not None else 1
         come, go = _at_both_ends(overshot, before)
         come_far, go_far = _at_both_ends(length_m > _LONG_LEG * self.radius_m, before)

@@ -78,8 +78,9 @@ class PlanningRequest:
         footprint.
     footprint_along_m : float, optional
         Length of an image on the ground, in the direction of flight. None: equal to `footprint_m`.
-    least_leg_m : float Shortest leg that the autopilot flies reliably. An autopilot skips waypoints if
-        several successive legs are shorter.
+    least_leg_m : float
+        Shortest leg that the autopilot flies reliably. An autopilot skips waypoints if several successive
+        legs are shorter.
 
     Raises
     ------

@@ -204,8 +204,9 @@ class WithCorrelationLength:
     strip : float
         Width in cells of the strip that a track sees in route searches
         (`mission.policies.planning_grid.strip_width`).
-    beyond : int Weights change only on farms with a side longer than this, in cells: on smaller farms the
-        first rows already determine the field.
+    beyond : int
+        Weights change only on farms with a side longer than this, in cells: on smaller farms the first rows
+        already determine the field.
     """
 
     acquisition: Acquisition

@@ -68,8 +68,8 @@ class MapPolicy(ABC):
         Parameters of `mission.policies.acquisition.WithCoverage`.
     least_weight : float
         Parameter of `mission.policies.acquisition.Balanced`.
-    coordination : {"sequential", "auction"} or Coordination The rule by which the vehicles of a fleet share
-        the map (`mission.policies.steering`).
+    coordination : {"sequential", "auction"} or Coordination
+        The rule by which the vehicles of a fleet share the map (`mission.policies.steering`).
     """
 
     reason: ClassVar[str]

@@ -137,9 +137,10 @@ class VehicleReport:
         Travel costs from the current position.
     battery : float or None
         Remaining fraction of the battery, or None if unknown.
-    delay_s : float Measured delay from a decision until the vehicle turns to the new path (s).
-    contact : ContactArea or None Area in which a path must end so that the vehicle can receive another path.
-        None: no limit.
+    delay_s : float
+        Measured delay from a decision until the vehicle turns to the new path (s).
+    contact : ContactArea or None
+        Area in which a path must end so that the vehicle can receive another path. None: no limit.
     """
 
     system_id: int
@@ -203,7 +204,8 @@ class PolicyObservation:
         All observations of the run, in order of arrival.
     vehicles : tuple of VehicleReport
         Vehicles in the order of their system ids.
-    compute_s : float Time limit of the decision (s). A later decision is not flown.
+    compute_s : float
+        Time limit of the decision (s). A later decision is not flown.
     """
 
     event: Event

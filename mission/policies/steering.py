@@ -119,7 +119,7 @@ class RouteProblem:
     vehicle: VehicleReport
     planning_grid: PlanningGrid
     values: ValueMap  # Acquisition values that the other vehicles' routes leave, float32[w, h].
-    shares: NDArray[np.float32]  # Neighbour shares, float32[2 r + 1, 2 r + 1].
+    shares: NDArray[np.float32]  # Fractions of value that an observation removes, see `neighbour_shares`.
     costs: LegCosts
     x: float  # Position of the vehicle: x and y
     y: float

@@ -238,10 +238,10 @@ class _Writer:
             if item.x == item.y == 0.0 and not dialect.zero_is_here:
                 here = before or self._position_after(k)
                 if here is None:
-                    text = f"{self._profile.name} takes latitude and longitude 0, 0 as they are"
+                    text = f"{self._profile.name} would fly to latitude 0, longitude 0"
                     self._say(number, Severity.ERROR, text, "give it a position")
                     continue
-                text = f"{self._profile.name} takes latitude and longitude 0, 0 as they are; "
+                text = f"{self._profile.name} would fly to latitude 0, longitude 0; "
                 text += f"sent as {here[0]:.7f}, {here[1]:.7f}, where the vehicle is then"
                 self._say(number, Severity.WARNING, text)
                 item = replace(item, x=here[0], y=here[1])

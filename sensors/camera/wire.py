@@ -53,7 +53,7 @@ class AssemblerStatistics:
     images: int = 0  # Complete images.
     observations: int = 0  # Cells with at least one reading.
     duplicates: int = 0  # Messages received more than once.
-    lost: int = 0  # Images that are still missing, by gaps in the image index.
+    lost: int = 0  # Images that have not arrived, by gaps in the index and by the count of the camera.
     unpaired: int = 0  # Incomplete images that were discarded.
     failed: int = 0  # Images that the camera reported as failed.
     malformed: int = 0  # Messages with invalid content.

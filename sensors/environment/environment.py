@@ -159,7 +159,7 @@ class Environment:
         """
         kept = tuple(sorted(days))
         if not kept:
-            raise EnvironmentDataError("environment: it has no day; keep at least one day")
+            raise EnvironmentDataError("environment: no day is given; give at least one day")
         first_name = fields.names[0]
         first = onset[first_name] if first_name in onset else levels[first_name][kept[0]]
         if first.ndim != 2:

@@ -105,7 +105,7 @@ def transition(field: Field, grid: FarmGrid, earlier: int, later: int, seed: int
 def _onsets(
     parameters: EpidemicParameters, shape: tuple[int, int], hosts: int, days: int, seed: int, name: str
 ) -> _Floats:
-    """Return the number of plants with each onset in simulated outbreaks, float64[256].
+    """Return how many plants of simulated outbreaks have each onset, float64[256].
 
     The index is the onset read as an unsigned byte. Onsets do not depend on the days simulated after them, so
     a long simulation serves many days. The simulated land is a window full of hosts, with as many seeds per
@@ -193,7 +193,8 @@ def pass_day(precision: _Floats, response: _Floats, correlation: float | _Floats
     """
     kept = np.broadcast_to(np.asarray(correlation, np.float64), len(precision))
     change = np.maximum(1.0 - kept**2, _LEAST_CHANGE)
-    # `together` is the block of the earlier weights, which are integrated out, in both days' joint precision.
+    # The joint precision has a block for the weights of each day. `together` is the earlier day's block; the
+    # earlier weights are integrated out.
     together = precision.copy()
     together[np.diag_indices_from(together)] += kept**2 / change
     ratio = kept / change

@@ -42,7 +42,7 @@ class BatterySpec:
     full_cell_v: float = 4.2
     empty_cell_v: float = 3.0
     resistance_ohm: float = 0.02
-    """Series resistance of the whole pack, which acts at once."""
+    """Series resistance of the whole pack; its voltage drop has no delay."""
     polarization_ohm: float = 0.008
     """Polarization resistance of the whole pack; its voltage builds up and recovers slowly."""
     relaxation_s: float = 30.0

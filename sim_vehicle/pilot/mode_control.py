@@ -51,7 +51,7 @@ class MissionStatus:
 
     @property
     def waits(self) -> bool:
-        """Whether the mission is complete, even if an item has been chosen at which it may restart."""
+        """Whether the mission is complete; this remains True if an item is chosen at which it may restart."""
         return self.complete or self._chosen
 
     def choose(self) -> None:

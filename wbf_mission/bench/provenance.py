@@ -73,8 +73,8 @@ def unlike(theirs: Mapping[str, str]) -> str:
     """
     ours = program()
     keys = [key for key in dict.fromkeys([*theirs, *ours]) if theirs.get(key) != ours.get(key)]
-    if keys[1:] and keys[-1] == _CODE:
-        del keys[-1]  # the source digest differs whenever a version does
+    if "wbf-mission" in keys and _CODE in keys:
+        keys.remove(_CODE)  # Another version of wbf-mission always has other sources
     texts = [f"{key} {ours.get(key, 'unknown')} in place of {theirs.get(key, 'unknown')}" for key in keys]
     return f"it has {', '.join(texts)}; install the same there, and restart the worker" if texts else ""
 

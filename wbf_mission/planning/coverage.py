@@ -126,7 +126,7 @@ def _smooth(
 
 
 def _by_distance(reports_deg: Points, distance_m: float, *, at_once: bool) -> Points:
-    """Return the positions of a trigger by distance (degrees), float64[n, 2], along reported positions."""
+    """Return where a trigger by distance fires along reported positions: degrees, float64[n, 2]."""
     trigger, exposures = CameraTrigger(), list[Exposure]()
     step_ms = round(1000.0 * _REPORT_S)
     reports_e7 = np.rint(DEGREES_E7 * reports_deg).astype(np.int64).tolist()
@@ -147,7 +147,7 @@ def _by_distance(reports_deg: Points, distance_m: float, *, at_once: bool) -> Po
 def _by_time(
     begin_s: float, end_s: float, interval_ms: float, times_s: NDArray[np.floating[Any]], track_deg: Points
 ) -> Points:
-    """Return the positions of a trigger by time (degrees): at the start, and after each interval."""
+    """Return where a trigger by time fires (degrees): at the start, and after each interval."""
     count = 1 if math.isinf(interval_ms) else 1 + math.floor((end_s - begin_s) * 1000.0 / interval_ms + 1e-9)
     wanted_s = begin_s + np.arange(count) * (interval_ms / 1000.0 if count > 1 else 0.0)
     return np.column_stack([np.interp(wanted_s, times_s, along) for along in track_deg.T])

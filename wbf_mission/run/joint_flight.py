@@ -275,7 +275,8 @@ class JointFlight:
         if not self._decisions.is_early(mission_s):
             waiting = sum(sortie.assembler.waiting for sortie in self.sorties)
             self._event = self._decisions.due(self.sorties, mission_s, len(self._evidence) + waiting)
-        # If a simulator's clock is faster than real time, its vehicle can end a path within a slice.
+        # If a simulator's clock is faster than real time, its vehicle can reach the end of a path within one
+        # slice of the host.
         if self._event is None and self._console is not None and self._is_ending():
             self._event = Event.ENDING
         return self._event is not None or self._is_over()

@@ -522,8 +522,8 @@ def _move(state: Record, counters: Integers, route: Record, limits: Record, own:
                 low = -GRAVITY_M_S2 / law.z_vel_p
                 climb_limit = low + (g.clock - law.spoolup) / ramp * (climb_limit - low)
             believed = state.position_z + g.error
-            # Without this minimum radius, a vehicle with an exact estimate could alternate between states of
-            # the track in wind. PX4 has no minimum, so a vehicle with estimate errors has none.
+            # In wind, a vehicle with an exact estimate could alternate between two choices of waypoints; this
+            # minimum radius prevents it. PX4 has no minimum, so a vehicle with estimate errors has none.
             least_track = 0.0 if errs else LEAST_TRACK_M
             _guide(g, row, law, state.position_x, state.position_y, believed, least_track)
             wanted = _control(g, law, state, climb_limit, flying)

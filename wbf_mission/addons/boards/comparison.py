@@ -38,7 +38,8 @@ class Comparison:
 def compare(rows: Sequence[BenchRow], mine: str | Sequence[str], against: Sequence[str]) -> list[Comparison]:
     """Compare each planner of `mine` with each of `against`, in pairs of runs on the same environment.
 
-    Environments and failed runs count as in `standings`. Rows are compared only with rows of the same code
+    The module `wbf_mission.addons.base.standings` says which environments count, and how a failed run
+    scores. Rows are compared only with rows of the same code
     (`apart`). The intervals of a scenario are simultaneous.
     """
     found: list[Comparison] = []

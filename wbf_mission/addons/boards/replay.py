@@ -48,7 +48,7 @@ _CODES = {
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """A repeated run: its row `again`, compared with the stored row."""
+    """A stored row, the row `again` of its repeated run, and the differences between the two rows."""
 
     row: BenchRow
     again: BenchRow

@@ -195,7 +195,7 @@ class FleetWatch:
     wanted: frozenset[int] | None = None
 
     def __init__(self, plan_failed: Callable[[str], None] | None = None) -> None:
-        self.vehicles: dict[int, WatchedVehicle] = {}  # By system id, in the order of discovery
+        self.vehicles: dict[int, WatchedVehicle] = {}  # Keys: system ids, in the order of discovery
         self._readers: dict[int, PlanReader] = {}
         self._plan_failed = plan_failed
         self._heartbeat = Heartbeat()

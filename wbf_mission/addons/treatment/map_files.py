@@ -360,7 +360,7 @@ def _map(farm: Farm, of: ZoneMap, listed: Sequence[Zone]) -> str:
 
 
 def area_in_words(hectares: float) -> str:
-    """Return an area as text: in hectares, or if it is below 0.1 ha in square metres."""
+    """Return an area as text: in square metres if it is below 0.1 ha, else in hectares."""
     if hectares >= 0.1:
         return f"{hectares:,.1f} ha" if hectares >= 10.0 else f"{hectares:.2f} ha"
     return f"{1e4 * hectares:,.0f} m²" if hectares >= 1e-3 else f"{1e4 * hectares:.2g} m²"

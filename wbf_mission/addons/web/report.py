@@ -1,6 +1,6 @@
 """Report of one or two finished runs as one HTML file: a one-sheet summary, and the page that replays them.
 
-The page is the same as for a live run, with a recording. A `View` listens to the events of the result, and
+The page is that of a live run, but it plays a recording. A `View` listens to the events of the result, and
 its layers are kept at some moments. A file that is too large gets fewer moments, larger pixels, and finally
 fewer readings; its notes say so. `RunPage` keeps the layers of a run that is flown for the report. They
 include the acquisition maps of decisions, which results do not contain.

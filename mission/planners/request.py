@@ -217,8 +217,8 @@ def make_planner(planner: str | Planner, /, **parameters: Any) -> ConfiguredPlan
     planner : str or Planner
         Your own planner, or the name of an installed planner, optionally with parameters:
         ``lawnmower:direction=0.3`` (see `geo.named.parse_named`). Names are case-insensitive.
-    **parameters Further parameters, see `planner_parameters`. They override the parameters of a
-        `ConfiguredPlanner`.
+    **parameters
+        Further parameters, see `planner_parameters`. They override the parameters of a `ConfiguredPlanner`.
 
     Raises
     ------

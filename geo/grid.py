@@ -48,7 +48,7 @@ def is_crop_name(name: str) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class FarmGrid:
-    """Crop map of a farm, with one value per cell.
+    """Crop map of a farm, with one value per cell. Arrays and masks are shared and not writable.
 
     Parameters
     ----------
@@ -62,8 +62,6 @@ class FarmGrid:
         Whether the cell is the owner's.
     crops : tuple of str
         Crop names: those of the benchmark, then further crops of this farm.
-
-    Arrays and masks are shared and not writable.
     """
 
     shape: tuple[int, int]

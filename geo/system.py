@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Self, TypeVar
 from geo.errors import WbfMissionError
 
 if TYPE_CHECKING:
-    from concurrent.futures import ThreadPoolExecutor
+    from concurrent.futures import Future, ThreadPoolExecutor
 
 _IMPORTED_S = time.perf_counter()
 _Item = TypeVar("_Item")
@@ -322,8 +322,9 @@ def in_parallel(work: Callable[[Sequence[_Item]], None], items: Sequence[_Item])
 
     size = max(1, len(items) // (_PARTS_PER_CORE * cores))
     starts = range(0, len(items), size)
-    parts = [_threads().submit(work, items[start : start + size]) for start in starts]
+    parts: list[Future[None]] = []
     try:
+        parts.extend(_threads().submit(work, items[start : start + size]) for start in starts)
         for part in parts:
             part.result()
     finally:

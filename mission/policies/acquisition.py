@@ -77,7 +77,7 @@ class SummedMap:
         return total
 
     def add_columns(self, first: int, total: NDArray[np.float32]) -> None:
-        """Add the sum in the columns from `first` on to `total`, float32[columns, H], without the GIL."""
+        """Add the sum in the columns that begin with `first` to `total`, float32[columns, H]."""
         end = min(first + len(total), self.shape[0])
         for weight, counted, values in self.parts:
             runs = counted.runs[counted.first[first] : counted.first[end]]

@@ -19,7 +19,7 @@ from mission.policies.planning_grid import LegCosts, PlanningGrid
 from mission.policies.route_search import take_leg
 
 _LEAST_LEG = 1e-3  # A leg is cut only after a piece of this length (m)
-_PRICED_TOGETHER = 4
+_PRICED_TOGETHER = 4  # Paths per call of the predictor
 _STAY: Points = np.empty((0, 2))
 _KEEPS_PATH = (Status.READY, Status.CLIMBING, Status.FLYING, Status.CHANGING, Status.SILENT)
 _OUT_BY_BACK, _MOST_ONWARD = 6.0, 12
@@ -361,11 +361,10 @@ def affordable(vehicle: VehicleReport, points_m: Points) -> Points:
 def _last_payable(paths: Sequence[Points], vehicle: VehicleReport) -> int | None:
     """Return the index of the last path that the remaining budget allows; None if there is no such path."""
     # Paths are priced in groups from the last one, since pricing takes most of a decision near the end.
+    left = most_payable(vehicle)
     for end in range(len(paths), 0, -_PRICED_TOGETHER):
         first = max(0, end - _PRICED_TOGETHER)
-        payable = np.flatnonzero(
-            np.asarray(vehicle.travel_cost.rest(paths[first:end])) <= most_payable(vehicle)
-        )
+        payable = np.flatnonzero(np.asarray(vehicle.travel_cost.rest(paths[first:end])) <= left)
         if len(payable):
             return first + int(payable[-1])
     return None

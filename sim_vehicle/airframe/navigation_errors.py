@@ -205,7 +205,7 @@ def recur(noise: NDArray[np.float64], first: float, second: float, drive: float)
 @cache
 def _compiled_recursion() -> Callable[..., NDArray[np.float64]]:
     """Return `recur`, compiled at the first use, because flights without errors need no compiler."""
-    return compiled(recur)
+    return compiled(nogil=True)(recur)
 
 
 class SensorErrors(NamedTuple):

@@ -115,9 +115,9 @@ class VehicleBatch:
     Parameters
     ----------
     vehicles : sequence of MotionModel
-        One or more vehicles of the same class; their arrays become views of the batch's arrays. Vehicles are
-        advanced one by one if their class has no loop here (`IdealRobot`), or while a multirotor is flown by
-        the generic dynamics.
+        One or more vehicles of the same class; their arrays become views of the batch's arrays. Each vehicle
+        is advanced by a call of its own if the class has no loop here (`IdealRobot`), if a vehicle has
+        estimate errors, or while a multirotor is flown by the generic dynamics.
     parallel : bool
         Whether threads share the work; the results do not depend on the threads.
 

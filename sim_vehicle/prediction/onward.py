@@ -61,8 +61,9 @@ class InFlight:
 class OnwardPredictor:
     """Predictor of the cost of a vehicle's remaining mission: a flight through waypoints, then a return.
 
-    The vehicle's motion model flies many paths in one compiled call, in a wind without gusts. For
-    multirotors, the time steps are longer than in a simulated flight, which changes the result by about 1 %.
+    Motion models of the vehicle fly all paths at the same time, in threads on all cores, in a wind without
+    gusts. For multirotors, the time steps are longer than in a simulated flight, which changes the result by
+    about 1 %.
 
     Parameters
     ----------

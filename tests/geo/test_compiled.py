@@ -12,14 +12,7 @@ import pytest
 from numba import TypingError
 
 import sim_vehicle
-from geo.compiled import (
-    _INTERNALS,
-    _imported,
-    _is_known_inside,
-    compile_notices,
-    compiled,
-    sources_digest,
-)
+from geo.compiled import _INTERNALS, _imported, _is_known_inside, compile_notices, compiled, sources_digest
 
 OUTER = """
 from geo.compiled import compile_notices, compiled

@@ -1,4 +1,4 @@
-"""What the default suite has little of, and its slow part all: examples of properties, and variants."""
+"""Few examples and variants for the default suite, all of them for its slow part."""
 
 import os
 from typing import Any

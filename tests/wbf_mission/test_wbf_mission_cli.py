@@ -162,3 +162,12 @@ def test_what_an_operator_should_know_is_said(capsys: pytest.CaptureFixture[str]
     assert "saw nothing of the farm" in err
     values = json.loads(text)
     assert (values["outcome"], values["observations"], values["score"]) == ("completed", 0, None)
+
+
+def test_fly_into_a_file_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path = tmp_path / "taken"
+    path.write_text("mine")
+    code, _, err = run(capsys, *FLY, "--out", str(path))
+    assert code == 2
+    assert "taken" in err
+    assert path.read_text() == "mine"

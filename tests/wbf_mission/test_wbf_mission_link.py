@@ -1,6 +1,7 @@
 """Upload and download over real sockets."""
 
 import json
+import socket
 from pathlib import Path
 
 import pytest
@@ -77,3 +78,15 @@ def test_unreachable_vehicles_are_one_line(
         assert says in err
         assert err.count("\n") == 1
     assert not (in_folder / "down.plan").exists()
+
+
+def test_a_port_that_is_taken_is_one_line(capfd: pytest.CaptureFixture[str]) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        code = main(["sim", "--listen", f"tcpin:127.0.0.1:{port}", "--no-camera", "--duration", "1"])
+    err = capfd.readouterr().err
+    assert code == 2
+    assert str(port) in err
+    assert err.count("\n") == 1

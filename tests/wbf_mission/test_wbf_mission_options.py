@@ -172,3 +172,10 @@ def test_a_command_must_not_have_an_option_twice() -> None:
 def test_numbers_are_digits(capsys: pytest.CaptureFixture[str], arguments: list[str], says: str) -> None:
     assert main(arguments) == 2
     assert says in capsys.readouterr().err
+
+
+def test_help_says_the_range_beside_what_it_is_of(capsys: pytest.CaptureFixture[str]) -> None:
+    text = helped(capsys, "fly")
+    fence = "Geofence METRES outside the farm's border, 1 to 1000 m; exclusion zones round obstacles"
+    assert f"--fence METRES {fence} (not with --mission). [default: none]" in text
+    assert "Autopilot to simulate: px4 or ardupilot; a list gives one per vehicle. [default: px4]" in text

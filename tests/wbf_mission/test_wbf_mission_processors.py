@@ -7,13 +7,15 @@ import sys
 from functools import cache
 from pathlib import Path
 
+import msgspec
 import pytest
 from sweeps import slow
 from threadpoolctl import threadpool_info
 
 from geo.compiled import compiled_folder
 from sensors.estimators import estimator_names
-from wbf_mission import Scenario, fly, load_result
+from wbf_mission import BenchSpec, Scenario, benchmark, fly, load_result
+from wbf_mission.bench.rows import read_rows
 
 CPUS = Path("/proc/cpuinfo")
 FLAGS = frozenset(CPUS.read_text().split()) if CPUS.is_file() else frozenset()
@@ -117,6 +119,27 @@ def command_line(folder, *words, **forced):
         command, env=environment_of(folder, **forced), check=True, capture_output=True, text=True
     )
     return done.stdout
+
+
+SPEC = {"planners": ["greedy"], "estimators": ["gp", "adaptive-disk"], "seeds": 1}
+COSTS = ("wall_time_s", "cpu_time_s", "timings_s", "hardware", "versions")
+
+
+def decided(rows):
+    return sorted(
+        ({k: v for k, v in msgspec.structs.asdict(one).items() if k not in COSTS} for one in rows),
+        key=lambda one: one["key"],
+    )
+
+
+@pytest.mark.slow
+def test_the_command_line_flies_the_rows_that_python_flies(tmp_path):
+    words = ["--scenarios", "WBF/Miniberry-10-v1", "--seeds", "1"]
+    words += ["--planners", "greedy", "--estimators", "gp,adaptive-disk", "--jobs", "2"]
+    forced = disabled("") | ({"OPENBLAS_CORETYPE": "Sandybridge"} if "Sandybridge" in KERNELS else {})
+    command_line(tmp_path, "bench", "run", *words, "--out", str(tmp_path / "out"), **forced)
+    here = benchmark(BenchSpec.of(["WBF/Miniberry-10-v1"], **SPEC))
+    assert decided(read_rows(tmp_path / "out")) == decided(here)
 
 
 def test_the_command_line_flies_what_python_flies(tmp_path):

@@ -292,7 +292,7 @@ def last_bytes(folder):
 
 @pytest.mark.parametrize(
     "numbers",
-    [(signal.SIGKILL,), slow((signal.SIGINT, signal.SIGKILL) * 3)],
+    [(signal.SIGTERM, signal.SIGKILL), slow((signal.SIGINT, signal.SIGKILL) * 3)],
     ids=len,
 )
 def test_a_run_that_is_ended_at_any_time_leaves_a_whole_result(tmp_path, numbers):

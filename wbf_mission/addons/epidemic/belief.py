@@ -1,4 +1,4 @@
-"""Class probabilities of all cells for one disease, updated with new readings."""
+"""Class probabilities of all cells for one disease, and the estimates with the least expected loss."""
 
 from __future__ import annotations
 

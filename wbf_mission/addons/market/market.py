@@ -125,7 +125,6 @@ def _rest_of(row: Row, end_m: Points, here_m: tuple[float, float]) -> Row:
 _NAME = "market"
 _MOST_LEGS = 40
 _AT_CELLS = 0.5
-_SAME_M = 0.1
 _KEEP = (Status.READY, Status.CLIMBING, Status.CHANGING, Status.SILENT)
 
 

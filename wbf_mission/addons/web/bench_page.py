@@ -27,7 +27,7 @@ _PIECE = re.compile(r"[^\s/:,=-]{1,24}[/:,=-]*|[/:,=-]+|\s+")
 
 
 def write_bench_page(path: Path, page: Page, folder: Path, rows: Sequence[BenchRow] = ()) -> None:
-    """Write a page as one HTML file: the page `bench` (`wbf_mission.addons.base.pages.bench_page`).
+    """Write a page as one HTML file: the entry point ``bench`` (`wbf_mission.addons.base.pages`).
 
     Pictures in `folder` are embedded, and PDFs are linked. If `rows` are given, one table of all standings
     replaces the score tables of the sections.

@@ -1,4 +1,4 @@
-"""Guard of the web server: refuses requests from other web sites and slow requests, sets security headers.
+"""Guard of the web server: refuses slow requests and those of other web sites, and sets security headers.
 
 Any web page can make a browser send requests to this server. A request must therefore name this machine as
 its host, not a foreign domain that resolves to this machine. Requests that change or stream data must come

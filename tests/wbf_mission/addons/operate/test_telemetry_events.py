@@ -75,7 +75,15 @@ def watching(server, telemetry):
 
 def uploaded(heard, mission, **options):
     """Send the vehicles a mission."""
-    sending = Thread(target=upload, args=(mission, heard.url), kwargs=options)
+    errors = []
+
+    def send():
+        try:
+            upload(mission, heard.url, **options)
+        except Exception as error:
+            errors.append(error)
+
+    sending = Thread(target=send)
 
     def is_over():
         if sending.ident is None:
@@ -83,6 +91,7 @@ def uploaded(heard, mission, **options):
         return not sending.is_alive()
 
     heard.watch_until(is_over, "the upload does not end")
+    assert not errors
 
 
 def ordered(heard, order, value="", *, of=1, confirmed=False):

@@ -1,6 +1,7 @@
 """Compiled motion of a fixed wing: coordinated turns, energy, guidance along the legs of a route.
 
-PX4's control of height, airspeed and bank stands here, ArduPlane's in `arduplane`.
+This module controls height, airspeed and bank as PX4 does; `arduplane` does so as ArduPlane does.
+
 docs/fixed-wing-and-rover.md describes the model. Lengths are in metres, angles in radians, and axes
 east-north-up from home. Headings are clockwise from north; banks and accelerations to the right are positive.
 A vehicle is a record of `STATE` and a row of `COUNTERS` integers, as in

@@ -186,4 +186,5 @@ def kernel_of(
         return col.RAN
 
     advance.__module__, advance.__qualname__ = module, "advance"
+    # Predicted flights with estimate errors are advanced in threads, each by a call of its own.
     return compiled(nogil=True, allocates=False)(advance)

@@ -62,7 +62,7 @@ def test_the_page_shows_what_two_terminals_print(tmp_path):
     ready = tmp_path / "ready"
     words = [word.replace(_ADDRESS, "127.0.0.1:0") for word in sim]
     with running(
-        command(*words, "--speed", 10, "--ready-file", ready), tmp_path, stdout=subprocess.DEVNULL
+        command(*words, "--speed", 5, "--ready-file", ready), tmp_path, stdout=subprocess.DEVNULL
     ) as process:
         wait_until(lambda: ready.exists() or process.poll() is not None, "the simulator does not start")
         (port,) = set(re.findall(r"127\.0\.0\.1:(\d+)", ready.read_text()))

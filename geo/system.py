@@ -313,7 +313,7 @@ def in_parallel(work: Callable[[Sequence[_Item]], None], items: Sequence[_Item])
     `work` must release the GIL, and must not call this function.
     """
     cores = os.cpu_count() or 1
-    if not len(items):
+    if not items:
         return
     if len(items) < 2 or cores == 1:
         work(items)

@@ -3,7 +3,7 @@
 import time
 
 import pytest
-from autopilots import autopilots
+from sweeps import autopilots
 
 from mission.outcome import Outcome
 
@@ -100,7 +100,7 @@ def test_plans_come_back_as_they_were_sent_and_changes_are_told(autopilot, ready
         raw.start_mission()  # only a mode, which PX4 takes while it is disarmed
 
 
-@autopilots(slow=["ardupilot"])
+@autopilots(slow_with=["ardupilot"])
 def test_it_flies_a_mission_with_a_pause_and_a_jump_ahead(autopilot, ready, tools):
     from mavsdk.plugins.telemetry import FlightMode
 
@@ -133,7 +133,7 @@ def test_it_flies_a_mission_with_a_pause_and_a_jump_ahead(autopilot, ready, tool
     assert place.relative_altitude_m == pytest.approx(0.0, abs=off_m)
 
 
-@autopilots(slow=["px4"])
+@autopilots(slow_with=["px4"])
 def test_it_takes_off_goes_returns_and_lands(autopilot, ready, tools):
     from mavsdk.plugins.action import ActionError
     from mavsdk.plugins.telemetry import FlightMode, LandedState

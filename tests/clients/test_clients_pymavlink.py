@@ -3,7 +3,7 @@
 import time
 
 import pytest
-from autopilots import autopilots
+from sweeps import autopilots
 
 from mission.link.codec.dialect import mavlink
 
@@ -131,7 +131,7 @@ def test_old_scripts_with_float_items_and_the_waypoint_loader(autopilot, master,
     assert again.wpoints[-2].x == pytest.approx(flying.mission[-2].x, abs=2e-6)
 
 
-@autopilots(slow=["px4"])
+@autopilots(slow_with=["px4"])
 def test_a_mission_is_flown(autopilot, master, tools):
     flying, connection = master(autopilot)
     ardupilot = autopilot == "ardupilot"
@@ -157,7 +157,7 @@ def test_a_mission_is_flown(autopilot, master, tools):
     assert flying.vehicle.outcome.value == "completed"
 
 
-@autopilots(slow=["ardupilot"])
+@autopilots(slow_with=["ardupilot"])
 def test_guided_flight_by_commands(autopilot, master):
     """Arm, take off, wait for the altitude, go somewhere, come back."""
     flying, connection = master(autopilot)

@@ -20,3 +20,10 @@ def sweep(few: int, many: int, **more: Any) -> Any:
 def slow(*values: Any, **more: Any) -> Any:
     """Return the values of a parametrised test as a variant of the slow part."""
     return pytest.param(*values, marks=pytest.mark.slow, **more)
+
+
+def autopilots(*, slow_with: Any = ()) -> Any:
+    """Parametrise a test with both autopilots; the variants in `slow_with` are in the slow part."""
+    return pytest.mark.parametrize(
+        "autopilot", [slow(name) if name in slow_with else name for name in ("px4", "ardupilot")]
+    )

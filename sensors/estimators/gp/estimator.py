@@ -305,7 +305,7 @@ class GaussianProcessEstimator(BaseEstimator):
             losses, stale = np.empty_like(value), np.ones_like(self._stale)
         weights = ScoreWeights.of(self.fields)
 
-        def work(strips: Sequence[tuple[int, int]]) -> None:
+        def work(strips: Sequence[Sequence[int]]) -> None:
             for k, strip in strips:
                 tiles = np.flatnonzero(stale[k, strip])
                 columns = slice(strip * TILE_CELLS, (strip + 1) * TILE_CELLS)
@@ -316,7 +316,7 @@ class GaussianProcessEstimator(BaseEstimator):
                 else:
                     class_map.expected_loss(value[part][0], uncertainty[part][0], losses[part][0])
 
-        in_parallel(work, [(int(k), int(strip)) for k, strip in np.argwhere(stale.any(axis=2))])
+        in_parallel(work, np.argwhere(stale.any(axis=2)).tolist())
         if in_place:
             self._losses = losses
             self._stale[:] = False

@@ -15,6 +15,7 @@ import time
 import pytest
 from processes import environment
 from stand_in import LONG_S, Watcher, scenario, stand_in
+from sweeps import slow
 
 from geo.errors import WbfMissionError
 from geo.farms import get_farm
@@ -75,9 +76,7 @@ def standing(east_m):
     ("more", "spent"),
     [
         ({"budget": "150s"}, lambda flight: flight.flight_time_s / 150.0),
-        pytest.param(
-            {"budget": "500m"}, lambda flight: flight.track.length_m / 500.0, marks=pytest.mark.slow
-        ),
+        slow({"budget": "500m"}, lambda flight: flight.track.length_m / 500.0),
         ({"budget": "150s", "policy": "greedy"}, lambda flight: flight.flight_time_s / 150.0),
     ],
 )

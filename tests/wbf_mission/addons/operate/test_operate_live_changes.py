@@ -5,6 +5,7 @@ from functools import cache
 
 import pytest
 from live_changes import FRAME, LONG, LiveChange, keys
+from sweeps import slow
 
 from mission.ground.change import ChangeOutcome
 from mission.ground.modes import Maneuver
@@ -142,7 +143,7 @@ def test_an_autopilot_that_starts_again_with_its_motors_off(autopilot, silent_s)
     assert flight.assembler.statistics.images >= 8
 
 
-@pytest.mark.parametrize("seed", [2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (3, 7))])
+@pytest.mark.parametrize("seed", [2, *(slow(seed) for seed in (3, 7))])
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_images_of_a_camera_on_board_come_over_a_bad_link(autopilot, seed):
     bad = Impairment(loss=0.3, delay_s=0.5, seed=seed)

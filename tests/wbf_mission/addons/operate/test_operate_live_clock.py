@@ -7,6 +7,7 @@ from concurrent.futures import wait
 import numpy as np
 import pytest
 from stand_in import LONG_S, scenario
+from sweeps import slow
 
 from mission.ground.arming_gate import ArmingGate
 from mission.outcome import Outcome, Phase
@@ -265,9 +266,7 @@ def most_affordable(told):
     return Decision({1: paths[np.flatnonzero(costs <= vehicle.left)[-1]]})
 
 
-@pytest.mark.parametrize(
-    "budget", ["300s", *(pytest.param(one, marks=pytest.mark.slow) for one in ("1000m", "15Wh"))]
-)
+@pytest.mark.parametrize("budget", ["300s", *(slow(one) for one in ("1000m", "15Wh"))])
 def test_a_late_answer_is_priced_again_and_the_policy_asked_again(budget):
     def watch(link):
         if len(link.policy.told) > 1 or (link.policy.told and link.now_s > asked_s(link) + 25.0):

@@ -64,7 +64,7 @@ def watched_sim(clock, autopilot="px4", *, count=1, speed=10.0, **more):
 
 
 def watching(server, telemetry):
-    """Return a function that serves and tells what happens until something has."""
+    """Return a function that serves, and publishes events, until a condition holds."""
 
     def watch_until(condition, what):
         server.run(until=lambda now_s: telemetry.look(now_s) or bool(condition()), limit_s=600.0)

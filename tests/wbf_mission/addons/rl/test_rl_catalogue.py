@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import SyncVectorEnv
 from page_tables import with_tables
+from sweeps import slow
 
 import wbf_mission.addons.rl
 from wbf_mission.addons.rl import SurveyVectorEnv, TrainingError, interfaces, parallel_env
@@ -15,7 +16,7 @@ from wbf_mission.scenario import scenario_ids
 QUICK = {
     f"WBF/Miniberry-{name}-v1" for name in ("10", "30-Days", "30-Wide", "30-Robots-2", "30-PX4", "30-Drift")
 }
-IDS = [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in scenario_ids()]
+IDS = [name if name in QUICK else slow(name) for name in scenario_ids()]
 SHOWN = {"position", "left", "value", "uncertainty", "seen"}
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.utils import env_checker
 from pettingzoo.test import parallel_api_test, parallel_seed_test
+from sweeps import slow
 
 from mission.policies.decision import NO_CHANGE, Decision
 from mission.policies.observation import Event
@@ -70,7 +71,7 @@ def flown(scenario, cells, seed=3, estimator="adaptive-disk"):
         ("WBF/Miniberry-30-Leaves-v1", "adaptive-disk"),
         ("WBF/Miniberry-30-Noisy-v1", "adaptive-disk"),
         ("WBF/Miniberry-30-Wide-v1", "adaptive-disk"),
-        pytest.param("WBF/Miniberry-30-Days-v1", "adaptive-disk", marks=pytest.mark.slow),
+        slow("WBF/Miniberry-30-Days-v1", "adaptive-disk"),
     ],
 )
 def test_a_path_has_the_score_of_its_run_to_the_bit(name, estimator):
@@ -95,7 +96,7 @@ def test_a_path_has_the_score_of_its_run_to_the_bit(name, estimator):
         env.step(0)
 
 
-@pytest.mark.parametrize("robots", [2, pytest.param(5, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("robots", [2, slow(5)])
 def test_paths_of_several_robots_have_the_score_of_their_run_to_the_bit(robots):
     name = f"WBF/Miniberry-30-Robots-{robots}-v1"
     env = parallel_env(name)

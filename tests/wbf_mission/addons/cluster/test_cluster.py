@@ -184,7 +184,8 @@ def test_a_worker_with_another_program_is_refused(what, monkeypatch):
 def test_what_differs_between_programs_is_told():
     assert not unlike(program())
     other = {**program(), "numpy": "1.0", "code of wbf-mission": "0"}
-    assert unlike(other).count("in place of") == 1
+    assert unlike(other).count("in place of") == 2
+    assert unlike({**other, "wbf-mission": "0.0"}).count("in place of") == 2  # The sources follow the version
     assert "in place of 0" in unlike({**program(), "code of wbf-mission": "0"})
     assert "numba" in unlike({key: one for key, one in program().items() if key != "numba"})
 

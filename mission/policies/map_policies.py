@@ -9,6 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from geo.named import ParameterError
 from mission.policies.acquisition import (
     Acquisition,
     Balanced,
@@ -45,6 +46,13 @@ _RADIUS = 3  # Radius, in cells, of the neighbour shares: cells beyond it lose l
 _ALTERNATIVES = 4
 _LEAST_LEGS = 4
 _MOST_STOPS = 40
+# Bounds of the parameters; with legs of 1000 cells, four million directions are compared.
+_BOUNDS = {
+    "share": (0.0, 1.0), "spread": (0.01, 1000.0), "every": (1, 1_000_000), "least_s": (0.0, 86_400.0),
+    "caution": (0.0, 1000.0), "reach": (0.01, 1000.0), "least_weight": (0.0, 1.0),
+    "longest": (1.0, 1000.0), "ahead": (1.0, 10_000.0), "horizon": (1.0, 1000.0), "patience": (0.1, 1e6),
+    "places": (1, 1000), "near": (1, 1000), "rounds": (0, 100), "beam": (1, 1000), "interval": (0.1, 1000.0),
+}  # fmt: skip
 CELLS_A_LEG = 8.0
 """Approximate length of a leg of a route, in cells."""
 
@@ -70,6 +78,11 @@ class MapPolicy(ABC):
         Parameter of `mission.policies.acquisition.Balanced`.
     coordination : {"sequential", "auction"} or Coordination
         The rule by which the vehicles of a fleet share the map (`mission.policies.steering`).
+
+    Raises
+    ------
+    ParameterError
+        If a parameter is out of its range.
     """
 
     reason: ClassVar[str]
@@ -86,6 +99,10 @@ class MapPolicy(ABC):
     coordination: str | Coordination = "sequential"
 
     def __post_init__(self) -> None:
+        for name, (least, most) in _BOUNDS.items():
+            if not least <= (value := getattr(self, name, least)) <= most:
+                msg = f"{type(self).__name__}: {name}={value}: give a number from {least:g} to {most:g}"
+                raise ParameterError(msg)
         self.triggers = Triggers(observations=int(self.every), least_s=float(self.least_s))
         shares = neighbour_shares(self.share, self.spread, _RADIUS)
         swept = WithCorrelationLength(make_acquisition(self.acquisition), strip_width(shares), MOST_CELLS)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, get_args, get_type_hints, runtime_checkable
 
-from geo.named import ParameterError, check_parameters
+from geo.named import ParameterError, check_parameters, format_named
 from mission.errors import PlanningError
 from mission.planners.partition import STRIPS
 from mission.planners.request import Planner, load_registered, make_planner, registered_names
@@ -212,7 +212,7 @@ def make_policy(policy: str | Policy, /, **parameters: Any) -> Policy:
     PlanningError
         If no policy has the name, its package cannot be imported, or the object is not a policy.
     ParameterError
-        If the text cannot be parsed, or a parameter is unknown or given twice.
+        If the text cannot be parsed, or a parameter is unknown, given twice or of the wrong type.
     """
     if not isinstance(policy, str):
         if inspect.isclass(policy) or not isinstance(policy, Policy):
@@ -227,6 +227,7 @@ def make_policy(policy: str | Policy, /, **parameters: Any) -> Policy:
     name, what, factory, given = load_registered("policy", ENTRY_POINT_GROUP, policy, parameters)
     known = _parameters(factory, what)
     check_parameters(f"policy {name}", parameters.keys() | given.keys(), known)
+    _check_types(name, {**given, **parameters}, factory)
     made = factory(**{**given, **parameters})
     if not isinstance(made, Policy):
         kind = type(made).__name__
@@ -240,3 +241,22 @@ def _parameters(factory: Any, what: str) -> dict[str, Any]:
         msg = f"{what} is neither a class nor another callable that makes a policy"
         raise PlanningError(msg)
     return {name: argument.default for name, argument in inspect.signature(factory).parameters.items()}
+
+
+_TYPES = {bool: "true or false", int: "a whole number", float: "a number", str: "a text", type(None): "none"}
+
+
+def _check_types(policy: str, given: Mapping[str, Any], factory: Any) -> None:
+    """Raise ParameterError for a plain value of another type than the factory declares."""
+    try:
+        declared = get_type_hints(factory.__init__ if inspect.isclass(factory) else factory)
+    except NameError:  # Types that are imported for type checkers only
+        return
+    for key, value in given.items():
+        kind = declared.get(key)
+        allowed = [name for name in (get_args(kind) or (kind,)) if name in _TYPES]
+        fits = type(value) in allowed or (type(value) is int and float in allowed)
+        if allowed and type(value) in _TYPES and not fits:
+            types = " or ".join(_TYPES[name] for name in allowed)
+            msg = f"policy {format_named(policy, {key: value})}: {key} must be {types}"
+            raise ParameterError(msg)

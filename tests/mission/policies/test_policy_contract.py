@@ -81,6 +81,28 @@ def test_policies_are_made_by_name_or_taken_as_they_are():
         make_policy(policy, planner="lawnmower")
 
 
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("greedy:longest=x", "policy greedy:longest=x: longest must be a number"),
+        ("greedy:acquisition=none", "policy greedy:acquisition=none: acquisition must be a text"),
+        ("greedy:every=2.5", "every must be a whole number"),
+        ("greedy:every=true", "every must be a whole number"),
+        ("orienteering:coordination=3", "coordination must be a text"),
+        ("greedy:longest=100000", "Greedy: longest=100000: give a number from 1 to 1000"),
+        ("rolling-horizon:beam=0", "RollingHorizon: beam=0: give a number from 1 to 1000"),
+        ("orienteering:share=1.5", "share=1.5: give a number from 0 to 1"),
+    ],
+)
+def test_a_parameter_of_another_type_or_out_of_range_is_named(text, told):
+    with pytest.raises(ParameterError, match=told):
+        make_policy(text)
+
+
+def test_whole_numbers_are_numbers():
+    assert make_policy("greedy:longest=12").longest == 12
+
+
 def test_a_path_from_elsewhere_is_kept():
     policy = KeepPath()
     assert isinstance(policy, Policy) and policy.triggers == NEVER_AGAIN

@@ -1,4 +1,4 @@
-"""Vehicle files, which are TOML: fields of `VehicleSpec`, and a table for each part of the vehicle.
+"""Vehicle files: TOML files with the fields of `VehicleSpec` and a table for each part of the vehicle.
 
 The files of the built-in vehicles are in ``sim_vehicle/airframe/vehicles``.
 """
@@ -48,7 +48,7 @@ def _files() -> dict[str, Traversable]:
 
 
 def forget_vehicles() -> None:
-    """Clear the caches of kinds and vehicle files, as needed after a package was installed at run time."""
+    """Clear the caches of kinds and vehicle files, so that a package installed at run time is found."""
     forget_kinds()
     for known in (vehicle_names, _files, _packaged):
         known.cache_clear()
@@ -118,7 +118,7 @@ def load_vehicle(path: Path) -> VehicleSpec:
         raise VehicleError(msg)
     base = replace(_packaged(name), published=None, description="")
     if kind is not None and kind != base.kind:
-        msg = f"{where}: kind {kind} does not fit base {name}, which is a {base.kind}: leave one of them out"
+        msg = f"{where}: kind {kind} does not fit base {name}, which is a {base.kind}: leave out kind or base"
         raise VehicleError(msg)
     return _build(where, path.stem, data, base)
 
@@ -179,7 +179,7 @@ def _parameters(
         raise VehicleError(f"{key} must be a table of parameters")
     for name, number in value.items():
         if not _PARAMETER.fullmatch(name):
-            msg = f"[{key}] {name!r} is not a parameter name: use capitals, digits and _, at most 16"
+            msg = f"[{key}] {name!r} is not a parameter name: use at most 16 capitals, digits and _"
             raise VehicleError(msg)
         if isinstance(number, bool) or not isinstance(number, int | float) or not abs(number) < 1e9:
             raise VehicleError(f"[{key}] {name} {number!r} is not a number")

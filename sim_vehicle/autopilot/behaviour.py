@@ -224,10 +224,10 @@ class FailsafeRules:
     watches_voltage: bool
     """Whether a voltage that stays too low counts as a low battery (ArduPilot)."""
     any_inclusion: bool
-    """Whether a position in any inclusion zone is inside the fence; otherwise it must be in all of them."""
+    """Whether one inclusion zone must contain a position inside the fence (PX4), not all (ArduPilot)."""
     needs_stream: bool
-    """Whether setpoints must arrive before the setpoint mode can be entered, and the vehicle returns home
-    when they stop (PX4). Otherwise only velocity setpoints time out (ArduPilot)."""
+    """Whether the setpoint mode can be entered only while setpoints arrive, and the vehicle returns home when
+    setpoints stop (PX4). Otherwise only velocity setpoints time out (ArduPilot)."""
     pauses_in_mode: bool
     """Whether a pause stops the vehicle in its mode (ArduPilot); otherwise the vehicle enters the hold
     mode."""
@@ -238,7 +238,7 @@ class FailsafeRules:
     tells_link_loss: bool
     """Whether the loss of the ground station is reported even if no action follows."""
     preflight: str
-    """Prefix of the notice about a preflight check that fails without a request to arm."""
+    """Prefix of notices about failed preflight checks while no client requests arming."""
     arming_texts: tuple[str, ...]
     """Notices of a refused arming request; ``{}`` in the first notice is the reason."""
     fence_text: str
@@ -380,7 +380,7 @@ class BootStage:
     begins_s: float
     """Start of the stage (s since boot)."""
     problem: str = ""
-    """Reason why the vehicle does not arm in any mode; empty if it arms."""
+    """Reason that prevents arming in every mode; empty if the vehicle arms."""
     fix: int = 0
     """GPS_FIX_TYPE during the stage."""
     tells_place: bool = False

@@ -72,12 +72,12 @@ class LogBehaviour:
     refusal_armed: str = ""
     """Reason why an armed vehicle refuses a download; empty if it allows downloads."""
     busy_text: str = ""
-    """Reason why a second download is refused during the first; empty if it replaces the first."""
+    """Reason why a second download is refused during the first; empty if the second replaces the first."""
 
 
 @dataclass(frozen=True, slots=True)
 class RefusalTexts:
-    """Notices of a firmware for refused commands; empty for none.
+    """Notices that a firmware sends when it refuses a command; empty for no notice.
 
     Sources: PX4's ``Commander.cpp`` and ``mavlink_mission.cpp``; ArduPilot's ``GCS_Common.cpp`` and
     ``AP_Mission.cpp``.
@@ -88,9 +88,9 @@ class RefusalTexts:
     interval: str = ""
     """Notice if the interval of an unknown message is requested; ``{}`` is the message id."""
     current_item: str = ""
-    """Notice for MISSION_SET_CURRENT."""
+    """Notice if MISSION_SET_CURRENT is refused."""
     landing: str = ""
-    """Notice for DO_LAND_START."""
+    """Notice if DO_LAND_START is refused."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -56,7 +56,7 @@ class FlightProcedures(ABC):
         return {name: own.get(name, known.default) for name, known in self.parameters.items()}
 
     def numbers(self, spec: VehicleSpec, law: type | None = None) -> dict[str, float]:
-        """Return the constants of motion that parameters set (SI units); with `law`, only fields of `law`."""
+        """Return the constants of motion set by parameters (SI units); with `law`, only its fields."""
         value = self.values(spec)
         wanted = None if law is None else {field.name for field in fields(law)}
         return {
@@ -133,7 +133,7 @@ class GenericProcedures(FlightProcedures):
     def takeoff_legs(
         self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
     ) -> list[Leg]:
-        """Return a vertical climb, and a leg to the item's position if this is not above the start."""
+        """Return a vertical climb, and a leg to the item's position unless this is above the start."""
         x, y, z = target
         radius = spec.acceptance_radius_m
         keep = KEEP if heading == ALONG else heading
@@ -206,7 +206,7 @@ class FixedWingProcedures(FlightProcedures):
 
     @abstractmethod
     def limits(self, spec: VehicleSpec) -> FixedWingBounds:
-        """Return the limits of a vehicle."""
+        """Return the limits within which missions for a vehicle are planned."""
 
     @abstractmethod
     def lands_as_mission(self, spec: VehicleSpec) -> bool:

@@ -38,7 +38,7 @@ _MAX_CHORDS = 64
 # Limit of a plan's length, needed because jumps can make a mission endless.
 _MAX_LEGS = 4096
 _LOOK_AHEAD = 20
-# Distance at which a point stands for a direction.
+# Distance of a far point that stands for a direction.
 _FAR_M = 1e6
 _NOWHERE = (0.0, 0.0, 0.0)
 # These are plain integers, because comparing enumeration members is too slow for thousands of items.
@@ -119,7 +119,7 @@ class _Planner:
             if not 0 <= following < len(items) or items[following].command not in CONDITIONS:
                 break
             plan.unsure = True
-            # Conditions can be met only in flight; the legs are then planned again.
+            # The plan passes over conditions; when one is met in flight, the legs are planned again.
             following = condition_items(items, following)[-1] + 1
         passes = 0 <= following < len(items) and items[following].command in PASSED_COMMANDS
         return following if passes else None

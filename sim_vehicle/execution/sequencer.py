@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Position
 
-# A plan that was cut short is extended when this many legs are left, so that the vehicle never brakes there.
+# Legs left when a plan that was cut short is extended, so that the vehicle never brakes at the cut.
 _REPLAN_BEFORE = 64
 _CANNOT_FLY = -2
 _LANDING_COMMANDS = frozenset({16, 18, 19, 21, 31})
@@ -174,7 +174,7 @@ class MissionSequencer:
         return item_positions(self.items, self.frame, self.return_points.home_m[2])
 
     def move_home(self, home_m: Position) -> None:
-        """Move home; items with altitudes above home have other positions from the next leg."""
+        """Move home; from the next leg on, altitudes above home count from the new home."""
         moves = home_m[2] != self.return_points.home_m[2]
         self.return_points.home_m = home_m
         if moves:
@@ -435,7 +435,7 @@ class MissionSequencer:
         self._continue(at)
 
     def _next_leg(self, plan: LegPlan, leg: int, time_s: float) -> None:
-        """Continue with the next item of the plan, or plan again if commands before it require this."""
+        """Continue with the next item of the plan, or plan again if commands before that item require it."""
         self.flight.emit(ItemReached(time_s, plan.seqs[leg]))
         following = self._between(self._following(plan.seqs[leg]), time_s)
         nearly_out = plan.open and leg >= len(plan.legs) - _REPLAN_BEFORE
@@ -452,7 +452,7 @@ class MissionSequencer:
         self._fly_from(self._between(self._following(seq), self.flight.time_s), self.flight.time_s)
 
     def _following(self, seq: int) -> int:
-        """Return the item after `seq`, or the item at which a mission changed in flight goes on."""
+        """Return the item after `seq` or, if the mission changed in flight, the item at which to go on."""
         at, self._resume_at = self._resume_at, None
         if at is None:
             return seq + 1

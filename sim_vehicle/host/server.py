@@ -255,8 +255,8 @@ class Server(Closing):
             if self.speed == NEVER:
                 return
             if time.monotonic() - began_s > _BURST_S:
-                # A simulation behind the wall clock still polls the sockets, and stretches time to limit the
-                # lag.
+                # A simulation that lags behind the wall clock must still poll the sockets; slowing the clock
+                # limits the lag.
                 lag_s = clock_s - self.now_s - _LARGEST_LAG_S * self.speed
                 self._origin_s -= max(0.0, lag_s)
                 return

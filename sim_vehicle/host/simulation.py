@@ -87,7 +87,7 @@ class VirtualLink:
             self._arrived.append(frame)
 
     def wait(self, link: Link, seconds: float) -> None:  # noqa: ARG002
-        """Advance the clock to the next frame, at most by `seconds`; only ``TransferDriver`` needs `link`."""
+        """Advance the clock to the next frame, at most by `seconds`; ``TransferDriver`` passes `link`."""
         if not self._arrived:
             self._pass_time(max(0.0, seconds), lambda: bool(self._arrived))
 
@@ -120,7 +120,7 @@ class StopReason(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Impairment:
-    """A bad radio between the `remote` components and all others; faults strike each frame separately.
+    """A bad radio between the `remote` components and the others; faults strike each frame separately.
 
     Parameters
     ----------

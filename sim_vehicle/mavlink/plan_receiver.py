@@ -147,7 +147,7 @@ class PlanReceiver:
         }
 
     def _load_part(self, now_s: float) -> None:
-        """Load the items already received if a mission takes effect item by item, once per time step."""
+        """Load, once per time step, the items received so far if a mission takes effect item by item."""
         if now_s <= self._part_received_s or not self._flies:
             return
         self._part_received_s = NEVER
@@ -216,8 +216,8 @@ class PlanReceiver:
         bad = next((i for i, item in enumerate(event.items) if isinstance(item, UncheckedItem)), None)
         if bad is not None:
             pilot.load(())
-            pilot.reject_mission(f"item {bad + 1}: its position or its numbers make no sense")
-            pilot.note(Severity.CRITICAL, f"Mission rejected: item {bad + 1} makes no sense")
+            pilot.reject_mission(f"item {bad + 1}: its position or one of its parameters is invalid")
+            pilot.note(Severity.CRITICAL, f"Mission rejected: item {bad + 1} is invalid")
             return
         self._reports.restart()
         self._announce_change(pilot.load(event.items, marked=marked))

@@ -1,4 +1,4 @@
-"""Telemetry state of a vehicle that the pilot does not have: clocks, estimated position, plan ids."""
+"""State for telemetry besides the state of the pilot: clocks, estimated position, plan ids."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ Integers = NDArray[np.int64]
 Tables = tuple[Record, ...]
 
 # Columns of a call of a vehicle's kernel. The arguments are steps, whether to stop at each leg, steps between
-# track points, number of wind rows, and index of the first. The last column is the returned event.
+# track points, and number and first index of the wind rows. The last column is the returned event.
 STEPS, STOPS, EVERY, WIND_ROWS, FIRST, EVENT = range(6)
 CALL = 6
 

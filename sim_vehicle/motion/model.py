@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position, Route
 
-# Tolerance, so that no step is lost if a link has rounded a waypoint to 1e-7 degree (1.1 cm).
+# Excess over whole cells (in cells) that costs no time step; links round waypoints to 1e-7 degree (1.1 cm).
 _SLACK = 0.04
 
 

@@ -209,7 +209,7 @@ class Pilot(Controls):
                 f"Home refused: more than {self.spec.max_distance_m:.0f} m from the start", denied=True
             )
         if not abs(up_m) <= self.spec.max_altitude_m:
-            raise RefusedError(f"Home refused: {up_m:.0f} m above the start", denied=True)
+            raise RefusedError(f"Home refused: {up_m:.0f} m above the start is out of range", denied=True)
         self.executor.mission.move_home((x_m, y_m, up_m))
         self._place_rally()
         self.failsafe.apply_parameters()
@@ -300,7 +300,7 @@ class Pilot(Controls):
         if self.spec.drives:
             raise RefusedError("Takeoff refused: a rover stays on the ground", denied=True)
         if not 0.0 < altitude_m <= self.spec.max_altitude_m:
-            raise RefusedError(f"Takeoff refused: altitude {altitude_m:g} m", denied=True)
+            raise RefusedError(f"Takeoff refused: altitude {altitude_m:g} m is out of range", denied=True)
         self.modes.takeoff_altitude_m = altitude_m
         self.set_mode(Mode.TAKEOFF)
 
@@ -320,7 +320,7 @@ class Pilot(Controls):
         distance_m = math.hypot(x_m, y_m)
         if not (distance_m <= self.spec.max_distance_m and self.spec.reaches(altitude_m)):
             raise RefusedError(
-                f"Reposition refused: {distance_m:.0f} m from the start, {altitude_m:.0f} m high", denied=True
+                f"Reposition refused as out of range: {distance_m:.0f} m away, {altitude_m:.0f} m high", denied=True
             )
         outside = self.failsafe.outside((x_m, y_m, altitude_m))
         if outside is not None:
@@ -358,7 +358,7 @@ class Pilot(Controls):
             self.set_mode(Mode.HOLD)
             return
         if not self.armed or self.mode not in (Mode.MISSION, Mode.GUIDED):
-            raise RefusedError(f"Pause refused: mode {self.mode.value}")
+            raise RefusedError("Pause refused: not flying in mission or guided mode")
         for extra in self.extras:
             extra.forget()
             extra.stop()
@@ -369,7 +369,7 @@ class Pilot(Controls):
         if self.rules.pauses_in_mode and self.mode is Mode.GUIDED:
             return
         if self.rules.pauses_in_mode and self.mode is not Mode.MISSION:
-            raise RefusedError(f"Resume refused: mode {self.mode.value}")
+            raise RefusedError(f"Resume refused: not possible in mode {self.mode.value}")
         self.start_mission()
 
     def start_mission(self, first: int | None = None) -> None:
@@ -388,7 +388,7 @@ class Pilot(Controls):
         """Continue at this mission item; raises RefusedError if the item does not exist."""
         size = self.mission.size
         if not 0 <= seq < size:
-            raise RefusedError(f"Mission item {seq + 1} refused: the mission has {size}", denied=True)
+            raise RefusedError(f"Mission item {seq + 1} refused: the mission has {size} items", denied=True)
         self.mission.choose()
         self.order(lambda: self.executor.mission.set_current(seq))
 

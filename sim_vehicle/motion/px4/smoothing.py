@@ -22,7 +22,7 @@ _TINY = 1e-7
 def brakeable_speed(jerk: float, accel: float, distance: float, final: float) -> float:
     """Return the highest speed that can be reduced to `final` within a distance.
 
-    PX4's formula assumes full speed for ``2 accel / jerk`` before the deceleration, longer than needed.
+    PX4's formula assumes full speed for ``2 accel / jerk`` before the braking, which is longer than needed.
     """
     b = 4.0 * accel * accel / jerk
     v = 0.5 * (sqrt(b * b + 8.0 * accel * distance + 4.0 * final * final) - b)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["forget_vehicles", "get_vehicle", "load_vehicle", "vehicle_names"]
 
 _DEFAULT = "quad"
-# Fields that a vehicle file cannot set. The name is the file name; a scenario sets the other fields.
+# Fields that a vehicle file cannot set. The file name is the vehicle's name; a scenario sets the rest.
 _NOT_IN_FILES = ("name", "autopilot", "parameters", "return_margin_m", "autopilot_parameters")
 _PARAMETER = re.compile(r"[A-Z][A-Z0-9_]{0,15}")
 
@@ -90,8 +90,8 @@ def load_vehicle(path: Path) -> VehicleSpec:
     """Return the vehicle that a vehicle file describes.
 
     The keys are fields of `VehicleSpec`. The tables are ``[battery]``, ``[power]``, ``[airframe]``,
-    ``[published]``, and a table of parameters for each autopilot (``[px4]``, ``[ardupilot]``). Missing values
-    come from the vehicle that the key ``base`` names; without this key, from the base vehicle of the kind.
+    ``[published]``, and a table of parameters for each autopilot (``[px4]``, ``[ardupilot]``). Values missing
+    from the file are those of the vehicle that the key ``base`` names, by default the kind's base vehicle.
 
     Raises
     ------

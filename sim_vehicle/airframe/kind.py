@@ -87,13 +87,13 @@ class VehicleKind:
     """Dataclass of ``[airframe]`` in vehicle files; None if the kind has no such table."""
     procedures: str = ""
     """``module:NAME`` of the `FlightProcedures` of vehicles without an autopilot; the module is imported when
-    they are first needed. If this is empty, the procedures of the default autopilot are used."""
+    a vehicle first needs it. If this is empty, the procedures of the default autopilot are used."""
     firmwares: Mapping[str, str] = field(default_factory=dict)
     """``module:NAME`` of the `Firmware` that the kind provides for an autopilot which does not itself support
     the kind, by autopilot name."""
     shown_as: str = ""
     """Kind as which the vehicle appears on MAVLink if the autopilot has no firmware for the vehicle's kind;
-    the procedures of its own kind still move the vehicle. If this is empty, such an autopilot is refused."""
+    the procedures of its own kind still move the vehicle. If this is empty, the autopilot is refused."""
     mav_types: tuple[int, ...] = ()
     """MAV_TYPEs in heartbeats of this kind; a vehicle with a MAV_TYPE of no kind counts as a multirotor."""
 

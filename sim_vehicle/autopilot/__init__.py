@@ -97,8 +97,8 @@ class Firmware:
     def parameters(self, spec: VehicleSpec, system_id: int) -> tuple[MavParameter, ...]:
         """Return the parameters of a vehicle on MAVLink, sorted by name.
 
-        Parameters of the flight procedures have an effect only if the vehicle moves by these procedures.
-        Otherwise they are stored, like the other parameters of the real firmware.
+        Parameters of the flight procedures have an effect only if the vehicle moves by these procedures. For
+        other vehicles these parameters are only stored, like the other parameters of the real firmware.
         """
         table = {parameter.name: parameter for parameter in self.reference()}
         units = {name: parameter.unit for name, parameter in table.items()}
@@ -267,7 +267,7 @@ def with_return_margin(spec: VehicleSpec) -> VehicleSpec:
 
     PX4 returns at ``RTL_RETURN_ALT`` if the distance from home exceeds ``RTL_MIN_DIST``, otherwise lower. If
     drift carries a vehicle beyond this distance, it climbs and descends 20 m more. Predictions therefore add
-    the margin to the distance. ArduCopter needs no margin: its return altitude (``RTL_CONE_SLOPE``,
+    the margin to each distance. ArduCopter needs no margin: its return altitude (``RTL_CONE_SLOPE``,
     ``RTL_CLIMB_MIN``) varies continuously with the distance, and its estimate is exact.
 
     Examples

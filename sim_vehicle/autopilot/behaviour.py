@@ -224,7 +224,7 @@ class FailsafeRules:
     watches_voltage: bool
     """Whether a voltage that stays too low counts as a low battery (ArduPilot)."""
     any_inclusion: bool
-    """Whether one inclusion zone must contain a position inside the fence (PX4), not all (ArduPilot)."""
+    """Whether a position in one inclusion zone is allowed (PX4); otherwise it must be in all (ArduPilot)."""
     needs_stream: bool
     """Whether the setpoint mode can be entered only while setpoints arrive, and the vehicle returns home when
     setpoints stop (PX4). Otherwise only velocity setpoints time out (ArduPilot)."""
@@ -238,7 +238,7 @@ class FailsafeRules:
     tells_link_loss: bool
     """Whether the loss of the ground station is reported even if no action follows."""
     preflight: str
-    """Prefix of notices about failed preflight checks while no client requests arming."""
+    """Prefix of notices about preflight checks that fail before anybody has requested arming."""
     arming_texts: tuple[str, ...]
     """Notices of a refused arming request; ``{}`` in the first notice is the reason."""
     fence_text: str
@@ -255,7 +255,7 @@ class FailsafeRules:
     """Rule that disarms an idle vehicle; None for no rule."""
     any_mode_disarmed: bool = False
     """Whether a disarmed vehicle may enter a mode that it cannot fly, which then prevents arming. Otherwise
-    the vehicle refuses such a mode."""
+    the vehicle refuses to enter the mode."""
     restores_mode: bool = False
     """Whether disarming restores the last requested mode in which the vehicle can arm (PX4)."""
     fence_refusal: str = ""

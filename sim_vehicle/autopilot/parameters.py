@@ -1,8 +1,8 @@
 """Parameters of a firmware: metadata on MAVLink, values at run time, and tables of the real firmware.
 
 The tables are CSV files in ``lists/`` with name, type, default, documented range and unit of each parameter.
-Comments at the top of a table name its sources. ``*-motion`` tables also have a short description, and a
-constant of the law of motion. Parameter editors show the ``*-details`` and ``*-choices`` tables.
+Comments at the top of a table name its sources. ``*-motion`` tables also have a description and, if there is
+one, the constant of the law of motion. Parameter editors show the ``*-details`` and ``*-choices`` tables.
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ class FailsafeDefaults:
     setpoint_timeout_s: float = 1.0
     """Time without a setpoint after which setpoints count as lost."""
     low_voltage_v: float = 0.0
-    """Voltage of the whole pack below which the battery is low; 0 for no limit. It applies to batteries of
+    """Voltage of the whole pack below which the battery is low; 0 for no limit. The limit is for batteries of
     three or more cells, because ArduCopter's default would prevent arming with fewer cells."""
     mission_requirement: int = 0
     """Required take-off and landing items of a mission, in the firmware's own encoding; 0 for none."""

@@ -89,8 +89,8 @@ class FlightProcedures(ABC):
     ) -> list[Leg]:
         """Return the legs to the return point and down to the ground.
 
-        ``return_point`` is home or another position, with the minimum height of the return. The vehicle's
-        return altitude has precedence if it is higher.
+        ``return_point`` is home or another position, with the minimum height of the return. If the vehicle's
+        return altitude is higher, the vehicle returns at this altitude.
         """
 
 

@@ -236,8 +236,8 @@ class _Planner:
         """Return the position to which the vehicle leaves a circle, and a far point in direction 0° N 0° E.
 
         The position is None if a jump or an item without a position comes first. The far point is None unless
-        the autopilot turns towards the zero coordinates of a return item. Its bearing is computed on a plane
-        with scaled longitudes, as in ArduPilot's ``Location::get_bearing_to``.
+        the autopilot turns towards the zero coordinates of a return item. The direction is computed with
+        scaled longitudes, as in ArduPilot's ``Location::get_bearing_to``.
         """
         items = self._items
         for following in range(seq + 1, min(seq + 1 + _LOOK_AHEAD, len(items))):
@@ -339,8 +339,8 @@ def spline_legs(
     parallel to the line from the previous to the next position. Both tangents have the length of the straight
     path, which prevents loops.
 
-    `path` holds the start, the end, and the position after the end; without the latter, the curve ends along
-    the straight line. `tangent` is the direction at the start; a zero vector stands for the straight line.
+    `path` holds the start, the end, and the position after the end. If this last position is None, the curve
+    ends along the straight line. `tangent` is the direction at the start, a zero vector for a straight start.
     """
     begin, end, ahead = path
     straight = (end[0] - begin[0], end[1] - begin[1], end[2] - begin[2])

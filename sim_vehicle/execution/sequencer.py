@@ -140,10 +140,10 @@ class MissionSequencer:
     ) -> bool:
         """Replace the mission in flight, go on at item `seq`, and return whether the vehicle turns at once.
 
-        The vehicle keeps its speeds. It completes the climb of a take-off item first. It completes a return
-        item, which ends the mission. The mission also ends if it has no item `seq`. With `at_waypoints`, the
-        vehicle turns at once only if the old item is a waypoint and item `seq` exists; otherwise it completes
-        the old item, then the next item. With `keeps_jumps`, jump counters keep their values.
+        The vehicle keeps its speeds. A vehicle in a take-off item completes the climb first. A vehicle in a
+        return item completes the return, and the mission ends. A mission without item `seq` ends, too. With
+        `at_waypoints`, the vehicle turns at once only if the old item is a waypoint and item `seq` exists;
+        otherwise it completes the old item, then the next. With `keeps_jumps`, jump counters stay unchanged.
         """
         self.flight.ready("change the mission")
         flown = self.items[self.current_seq].command if self.current_seq < len(self.items) else _WAYPOINT
@@ -279,7 +279,7 @@ class MissionSequencer:
     def go_around(self, height_m: float | None = None) -> float:
         """Abort the landing: climb straight ahead, then restart the landing; return the height of the climb.
 
-        The default height is the height of the landing item, or of the take-off.
+        By default the climb ends at the height in parameter 1 of the landing item, or at the take-off height.
         """
         self.flight.ready("go around")
         able = self.lands and self.flight.landed is not LandedState.ON_GROUND

@@ -86,7 +86,7 @@ class Server(Closing):
     links : sequence of Link
         Open links in addition to the URLs; the server closes them.
     at_once : bool
-        Receive datagrams also between calls of `run` (`mission.link.sockets.UdpSocket`).
+        Whether datagrams are received between calls of `run`, too (`mission.link.sockets.UdpSocket`).
 
     Attributes
     ----------

@@ -80,7 +80,7 @@ class PlanReceiver:
     ) -> bool:
         """Load a plan from a file by the rules of the mission protocol; return whether it was accepted.
 
-        The items are numbered from 0. If `start` is given, they replace the items from `start` on.
+        The items are numbered from 0. If `start` is given, the new items replace the items from `start` on.
         """
         now_s = self._state.now_us / 1e6
         if self.server.busy:

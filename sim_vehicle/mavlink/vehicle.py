@@ -476,8 +476,8 @@ class SimVehicle:
     def reboot(self) -> None:
         """Reboot: reset the time since boot, plan ids, message rates and transfers, but keep the plans.
 
-        On the ground, the vehicle comes up in its boot mode. In flight, it keeps its mode; this simplified
-        watchdog reboot suffices for tests of ground stations.
+        On the ground, the vehicle comes up in its boot mode. In flight, the vehicle keeps its mode; this
+        simplified watchdog reboot suffices for tests of ground stations.
         """
         self._restart()
         self._plans.reboot(self._now_s)

@@ -121,7 +121,7 @@ class CameraCommands:
         return self._stop is not None
 
     def command(self, command: int, params: tuple[float, ...], now_s: float) -> Message:
-        """Return the message of a command with 7 parameters; `poll` repeats it until it is acknowledged."""
+        """Return the message of a camera command; `poll` repeats the message until it is acknowledged."""
         if command == Command.IMAGE_STOP_CAPTURE:
             self._stop = None
         elif command in _STOPPED_BY:

@@ -79,7 +79,7 @@ LOOK = slice(State.LOOK_EAST, State.LOOK_NORTH + 1)
 (
     STEP,  # Steps flown.
     LEG_INDEX,
-    MOVED_STEP,  # Step of the last motion.
+    MOVED_STEP,  # Step at which the vehicle last moved.
     ARRIVED,  # Whether the vehicle has reached the end of the route.
     NEAR_SENT,  # Whether NEAR was returned on this leg.
     TRACK_POINTS,  # Number of points in the track.

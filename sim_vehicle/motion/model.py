@@ -65,7 +65,7 @@ def attitude_of(east: float, north: float, up: float, heading_rad: float) -> tup
 class MotionModel(ABC):
     """Motion of one vehicle, such as `Multirotor` or `IdealRobot`.
 
-    By default, methods that only some models need do nothing.
+    By default, a method that only some models need does nothing.
     """
 
     spec: VehicleSpec

@@ -236,7 +236,7 @@ class ModeControl:
     def change(self, mode: Mode) -> bool:
         """Change the mode and, if armed, begin the mode's flight; a refusal restores the old mode.
 
-        Return whether the vehicle must be disarmed; this is the effect of an order to land or return on the
+        Return whether the vehicle must be disarmed, because it was ordered to land or return while on the
         ground.
         """
         before, intended = self._controls.mode, self.intended

@@ -240,7 +240,7 @@ class Pilot(Controls):
         """Start the motors; in the mission and take-off modes, the flight begins.
 
         `force` skips the pre-arm checks. `text` is the notice to the operator; by default, this is the notice
-        of an arm command. If the vehicle has not begun a mission, a refusal also becomes its outcome.
+        of an arm command. If no mission has begun, a refusal is also the outcome of the run.
         """
         if self.armed:
             return
@@ -320,7 +320,7 @@ class Pilot(Controls):
         distance_m = math.hypot(x_m, y_m)
         if not (distance_m <= self.spec.max_distance_m and self.spec.reaches(altitude_m)):
             raise RefusedError(
-                f"Reposition refused as out of range: {distance_m:.0f} m away, {altitude_m:.0f} m high", denied=True
+                f"Reposition refused: {distance_m:.0f} m away, {altitude_m:.0f} m high: too far", denied=True
             )
         outside = self.failsafe.outside((x_m, y_m, altitude_m))
         if outside is not None:

@@ -65,8 +65,8 @@ def batteries_needed(
 
     If one battery is too little, the vehicle interrupts the mission when the remaining charge just suffices
     for the return; the next battery continues there (see `battery_changes`). The result is 0 for a vehicle
-    without a battery. It is None if no number suffices, because the mission cannot be flown, or because one
-    battery cannot reach a position and return.
+    without a battery, and None if no number suffices, because the mission cannot be flown, or because a full
+    battery does not suffice to reach a position and return.
 
     Examples
     --------
@@ -94,8 +94,8 @@ def battery_changes(
     """Return the battery changes of a mission, or None if no number of changes suffices.
 
     The mission is flown once with an unlimited battery. Trial flights to a place and home, with the mission's
-    take-off, return and wind, find the place of each change. The flight out, a part of the mission and the
-    return use the battery's capacity minus its reserve. A gusty wind is flown with one sample of gusts.
+    take-off, return and wind, find the place of each change. Each battery, without its reserve, lasts for the
+    flight out, a part of the mission and the return. In a gusty wind all flights meet one sample of gusts.
     """
     battery = spec.battery
     if battery is None:
@@ -184,7 +184,7 @@ class Transit:
 class TrialFlights:
     """Trial flights of a mission, and of transits to and from its positions, with an unlimited battery.
 
-    A gusty wind is flown with one sample of its gusts.
+    In a gusty wind all flights meet the same sample of gusts.
     """
 
     def __init__(self, mission: Mission, spec: VehicleSpec, home: LocalFrame, wind: Wind | None) -> None:

@@ -69,7 +69,7 @@ class Prediction:
     reason: str
     """Reason why the mission is infeasible; empty if feasible."""
     duration_interval_s: tuple[float, float] | None = None
-    """Interval with 90 % of all flights' durations, if disturbances are known only statistically."""
+    """Interval that contains the durations of 90 % of the flights, if disturbances are random."""
     energy_interval_wh: tuple[float, float] | None = None
     energy_bound_wh: float | None = None
     """Energy that suffices for one flight with `sim_vehicle.prediction.predict.BOUND_PROBABILITY`."""
@@ -82,8 +82,8 @@ class Prediction:
     def ground_length_m(self) -> float:
         """Length over ground from take-off to landing, as plans state their length.
 
-        It is the flown length times the ratio of the track's length over ground to its length in space. The
-        track's length alone would be wrong, because the track cuts corners and may be truncated.
+        It is the flown length times the ratio of the track's horizontal length to its length in space. The
+        length of the track alone would be wrong, because the track cuts corners and may be truncated.
         """
         steps = np.diff(self.track_m, axis=0, prepend=np.zeros((1, 3)))
         flown_m = float(np.sqrt((steps**2).sum(axis=1)).sum())

@@ -60,8 +60,8 @@ def predict_flight(
 ) -> Prediction:
     """Predict a flight of the mission from home.
 
-    The prediction uses the simulated vehicle, so it has the duration, energy and length of an undisturbed
-    flight in the same wind. It does not include failsafes that end a flight early.
+    The prediction uses the simulated vehicle, so duration, energy and length are those of an undisturbed
+    flight in the same wind. The prediction does not include failsafes that end a flight early.
 
     Parameters
     ----------

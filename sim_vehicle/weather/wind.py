@@ -159,7 +159,7 @@ class WindSeries:
     def __init__(self, wind: Wind) -> None:
         seed = wind.seed
         if isinstance(seed, np.random.SeedSequence):
-            # A SeedSequence changes when it spawns. The copy of it makes all series of one wind equal.
+            # A SeedSequence changes when it spawns; with a copy, all series of one wind are equal.
             seed = np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key, pool_size=seed.pool_size)
         self._gusts: _GaussMarkov | _Dryden | None = None
         if wind.is_gusty:

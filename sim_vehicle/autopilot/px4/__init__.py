@@ -1,6 +1,6 @@
 """PX4 1.17 for multirotors: take-off, landing and return, and the autopilot.
 
-Add-ons derive the firmwares of fixed wings and rovers from it.
+Add-ons derive PX4's firmwares for fixed wings and rovers from the firmware of this module.
 """
 
 from __future__ import annotations

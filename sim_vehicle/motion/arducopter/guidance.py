@@ -353,8 +353,8 @@ def _lead_to(guide: Record, law: Record) -> bool:
 
     Source: `AC_PosControl::input_pos_NEU_m`. The target can always stop at the position with half of the
     acceleration and jerk limits. The velocity correction has a part along the wanted velocity and a part
-    across it. If the correction is within 45 degrees of the wanted direction or of its opposite, the
-    first part gets most of the acceleration; otherwise the target brakes and turns at the same time.
+    across it. If the correction is within 45 degrees of the wanted direction or of its opposite, the part
+    along has precedence; otherwise the target brakes and turns at the same time.
     """
     dt, limit, jerk = law.dt, law.accel, law.shape_jerk
     _move_level(guide, dt)

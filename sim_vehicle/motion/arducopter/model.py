@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 # A vehicle placed in flight joins its first leg if at least this fraction of its speed points along the leg.
-# The leg began at most `_FAR_M` behind the vehicle. The leg's profile may be faster by `_SAME_M_S`.
+# The leg began at most `_FAR_M` behind the vehicle; the leg's profile may be faster by `_SAME_M_S`.
 _STEADY = 0.2
 _FAR_M = 200.0
 _SAME_M_S = 0.3

@@ -102,7 +102,7 @@ def _gentle_acceleration(room: float, jerk: float, dt: float) -> float:
     """Return the acceleration that brings a speed exactly to its limit, from `room` below the limit.
 
     Releasing an acceleration in whole steps changes the speed by up to ``jerk dt^2 / 8`` more than in the
-    continuous law. The last part takes two steps, which leaves no remainder to oscillate about.
+    continuous law. The speed reaches its limit in two last steps without a remainder, which would oscillate.
     """
     change = jerk * dt
     last = change * dt
@@ -235,7 +235,7 @@ def _detour(row: Record, velocity: Vector, acceleration: Vector) -> float:
     """Return the approximate extra path at the start of a leg until the motion off the leg has stopped.
 
     A leg may begin while the vehicle moves across or against it, as with a climb ordered in fast flight. The
-    leg's axes then brake within their small limits.
+    vehicle then brakes across the leg, within the small limits of these axes.
     """
     detour = 0.0
     axes = axes_of(row)

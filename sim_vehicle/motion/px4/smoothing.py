@@ -190,7 +190,7 @@ def clamped(v: Vector, level: float, climb: float) -> Vector:
 
 @compiled(allocates=False)
 def lookahead(place: Vector, begin: Vector, target: Vector, reach: float, endless: bool) -> Vector:
-    """Return the point on the line from `begin` to `target` that is ahead at distance `reach`.
+    """Return the point ahead on the line from `begin` to `target`, at the distance `reach` from the vehicle.
 
     This is PX4's L1 guidance in three dimensions. In PX4, the line goes on beyond the target (`endless`). A
     vehicle with an exact estimate would follow such a line forever, so its line ends at the target.

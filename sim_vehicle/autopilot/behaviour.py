@@ -103,7 +103,7 @@ class ModeTable:
     flips_from: frozenset[int] = frozenset()
     """Custom modes from which FLIP can be entered."""
     unready: Mapping[int, tuple[str, str]] = field(default_factory=dict)
-    """Custom modes that cannot be entered, by number: name, and a notice before the refusal (or empty)."""
+    """Names of custom modes that cannot be entered, by number, and the notice before a refusal (or empty)."""
     not_armable: frozenset[int] = frozenset()
     """Custom modes in which the vehicle does not arm."""
     not_armable_text: str = "{name} mode not armable"
@@ -339,8 +339,8 @@ class MissionBehaviour:
     """Whether a resumed mission uses the speed set by items before the current item, and a single command
     without a speed uses the cruise speed (PX4)."""
     rewinds_survey: bool = False
-    """Whether a mission that was left during a camera series resumes one position before the last position
-    that was passed (PX4)."""
+    """Whether a mission that the vehicle left during a camera series resumes one position before the last
+    position that the vehicle passed (PX4)."""
     pauses_shots: bool = True
     """Whether a camera series pauses outside the mission mode and continues at the next position reached in
     the mission mode (PX4). Otherwise the series continues in any mode until the vehicle disarms

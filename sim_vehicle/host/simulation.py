@@ -332,7 +332,7 @@ class Simulation:
                     self._send(port, messages)
 
     def _arrive(self, port: int, radio: Radio) -> None:
-        """Forward the frames that arrive over a radio; only links get damaged frames."""
+        """Forward the frames that arrive over a radio; components never get damaged frames, links do."""
         for frame in radio.receive("up", self.now_s):
             if valid_frame_end(frame) == len(frame):
                 ports = self._ports(port, frame_id(frame), frame_target(frame))

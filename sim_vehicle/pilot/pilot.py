@@ -466,7 +466,7 @@ class Pilot(Controls):
         return events
 
     def _end_in_return(self, lag_s: float) -> None:
-        """Enter the return mode if the vehicle flies a final return item; its path does not change."""
+        """Enter the return mode if the vehicle flies a final return item; the vehicle keeps its path."""
         executor, mission, now_s = self.executor, self.mission, self.executor.time_s
         if not (self.armed and self.mode is Mode.MISSION and self.landed is not LandedState.ON_GROUND):
             self._return_mode_s = math.inf

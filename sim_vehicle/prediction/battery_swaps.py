@@ -44,9 +44,9 @@ class BatteryChange:
     """Interruption of a mission for a battery change."""
 
     time_s: float
-    """Time of the change in the mission without interruptions."""
+    """Time at which the uninterrupted mission is at the place of the change."""
     place_m: tuple[float, float, float]
-    """East, north, up relative to home; the next battery continues here."""
+    """Position at which the next battery continues: east, north, up relative to home."""
     seq: int
     """Index of the item in flight."""
     energy_wh: float
@@ -200,7 +200,7 @@ class TrialFlights:
         self._end = mission.items[landing[0] :] if landing else (MissionItem(20, 2),)
 
     def there_and_back(self, place_m: NDArray[np.float64], seq: int) -> Transit | None:
-        """Return time and energy of transits to and from a position on an item; None if impossible.
+        """Return time and energy of the transits to a position in the mission and back; None if impossible.
 
         `place_m` is east, north, up relative to home.
         """

@@ -36,10 +36,10 @@ if TYPE_CHECKING:
 __all__ = ["PredictedFlight", "Prediction", "climbs_by_itself", "fly_all", "home_frame", "without_end"]
 
 _LONGEST_S = 86_400.0
-# Time limit for the ideal vehicle, whose time steps are equally cheap to compute at any length.
+# Time limit for the ideal vehicle: a long time step takes no more computing than a short time step.
 _LONGEST_IDEAL_S = 3e8
 _TRACK_POINTS = 20_000
-# Grid on which kernels record tracks; the ideal vehicle has no kernel.
+# Number of time steps between track points of a kernel; the ideal vehicle has no kernel.
 _GRID_STEPS = 5
 _ENDLESS_WH = 1e6
 Air: TypeAlias = "tuple[Wind | None, EstimateErrors | None]"
@@ -97,7 +97,7 @@ class Prediction:
 
 
 class PredictedFlight:
-    """One flight of a mission from home that is to be predicted.
+    """Flight to be predicted: one mission, flown once from home.
 
     The track has at most `track_points` positions; the track of a longer flight is truncated.
     """

@@ -66,8 +66,8 @@ class Wind:
     turbulence: Turbulence | None = None
     """Dryden's gusts, in place of ``gust_m_s``."""
     mirrored: bool = False
-    """Whether all gusts are reversed. A reversed gust is as likely as the gust, and the mean over two flights
-    with opposite gusts varies little (antithetic variates)."""
+    """Whether all gusts are reversed. A reversed gust is as likely as its original, and the mean over two
+    flights with opposite gusts varies little (antithetic variates)."""
 
     def __post_init__(self) -> None:
         names = ("east_m_s", "north_m_s", "gust_m_s", "correlation_s")

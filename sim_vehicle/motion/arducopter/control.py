@@ -89,7 +89,7 @@ while the acceleration along the path is larger."""
 
 @compiled(inline="always")
 def rooted(error: float, gain: float, limit: float) -> float:
-    """Return the rate at which to reduce an error: linear near 0, beyond with the deceleration `limit`."""
+    """Return the rate at which to reduce an error: linear near 0; beyond, the deceleration is `limit`."""
     straight = limit / (gain * gain)
     if error > straight:
         return sqrt(2.0 * limit * (error - 0.5 * straight))

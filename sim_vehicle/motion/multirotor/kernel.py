@@ -166,7 +166,7 @@ def axis_acceleration(
 
 @compiled(allocates=False)
 def velocity_acceleration(v: float, a: float, wanted: float, limit: float, jerk: float, dt: float) -> float:
-    """Return the acceleration at the end of the step, on the way to the speed `wanted`; no overshoot."""
+    """Return the acceleration at the end of the step that leads to the speed `wanted` without overshoot."""
     change = jerk * dt
     low = max(a - change, min(-limit, a + change))
     high = min(a + change, max(limit, a - change))

@@ -42,7 +42,7 @@ Leg = IntEnum(
     "X Y Z BEFORE_X BEFORE_Y BEFORE_Z AFTER_X AFTER_Y AFTER_Z "
     "RADIUS "  # Acceptance radius.
     "SPEED "
-    "HEADING "  # NaN: to the target; infinity: no turn; minus infinity: to the centre of the orbit.
+    "HEADING "  # NaN faces the target, infinity means no turn, minus infinity faces the orbit's centre.
     "NEAR "  # Distance at which NEAR is reported.
     "KIND "  # `LegKind`.
     "PAUSE "

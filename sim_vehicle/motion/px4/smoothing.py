@@ -168,7 +168,7 @@ def climb_speed(
 
 @compiled(allocates=False)
 def clamped(v: Vector, level: float, climb: float) -> Vector:
-    """Return a velocity scaled down to a horizontal and then to a vertical speed limit.
+    """Return a velocity scaled down to the horizontal speed limit, and then to the vertical speed limit.
 
     If a component and its limit are below 0.5 m/s, only this component is scaled.
     """

@@ -41,7 +41,7 @@ AUTOPILOT_GROUP = "wbf_mission.autopilots"
 """Entry point group of autopilots; each entry is a `sim_vehicle.autopilot.Autopilot`."""
 DEFAULT_AUTOPILOT = "px4"
 NO_AUTOPILOT = "generic"
-"""Autopilot name of a vehicle with the generic motion, which no autopilot controls."""
+"""Autopilot name of a vehicle that no autopilot controls; it has the generic motion."""
 KIND_GROUP = "wbf_mission.vehicle_kinds"
 """Entry point group of kinds; each entry is a `VehicleKind` that has the entry's name."""
 # Kinds that the add-ons of this package provide, with their add-on and MAV_TYPE.

@@ -110,7 +110,7 @@ VELOCITY_M_S, VELOCITY_S, VELOCITY_DAMPING = 0.214, 2.25, 0.73
 PUSH_1_S, UNSEEN = 0.5, 0.3
 """Gains of the push: on the velocity error (1/s), and on the rate of change of the velocity error."""
 CLIMB_M_S, CLIMB_S = 0.1, 2.3
-"""Standard deviation and time constant of the vertical velocity error beyond the height drift's rate."""
+"""Standard deviation and time constant of the vertical velocity error, drawn independently of the drift."""
 
 
 def carried_aside_m(gain_1_s: float) -> float:

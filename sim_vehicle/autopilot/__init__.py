@@ -132,7 +132,7 @@ class Autopilot:
     """Function that takes a vehicle number (from 0), and returns the URLs of the links of the autopilot's own
     simulator."""
     link_names: tuple[str, ...] = ()
-    """Names of these links, if the messages differ between links (`MavlinkProfile.link_rates_hz`)."""
+    """Names of the simulator's links, if messages differ between links (`MavlinkProfile.link_rates_hz`)."""
 
     def for_vehicle(self, kind: str) -> Firmware:
         """Return the firmware for a kind of vehicle, or else the firmware for `VehicleKind.shown_as`.

@@ -232,7 +232,7 @@ class FailsafeRules:
     """Whether a pause stops the vehicle in its mode (ArduPilot); otherwise the vehicle enters the hold
     mode."""
     yaws_to_setpoint: bool
-    """Whether the vehicle yaws towards a position setpoint without a heading."""
+    """Whether the vehicle yaws towards the position of a setpoint that gives no heading."""
     fences_setpoints: bool
     """Whether setpoints outside the fence are refused."""
     tells_link_loss: bool
@@ -334,7 +334,7 @@ class MissionBehaviour:
     return_text: str = ""
     """Further notice if a mission ends in the return mode."""
     forgets_speed_in: frozenset[Mode] = frozenset()
-    """Modes in which the vehicle starts with its default speed (ArduPilot)."""
+    """Modes in which the vehicle forgets a changed speed and flies at its default speed (ArduPilot)."""
     replays_speed: bool = False
     """Whether a resumed mission uses the speed set by items before the current item, and a single command
     without a speed uses the cruise speed (PX4)."""

@@ -24,7 +24,7 @@ _MIB_PER_IMAGE = 1e-4
 _PADDING = [0.0] * 58
 _SINGLE = Struct("<4f")
 _UNKNOWN = 65535
-_TAKEN = Struct("<9q")  # Images are stored as these numbers, then the readings.
+_TAKEN = Struct("<9q")  # An image is stored as these numbers, followed by its readings.
 
 
 class Image(NamedTuple):

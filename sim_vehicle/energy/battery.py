@@ -107,7 +107,7 @@ class BatteryMeter:
         left_ah = self._charge_ah[upper - 1] + battery.capacity_wh * _charge(fraction - low, low_v, open_v)
         elapsed = time_s - self._time_s
         if elapsed > 0.0:
-            # The load between two readings is taken as the mean of the loads at both.
+            # The load between two readings is assumed to be the mean of the loads at these readings.
             mean_w = 0.5 * (self._power_w + power_w)
             kept = math.exp(-elapsed / battery.relaxation_s)
             target_v = battery.polarization_ohm * mean_w / open_v

@@ -306,7 +306,7 @@ class Server(Closing):
                 client.send(frame)
 
     def _meet_clients(self) -> None:
-        """Route to the clients that are now connected."""
+        """Update the routing for the clients that are now connected."""
         clients = self._selector.clients
         if clients is self._clients:
             return

@@ -256,7 +256,7 @@ def _change_speed(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
 
 
 def _region(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """Execute DO_SET_ROI_LOCATION etc.: point the nose at a position; without a position, stop this."""
+    """Execute DO_SET_ROI_LOCATION etc.: point the nose at a position, or stop pointing if there is none."""
     known = command.id != Command.DO_SET_ROI_NONE and command.frame in (0, *RELATIVE_FRAMES)
     if known and command.position is not None:
         vehicle.pilot.look_at(*command.position)
@@ -286,7 +286,7 @@ def _terminate(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
 
 
 def _set_home(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """Execute DO_SET_HOME: here if parameter 1 is 1, else at a position; PX4 takes altitudes as AMSL."""
+    """Execute DO_SET_HOME: set home here if parameter 1 is 1, else at a position; PX4's altitude is AMSL."""
     pilot, state = vehicle.pilot, vehicle.state
     x, y, up = pilot.state.position_m
     position = pilot.frame.to_wgs84(x, y)

@@ -72,7 +72,7 @@ def stop(state: Record) -> None:
 
 @compiled(inline="always")
 def take_velocity(state: Record, east: float, north: float, up: float, dt: float) -> None:
-    """Set the velocity after a step, and the constant acceleration that leads to it."""
+    """Set the velocity after a step, and the constant acceleration that causes this velocity."""
     state.acceleration_x = (east - state.velocity_x) / dt
     state.acceleration_y = (north - state.velocity_y) / dt
     state.acceleration_z = (up - state.velocity_z) / dt

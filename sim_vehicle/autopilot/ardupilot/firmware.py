@@ -359,7 +359,7 @@ COPTER_RULES = FailsafeRules(
 PLAIN_RULES = replace(
     COPTER_RULES,
     mission_goes_on_bit=0,
-    # Action numbers differ from ArduCopter's; the actions at a low and a critical battery are the same.
+    # Unlike in ArduCopter, action 1 is a return, and action 2 is a landing (ArduPlane) or a hold (Rover).
     defaults=replace(
         COPTER_RULES.defaults, low_battery_action=1, critical_battery_action=2, low_voltage_v=0.0
     ),

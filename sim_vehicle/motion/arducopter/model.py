@@ -108,7 +108,7 @@ class AlongCurves(CompiledMotion):
         at_s = _time_of(head, curve, _POSITION, _FAR_M, scurve.end_time(head, curve))
         behind = _FAR_M
         if scurve.state_at(head, curve, at_s)[1] > along + _SAME_M_S:
-            # The vehicle is still accelerating, so the leg began behind it by the distance flown since.
+            # The vehicle is still accelerating, so the leg began where the profile was still at rest.
             at_s = _time_of(head, curve, _SPEED, along, 0.5 * scurve.end_time(head, curve))
             behind = scurve.state_at(head, curve, at_s)[0]
             _make_leg(guide, law, head, curve, ahead * (behind + left))

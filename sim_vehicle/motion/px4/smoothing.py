@@ -11,7 +11,7 @@ from math import sqrt
 
 from geo.compiled import compiled
 
-# Sign of the speed change, and durations of its phases: with jerk, without, with opposite jerk.
+# Sign of the speed change, and durations of its phases: with jerk, without jerk, with opposite jerk.
 Profile = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
 

@@ -147,7 +147,7 @@ class PlanReceiver:
         }
 
     def _load_part(self, now_s: float) -> None:
-        """Load, once per time step, the items received so far if a mission takes effect item by item."""
+        """If a mission takes effect item by item, load the items received so far, once per time step."""
         if now_s <= self._part_received_s or not self._flies:
             return
         self._part_received_s = NEVER

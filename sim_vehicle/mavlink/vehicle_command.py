@@ -140,7 +140,7 @@ class CameraCommands:
         return [] if self._stop is None else [self.command(self._stop, (0.0,) * 7, now_s)]
 
     def watch(self, now_s: float) -> list[Message]:
-        """Stop a series of images at disarming or, if the autopilot pauses series, outside the mission mode."""
+        """Stop a series of images after disarming and, with PX4, when the vehicle leaves the mission mode."""
         pilot = self._state.pilot
         left = self._was_in_mission and pilot.mode is not Mode.MISSION
         self._was_in_mission = pilot.mode is Mode.MISSION

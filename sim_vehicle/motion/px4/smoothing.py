@@ -134,7 +134,7 @@ def level_speed(
     jerk: float,
     gain: float,
 ) -> float:
-    """Return the horizontal speed that still allows the corner ahead, and a stop at the waypoint after it.
+    """Return the horizontal speed that allows the turn at the waypoint ahead, and a stop at the next waypoint.
 
     `gain` is the fraction of the acceleration that is used in corners.
     """
@@ -153,7 +153,7 @@ def level_speed(
 def climb_speed(
     place: Vector, target: Vector, after: Vector, radius: float, top: float, accel: float, jerk: float
 ) -> float:
-    """Return the vertical speed that still allows the heights of the target and the next waypoint.
+    """Return the vertical speed that allows the vehicle to keep the heights of target and next waypoint.
 
     As in PX4, the angle between both legs is measured in the plane of height and distance from the origin.
     """

@@ -134,7 +134,7 @@ def level_speed(
     jerk: float,
     gain: float,
 ) -> float:
-    """Return the horizontal speed that allows the turn at the waypoint ahead, and a stop at the next waypoint.
+    """Return the horizontal speed that allows the turn at the target ahead, and a stop at the next waypoint.
 
     `gain` is the fraction of the acceleration that is used in corners.
     """

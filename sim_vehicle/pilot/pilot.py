@@ -320,7 +320,7 @@ class Pilot(Controls):
         distance_m = math.hypot(x_m, y_m)
         if not (distance_m <= self.spec.max_distance_m and self.spec.reaches(altitude_m)):
             raise RefusedError(
-                f"Reposition refused: {distance_m:.0f} m away, {altitude_m:.0f} m high: too far", denied=True
+                f"Reposition out of range: {distance_m:.0f} m away, {altitude_m:.0f} m high", denied=True
             )
         outside = self.failsafe.outside((x_m, y_m, altitude_m))
         if outside is not None:

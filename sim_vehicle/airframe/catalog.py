@@ -179,7 +179,7 @@ def _parameters(
         raise VehicleError(f"{key} must be a table of parameters")
     for name, number in value.items():
         if not _PARAMETER.fullmatch(name):
-            msg = f"[{key}] {name!r} is not a parameter name: use a capital, then up to 15 capitals, digits or _"
+            msg = f"[{key}] {name!r} is not a parameter name: use a capital, then 0 to 15 capitals, digits, _"
             raise VehicleError(msg)
         if isinstance(number, bool) or not isinstance(number, int | float) or not abs(number) < 1e9:
             raise VehicleError(f"[{key}] {name} {number!r} is not a number")

@@ -202,7 +202,7 @@ class FixedWingProcedures(FlightProcedures):
     climbs_ahead: bool
     """Whether a take-off climbs straight ahead, not towards its position."""
     turns_to_zero: bool
-    """Whether the firmware takes a return item without coordinates for the position 0 N, 0 E."""
+    """Whether the firmware reads a return item without coordinates as the position 0 N, 0 E."""
 
     @abstractmethod
     def limits(self, spec: VehicleSpec) -> FixedWingBounds:

@@ -96,7 +96,7 @@ class BatteryMeter:
         """Advance to `time_s` and return the state of the battery.
 
         `used_j` is the energy drawn from the cells since they were full. `power_w` is the present power from
-        the cells. Both include the losses in the battery. A second reading at one time gives the same state.
+        the cells. Both include the battery's losses. A second reading at the same time gives the same state.
         """
         battery = self.battery
         fraction = remaining_fraction(battery, used_j)

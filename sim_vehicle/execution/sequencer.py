@@ -259,7 +259,7 @@ class MissionSequencer:
         return on_mission and self.items[self.current_seq].command == Command.NAV_RETURN_TO_LAUNCH
 
     def leave_to_return(self) -> None:
-        """Leave the mission, and go on with its return item as a return outside the mission."""
+        """Leave the mission during its return item, and continue this return outside the mission."""
         self.flight.phase = (
             FlightPhase.LAND if self.flight.landed is LandedState.LANDING else FlightPhase.RETURN
         )

@@ -98,7 +98,7 @@ def test_the_plan_tells_its_camera(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["plan", *given]) == 0
     printed = capsys.readouterr().out
     assert "parrot-sequoia: 0.94 cm a pixel at 10.0 m" in printed
-    assert "2.8 m/s (sharp up to 9.4 m/s, in time up to 2.8 m/s)" in printed
+    assert "2.8 m/s (sharp images up to 9.4 m/s, none missed up to 2.8 m/s)" in printed
 
 
 def test_a_strip_along_a_creek_is_surveyed_within_its_border(tmp_path: Path) -> None:

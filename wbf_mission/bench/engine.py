@@ -113,10 +113,10 @@ def _row_of(run: BenchRun, result: RunRecord, wall_s: float, cpu_s: float) -> Be
 
 
 def _predicted_time_s(result: RunRecord) -> float | None:
-    """Return the predicted time of the flights (s); for a policy, the time that its last paths would take.
+    """Return the predicted time of the flights (s); for a policy, the time until its last paths would end.
 
-    A policy's paths are priced in the unit of the budget, so return None unless the unit is a time (a step
-    takes a second).
+    The cost of a policy's path has the unit of the budget. Return None unless this unit is the second or the
+    step, which takes a second.
     """
     if result.scenario.mission.policy is None:
         return result.predicted_time_s
@@ -138,7 +138,7 @@ def _predicted_time_s(result: RunRecord) -> float | None:
 
 
 def _calibration_of(result: RunRecord) -> dict[str, float]:
-    """Return the calibration of the last estimate on the fields' cells not observed on the last day."""
+    """Return the calibration of the last estimate on cells that were not observed on the last day."""
     if result.model is None or result.truth is None:
         return {}
     unseen = result.fields.masks(result.plan.farm.grid())
@@ -294,7 +294,7 @@ def _fly_packed(sent: bytes, theirs: Mapping[str, str]) -> _Flown:
     if why := unlike(theirs):
         raise ClusterError(why)
     try:
-        function, run = pickle.loads(sent)  # noqa: S301 (sent by this command over its own pool or scheduler)
+        function, run = pickle.loads(sent)  # noqa: S301 (this command sent it over its pool or scheduler)
     except Exception as error:
         return f"{_UNSENT}: {type(error).__name__}: {error}"
     return cast("BenchRow", function(run))
@@ -312,7 +312,7 @@ def _in_processes(runs: Sequence[BenchRun], jobs: int) -> Iterator[BenchRow]:
                     yield row
         except BrokenProcessPool:
             remaining = [run for run in remaining if run.key not in done]
-            # One of the first `jobs` runs killed its process. Each is flown alone, so only the culprit fails.
+            # One of the first `jobs` runs killed its process. Flown one by one, only this run fails.
             yield from map(_alone, remaining[:jobs])
             remaining = remaining[jobs:]
         else:

@@ -185,7 +185,7 @@ def _choices(key: str, choices: Sequence[Choice]) -> Iterator[str]:
     if named:
         yield f"{key} = {_texts(named)}"
     if own:
-        yield f"# {key} of your own, which no file names: give all on the command line: {_texts(own)}"
+        yield f"# {key} of your own, which no file can name: give all on the command line: {_texts(own)}"
 
 
 def _texts(texts: Sequence[str]) -> str:

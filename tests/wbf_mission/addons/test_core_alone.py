@@ -149,7 +149,7 @@ def test_a_part_that_no_add_on_brings_is_named_before_anything_is_done(alone, wo
 
 def test_without_the_add_on_a_flight_is_saved_without_pictures(alone):
     done = alone[NO_PICTURES]
-    said = "note: no pictures: no package that is installed makes 'path.png' (wbf_mission.products)\n"
+    said = "note: no pictures, since no installed package makes 'path.png' (wbf_mission.products)\n"
     assert (done.code, done.err.count(said)) == (0, 1), done.err
     assert (done.folder / "flown" / "result.json").is_file() and not list(done.folder.rglob("*.png"))
 

@@ -58,7 +58,7 @@ def test_a_slow_camera_slows_the_flight_and_refuses_what_is_asked() -> None:
 
 def test_gsd_and_altitude_may_agree_but_not_contradict_each_other() -> None:
     height = get_camera("sentera-6x").height_m(0.05)
-    with pytest.raises(ScenarioError, match=r"has that at 115\.9 m, not at the altitude of 50 m \(2.16 cm\)"):
+    with pytest.raises(ScenarioError, match=r"this gsd at 115\.9 m, not at the altitude of 50 m \(2.16 cm\)"):
         plan(Scenario(**SURVEY, gsd_cm=5.0, altitude_m=50.0))
     with pytest.raises(ScenarioError, match=r"but flights are 2 to 120 m high"):
         plan(Scenario(**SURVEY, gsd_cm=9.0))
@@ -98,7 +98,7 @@ def test_the_plan_tells_its_camera(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["plan", *given]) == 0
     printed = capsys.readouterr().out
     assert "parrot-sequoia: 0.94 cm a pixel at 10.0 m" in printed
-    assert "2.8 m/s (sharp images up to 9.4 m/s, none missed up to 2.8 m/s)" in printed
+    assert "2.8 m/s (sharp images up to 9.4 m/s, no gaps up to 2.8 m/s)" in printed
 
 
 def test_a_strip_along_a_creek_is_surveyed_within_its_border(tmp_path: Path) -> None:

@@ -314,7 +314,7 @@ def _camera_rows(result: PlanResult) -> dict[str, str]:
     camera = result.camera
     if camera is None:
         return {}
-    in_time = "" if camera["interval_speed_m_s"] is None else ", none missed up to {interval_speed_m_s:.1f} m/s"
+    in_time = "" if camera["interval_speed_m_s"] is None else ", no gaps up to {interval_speed_m_s:.1f} m/s"
     forms = {
         "camera": "{name}: {gsd_cm:.2f} cm a pixel at {height_m:.1f} m",
         "image": "{footprint_across_m:.1f} m across the flight, {footprint_along_m:.1f} m along",

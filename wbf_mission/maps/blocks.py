@@ -1,7 +1,7 @@
 """Grid of pixels and blocks for reports and pictures, and sums by numpy for pixels of one cell.
 
 On farms whose pixels are single cells, loading compiled code would take longer than the sums, so numpy
-computes them. The results equal those of `wbf_mission.maps.block_sums` to the bit.
+computes the sums. The results equal those of `wbf_mission.maps.block_sums` to the bit.
 """
 
 from __future__ import annotations

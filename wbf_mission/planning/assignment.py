@@ -47,7 +47,7 @@ class SortieNumber:
         return cls(day, 1, system_id, day)
 
     def stream_names(self, part: str) -> tuple[str, ...]:
-        """Return the names of a part's random stream; vehicle 1's first flight has only the part's name."""
+        """Return the names that identify a part's random stream; only `part` for vehicle 1's first flight."""
         names = [part]
         if (self.day, self.flight) != (self.first_day, 1):
             names += [f"day-{self.day}", f"flight-{self.flight}"]
@@ -79,7 +79,7 @@ class VehicleAssignment:
         number: SortieNumber,
         progress: Progress = silent,
     ) -> VehicleAssignment:
-        """Return the task of a vehicle in a flight; `footprint` is in cells a side."""
+        """Return the task of a vehicle in a flight; `footprint` is the side of an image, in cells."""
         farm = builder.farm
         means, text = _means(mission, builder)
         camera: dict[str, Any] = {"footprint_m": footprint * farm.cell_size_m}
@@ -129,7 +129,7 @@ class VehicleAssignment:
         )
 
     def travel_cost_in_flight(self, first_m: Points) -> Callable[[InFlight, Points, bool], TravelCost]:
-        """Return a function from the vehicle's state and path in flight to its travel cost.
+        """Return a function that maps the vehicle's state and path in flight to the vehicle's travel cost.
 
         The function's last argument says whether the autopilot leaves its mission for a change of path.
         """

@@ -43,8 +43,8 @@ class ReserveCharge:
     """Surcharge for gusts and estimate errors, so that a flight lands with the battery's reserve.
 
     A path's price assumes an exact position estimate and few gusts. One flight is therefore predicted in
-    full, with estimate errors and more gusts. The ratio of its bound (`Prediction.most_wh`) to its price
-    multiplies the prices of all other flights. The spread grows with the square root of the energy.
+    full, with estimate errors and more gusts. All prices are multiplied by the ratio of this flight's bound
+    (`Prediction.most_wh`) to its price. In flight, the spread grows with the square root of the energy.
     """
 
     builder: MissionBuilder
@@ -189,7 +189,7 @@ def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = Fa
 
 
 def _battery_in(unit: str, builder: MissionBuilder) -> float:
-    """Return how long ("s") or how much ("Wh") a battery less its reserve gives in steady flight."""
+    """Return the time ("s") or energy ("Wh") of steady flight on a battery less its reserve."""
     battery = builder.vehicle.battery
     if battery is None or builder.vehicle.power is None:
         return math.inf

@@ -107,7 +107,7 @@ def vehicles_of(
 
 
 def _check_extent(mission: MissionOptions, farm: Farm, vehicles: Sequence[Vehicle]) -> None:
-    """Raise ScenarioError for a survey of more than 24 hours, before planning it for minutes."""
+    """Raise ScenarioError for a survey of more than 24 hours, instead of planning it for minutes."""
     if mission.file is not None or mission.planner.chosen != "survey":
         return
     for vehicle in vehicles:
@@ -196,7 +196,7 @@ def flies(spec: VehicleSpec) -> bool:
 
 
 def _parameters(vehicle: VehicleOptions, spec: VehicleSpec, height_m: float) -> dict[str, float]:
-    """Return a vehicle's parameters with the return altitude of its layer, unless the user has set that."""
+    """Return a vehicle's parameters with the return altitude of its layer, unless the user has set it."""
     given = vehicle.parameters
     firmware = get_autopilot(vehicle.autopilot).firmware(spec.kind)
     if firmware is None or firmware.return_height is None:

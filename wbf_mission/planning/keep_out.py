@@ -34,7 +34,7 @@ _TURNS_DEG = (90, 90, 90, 45, 120, 120, 120, 30, -90, -90, -90, -45, -120, -120,
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeepOut:
-    """Area around obstacles over which no path is planned."""
+    """Area around obstacles that planned paths do not enter."""
 
     # Obstacles widened by at least `distance_m`, in metres of the farm frame; enclosed gaps are filled
     area: Area
@@ -45,9 +45,9 @@ class KeepOut:
 
     @classmethod
     def of(cls, obstacles: Sequence[Obstacle], margin_m: float, stray: float) -> KeepOut:
-        """Return the keep-out area for vehicles that stray by `stray`; it is `margin_m` wider than that (m).
+        """Return the area within `margin_m` + `stray` of obstacles, for vehicles that deviate by `stray` (m).
 
-        If an obstacle has a margin, that replaces `margin_m`.
+        If an obstacle has a margin, this margin replaces `margin_m`.
         """
         distance_m = margin_m + stray
         wide = [obstacle.widened(margin_m, stray + _SMOOTH_M + _GRAZES_M) for obstacle in obstacles]

@@ -255,7 +255,7 @@ def check_end(subject: Subject) -> Iterator[Finding]:
 
 
 def _is_last(subject: Subject, item: int) -> bool:
-    """Return whether an item is a NAV item, followed by DO items at most."""
+    """Return whether an item is a last NAV item, which no other NAV item follows."""
     items = subject.items
     if items[item].command > LAST_NAV:
         return False

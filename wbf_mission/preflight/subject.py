@@ -51,7 +51,7 @@ LAST_NAV = 95
 def followers(items: Sequence[MissionItem], seq: int) -> tuple[int, ...]:
     """Return the items that may follow item ``seq``, counted from 0; ``len(items)`` is the end.
 
-    After a landing, only a take-off continues the mission. An endless jump to no valid item has no followers.
+    After a landing, only a take-off continues the mission. Nothing follows an endless jump to an invalid item.
     """
     item = items[seq]
     if item.command in _ENDINGS:
@@ -156,7 +156,7 @@ class Circumstances:
     margin_m: float = MissionOptions().margin_m
     max_altitude_m: float = MissionOptions().max_altitude_m  # Highest allowed altitude above home
     image_interval_s: float = MIN_INTERVAL_S  # The camera's shortest interval
-    assumed: bool = False  # Whether the vehicle is only assumed, so that findings on it are no errors
+    assumed: bool = False  # Whether the vehicle is only assumed; errors about it are then warnings
     snapshot: Answers | None = None  # The vehicle's answers
     footprint: int = 1  # Side of an image, in cells of the farm
     imaging: Imaging | None = None  # Mapping camera; None: the leaf camera
@@ -212,7 +212,7 @@ class Subject:
 
     @property
     def vehicle_type(self) -> int:
-        """MAV_TYPE from the vehicle's heartbeat; for an assumed vehicle, that of its firmware."""
+        """MAV_TYPE from the vehicle's heartbeat; for an assumed vehicle, the MAV_TYPE of its firmware."""
         if self.given.snapshot is not None:
             return self.given.snapshot.vehicle_type
         firmware = firmware_of(self.vehicle)
@@ -270,7 +270,7 @@ def subject_of(mission: Mission, given: Circumstances) -> Subject:
 
 
 def level_of_plan(mission: Mission, options: VehicleOptions) -> FlightLevel:
-    """Return the height and speed of a plan, which decide its wind."""
+    """Return the height and speed of a plan, for which the wind is predicted."""
     level = flight_level(MissionOptions(), options)
     heights = [
         item.z
@@ -281,7 +281,7 @@ def level_of_plan(mission: Mission, options: VehicleOptions) -> FlightLevel:
 
 
 def _with_home(mission: Mission, given: Circumstances) -> Mission:
-    """Return the mission with a home: its own, the farm's, or the vehicle's position."""
+    """Return the mission with a home: the mission's home, the farm's home, or the vehicle's position."""
     if mission.home is not None:
         return mission
     if given.farm is not None:

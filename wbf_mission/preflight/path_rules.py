@@ -233,7 +233,7 @@ _LOWEST_M = 2.0
         "too-high",
         WARNING,
         "the height is more than is allowed above the ground",
-        "fly lower, or give --max-altitude if you have a permission; over ground lower than home, the height is greater",
+        "fly lower, or give --max-altitude if you have a permission; ground below home adds to the height",
         rules.at_most("height above home", "m"),
     ),
     Rule(

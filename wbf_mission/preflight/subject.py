@@ -51,7 +51,7 @@ LAST_NAV = 95
 def followers(items: Sequence[MissionItem], seq: int) -> tuple[int, ...]:
     """Return the items that may follow item ``seq``, counted from 0; ``len(items)`` is the end.
 
-    After a landing, only a take-off continues the mission. Nothing follows an endless jump to an invalid item.
+    After a landing, only a take-off continues the mission. An endless jump to an invalid item leads nowhere.
     """
     item = items[seq]
     if item.command in _ENDINGS:

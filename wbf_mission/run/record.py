@@ -68,7 +68,7 @@ class FlightRecord:
     seen_before : int
         Number of the run's observations before the flight.
     begun_s : float
-        Start of the flight, seconds after the start of the run; the flight's times count from it.
+        Start of the flight, seconds after the start of the run; the flight's times count from this time.
     resumed : bool
         Whether the flight ended early and a later flight resumed it.
     texts : list
@@ -395,7 +395,7 @@ class RunRecord:
         if (vehicles := len({flight.system_id for flight in self.flights})) == 1:
             return f"{way} in {over}"
         together = time(self.air_time_s, self.predicted_air_time_s)
-        return f"{way} by {vehicles} vehicles in {together} added up; over after {over}"
+        return f"{way} by {vehicles} vehicles; total flight time {together}, elapsed {over}"
 
     @property
     def budget_left(self) -> str:

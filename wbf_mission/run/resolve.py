@@ -162,8 +162,8 @@ def resolve(
     """
     if to_fly and scenario.camera.model is not None:
         msg = (
-            f"camera {scenario.camera.model}: a run flies with the leaf camera, which sees"
-            f" {scenario.camera.footprint} cells a side; plan with the camera, and fly the"
+            f"camera {scenario.camera.model}: a run flies with the leaf camera, whose images are"
+            f" {scenario.camera.footprint} cells wide; plan with camera {scenario.camera.model}, and fly the"
             " plan's file with --mission"
         )
         raise ScenarioError(msg)

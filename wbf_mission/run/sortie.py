@@ -168,7 +168,7 @@ class Sortie:
 
     @property
     def _item(self) -> int:
-        """The current mission item; after a mission change, the last item until the vehicle reports again."""
+        """The mission item that the vehicle reported last; a mission change does not reset it."""
         told = self.ground.vehicle_state.item
         if told is not None:
             self._last_item = told

@@ -94,7 +94,7 @@ def _run(path: Path, what: str) -> ModuleType:
 
 
 def below_own_code(path: str) -> str:
-    """Return a path in a folder of user code relative to this folder, and any other path unchanged."""
+    """Return a path relative to the folder of user code that contains it; return other paths unchanged."""
     files = (
         getattr(module, "__file__", None)
         for name, module in list(sys.modules.items())

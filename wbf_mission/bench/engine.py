@@ -72,7 +72,7 @@ def _fresh(scenario: Scenario) -> Scenario:
 
 
 def failed_row(run: BenchRun, cause: str) -> BenchRow:
-    """Return the row of a run without a result."""
+    """Return the row of a run that gave no result."""
     return BenchRow(**_which(run), error=" ".join(cause.split()), versions=versions(), hardware=hardware())
 
 

@@ -111,7 +111,7 @@ def _help_all(count: int) -> Any:
 
 
 class HelpGroup(_Help, TyperGroup):
-    """A group of commands with this layout of help; called without a command, it prints the help."""
+    """A group whose help page lists its commands, then its options; without a command, it prints the page."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the arguments; if there are none, print the help and end with exit code 2."""

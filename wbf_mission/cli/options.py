@@ -230,7 +230,7 @@ class Given:
         return chosen
 
     def _check_effects(self, values: Mapping[str, Any], *, is_fleet: bool) -> None:
-        """Raise ScenarioError if a given option has no effect, as the user must have meant another flight."""
+        """Raise ScenarioError if a given option has no effect, as the user expects an effect."""
         for given in (_defined(key) for key in self.changes):
             if given.needs and values[given.needs] == all_options()[given.needs][2].initial:
                 msg = f"{given.flag} has an effect only with {flag_of(given.needs)}: give both"

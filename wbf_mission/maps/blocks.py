@@ -37,10 +37,10 @@ class MapGrid:
     (25, 250, (24, 20), 'B1', 'AB5')
     """
 
-    shape: tuple[int, int]  # Width and height of the farm, in cells
-    cell_size_m: float  # Side of a cell
-    pixel: int  # Side of a pixel, in cells
-    pixels_a_block: int  # Pixels on a side of a block
+    shape: tuple[int, int]  # Width and height of the farm, in cells.
+    cell_size_m: float  # Side of a cell.
+    pixel: int  # Side of a pixel, in cells.
+    pixels_a_block: int  # Pixels on a side of a block.
 
     @classmethod
     def of(cls, farm: Farm) -> MapGrid:

@@ -31,8 +31,8 @@ Floats = NDArray[np.float64]
 
 SHARE_OF_A_HUMP = 0.05
 """Fraction of the farm over which the errors of a continuous field are fully correlated."""
-_PRIOR_SICK = 10.0  # Weight of the epidemic model's mean illness, as a number of observed sick plants
-_DAY_BEFORE = 6  # Assumed day of an estimate without observations, as in the estimators
+_PRIOR_SICK = 10.0  # Weight of the epidemic model's mean illness, as a number of observed sick plants.
+_DAY_BEFORE = 6  # Assumed day of an estimate without observations, as in the estimators.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,16 +70,16 @@ class FieldMap:
 
     field: Field
     grid: MapGrid
-    cells: Floats  # Number of the owner's cells with the field's crops
-    total: Floats  # Disease: expected number of sick plants; continuous field: sum of the values
-    least: Floats  # Minimum value of a pixel's cells; infinite in pixels without cells
+    cells: Floats  # Number of the owner's cells with the field's crops.
+    total: Floats  # Disease: expected number of sick plants; continuous field: sum of the values.
+    least: Floats  # Minimum value of a pixel's cells; infinite in pixels without cells.
     # Sum of the variances of the cells, in squared units of `total`; None if the estimator states no variance
     variance: Floats | None
     # Number of observed cells, and number of observed sick cells
     seen: Floats
     seen_sick: Floats
-    finds: NDArray[np.int32]  # Cells of the observed sick plants, int32[n, 2]
-    together: float = 1.0  # Number of cells with fully correlated errors
+    finds: NDArray[np.int32]  # Cells of the observed sick plants, int32[n, 2].
+    together: float = 1.0  # Number of cells with fully correlated errors.
     # Number of unobserved plants that may be sick (`InformationModel.may_be_sick`), or None if the estimator
     # has no class probabilities
     may_be_sick: Floats | None = None

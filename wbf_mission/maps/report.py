@@ -50,17 +50,17 @@ class FieldReport:
 
     name: str
     title: str
-    kind: str  # Kind of the field: disease or continuous
-    cells: int  # Number of the owner's cells with the field's crops and an estimate
+    kind: str  # Kind of the field: disease or continuous.
+    cells: int  # Number of the owner's cells with the field's crops and an estimate.
     # Number of observed cells, and number of observed sick cells (0 in a continuous field)
     seen: int
     seen_sick: int
-    expected: float  # Expected fraction of sick plants (disease) or mean value (continuous field)
+    expected: float  # Expected fraction of sick plants (disease) or mean value (continuous field).
     # Ends of the 90 % interval of `expected`, or None if the estimator has no variance
     low: float | None
     high: float | None
-    blocks: tuple[BlockReport, ...]  # Blocks with the largest fractions of sick plants or lowest mean values
-    unit: str = ""  # Unit of the values; empty for the range 0..1
+    blocks: tuple[BlockReport, ...]  # Blocks with the largest fractions of sick plants or lowest mean values.
+    unit: str = ""  # Unit of the values; empty for the range 0..1.
     # Size of the smallest set of unobserved plants expected to hold 90 % of the unobserved sick plants
     may_be_sick: int | None = None
 

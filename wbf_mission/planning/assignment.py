@@ -36,10 +36,10 @@ _LEAST_M = 1e-3
 class SortieNumber:
     """Number of one vehicle's flight in a run."""
 
-    day: int  # Day of the environment
-    flight: int  # Number of the flight on the day, from 1
-    system_id: int  # MAVLink system id of the vehicle
-    first_day: int  # First day of the run
+    day: int  # Day of the environment.
+    flight: int  # Number of the flight on the day, from 1.
+    system_id: int  # MAVLink system id of the vehicle.
+    first_day: int  # First day of the run.
 
     @classmethod
     def first(cls, day: int, system_id: int) -> SortieNumber:
@@ -60,13 +60,13 @@ class SortieNumber:
 class VehicleAssignment:
     """Task of one vehicle in one flight."""
 
-    system_id: int  # The vehicle's MAVLink system id
-    builder: MissionBuilder  # Makes and predicts the vehicle's missions
-    request: PlanningRequest  # Request to the planner or policy
-    budget_text: str  # Budget of the flight, in words
-    seed: int  # Seed of the run, for the plan's record
-    drawing_seed: int  # Seed of the planner or policy
-    footprint: int  # Side of the camera's footprint, in cells
+    system_id: int  # The vehicle's MAVLink system id.
+    builder: MissionBuilder  # Makes and predicts the vehicle's missions.
+    request: PlanningRequest  # Request to the planner or policy.
+    budget_text: str  # Budget of the flight, in words.
+    seed: int  # Seed of the run, for the plan's record.
+    drawing_seed: int  # Seed of the planner or policy.
+    footprint: int  # Side of the camera's footprint, in cells.
 
     @classmethod
     def of(

@@ -76,12 +76,12 @@ class FlightBudget:
     A path that needs several batteries costs infinity, unless its mission may be cut into sorties.
     """
 
-    limit: float  # Largest allowed cost of the whole flight, from take-off to touch-down
-    unit: str  # {"s", "Wh"}
+    limit: float  # Largest allowed cost of the whole flight, from take-off to touch-down.
+    unit: str  # "s" or "Wh".
     builder: MissionBuilder
-    reserve: ReserveCharge | None = None  # Surcharge for gusts and estimate errors
-    in_sorties: bool = False  # Whether a mission beyond one battery may be cut into sorties
-    endless: bool = False  # Whether every path is priced with an endless battery
+    reserve: ReserveCharge | None = None  # Surcharge for gusts and estimate errors.
+    in_sorties: bool = False  # Whether a mission beyond one battery may be cut into sorties.
+    endless: bool = False  # Whether every path is priced with an endless battery.
     # Prices are kept, since planners mostly try the same candidate paths for successive flights.
     _known: dict[bytes, float] = field(default_factory=dict, init=False, repr=False)
 
@@ -211,10 +211,10 @@ _SAME_M = 0.05
 class LegCosts:
     """Approximate cost of straight legs, from the ground speed in the mean wind and one turn per leg."""
 
-    speed_m_s: float  # Airspeed
-    acceleration_m_s2: float  # Horizontal acceleration
-    wind_m_s: tuple[float, float]  # Velocity of the mean wind along x and y of the farm frame
-    a_second: float  # Cost of a second of flight, in the unit of the budget
+    speed_m_s: float  # Airspeed.
+    acceleration_m_s2: float  # Horizontal acceleration.
+    wind_m_s: tuple[float, float]  # Velocity of the mean wind along x and y of the farm frame.
+    a_second: float  # Cost of a second of flight, in the unit of the budget.
 
     def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
         """Return the costs of the legs from each of n points to each of m points, float64[n, m]."""
@@ -262,14 +262,14 @@ class FlightTravelCost:
     state: InFlight  # State of the vehicle from its telemetry
     predictor: OnwardPredictor
     rough: LegCosts | GeometricTravelCost
-    unit: str  # {"s", "Wh"}
+    unit: str  # "s" or "Wh".
     # Maps the mean-wind cost of the remaining path to its charge (`FlightBudget.onward`)
     charged: Callable[[float], float]
     # Present path, float64[n, 2]
     present_m: Points = field(default_factory=lambda: np.empty((0, 2)))
     # Whether the autopilot leaves its mission for a change of path, so that the vehicle has to brake
     loses_speed: bool = False
-    # Prices are kept, since the check of an answer asks for the paths that the policy has priced.
+    # Prices are kept, since the check of an answer prices the policy's paths again.
     _known: dict[bytes, float] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def rest(self, paths_m: Sequence[Points]) -> list[float]:

@@ -250,20 +250,20 @@ class MissionBuilder:
     vehicle: VehicleSpec  # The vehicle with its autopilot's parameters
     level: FlightLevel
     weather: WeatherOptions
-    image_spacing_m: float  # Distance between images
-    cornering: Cornering  # The autopilot's way to fly corners
-    home_m: tuple[float, float]  # Take-off and landing position, in metres of the farm frame
+    image_spacing_m: float  # Distance between images.
+    cornering: Cornering  # The autopilot's way to fly corners.
+    home_m: tuple[float, float]  # Take-off and landing position, in metres of the farm frame.
     # Whether the vehicle's position estimate has errors; predictions use their statistics
     estimate_errors: bool = False
     # Area that paths avoid; None if no obstacle reaches the flight height, and for the paper's robot, which
     # has no size
     keep_out: KeepOut | None = None
-    barred: tuple[Obstacle, ...] = ()  # Obstacles too high to be flown over
-    fence_m: float | None = None  # Distance of the fence outside the land's border; None: no fence
-    imaging: Imaging | None = None  # Mapping camera; None: the leaf camera
-    ground: FarmGround | None = None  # Ground that the flight follows; None: flat, at the height of home
-    follows_terrain: bool = False  # Whether the autopilot itself follows the terrain
-    station_range: StationRange | None = None  # Range of the ground station's radio; None: unlimited
+    barred: tuple[Obstacle, ...] = ()  # Obstacles too high to be flown over.
+    fence_m: float | None = None  # Distance of the fence outside the land's border; None: no fence.
+    imaging: Imaging | None = None  # Mapping camera; None: the leaf camera.
+    ground: FarmGround | None = None  # Ground that the flight follows; None: flat, at the height of home.
+    follows_terrain: bool = False  # Whether the autopilot itself follows the terrain.
+    station_range: StationRange | None = None  # Range of the ground station's radio; None: unlimited.
     _last: list[tuple[Mission, Prediction]] = field(
         default_factory=list, init=False, repr=False, compare=False
     )
@@ -487,7 +487,7 @@ def flown_vehicle(vehicle: VehicleOptions) -> VehicleSpec:
 
 
 def cornering_of(vehicle: VehicleSpec, radius_m: float | None = None) -> Cornering:
-    """Return the cornering of a vehicle's autopilot; `radius_m` replaces its acceptance radius."""
+    """Return the cornering of a vehicle's autopilot; `radius_m` replaces the default acceptance radius."""
     firmware = firmware_of(vehicle)
     own = Cornering() if firmware is None else firmware.cornering
     return own if radius_m is None else replace(own, radius_m=radius_m)

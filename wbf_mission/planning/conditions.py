@@ -23,8 +23,8 @@ _SLOWEST_M_S = 1.0
 class FlightLevel:
     """Height and speed of a planned flight."""
 
-    altitude_m: float  # Above home
-    speed_m_s: float  # Over ground in calm air
+    altitude_m: float  # Above home.
+    speed_m_s: float  # Over ground in calm air.
 
 
 def flight_level(mission: MissionOptions, vehicle: VehicleOptions) -> FlightLevel:

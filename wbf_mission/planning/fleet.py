@@ -39,7 +39,7 @@ from wbf_mission.scenario import (
 from wbf_mission.scenario.parts import VehicleParts
 from wbf_mission.scenario.values import DISTANCE, LAYERS
 
-_LONGEST_H = 24.0  # Longest survey (h); longer flights cannot be predicted
+_LONGEST_H = 24.0  # Longest survey (h); longer flights cannot be predicted.
 # Distance between the start positions of two vehicles, in multiples of the required separation.
 _ROW_FACTOR = 1.5
 

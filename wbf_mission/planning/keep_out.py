@@ -38,9 +38,9 @@ class KeepOut:
 
     # Obstacles widened by at least `distance_m`, in metres of the farm frame; enclosed gaps are filled
     area: Area
-    distance_m: float  # Least distance of planned legs from the obstacles
-    near: Area  # Obstacles widened by their margins, which the flown path must keep
-    outside: Terrain  # Plane without the area, in which paths are searched
+    distance_m: float  # Least distance of planned legs from the obstacles.
+    near: Area  # Obstacles widened by their margins, which the flown path must keep.
+    outside: Terrain  # Plane without the area, in which paths are searched.
     _crossed: Area
 
     @classmethod
@@ -155,8 +155,8 @@ MOST_VERTICES = 60
 """Largest number of vertices of a fence, since PX4 stores 64 items (NUM_MISSIONS_SUPPORTED, dataman)."""
 _LEAST_M = 0.05
 _NEAR_M = 0.01
-_OF_OBSTACLES = MOST_VERTICES // 2  # Largest number of vertices of all exclusion polygons together
-_LEAST_VERTICES = 4  # Every outline can be replaced by its smallest rectangle
+_OF_OBSTACLES = MOST_VERTICES // 2  # Largest number of vertices of all exclusion polygons together.
+_LEAST_VERTICES = 4  # Every outline can be replaced by its smallest rectangle.
 
 
 def border_fence(

@@ -347,7 +347,7 @@ _SMALLEST_RADIUS_M = 1.0
     )
 )
 def check_radii(subject: Subject) -> Iterator[Finding]:
-    """Find acceptance radii that are too small if the vehicle's height error counts, too."""
+    """Find acceptance radii that are too small for height errors, if the radius also limits the height."""
     if subject.profile.radius_in_space and subject.vehicle.hovers:
         small = [Hit(leg.item, leg.radius_m) for leg in legs_of(subject) if leg.radius_m < _SMALLEST_RADIUS_M]
         yield from worst(subject, "small-radius", small, _SMALLEST_RADIUS_M, autopilot=subject.profile.name)

@@ -39,8 +39,8 @@ class Answer:
     """A valid decision of a policy, with the costs of its paths."""
 
     decision: Decision
-    costs: dict[int, float]  # Cost of each new path by system id, in the unit of the vehicle's budget
-    compute_s: float  # Computing time of the decision, without the time spent waiting for a core
+    costs: dict[int, float]  # Cost of each new path by system id, in the unit of the vehicle's budget.
+    compute_s: float  # Computing time of the decision, without the time spent waiting for a core.
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +119,8 @@ class Knowledge:
     day: int
     fields: FieldSet
     weights: ScoreWeights
-    model: Callable[[], InformationModel]  # Returns the estimate after all observations
-    observations: Callable[[], Observations]  # Returns all observations
+    model: Callable[[], InformationModel]  # Returns the estimate after all observations.
+    observations: Callable[[], Observations]  # Returns all observations.
 
     def observation(
         self, event: Event, time_s: float, vehicles: Sequence[VehicleReport], compute_s: float

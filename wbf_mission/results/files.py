@@ -260,7 +260,7 @@ def write_arrays(result: RunRecord, folder: Path, pool: Executor) -> dict[Path, 
         # Probabilities are written in strips: they are large on large farms, and may be computed on access.
         strip = partial(model.probabilities_in, disease)
         jobs[path] = partial(write_strips, path, strip, (len(CLASSES), *model.shape), CLASSES)
-    # Probabilities need most memory, so they are written first, before another thread draws pictures.
+    # Probabilities need the most memory, so they are written first, before another thread draws pictures.
     begun = {path: pool.submit(job) for path, job in reversed(jobs.items())}
     return {path: begun[path] for path in jobs}
 

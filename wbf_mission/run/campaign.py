@@ -41,9 +41,9 @@ from wbf_mission.run.reuse import FlightAlone, FlightMemory, FlightsAhead, can_f
 class RealSorties(Protocol):
     """A real vehicle's progress through its sorties; if a sortie ends early, the rest is cut again."""
 
-    cut: SortiePlan  # Flown sorties, cut to their flown part, and the planned sorties
-    stopped: str  # Why the mission was stopped; empty if it goes on or is complete
-    changed_s: float  # Duration of the last battery change
+    cut: SortiePlan  # Flown sorties, cut to their flown part, and the planned sorties.
+    stopped: str  # Why the mission was stopped; empty if it goes on or is complete.
+    changed_s: float  # Duration of the last battery change.
 
     def follow(self, flight: int) -> MissionProgress:
         """Return the progress tracker of a flight; flights count from 1."""

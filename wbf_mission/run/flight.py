@@ -51,13 +51,13 @@ class PlannedFlight:
 
     day: int
     flight: int
-    loop: DecisionLoop  # Asks the policy during the flight
+    loop: DecisionLoop  # Asks the policy during the flight.
     # Sortie number, vehicle and plan for each vehicle with a path; empty if the flight is skipped
     sorties: tuple[tuple[SortieNumber, Vehicle, PlanResult], ...]
     # Ratio of expected to planned flight time, for each vehicle; above 1 if a policy adds paths in flight
     times: tuple[float, ...]
-    faults_seed: SeedSequence  # Seed of the faults that are injected into the flight
-    gone: Collection[int] = ()  # System ids of the lost vehicles
+    faults_seed: SeedSequence  # Seed of the faults that are injected into the flight.
+    gone: Collection[int] = ()  # System ids of the lost vehicles.
 
     @property
     def plans(self) -> tuple[PlanResult, ...]:

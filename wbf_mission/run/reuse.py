@@ -56,8 +56,8 @@ class _KeptFlight:
 
     records: tuple[FlightRecord, ...]
     images: ImageList
-    seen: Observations  # Observations without values
-    reading: NDArray[np.int64]  # int64[n], number of the reading of each observation
+    seen: Observations  # Observations without values.
+    reading: NDArray[np.int64]  # int64[n], number of the reading of each observation.
     duration_s: float
     frames: int
 

@@ -109,7 +109,7 @@ class Sortie:
         self._travel_cost = task.travel_cost_in_flight(plan.path_m)
         self._last_item = 0
         self._passed = 0
-        # Mission items, path and waypoints of each path that got added waypoints (for corners or obstacles).
+        # For each path with added waypoints (at corners or round obstacles): items, path and waypoints.
         self._led: list[tuple[tuple[MissionItem, ...], Points, Waypoints]] = []
         if self._leads and vehicle.mission.file is None:
             sent = task.builder.waypoints(plan.path_m, task.request.start_xy_m)

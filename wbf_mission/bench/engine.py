@@ -185,7 +185,7 @@ class Workers(Protocol):
         """Greatest number of runs submitted at a time."""
 
     def submit(self, function: Callable[..., _Flown], /, *arguments: Any) -> Future[_Flown]:
-        """Submit a call of `function`, which is sent by its name."""
+        """Submit a call of `function`, of which only the name is sent."""
 
 
 class Cluster(Workers, Protocol):
@@ -289,7 +289,7 @@ def _packed(run: BenchRun) -> tuple[bytes, Mapping[str, str]]:
 def _fly_packed(sent: bytes, theirs: Mapping[str, str]) -> _Flown:
     """Fly a run packed by another process of the same user; return its row, or the cause of the failure.
 
-    ClusterError if this process runs a different program from the sender, because its row would differ.
+    ClusterError if this process runs a different program from the sender, because the row would differ.
     """
     if why := unlike(theirs):
         raise ClusterError(why)

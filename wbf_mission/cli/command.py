@@ -84,7 +84,7 @@ def _broken(error: TargetError) -> Command:
 
 
 class LivePage(Protocol):
-    """The page ``live``: returns a context that serves it, and that yields its address and its listener."""
+    """The page ``live``: the context serves the page, and yields the page's address and listener."""
 
     def __call__(
         self, *, host: str, port: int, orders: Orders | None, tiles: Path | None

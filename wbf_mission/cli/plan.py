@@ -77,8 +77,8 @@ class SortieOptions:
     resume: Annotated[
         str | None,
         option(
-            "Place from which to resume the mission file: an item (12), metres on the leg to it (12+35m), a"
-            " telemetry log, a results folder, or the vehicle's link.",
+            "Place from which to resume the mission file: an item (12), a distance on the leg to an item"
+            " (12+35m), a telemetry log, a results folder, or the vehicle's link.",
             panel=_PANEL,
             metavar="FROM",
         ),

@@ -1,4 +1,4 @@
-"""Handles SIGINT (Ctrl-C), SIGTERM and SIGHUP. Each interrupts a command and has its own exit code."""
+"""Handles SIGINT (Ctrl-C), SIGTERM and SIGHUP. Each signal interrupts a command and has its own exit code."""
 
 from __future__ import annotations
 

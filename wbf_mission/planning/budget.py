@@ -290,8 +290,8 @@ class FlightTravelCost:
     def change(self, points_m: Points) -> float:
         """Return the cost of changing to another path, in addition to the difference in length.
 
-        The first legs of both paths are predicted from the present velocity; the leg of the new path begins
-        as the autopilot begins it after a change.
+        The first legs of both paths are predicted from the present velocity. The first leg of the new path
+        begins at the point at which ArduPilot stops the vehicle for a change.
         """
         if not self.loses_speed or not len(points_m) or not len(self.present_m):
             return 0.0

@@ -114,7 +114,7 @@ def image_places(farm: Farm, mission: Mission, prediction: Prediction) -> Points
 def _smooth(
     when_s: NDArray[np.floating[Any]], times_s: NDArray[np.floating[Any]], places: Points, speeds: Points
 ) -> Points:
-    """Return a track's positions at times `when_s`, by cubic interpolation (chords would shorten it)."""
+    """Return a track's positions at times `when_s`, by cubic interpolation, as chords would be too short."""
     step_s, most = times_s[1] - times_s[0], len(times_s) - 1
     past = np.clip((when_s - times_s[0]) / step_s, 0.0, most)
     k = np.minimum(past.astype(np.int64), most - 1)

@@ -72,7 +72,7 @@ class Vehicle(SingleVehicle):
         return noise_of(self.vehicle, self.task.seed, number.stream_names("navigation"))
 
     def starting_at(self, home_m: tuple[float, float]) -> Vehicle:
-        """Return the vehicle with another home."""
+        """Return the vehicle with this home position."""
         builder = MissionBuilder.of(self, self.task.builder.farm, home_m)
         return replace(self, task=self.task.moved(self.mission, builder))
 

@@ -289,8 +289,8 @@ class JointFlight:
             event = Event.LOST
         if event is not None and self._is_flying():
             # The policy's thread may outlive the flight, so it gets a snapshot and never the estimator. The
-            # estimate's thread makes it, since that takes seconds on large farms, and this thread sends
-            # heartbeats.
+            # estimate's thread makes the snapshot, since that takes seconds on large farms, and this thread
+            # sends heartbeats.
             model = None if self._waits_for_decisions else self._evidence.snapshot()
             question = self._decisions.question(event, self.sorties, self._mission_s, self.now_s, model)
             if self._waits_for_decisions:

@@ -45,7 +45,7 @@ class Decider:
     mission: PlanResult | None = None  # Plan of a mission file, or None for a planner or policy.
     # Sorties of a mission, in the order of their flights; empty for a mission flown in one sortie
     sorties: tuple[PlanResult, ...] = ()
-    named: bool = True  # Whether other processes can make it from its name; objects may not be picklable
+    named: bool = True  # Whether other processes can make the policy from its name (it may not be picklable)
 
     @property
     def steers(self) -> bool:

@@ -214,7 +214,7 @@ class Sortie:
         return ends
 
     def report(self, now_s: float, ahead_s: float = 0.0) -> VehicleReport:
-        """Return the vehicle's state by its telemetry; `spent` includes the next `ahead_s` seconds."""
+        """Return the vehicle's state from its telemetry; `spent` includes the next `ahead_s` seconds."""
         state, frame = self.ground.vehicle_state, self.plan.farm.frame
         task = self.task
         heard = state.heard_s > -math.inf

@@ -56,7 +56,7 @@ class HelpCommand(_Help, TyperCommand):
     """A command whose help page lists the options by panel."""
 
     beginners: ClassVar[tuple[str, ...]] = ()
-    """Options that ``--help`` shows, in this order; if empty, it shows all, as ``--help-all`` always does."""
+    """Options that ``--help`` shows, in this order; all if there are none. ``--help-all`` shows all."""
 
     def __init__(self, *args: Any, **settings: Any) -> None:
         super().__init__(*args, **settings)

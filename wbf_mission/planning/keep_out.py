@@ -39,7 +39,7 @@ class KeepOut:
     # Obstacles widened by at least `distance_m`, in metres of the farm frame; enclosed gaps are filled
     area: Area
     distance_m: float  # Least distance of planned legs from the obstacles.
-    near: Area  # Obstacles widened by their margins, which the flown path must keep.
+    near: Area  # Obstacles widened by the margins that the flown path must keep.
     outside: Terrain  # Plane without the area, in which paths are searched.
     _crossed: Area
 

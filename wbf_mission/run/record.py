@@ -287,7 +287,7 @@ class RunRecord:
 
     @property
     def skipped_flights(self) -> int:
-        """Number of skipped flights, for which the policy returned a path without points to a vehicle."""
+        """Number of flights that vehicles skipped because the policy gave them a path without points."""
         return sum(change.outcome == SKIPPED for decision in self.decisions for change in decision.changes)
 
     @property

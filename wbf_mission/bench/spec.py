@@ -58,7 +58,7 @@ class BenchRun:
     """Complete scenario, with planner, estimator and seed."""
     codes: dict[str, str] = field(default_factory=dict)
     """Behaviour numbers of the built-in code (``code``, `wbf_mission.version.behaviour`), and digests of the
-    scenario (``scenario``) and of a user's ``planner`` and ``estimator``."""
+    scenario (``scenario``) and of a ``planner`` and an ``estimator`` of the user or another package."""
     objects: dict[str, str] = field(default_factory=dict)
     """Description, with parameters, of a ``planner`` (or policy) and an ``estimator`` given as objects."""
 

@@ -139,7 +139,7 @@ def test_a_vehicle_of_an_add_on_is_refused_in_one_line_that_names_it(alone, word
 @pytest.mark.parametrize(("words", "missing"), MISSING.items())
 def test_a_part_that_no_add_on_brings_is_named_before_anything_is_done(alone, words, missing):
     done = alone[words]
-    line = re.fullmatch(r"(?:note: no pictures: .*\n)?error: (?:farm file \S+: )?(.*)\n", done.err)
+    line = re.fullmatch(r"(?:note: no pictures, .*\n)?error: (?:farm file \S+: )?(.*)\n", done.err)
     assert (done.code, line and line[1]) == (
         2,
         f"no package that is installed {missing}: install wbf-mission anew",

@@ -6,7 +6,7 @@ import sys
 import warnings
 from typing import TextIO
 
-_SWITCH_S = 20e-6  # Saves 30 % of the wall time and 15 % of the CPU time over Waterberry; 5e-6 saves no more
+_SWITCH_S = 20e-6  # Saves 30 % of the wall time on Waterberry and 15 % of the CPU time; 5e-6 saves no more
 
 
 def main() -> None:
@@ -25,13 +25,13 @@ def main() -> None:
         from wbf_mission.cli.app import main as run
 
         use_memory_again()
-        # Estimate and flight run in two threads; at CPython's 5 ms each would mostly wait for the other.
+        # At CPython's switch interval of 5 ms, the threads of flight and estimate mostly wait for each other.
         sys.setswitchinterval(_SWITCH_S)
         with compile_notices(_CompileNotice()):
             code = run()
     except KeyboardInterrupt:
         code = signals.exit_code(130)
-    # If Ctrl-C came inside an exec (as in dataclasses), CPython ends by SIGINT, unless another exec runs.
+    # After Ctrl-C inside an exec (as in dataclasses), only another exec keeps CPython from ending by SIGINT.
     exec("")  # noqa: S102
     sys.exit(code)
 
@@ -59,8 +59,8 @@ class _CompileNotice:
         if not self._said:
             self._said = True
             sys.stderr.write(
-                f"compiling {name.partition('.')[0]} for this machine: up to two minutes, kept for later runs"
-                " ('wbf-mission warm-up' does it ahead)\n"
+                f"compiling {name.partition('.')[0]} for this machine (up to two minutes); later runs reuse"
+                " the compiled code ('wbf-mission warm-up' compiles ahead)\n"
             )
             sys.stderr.flush()
 

@@ -70,7 +70,7 @@ class Planned:
     system_id: int
     mission: Mission
     path_m: NDArray[np.float64]  # float64[n, 2]
-    duration_s: float | None = None  # Predicted
+    duration_s: float | None = None  # Predicted duration
     length_m: float | None = None
     coverage: float | None = None  # Predicted fraction of the land that the images cover
 
@@ -85,17 +85,17 @@ class VehicleMoved:
     system_id: int
     x_m: float
     y_m: float
-    height_m: float  # Above home
-    speed_m_s: float  # Over ground
-    heading_rad: float | None = None  # Compass heading
-    battery: float | None = None  # Fraction left
+    height_m: float  # Above home.
+    speed_m_s: float  # Over ground.
+    heading_rad: float | None = None  # Compass heading.
+    battery: float | None = None  # Fraction left.
     mode: str = ""
     armed: bool = False
     item: int | None = None  # Index of the current item in `Mission.items`
     items: int | None = None
-    phase: str = ""  # Phase of the ground station (`mission.outcome.Phase`), in words
-    link_quality: float | None = None  # Fraction of the MAVLink frames that arrived
-    silent_s: float = 0.0  # Time since the last message
+    phase: str = ""  # Phase of the ground station (`mission.outcome.Phase`), in words.
+    link_quality: float | None = None  # Fraction of the MAVLink frames that arrived.
+    silent_s: float = 0.0  # Time since the last message.
 
     @classmethod
     def of(
@@ -192,11 +192,11 @@ class Noted:
 class Found:
     """A finding of the preflight check of a plan."""
 
-    severity: str  # "error", "warning" or "note"
-    code: str  # Name of the rule
+    severity: str  # "error", "warning" or "note".
+    code: str  # Name of the rule.
     text: str
-    vehicle: str = ""  # Prefix of the line, such as ``"vehicle 2: "``, if several vehicles fly
-    refuses: bool = False  # The plan is refused for this finding; an error with the same text follows
+    vehicle: str = ""  # Prefix of the line, such as ``"vehicle 2: "``, if several vehicles fly.
+    refuses: bool = False  # The plan is refused for this finding; an error with the same text follows.
 
 
 @dataclass(frozen=True, slots=True)

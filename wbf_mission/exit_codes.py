@@ -11,15 +11,15 @@ class ExitCode(IntEnum):
     """Exit code of a command; a code above 128 is 128 plus the number of a signal."""
 
     GOOD = 0
-    NOT_GOOD = 1  # The command ended, but the outcome is not good; the result states the reason
-    BAD_INPUT = 2  # Wrong input or failed user code; nothing was written, and stderr states the cause
-    NO_VEHICLE = 3  # No vehicle was heard
-    LINK_LOST = 4  # The link dropped, or the vehicle stopped answering
-    REFUSED = 5  # The vehicle refused, or its mission differed from the uploaded one
-    PROGRAM_ERROR = 70  # A bug in the program
-    INTERRUPTED = 130  # Ctrl-C
-    OUTPUT_CLOSED = 141  # The reader of the output closed the pipe (``| head``)
-    TERMINATED = 143  # SIGTERM
+    NOT_GOOD = 1  # The command ended, but the outcome is not good; the result states the reason.
+    BAD_INPUT = 2  # Wrong input or failed user code; nothing was written, and stderr states the cause.
+    NO_VEHICLE = 3  # No vehicle was heard.
+    LINK_LOST = 4  # The link dropped, or the vehicle stopped answering.
+    REFUSED = 5  # The vehicle refused, or its mission differed from the uploaded one.
+    PROGRAM_ERROR = 70  # A bug in the program.
+    INTERRUPTED = 130  # Ctrl-C.
+    OUTPUT_CLOSED = 141  # The reader of the output closed the pipe (``| head``).
+    TERMINATED = 143  # SIGTERM.
 
 
 def exit_code_of(error: Exception) -> ExitCode:

@@ -48,7 +48,7 @@ def check_flight(scenario: Scenario) -> None:
 
 
 class Way(Protocol):
-    """Way to fly a run: `Simulated`, or with real vehicles (`wbf_mission.LiveLink`)."""
+    """A way to fly a run: with simulated vehicles (`Simulated`) or real vehicles (`wbf_mission.LiveLink`)."""
 
     @property
     def faults(self) -> Sequence[AnyFault | str]:
@@ -68,7 +68,7 @@ class Way(Protocol):
 
     @property
     def console(self) -> OperatorConsole | None:
-        """The operator's console during flights."""
+        """Console of the operator of real vehicles, or None in simulation."""
 
     def fitted(self, scenario: Scenario, events: EventStream) -> Scenario:
         """Return the scenario, adapted to the vehicles."""
@@ -93,11 +93,11 @@ class Simulated:
     Parameters
     ----------
     faults : sequence of Fault or str
-        Faults of each flight (needs the add-on).
+        Faults of each flight (needs the add-on `faults`).
     impairment : Impairment, optional
         Disturbances of the radio between the ground station and the vehicles.
     pace : float, optional
-        Simulated seconds per wall second; by default as many as possible.
+        Simulated seconds per wall second; by default, the simulation runs as fast as possible.
     tlog : Path, optional
         File for all MAVLink frames of the run; its folder is made when the flight begins.
     orders : Orders, optional

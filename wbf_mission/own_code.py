@@ -39,7 +39,7 @@ def own_choice(text: str, what: str) -> Choice | None:
     found = _OWN.fullmatch(text.strip())
     if found is None:
         if text.strip().endswith(".py"):
-            raise ScenarioError(f"{what}: {text} names a file, but nothing in it; give FILE.py:NAME")
+            raise ScenarioError(f"{what}: {text} names a file, but no {what} in it; give FILE.py:NAME")
         return None
     path, name, given = Path(found["file"]), found["name"], found["parameters"]
     try:
@@ -94,7 +94,7 @@ def _run(path: Path, what: str) -> ModuleType:
 
 
 def below_own_code(path: str) -> str:
-    """Return a path relative to the user's code folder, which may move; else return the path unchanged."""
+    """Return a path relative to the folder of user code that contains it; return other paths unchanged."""
     files = (
         getattr(module, "__file__", None)
         for name, module in list(sys.modules.items())

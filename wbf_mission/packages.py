@@ -1,4 +1,4 @@
-"""Check that Python imports the packages of this project, and not other files with the same names.
+"""Check that Python imports the packages of this project, and not a user's files with the same names.
 
 A user's file or folder may be called ``mission`` or ``sensors``. If such a file comes first on the path, a
 later import would fail with a misleading error.
@@ -23,8 +23,9 @@ def require_packages() -> None:
             spec = None
         location = None if spec is None else _location(spec)
         if location is None or location != _HERE / name:
-            found = "is not there" if location is None else f"is hidden by {location}"
-            msg = f"wbf_mission: its package {name!r} {found}; rename that, or run from another folder"
+            hidden = f"is hidden by {location}; rename that, or run from another folder"
+            found = "is missing; install wbf-mission again" if location is None else hidden
+            msg = f"wbf_mission: its package {name!r} {found}"
             # With this name, ``python -m wbf_mission`` prints the error in one line.
             raise ImportError(msg, name="wbf_mission", path=str(location))
 

@@ -104,7 +104,7 @@ def test_the_command_writes_so_many_sorties(small, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("more", "text"),
     [
-        (("--vehicles", "2"), "batteries are counted for one vehicle, but 2 fly"),
+        (("--vehicles", "2"), "batteries are counted for one vehicle, not for 2"),
         (("--whole",), "leave out one of them"),
         (("--vehicle", "ideal"), "vehicle ideal has no battery"),
         (("--budget", "0batteries"), "give 1 to 100 batteries"),

@@ -159,7 +159,7 @@ def test_what_an_operator_should_know_is_said(capsys: pytest.CaptureFixture[str]
     )
     assert code == 1
     assert "no waypoint lies on the farm" in err
-    assert "saw nothing of the farm" in err
+    assert "no image shows the farm" in err
     values = json.loads(text)
     assert (values["outcome"], values["observations"], values["score"]) == ("completed", 0, None)
 

@@ -163,7 +163,7 @@ def test_what_a_fleet_flew_stands_beside_what_was_predicted_of_the_same(vehicles
         parts = (told["air_time_s"], told["predicted_air_time_s"])
         first = "{} (predicted {})".format(*map(duration, parts))
         last = "{} (predicted {})".format(*map(duration, (told["flight_time_s"], told["predicted_time_s"])))
-        assert words.endswith(f"by {vehicles} vehicles in {first} added up; over after {last}")
+        assert words.endswith(f"by {vehicles} vehicles; total flight time {first}, elapsed {last}")
 
 
 def test_a_fleet_is_loaded_as_it_was_saved(tmp_path):

@@ -50,19 +50,17 @@ def test_a_slow_camera_slows_the_flight_and_refuses_what_is_asked() -> None:
     assert done.camera is not None
     assert done.camera["speed_m_s"] == pytest.approx(done.camera["interval_speed_m_s"])
     assert done.camera["speed_m_s"] < 3.0
-    with pytest.raises(
-        ScenarioError, match=r"cruise speed 5 m/s: at 30\.0 m camera dji-mavic-3m-ms can trigger"
-    ):
+    with pytest.raises(ScenarioError, match=r"cruise speed 5 m/s: at 30\.0 m camera dji-mavic-3m-ms takes"):
         plan(Scenario(**slow, cruise_speed_m_s=5.0))
 
 
 def test_gsd_and_altitude_may_agree_but_not_contradict_each_other() -> None:
     height = get_camera("sentera-6x").height_m(0.05)
-    with pytest.raises(ScenarioError, match=r"has that at 115\.9 m, not at the altitude of 50 m \(2.16 cm\)"):
+    with pytest.raises(ScenarioError, match=r"this gsd at 115\.9 m, not at the altitude of 50 m \(2.16 cm\)"):
         plan(Scenario(**SURVEY, gsd_cm=5.0, altitude_m=50.0))
     with pytest.raises(ScenarioError, match=r"but flights are 2 to 120 m high"):
         plan(Scenario(**SURVEY, gsd_cm=9.0))
-    with pytest.raises(ScenarioError, match="front overlap spaces the images"):
+    with pytest.raises(ScenarioError, match="front overlap sets the distance"):
         Scenario(camera_model="sentera-6x", camera_spacing_m=3.0)
     small = {**SURVEY, "farm": "miniberry-100"}
     assert plan(Scenario(**small, gsd_cm=5.0, altitude_m=round(height, 1))).camera is not None
@@ -98,7 +96,7 @@ def test_the_plan_tells_its_camera(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["plan", *given]) == 0
     printed = capsys.readouterr().out
     assert "parrot-sequoia: 0.94 cm a pixel at 10.0 m" in printed
-    assert "2.8 m/s (sharp up to 9.4 m/s, in time up to 2.8 m/s)" in printed
+    assert "2.8 m/s (sharp images up to 9.4 m/s, no gaps up to 2.8 m/s)" in printed
 
 
 def test_a_strip_along_a_creek_is_surveyed_within_its_border(tmp_path: Path) -> None:

@@ -309,7 +309,7 @@ def test_gusts_that_no_margin_covers_are_told_with_a_plan_and_before_a_flight(fa
     assert result.outcome is Outcome.COMPLETED
     assert [(each.code, each.refuses) for each in told] == [("too-gusty", False)]
     words = ("plan", "--farm", farm, "--planner", "random-waypoint", "--budget", "300m", "--wind", "5,270,2")
-    assert "no margin to obstacles or a fence allows for that" in run(capsys, *words, code=0).err
+    assert "farther than the margins to obstacles and fence allow for" in run(capsys, *words, code=0).err
     assert "gusts" not in run(capsys, *words[:-1], "5,270,1", code=0).err
 
 

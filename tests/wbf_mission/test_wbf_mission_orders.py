@@ -22,8 +22,8 @@ def heard_orders():
     [
         (([1], "jump"), "'jump' cannot be ordered now"),
         (([1], "return"), "'return' cannot be ordered now"),
-        (([7], "hold"), "there is no vehicle 7 to take it"),
-        (([], "hold"), "there is no vehicle named to take it"),
+        (([7], "hold"), "there is no vehicle 7 to take the order"),
+        (([], "hold"), "there is no vehicle named to take the order"),
         (([1], "start"), "start starts motors: it has to be confirmed"),
         (([1], "arm", "", "yes"), "arm starts motors: it has to be confirmed"),
         (([1], "takeoff", "10"), "takeoff starts motors: it has to be confirmed"),
@@ -66,11 +66,11 @@ def test_an_order_that_came_too_late_is_not_for_the_next_flight():
 
 def test_only_the_words_of_the_open_question_answer_it():
     orders, heard = heard_orders()
-    assert orders.answer("no more", 0) == "'no more' answers nothing"
+    assert orders.answer("no more", 0) == "'no more' is no valid answer"
     orders.ask("change the battery", ("battery changed", "no more"))
     orders.ask("change the battery", ("battery changed", "no more"))
     (number,) = [one.number for one in heard if isinstance(one, Asked)]
-    assert orders.answer("y", number) == "'y' answers nothing: give battery changed or no more"
+    assert orders.answer("y", number) == "'y' is no valid answer: give battery changed or no more"
     assert orders.answer("no more", number) == ""
     assert orders.answered() == "no more"
     assert orders.answered() is None

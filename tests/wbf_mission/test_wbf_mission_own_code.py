@@ -213,7 +213,7 @@ def test_a_file_that_is_not_there_is_named(capsys):
     assert main(["fly", "--planner", "nowhere.py:Mine", "--no-files"]) == 2
     assert "there is no file nowhere.py" in capsys.readouterr().err
     assert main(["fly", "--policy", "mine.py", "--no-files"]) == 2
-    assert "policy: mine.py names a file, but nothing in it; give FILE.py:NAME" in capsys.readouterr().err
+    assert "policy: mine.py names a file, but no policy in it; give FILE.py:NAME" in capsys.readouterr().err
     assert own_choice("spiral:direction=0.3", "planner") is None
 
 

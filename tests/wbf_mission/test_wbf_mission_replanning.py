@@ -121,11 +121,11 @@ def test_a_question_beside_a_flight_keeps_what_was_known_and_looks_ahead():
         ([(5.0, 1.0)], {"status": Status.SILENT}, "policy changes the path of a vehicle that is silent"),
         ([(5.0, 1.0)], {"status": Status.CHANGING}, "policy changes the path of a vehicle that is changing"),
         ([(3.0, 1.0)], {"here": (3.9, 1.0)}, None),
-        ([(3.0, 1.0)], {"here": (4.1, 1.0)}, "the vehicle has passed its first point"),
-        ([(1.0, 1.5)], {"here": (4.1, 1.0)}, "the vehicle has passed its first point"),
+        ([(3.0, 1.0)], {"here": (4.1, 1.0)}, "the vehicle has passed the path's start"),
+        ([(1.0, 1.5)], {"here": (4.1, 1.0)}, "the vehicle has passed the path's start"),
         ([(3.0, 2.1)], {"here": (4.1, 1.0)}, None),
         ([(4.0, 4.0)], {"here": (4.1, 1.0)}, None),
-        ([(4.0, 4.0)], {"here": (6.0, 2.0), "rest": [(6.0, 1.0)]}, "the vehicle has passed its first point"),
+        ([(4.0, 4.0)], {"here": (6.0, 2.0), "rest": [(6.0, 1.0)]}, "the vehicle has passed the path's start"),
     ],
 )
 def test_a_late_answer_is_held_to_the_rules_again_by_the_vehicle_as_it_is(path_m, later, why):

@@ -243,7 +243,7 @@ def test_who_does_not_say_how_sure_it_is_has_no_figure_of_what_nobody_saw(estima
         assert field.low is None and field.high is None
         assert sum(block.cells for block in field.blocks) <= field.seen == field.cells
         assert "looked at" in report.rows()[field.title] and "90 %" not in report.rows()[field.title]
-        assert "of what was seen" in brief(field)
+        assert "in the observed cells" in brief(field)
     nothing = look([], [])
     assert not farm_report(made.predict(), nothing, states_deviation=False).fields
 

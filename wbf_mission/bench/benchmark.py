@@ -15,7 +15,7 @@ from wbf_mission.progress import Progress, silent
 
 
 class BenchmarkInterrupted(KeyboardInterrupt):
-    """Ctrl-C during a benchmark.
+    """Raised when Ctrl-C interrupts a benchmark.
 
     Parameters
     ----------
@@ -53,8 +53,8 @@ def benchmark(
     jobs : int
         Number of parallel processes; -1: one per core. Only the costs in the rows depend on `jobs`.
     dask : str, optional
-        Address of the Dask scheduler that distributes the runs; ``local`` starts one on this machine with
-        `jobs` workers.
+        Address of the Dask scheduler that distributes the runs; ``local`` starts a scheduler on this machine
+        with `jobs` workers.
     retry : bool
         Repeat failed runs.
     command : str
@@ -114,8 +114,8 @@ def benchmark(
         if others:
             builds = "; ".join(dict.fromkeys(map(build_of, others)))
             msg = (
-                f"{out}: {len(others)} rows with the names of these runs were flown with other behaviour"
-                f" numbers, code, parameters or files ({builds}); they are kept, and do not count here"
+                f"{out}: {len(others)} rows of runs with the same names were flown with other behaviour"
+                f" numbers, code, parameters or files ({builds}); the rows are kept, but do not count here"
             )
             warnings.warn(msg, stacklevel=2)
     if interrupted:

@@ -31,7 +31,7 @@ from wbf_mission.scenario import Scenario
 _ROWS = ("planner", "policy", "estimator", "seed")
 # The digest covers the contents of these files and objects, not their names.
 _FILES = ("farm", "crop", "farm_crs", "repair", "fields", "vehicle", "world")
-_LABELS = ("title", "unit", "colours")  # Keys of a field's table that change no score
+_LABELS = ("title", "unit", "colours")  # Keys of a field's table on which no score depends
 
 
 def meaning_of(scenario: Scenario) -> str:

@@ -72,7 +72,7 @@ def _fresh(scenario: Scenario) -> Scenario:
 
 
 def failed_row(run: BenchRun, cause: str) -> BenchRow:
-    """Return the row of a run without a result."""
+    """Return the row of a run that gave no result."""
     return BenchRow(**_which(run), error=" ".join(cause.split()), versions=versions(), hardware=hardware())
 
 
@@ -113,10 +113,10 @@ def _row_of(run: BenchRun, result: RunRecord, wall_s: float, cpu_s: float) -> Be
 
 
 def _predicted_time_s(result: RunRecord) -> float | None:
-    """Return the predicted time of the flights (s); for a policy, the time that its last paths would take.
+    """Return the predicted time of the flights (s); for a policy, the time until its last paths would end.
 
-    A policy's paths are priced in the unit of the budget, so return None unless the unit is a time (a step
-    takes a second).
+    The cost of a policy's path has the unit of the budget. Return None unless this unit is the second or the
+    step, which takes a second.
     """
     if result.scenario.mission.policy is None:
         return result.predicted_time_s
@@ -138,7 +138,7 @@ def _predicted_time_s(result: RunRecord) -> float | None:
 
 
 def _calibration_of(result: RunRecord) -> dict[str, float]:
-    """Return the calibration of the last estimate on the fields' cells not observed on the last day."""
+    """Return the calibration of the last estimate on cells that were not observed on the last day."""
     if result.model is None or result.truth is None:
         return {}
     unseen = result.fields.masks(result.plan.farm.grid())
@@ -185,7 +185,7 @@ class Workers(Protocol):
         """Greatest number of runs submitted at a time."""
 
     def submit(self, function: Callable[..., _Flown], /, *arguments: Any) -> Future[_Flown]:
-        """Submit a call of `function`, which is sent by its name."""
+        """Submit a call of `function`, of which only the name is sent."""
 
 
 class Cluster(Workers, Protocol):
@@ -289,12 +289,12 @@ def _packed(run: BenchRun) -> tuple[bytes, Mapping[str, str]]:
 def _fly_packed(sent: bytes, theirs: Mapping[str, str]) -> _Flown:
     """Fly a run packed by another process of the same user; return its row, or the cause of the failure.
 
-    ClusterError if this process runs a different program from the sender, because its row would differ.
+    ClusterError if this process runs a different program from the sender, because the row would differ.
     """
     if why := unlike(theirs):
         raise ClusterError(why)
     try:
-        function, run = pickle.loads(sent)  # noqa: S301 (sent by this command over its own pool or scheduler)
+        function, run = pickle.loads(sent)  # noqa: S301 (this command sent it over its pool or scheduler)
     except Exception as error:
         return f"{_UNSENT}: {type(error).__name__}: {error}"
     return cast("BenchRow", function(run))
@@ -312,7 +312,7 @@ def _in_processes(runs: Sequence[BenchRun], jobs: int) -> Iterator[BenchRow]:
                     yield row
         except BrokenProcessPool:
             remaining = [run for run in remaining if run.key not in done]
-            # One of the first `jobs` runs killed its process. Each is flown alone, so only the culprit fails.
+            # One of the first `jobs` runs killed its process. Flown one by one, only this run fails.
             yield from map(_alone, remaining[:jobs])
             remaining = remaining[jobs:]
         else:

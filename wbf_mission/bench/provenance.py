@@ -76,7 +76,7 @@ def unlike(theirs: Mapping[str, str]) -> str:
     if "wbf-mission" in keys and _CODE in keys:
         keys.remove(_CODE)  # Another version of wbf-mission always has other sources
     texts = [f"{key} {ours.get(key, 'unknown')} in place of {theirs.get(key, 'unknown')}" for key in keys]
-    return f"it has {', '.join(texts)}; install the same there, and restart the worker" if texts else ""
+    return f"it has {', '.join(texts)}; install the same versions, and restart the worker" if texts else ""
 
 
 @functools.cache

@@ -55,9 +55,9 @@ class Card(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def card_of(name: str, scenario: Scenario) -> Card:
-    """Return the card of a scenario; `name` is its id or its file.
+    """Return the card of a scenario; `name` is the scenario's id or file.
 
-    WbfMissionError if its farm, a field or a vehicle is unknown.
+    WbfMissionError if the farm, a field or a vehicle is unknown.
     """
     defaults = Scenario().to_dict()
     changed = {key: value for key, value in scenario.to_dict().items() if value != defaults[key]}
@@ -185,7 +185,7 @@ def _choices(key: str, choices: Sequence[Choice]) -> Iterator[str]:
     if named:
         yield f"{key} = {_texts(named)}"
     if own:
-        yield f"# {key} of your own, which no file names: give all on the command line: {_texts(own)}"
+        yield f"# {key} of your own, which no file can name: give all on the command line: {_texts(own)}"
 
 
 def _texts(texts: Sequence[str]) -> str:

@@ -178,7 +178,7 @@ def commit_of(row: BenchRow) -> str:
 
 
 def digest_of(row: BenchRow, key: str) -> str:
-    """Return behaviour numbers or the start of a row's digest; "unknown code" for rows of old folders."""
+    """Return behaviour numbers or the start of a digest from a row's codes; words if the row has neither."""
     return shown_digest(row.codes.get(key, "built in" if row.codes else "unknown code"), 12)
 
 

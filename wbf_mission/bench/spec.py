@@ -57,8 +57,8 @@ class BenchRun:
     scenario: Scenario
     """Complete scenario, with planner, estimator and seed."""
     codes: dict[str, str] = field(default_factory=dict)
-    """Behaviour numbers of the built-in ``code`` (`wbf_mission.version.behaviour`) and the digest of the
-    ``scenario``; also digests of a ``planner`` and an ``estimator`` from outside this program."""
+    """Behaviour numbers of the built-in code (``code``, `wbf_mission.version.behaviour`), and digests of the
+    scenario (``scenario``) and of a ``planner`` and an ``estimator`` of the user or another package."""
     objects: dict[str, str] = field(default_factory=dict)
     """Description, with parameters, of a ``planner`` (or policy) and an ``estimator`` given as objects."""
 
@@ -110,7 +110,7 @@ class BenchSpec:
         if len(set(self.seeds)) != len(self.seeds):
             raise ScenarioError("seeds: a seed is given twice; give each seed once")
         if len(self) > _MOST_RUNS:
-            msg = f"these are {len(self)} runs; at most {_MOST_RUNS} fit into a benchmark: make several"
+            msg = f"these are {len(self)} runs; a benchmark has at most {_MOST_RUNS}: make several benchmarks"
             raise ScenarioError(msg)
         for choice in self.planners:
             require_mover(choice)

@@ -48,7 +48,7 @@ _COMMANDS = {
     "bench.run": Command(bench.run_command, bench.RUN_EXAMPLES),
 }
 add_commands(app, _GROUPS, _COMMANDS)
-_built = cache(typer.main.get_command)  # Without it, typer builds all commands for every call
+_built = cache(typer.main.get_command)  # Cached: typer would build all commands at each call
 
 
 def _print_version(wanted: bool) -> None:

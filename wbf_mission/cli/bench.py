@@ -103,7 +103,7 @@ def selection(
         ),
     ] = None,
 ) -> dict[str, Any]:
-    """Return the options that were given as arguments of `BenchSpec.of`."""
+    """Return the options of the command line as arguments for `BenchSpec.of`."""
     return {
         "scenarios": None if scenarios is None else [name.strip() for name in scenarios.split(",")],
         "planners": None if planners is None else choices(planners, "planner"),
@@ -114,7 +114,7 @@ def selection(
 
 @dataclass(frozen=True, slots=True)
 class Flying:
-    """Options of how runs are executed."""
+    """Options for the execution of runs."""
 
     jobs: options.Jobs = 1
     dask: Annotated[
@@ -140,7 +140,7 @@ class Flying:
                 how["command"] = shlex.join(["wbf-mission", *context.obj])
                 return benchmark(wanted, out=out, progress=progress, **how), False
         except BenchmarkInterrupted as stop:
-            output.warn(f"{stop}" + ("; the same command flies the others" if out else ""))
+            output.warn(f"{stop}" + ("; the same command flies the remaining runs" if out else ""))
             return stop.rows, True
 
 
@@ -168,7 +168,7 @@ def run_command(
     ] = None,
     sealed: Annotated[
         Path | None,
-        option("Secret file of a round ('bench seal'), to fly its environments.", panel=RUN_PANEL),
+        option("Secret file of a round ('bench seal'); flies the round's environments.", panel=RUN_PANEL),
     ] = None,
     selected: dict[str, Any],
     flying: Flying,

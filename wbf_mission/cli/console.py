@@ -25,7 +25,7 @@ class PlainConsole(Console):
         )
 
     def on_broken_pipe(self) -> None:
-        """Raise the error, whereas rich would end the process."""
+        """Raise the error; rich's own method would end the process."""
         raise
 
 

@@ -70,7 +70,7 @@ class _Links:
     via: options.Via = "own"
 
     def counted(self, given: options.Given) -> options.Given:
-        """Return the given options; if there are several links, set their number as number of vehicles."""
+        """Return the options; several links or system ids set the number of vehicles if it is not given."""
         count = max(len(self.connect or ()), len(self.system_id or ()))
         if not self.connect or count < 2:
             return given
@@ -83,7 +83,7 @@ class _Links:
         if not self.connect:
             if self.yes or self.system_id or self.via != "own":
                 with_link = "--yes, --system-id and --via need --connect"
-                msg = f"{with_link}: give the vehicle's link, or leave them out"
+                msg = f"{with_link}: give the vehicle's link, or leave these options out"
                 raise ScenarioError(msg)
             return None
         from wbf_mission.preflight.run import connection
@@ -112,7 +112,7 @@ _OUT = options.OUTPUT_PANEL
 
 @dataclass(frozen=True, slots=True)
 class _Saving:
-    """Options of the results, which are a folder, files and pictures."""
+    """Options for the folder, files and pictures of the results."""
 
     out: Annotated[
         Path | None,
@@ -157,7 +157,7 @@ class _Saving:
             msg = f"{what}, but --no-files forbids files: leave one of them out"
             raise ScenarioError(msg)
         if self.files and self.plots and PICTURES not in product_names():
-            output.note(f"note: no pictures: no package that is installed makes '{PICTURES}' ({GROUP})")
+            output.note(f"note: no pictures, since no installed package makes '{PICTURES}' ({GROUP})")
         for name in self.products():
             product(name).require(chosen)
 
@@ -269,10 +269,10 @@ def fly_command(
             if folder is not None:
                 stack.enter_context(folder)
             if folder is not None and live is None:
-                kept = f"interrupted: what was flown is estimated and saved in {folder.path}"
+                kept = f"interrupted: an estimate from the flight so far is saved in {folder.path}"
                 # The telemetry log exists from the beginning of the flight on.
                 stack.enter_context(
-                    signals.announcing(f"{kept}; again ends at once", when=folder.tlog.exists)
+                    signals.announcing(f"{kept}; a second interrupt stops this", when=folder.tlog.exists)
                 )
             started_s = process_age_s()
             stack.enter_context(output.progress())
@@ -312,12 +312,12 @@ def _show(
     if not result.outcome.is_good:
         output.warn(in_words(result.outcome, result.reason))
     elif not len(result.observations):
-        output.warn(f"the mission saw nothing of the farm {result.farm.name}: no estimate and no score")
+        output.warn(f"no image shows the farm {result.farm.name}: there is no estimate and no score")
     if result.rest is not None and summary["files"]:
         folder = summary["files"]
         output.note(
-            f"the rest of the mission is {folder}/rest.plan: continue with fly --mission, or plan --resume"
-            f" {folder}"
+            f"the unflown rest of the mission is in {folder}/rest.plan: continue with fly --mission, or with"
+            f" plan --resume {folder}"
         )
     title = f"{result.farm.name}: {result.plan.planner or 'mission file'}, {result.estimator}"
     title += f", {result.plan.vehicle.name}, seed {result.scenario.seed}"
@@ -342,7 +342,7 @@ def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dic
     rows = {
         "outcome": in_words(result.outcome, result.reason),
         "score": filled("{score:.5f} over the run, {final_score:.5f} at the end (0 is perfect)", summary),
-        "loss a cell at the end": losses or "-",
+        "loss per cell at the end": losses or "-",
         **(result.report.rows() if result.report is not None else {}),
         "observations": filled("{observations}, of {cells_observed} different cells", summary),
         "coverage": filled("{coverage:.2%} of the land to be seen", summary) + predicted,
@@ -371,7 +371,7 @@ def _sortie_rows(result: Result) -> dict[str, str]:
 
 
 def _decision_rows(result: Result) -> dict[str, str]:
-    """Return the row about a policy's decisions, or no row if a planner was used."""
+    """Return the row about a policy's decisions, or no row for a planner or mission file."""
     if result.scenario.mission.policy is None:
         return {}
     from wbf_mission.replanning.record import PLANNED_PATH, SKIPPED

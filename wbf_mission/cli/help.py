@@ -30,7 +30,7 @@ class _Help:
             if record is not None:
                 name, text = record
                 sections.setdefault(panel, []).append((name.replace(" range>", ">"), text))
-        sections[_OPTIONS] = sections.pop(_OPTIONS, [])  # Last come --help and options without a panel
+        sections[_OPTIONS] = sections.pop(_OPTIONS, [])  # --help and options without a panel come last
         for title, rows in sections.items():
             if rows:
                 with formatter.section(title):
@@ -56,7 +56,7 @@ class HelpCommand(_Help, TyperCommand):
     """A command whose help page lists the options by panel."""
 
     beginners: ClassVar[tuple[str, ...]] = ()
-    """Options that ``--help`` shows, in this order; if empty, all. ``--help-all`` always shows all."""
+    """Options that ``--help`` shows, in this order; all if there are none. ``--help-all`` shows all."""
 
     def __init__(self, *args: Any, **settings: Any) -> None:
         super().__init__(*args, **settings)
@@ -66,7 +66,7 @@ class HelpCommand(_Help, TyperCommand):
 
     @classmethod
     def showing(cls, beginners: tuple[str, ...]) -> type[HelpCommand]:
-        """Return a command class whose ``--help`` shows only `beginners`, or all options if this is empty."""
+        """Return a command class whose ``--help`` shows only `beginners`, or all options if it is empty."""
         return type(cls.__name__, (cls,), {"beginners": beginners})
 
     def shown(self, ctx: Any) -> Iterable[tuple[str, Any]]:
@@ -111,7 +111,7 @@ def _help_all(count: int) -> Any:
 
 
 class HelpGroup(_Help, TyperGroup):
-    """A group of commands with this layout of help; called without a command, it prints the help."""
+    """A group whose help page lists its commands, then its options; without a command, it prints the page."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the arguments; if there are none, print the help and end with exit code 2."""

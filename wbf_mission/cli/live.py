@@ -42,7 +42,7 @@ class LivePage:
     live_host: Annotated[
         str,
         option(
-            "Address of the live page; for other machines, the page needs the token in the printed address.",
+            "Network address that serves the live page; other machines need the token in the printed URL.",
             panel=PANEL,
         ),
     ] = "127.0.0.1"
@@ -105,7 +105,7 @@ class LivePage:
             yield
 
     def stay(self, output: Output) -> None:
-        """Serve the page on after the run until Ctrl-C; if no page is served, return at once."""
+        """Keep serving the page after the run until Ctrl-C; if no page is served, return at once."""
         if self.live is None:
             return
         output.note("the page stays; Ctrl-C ends it")

@@ -176,7 +176,7 @@ def refuse_overwrite(
             raise TargetError(msg)
     if not overwrite and suffixes and out.is_file() and out.suffix.lower() not in suffixes:
         kinds = " or ".join(filter(None, suffixes))
-        msg = f"{out}: an existing file that is no {kinds}; give another name, or --overwrite"
+        msg = f"{out}: this existing file is no {kinds} file; give another name, or --overwrite"
         raise TargetError(msg)
 
 
@@ -219,7 +219,8 @@ class Given:
         how = [key for key in READS_FARM if key in self.changes]
         if name is None and how:
             flag = flag_of(how[0])
-            raise ScenarioError(f"{flag} has an effect only with --farm: give --farm, too, or leave it out")
+            msg = f"{flag} has an effect only with --farm: give --farm, too, or leave out {flag}"
+            raise ScenarioError(msg)
         return None if name is None else replace(self.scenario().farm, name=name)
 
     def change(self, base: Scenario) -> Scenario:
@@ -229,15 +230,14 @@ class Given:
         return chosen
 
     def _check_effects(self, values: Mapping[str, Any], *, is_fleet: bool) -> None:
-        """Raise ScenarioError if a given option has no effect, as the user must have meant another flight."""
+        """Raise ScenarioError if a given option has no effect, as the user expects an effect."""
         for given in (_defined(key) for key in self.changes):
             if given.needs and values[given.needs] == all_options()[given.needs][2].initial:
                 msg = f"{given.flag} has an effect only with {flag_of(given.needs)}: give both"
                 raise ScenarioError(msg)
             if given.needs_fleet and not is_fleet:
-                msg = (
-                    f"{given.flag} has an effect only with several vehicles: give --vehicles, or leave it out"
-                )
+                alone = f"{given.flag} has an effect only with several vehicles"
+                msg = f"{alone}: give --vehicles, or leave out {given.flag}"
                 raise ScenarioError(msg)
             for other in given.not_with:
                 if values[other] is not None:
@@ -272,7 +272,7 @@ def gives(
     """Replace a command's parameter by options; the parameter then gets ``make(**options)``.
 
     `options` are annotations and defaults by name; by default they are the parameters of `make`, which may be
-    a dataclass. The options come in the place of `parameter`, or at the end with `last`.
+    a dataclass. The options come in the place of `parameter`; if `last`, they come at the end.
     """
     options = taken_by(make) if options is None else options
 
@@ -309,7 +309,7 @@ _QUIET = Annotated[bool, option("Print no progress and no notes.", "--quiet", "-
 
 
 def speaks(*, quiet: bool = True, json: Any = _JSON) -> Callable[[Command], Command]:
-    """Give a command an `Output` as ``output``, with ``--json`` and, if `quiet`, ``--quiet``."""
+    """Add ``--json`` and, if `quiet`, ``--quiet`` to a command, which gets an `Output` as ``output``."""
     flags = {"json": (json, False), **({"quiet": (_QUIET, False)} if quiet else {})}
 
     def output(json: bool, quiet: bool = False) -> Output:
@@ -326,7 +326,7 @@ def scenario_options(
 ) -> Callable[[Command], Command]:
     """Add the options of some parts of a scenario, ``--scenario`` and ``--seed`` to a command.
 
-    `parts` are names of parts, in the order that ``--help`` gives to their options. The command's first
+    `parts` are names of parts; ``--help`` lists their options in this order. The command's first
     parameter is named ``given`` and gets a `Given`. `without` has the keys of options to leave out
     (``scenario`` for ``--scenario``). `more` has parts that do not belong to `Scenario`. `defaults` has
     defaults that differ from those of the options (None for no default).

@@ -41,7 +41,7 @@ _BESIDE_A_CELL = 3
 
 
 class StdoutError(Exception):
-    """Error of results that cannot be printed because writing to stdout failed."""
+    """Raised if results cannot be printed because writing to stdout failed."""
 
     def __init__(self, cause: OSError) -> None:
         super().__init__(cause.strerror or str(cause))
@@ -91,7 +91,7 @@ class Output:
     def _found(self, event: Found) -> None:
         """Print a preflight finding.
 
-        A finding for which the plan is refused is skipped, because the error at the end has the same text.
+        The finding that refuses the plan is not printed, because the error at the end has the same text.
         """
         label = "preflight error" if event.severity == "error" else "preflight"
         if not event.refuses:
@@ -157,7 +157,7 @@ class Output:
 
         try:
             encoded = msgspec.json.encode(values)
-        except UnicodeEncodeError:  # A file name may be no UTF-8
+        except UnicodeEncodeError:  # A file name may not be valid UTF-8
             encoded = msgspec.json.encode(_encodable(values))
         with to_stdout():
             sys.stdout.write(msgspec.json.format(encoded).decode() + "\n")
@@ -277,7 +277,7 @@ def to_stdout() -> Iterator[None]:
 def write_and_report(
     output: Output, mission: Mission, path: Path, firmware: Firmware
 ) -> tuple[Mission, list[Loss]]:
-    """Write the part of a mission that the file's format can hold; return it, and the losses.
+    """Write the part of a mission that the file's format can hold; return this part, and the losses.
 
     A loss that changes the flight is printed as a warning, any other loss as a note.
     """
@@ -295,7 +295,7 @@ def write_and_report(
 
 
 def filled(form: str, values: Mapping[str, Any]) -> str:
-    """Fill `form` with values; return a dash if a value in it is None.
+    """Fill `form` with values; return a dash if a value that it names is None.
 
     >>> filled("{mass_kg:g} kg", {"mass_kg": 2.5}), filled("{mass_kg:g} kg", {"mass_kg": None})
     ('2.5 kg', '-')

@@ -64,8 +64,8 @@ class SortieOptions:
     overlap: Annotated[
         float | None,
         option(
-            "Length of the mission that the next sortie repeats, m.  [default: twice the distance between"
-            " images, plus the length needed to line up with the row]",
+            "Length at the end of a sortie that the next sortie repeats, m.  [default: twice the distance"
+            " between images, plus the length needed to line up with the row]",
             panel=_PANEL,
             parser=options.number,
         ),
@@ -77,8 +77,8 @@ class SortieOptions:
     resume: Annotated[
         str | None,
         option(
-            "Place from which to resume the mission file: an item (12), metres on the leg to it (12+35m), a"
-            " telemetry log, a results folder, or the vehicle's link.",
+            "Place from which to resume the mission file: an item (12), a distance on the leg to an item"
+            " (12+35m), a telemetry log, a results folder, or the vehicle's link.",
             panel=_PANEL,
             metavar="FROM",
         ),
@@ -92,8 +92,8 @@ class SortieOptions:
                 raise ScenarioError(msg)
         if self.resume is not None and mission is None:
             msg = (
-                "--resume continues a mission: give the mission file with --mission, too (or, with --resume,"
-                f" the results of a flight that left a {_REST})"
+                "--resume continues a mission: give the mission file with --mission, too, or give --resume"
+                f" a results folder that has a {_REST}"
             )
             raise ScenarioError(msg)
         others = [name for name in ("home", "overlap", "resume") if getattr(self, name) is not None]
@@ -108,7 +108,7 @@ class SortieOptions:
             raise ScenarioError(msg)
 
     def with_rest(self, given: options.Given) -> tuple[options.Given, SortieOptions]:
-        """If ``--resume`` is a results folder with a remaining mission, take that as the mission file."""
+        """If ``--resume`` is a results folder with a ``rest.plan``, take this file as the mission file."""
         if self.resume is None or "mission" in given.changes:
             return given, self
         rest = Path(self.resume) / _REST
@@ -117,7 +117,7 @@ class SortieOptions:
         return replace(given, changes={**given.changes, "mission": str(rest)}), replace(self, resume=None)
 
     def homes(self, altitude_m: float) -> list[GeoPoint]:
-        """Return the take-off places of sorties; raise ScenarioError if a place is no position."""
+        """Return the take-off places of sorties; raise ScenarioError if a text is no position."""
         from geo.texts import parse_number
         from mission.errors import MissionError
         from mission.model import GeoPoint
@@ -314,13 +314,13 @@ def _camera_rows(result: PlanResult) -> dict[str, str]:
     camera = result.camera
     if camera is None:
         return {}
-    in_time = "" if camera["interval_speed_m_s"] is None else ", in time up to {interval_speed_m_s:.1f} m/s"
+    in_time = "" if camera["interval_speed_m_s"] is None else ", no gaps up to {interval_speed_m_s:.1f} m/s"
     forms = {
         "camera": "{name}: {gsd_cm:.2f} cm a pixel at {height_m:.1f} m",
         "image": "{footprint_across_m:.1f} m across the flight, {footprint_along_m:.1f} m along",
         "overlap": "{front_overlap:.0%} front, {side_overlap:.0%} side",
-        "images": "{images}, one each {image_distance_m:.1f} m",
-        "speed": "{speed_m_s:.1f} m/s (sharp up to {blur_speed_m_s:.1f} m/s" + in_time + ")",
+        "images": "{images}, one every {image_distance_m:.1f} m",
+        "speed": "{speed_m_s:.1f} m/s (sharp images up to {blur_speed_m_s:.1f} m/s" + in_time + ")",
     }
     return {label: form.format_map(camera) for label, form in forms.items()}
 

@@ -1,4 +1,4 @@
-"""Handles SIGINT (Ctrl-C), SIGTERM and SIGHUP. Each interrupts a command and has its own exit code."""
+"""Handles SIGINT (Ctrl-C), SIGTERM and SIGHUP. Each signal interrupts a command and has its own exit code."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def restore() -> None:
 
 
 def defer(wanted: bool) -> None:
-    """If `wanted`, only record the first signal (`came`), because work must not be interrupted now."""
+    """If `wanted`, the first signal does not interrupt the work, but is only recorded (`came`)."""
     _deferred[0] = wanted
 
 
@@ -58,7 +58,7 @@ def forget() -> None:
 
 
 def exit_code(otherwise: int) -> int:
-    """Return 128 plus the number of the first received signal, or `otherwise` without signal."""
+    """Return 128 plus the number of the first received signal, or `otherwise` if none came."""
     return 128 + _received[0] if _received else otherwise
 
 

@@ -1,7 +1,7 @@
 """Grid of pixels and blocks for reports and pictures, and sums by numpy for pixels of one cell.
 
 On farms whose pixels are single cells, loading compiled code would take longer than the sums, so numpy
-computes them. The results equal those of `wbf_mission.maps.block_sums` to the bit.
+computes the sums. The results equal those of `wbf_mission.maps.block_sums` to the bit.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ class MapGrid:
     (25, 250, (24, 20), 'B1', 'AB5')
     """
 
-    shape: tuple[int, int]  # Width and height of the farm, in cells
-    cell_size_m: float  # Side of a cell
-    pixel: int  # Side of a pixel, in cells
-    pixels_a_block: int  # Pixels on a side of a block
+    shape: tuple[int, int]  # Width and height of the farm, in cells.
+    cell_size_m: float  # Side of a cell.
+    pixel: int  # Side of a pixel, in cells.
+    pixels_a_block: int  # Pixels on a side of a block.
 
     @classmethod
     def of(cls, farm: Farm) -> MapGrid:

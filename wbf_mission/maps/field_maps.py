@@ -1,12 +1,12 @@
 """Sums of an estimate over each pixel: the number of sick plants or the sum of values, and its variance.
 
-*Number of sick plants.* Observed sick plants are counted. To this the expected number of unobserved sick
-plants is added. If the estimator has class probabilities, that is the sum of the probabilities of being sick.
-Otherwise it is the sum of 1 - value, divided by the mean of 1 - value over sick plants.
+*Number of sick plants.* This is the number of observed sick plants plus the expected number of unobserved
+sick plants. The latter is the sum of the class probabilities of being sick. If the estimator has none, it is
+the sum of 1 - value over unobserved plants, divided by the mean of 1 - value over sick plants.
 
 *Variance.* The plants of an outbreak are sick together. The variance of a sum over plants is therefore larger
 than the sum of the plants' variances, by a factor of about the number of plants in an outbreak. Observations
-reduce this factor: if every tenth plant is observed, it is at most ten.
+reduce this factor: if every tenth plant is observed, the factor is at most ten.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ Floats = NDArray[np.float64]
 
 SHARE_OF_A_HUMP = 0.05
 """Fraction of the farm over which the errors of a continuous field are fully correlated."""
-_PRIOR_SICK = 10.0  # Weight of the epidemic model's mean illness, as a number of observed sick plants
-_DAY_BEFORE = 6  # Day of an estimate without observations; estimators assume the same
+_PRIOR_SICK = 10.0  # Weight of the epidemic model's mean illness, as a number of observed sick plants.
+_DAY_BEFORE = 6  # Assumed day of an estimate without observations, as in the estimators.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,16 +70,16 @@ class FieldMap:
 
     field: Field
     grid: MapGrid
-    cells: Floats  # Number of the owner's cells with the field's crops
-    total: Floats  # Disease: expected number of sick plants; continuous field: sum of the values
-    least: Floats  # Minimum value of a pixel's cells; infinite in pixels without cells
+    cells: Floats  # Number of the owner's cells with the field's crops.
+    total: Floats  # Disease: expected number of sick plants; continuous field: sum of the values.
+    least: Floats  # Minimum value of a pixel's cells; infinite in pixels without cells.
     # Sum of the variances of the cells, in squared units of `total`; None if the estimator states no variance
     variance: Floats | None
     # Number of observed cells, and number of observed sick cells
     seen: Floats
     seen_sick: Floats
-    finds: NDArray[np.int32]  # Cells of the observed sick plants, int32[n, 2]
-    together: float = 1.0  # Number of cells with fully correlated errors
+    finds: NDArray[np.int32]  # Cells of the observed sick plants, int32[n, 2].
+    together: float = 1.0  # Number of cells with fully correlated errors.
     # Number of unobserved plants that may be sick (`InformationModel.may_be_sick`), or None if the estimator
     # has no class probabilities
     may_be_sick: Floats | None = None
@@ -203,7 +203,7 @@ def true_map(farm: Farm, field: Field, truth: NDArray[np.float32], k: int) -> Fi
 
 
 def _summing(grid: MapGrid) -> ModuleType:
-    """Return the module of the sums; on small farms numpy takes less time than loading compiled code."""
+    """Return the module that computes the sums; for pixels of one cell, compiled code loads too slowly."""
     if grid.pixel == 1:
         return blocks
     from wbf_mission.maps import block_sums
@@ -226,7 +226,7 @@ def pixel_means(grid: MapGrid, mask: NDArray[np.bool_], value: NDArray[np.float3
 
 
 def _by_strips(grid: MapGrid, sums: Callable[[slice, MapGrid], tuple[Floats, ...]]) -> tuple[Floats, ...]:
-    """Return the sums of all pixels; `sums` gets a strip of columns and its part of the grid."""
+    """Return the sums of all pixels; `sums` is called with each strip of columns and the strip's grid."""
     parts = [
         sums(columns, replace(grid, shape=(columns.stop - columns.start, grid.shape[1])))
         for columns in column_strips(grid.shape[0], grid.pixel)
@@ -237,7 +237,7 @@ def _by_strips(grid: MapGrid, sums: Callable[[slice, MapGrid], tuple[Floats, ...
 def _from_probabilities(
     grid: MapGrid, cells: _FieldCells, model: InformationModel, k: int
 ) -> tuple[tuple[Floats, Floats | None, Floats, Floats], Floats]:
-    """Return for each pixel (sick plants, variance, cells, minimum value) and the plants that may be sick."""
+    """Return for each pixel (sick plants, variance, cells, minimum value) and how many plants may be sick."""
     sick, counted = [], []
 
     def expected(columns: slice, strip: MapGrid) -> tuple[Floats, Floats]:

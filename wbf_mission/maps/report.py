@@ -50,17 +50,17 @@ class FieldReport:
 
     name: str
     title: str
-    kind: str  # Kind of the field: disease or continuous
-    cells: int  # Number of the owner's cells with the field's crops and an estimate
+    kind: str  # Kind of the field: disease or continuous.
+    cells: int  # Number of the owner's cells with the field's crops and an estimate.
     # Number of observed cells, and number of observed sick cells (0 in a continuous field)
     seen: int
     seen_sick: int
-    expected: float  # Expected fraction of sick plants (disease) or mean value (continuous field)
+    expected: float  # Expected fraction of sick plants (disease) or mean value (continuous field).
     # Ends of the 90 % interval of `expected`, or None if the estimator has no variance
     low: float | None
     high: float | None
-    blocks: tuple[BlockReport, ...]  # Blocks with most sick plants (as a fraction) or lowest mean values
-    unit: str = ""  # Unit of the values; empty for the range 0..1
+    blocks: tuple[BlockReport, ...]  # Blocks with the largest fractions of sick plants or lowest mean values.
+    unit: str = ""  # Unit of the values; empty for the range 0..1.
     # Size of the smallest set of unobserved plants expected to hold 90 % of the unobserved sick plants
     may_be_sick: int | None = None
 
@@ -194,7 +194,7 @@ def brief(field: FieldReport) -> str:
     """Return the fraction of sick plants or the mean value as text, with its 90 % interval if known."""
     write = percent if field.kind == "disease" else _value_of(field)
     if field.is_of_seen:
-        return f"{write(field.expected)} of what was seen"
+        return f"{write(field.expected)} in the observed cells"
     if field.low is None or field.high is None:
         return write(field.expected)
     return f"{write(field.expected)} ({write(field.low)} to {write(field.high)})"
@@ -235,7 +235,7 @@ def _sentence(field: FieldReport) -> str:
         text += f"; {_number(field.seen_sick)} sick {plants} seen among {_number(field.seen)} looked at"
         # If more than half of the unobserved plants may be sick, that number does not help the farmer.
         if field.may_be_sick is not None and field.may_be_sick <= 0.5 * (field.cells - field.seen):
-            text += f"; of those not seen {_number(field.may_be_sick)} may be sick"
+            text += f"; of the other plants, {_number(field.may_be_sick)} may be sick"
         worst = [f"{_where(block)} {percent(block.expected)}" for block in field.blocks]
         return f"{text}; worst blocks {', '.join(worst)}" if worst else text
     write = _value_of(field)

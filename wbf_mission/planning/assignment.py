@@ -36,10 +36,10 @@ _LEAST_M = 1e-3
 class SortieNumber:
     """Number of one vehicle's flight in a run."""
 
-    day: int  # Day of the environment
-    flight: int  # Number of the flight on the day, from 1
-    system_id: int  # MAVLink system id of the vehicle
-    first_day: int  # First day of the run
+    day: int  # Day of the environment.
+    flight: int  # Number of the flight on the day, from 1.
+    system_id: int  # MAVLink system id of the vehicle.
+    first_day: int  # First day of the run.
 
     @classmethod
     def first(cls, day: int, system_id: int) -> SortieNumber:
@@ -47,7 +47,7 @@ class SortieNumber:
         return cls(day, 1, system_id, day)
 
     def stream_names(self, part: str) -> tuple[str, ...]:
-        """Return the names of a part's random stream; vehicle 1's first flight has only the part's name."""
+        """Return the names that identify a part's random stream; only `part` for vehicle 1's first flight."""
         names = [part]
         if (self.day, self.flight) != (self.first_day, 1):
             names += [f"day-{self.day}", f"flight-{self.flight}"]
@@ -60,13 +60,13 @@ class SortieNumber:
 class VehicleAssignment:
     """Task of one vehicle in one flight."""
 
-    system_id: int  # The vehicle's MAVLink system id
-    builder: MissionBuilder  # Makes and predicts the vehicle's missions
-    request: PlanningRequest  # Request to the planner or policy
-    budget_text: str  # Budget of the flight, in words
-    seed: int  # Seed of the run, for the plan's record
-    drawing_seed: int  # Seed of the planner or policy
-    footprint: int  # Side of the camera's footprint, in cells
+    system_id: int  # The vehicle's MAVLink system id.
+    builder: MissionBuilder  # Makes and predicts the vehicle's missions.
+    request: PlanningRequest  # Request to the planner or policy.
+    budget_text: str  # Budget of the flight, in words.
+    seed: int  # Seed of the run, for the plan's record.
+    drawing_seed: int  # Seed of the planner or policy.
+    footprint: int  # Side of the camera's footprint, in cells.
 
     @classmethod
     def of(
@@ -79,7 +79,7 @@ class VehicleAssignment:
         number: SortieNumber,
         progress: Progress = silent,
     ) -> VehicleAssignment:
-        """Return the task of a vehicle in a flight; `footprint` is in cells a side."""
+        """Return the task of a vehicle in a flight; `footprint` is the side of an image, in cells."""
         farm = builder.farm
         means, text = _means(mission, builder)
         camera: dict[str, Any] = {"footprint_m": footprint * farm.cell_size_m}
@@ -129,7 +129,7 @@ class VehicleAssignment:
         )
 
     def travel_cost_in_flight(self, first_m: Points) -> Callable[[InFlight, Points, bool], TravelCost]:
-        """Return a function from the vehicle's state and path in flight to its travel cost.
+        """Return a function that maps the vehicle's state and path in flight to the vehicle's travel cost.
 
         The function's last argument says whether the autopilot leaves its mission for a change of path.
         """

@@ -33,8 +33,7 @@ _MOST_KNOWN = 2000
 # Fraction of the usable battery that is kept back if a policy decides in flight. Telemetry is rounded and
 # delayed, so the price of the last path is inexact.
 _SPARED = 0.02
-# A path sets the surcharge only if its price is at least this fraction of the limit; cheaper paths always
-# fit.
+# A path sets the surcharge only if its price is at least this fraction of the limit; cheaper paths fit.
 _NEAR = 0.5
 
 
@@ -43,8 +42,8 @@ class ReserveCharge:
     """Surcharge for gusts and estimate errors, so that a flight lands with the battery's reserve.
 
     A path's price assumes an exact position estimate and few gusts. One flight is therefore predicted in
-    full, with estimate errors and more gusts. The ratio of its bound (`Prediction.most_wh`) to its price
-    multiplies the prices of all other flights. The spread grows with the square root of the energy.
+    full, with estimate errors and more gusts. All prices are multiplied by the ratio of this flight's bound
+    (`Prediction.most_wh`) to its price. In flight, the spread grows with the square root of the energy.
     """
 
     builder: MissionBuilder
@@ -77,12 +76,12 @@ class FlightBudget:
     A path that needs several batteries costs infinity, unless its mission may be cut into sorties.
     """
 
-    limit: float  # Largest allowed cost of the whole flight, from take-off to touch-down
-    unit: str  # {"s", "Wh"}
+    limit: float  # Largest allowed cost of the whole flight, from take-off to touch-down.
+    unit: str  # "s" or "Wh".
     builder: MissionBuilder
-    reserve: ReserveCharge | None = None  # Surcharge for gusts and estimate errors
-    in_sorties: bool = False  # Whether a mission beyond one battery may be cut into sorties
-    endless: bool = False  # Whether every path is priced with an endless battery
+    reserve: ReserveCharge | None = None  # Surcharge for gusts and estimate errors.
+    in_sorties: bool = False  # Whether a mission beyond one battery may be cut into sorties.
+    endless: bool = False  # Whether every path is priced with an endless battery.
     # Prices are kept, since planners mostly try the same candidate paths for successive flights.
     _known: dict[bytes, float] = field(default_factory=dict, init=False, repr=False)
 
@@ -189,7 +188,7 @@ def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = Fa
 
 
 def _battery_in(unit: str, builder: MissionBuilder) -> float:
-    """Return how long ("s") or how much ("Wh") a battery less its reserve gives in steady flight."""
+    """Return the time ("s") or energy ("Wh") of steady flight on a battery less its reserve."""
     battery = builder.vehicle.battery
     if battery is None or builder.vehicle.power is None:
         return math.inf
@@ -212,10 +211,10 @@ _SAME_M = 0.05
 class LegCosts:
     """Approximate cost of straight legs, from the ground speed in the mean wind and one turn per leg."""
 
-    speed_m_s: float  # Airspeed
-    acceleration_m_s2: float  # Horizontal acceleration
-    wind_m_s: tuple[float, float]  # Velocity of the mean wind along x and y of the farm frame
-    a_second: float  # Cost of a second of flight, in the unit of the budget
+    speed_m_s: float  # Airspeed.
+    acceleration_m_s2: float  # Horizontal acceleration.
+    wind_m_s: tuple[float, float]  # Velocity of the mean wind along x and y of the farm frame.
+    a_second: float  # Cost of a second of flight, in the unit of the budget.
 
     def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
         """Return the costs of the legs from each of n points to each of m points, float64[n, m]."""
@@ -263,14 +262,14 @@ class FlightTravelCost:
     state: InFlight  # State of the vehicle from its telemetry
     predictor: OnwardPredictor
     rough: LegCosts | GeometricTravelCost
-    unit: str  # {"s", "Wh"}
+    unit: str  # "s" or "Wh".
     # Maps the mean-wind cost of the remaining path to its charge (`FlightBudget.onward`)
     charged: Callable[[float], float]
     # Present path, float64[n, 2]
     present_m: Points = field(default_factory=lambda: np.empty((0, 2)))
     # Whether the autopilot leaves its mission for a change of path, so that the vehicle has to brake
     loses_speed: bool = False
-    # Prices are kept, since the check of an answer asks for the paths that the policy has priced.
+    # Prices are kept, since the check of an answer prices the policy's paths again.
     _known: dict[bytes, float] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def rest(self, paths_m: Sequence[Points]) -> list[float]:
@@ -291,8 +290,8 @@ class FlightTravelCost:
     def change(self, points_m: Points) -> float:
         """Return the cost of changing to another path, in addition to the difference in length.
 
-        The first legs of both paths are predicted from the present velocity; the leg of the new path begins
-        as the autopilot begins it after a change.
+        The first legs of both paths are predicted from the present velocity. The first leg of the new path
+        begins at the point at which ArduPilot stops the vehicle for a change.
         """
         if not self.loses_speed or not len(points_m) or not len(self.present_m):
             return 0.0

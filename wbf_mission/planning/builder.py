@@ -250,20 +250,20 @@ class MissionBuilder:
     vehicle: VehicleSpec  # The vehicle with its autopilot's parameters
     level: FlightLevel
     weather: WeatherOptions
-    image_spacing_m: float  # Distance between images
-    cornering: Cornering  # The autopilot's way to fly corners
-    home_m: tuple[float, float]  # Take-off and landing position, in metres of the farm frame
+    image_spacing_m: float  # Distance between images.
+    cornering: Cornering  # The autopilot's way to fly corners.
+    home_m: tuple[float, float]  # Take-off and landing position, in metres of the farm frame.
     # Whether the vehicle's position estimate has errors; predictions use their statistics
     estimate_errors: bool = False
-    # Area that paths avoid, or None if no obstacle reaches the flight height, or for the paper's robot, which
+    # Area that paths avoid; None if no obstacle reaches the flight height, and for the paper's robot, which
     # has no size
     keep_out: KeepOut | None = None
-    barred: tuple[Obstacle, ...] = ()  # Obstacles too high to be flown over
-    fence_m: float | None = None  # Distance of the fence outside the land's border; None: no fence
-    imaging: Imaging | None = None  # Mapping camera; None: the leaf camera
-    ground: FarmGround | None = None  # Ground that the flight follows; None: flat, at the height of home
-    follows_terrain: bool = False  # Whether the autopilot itself follows the terrain
-    station_range: StationRange | None = None  # Range of the ground station's radio; None: unlimited
+    barred: tuple[Obstacle, ...] = ()  # Obstacles too high to be flown over.
+    fence_m: float | None = None  # Distance of the fence outside the land's border; None: no fence.
+    imaging: Imaging | None = None  # Mapping camera; None: the leaf camera.
+    ground: FarmGround | None = None  # Ground that the flight follows; None: flat, at the height of home.
+    follows_terrain: bool = False  # Whether the autopilot itself follows the terrain.
+    station_range: StationRange | None = None  # Range of the ground station's radio; None: unlimited.
     _last: list[tuple[Mission, Prediction]] = field(
         default_factory=list, init=False, repr=False, compare=False
     )
@@ -313,7 +313,7 @@ class MissionBuilder:
 
     @property
     def priced_vehicle(self) -> VehicleSpec:
-        """The vehicle for pricing; with estimate errors, its return altitude is chosen with a margin."""
+        """The vehicle with which paths are priced; estimate errors give it a return margin."""
         return with_return_margin(self.vehicle) if self.estimate_errors else self.vehicle
 
     def mission(self, path: PlannedPath, *, camera_on_approach: bool = False) -> Mission:
@@ -336,7 +336,7 @@ class MissionBuilder:
         )
 
     def relief_m(self, obstacle: Obstacle, margin_m: float) -> float:
-        """Return the height above an obstacle's top that terrain following may cost (m)."""
+        """Return the height above an obstacle that a flight may lose by terrain following (m)."""
         return 0.0 if self.ground is None else self.ground.relief_m(obstacle, margin_m)
 
     def with_zones(self, mission: Mission, path_m: Points) -> Mission:
@@ -384,7 +384,7 @@ class MissionBuilder:
         )
 
     def waypoints(self, path_m: Points, from_m: tuple[float, float]) -> Waypoints:
-        """Return the waypoints of a path from `from_m`, with detours round obstacles also on the leg home."""
+        """Return the waypoints of a path from `from_m` that then leads home, with detours round obstacles."""
         points, of_point = self._around(path_m, from_m)
         sent = self.cornering.waypoints(points, from_m, avoid=self._obstacles())
         return sent if points is path_m else replace(sent, of_point=of_point[sent.of_point])
@@ -396,7 +396,7 @@ class MissionBuilder:
     def _around(self, path_m: Points, from_m: tuple[float, float]) -> tuple[Points, NDArray[np.int64]]:
         """Return the path with points added round obstacles, and for each point the index of its path point.
 
-        The path starts at `from_m` and leads home; points added on the leg home belong to its last point.
+        The path starts at `from_m` and leads home; points added on the leg home belong to the last point.
         """
         if self.keep_out is None or not len(path_m):
             return path_m, np.arange(len(path_m))
@@ -446,8 +446,8 @@ class MissionBuilder:
         """Predict the flights of candidate missions, with an exact position estimate.
 
         An exact estimate makes the prediction eight times faster. With acceptance radii of two metres, PX4's
-        estimate errors would make a flight up to 3 % longer. Near the distance from home at which the return
-        altitude steps up, the higher altitude is priced. Without ``gusts`` the wind is the mean wind.
+        estimate errors would make a flight up to 3 % longer. Just below the distance from home at which the
+        return altitude steps up, the higher altitude is priced. Without ``gusts`` the wind is the mean wind.
         `endless` flights continue on an empty battery.
         """
         wind = wind_of(self.weather, self.level, gusts=gusts)
@@ -487,7 +487,7 @@ def flown_vehicle(vehicle: VehicleOptions) -> VehicleSpec:
 
 
 def cornering_of(vehicle: VehicleSpec, radius_m: float | None = None) -> Cornering:
-    """Return the cornering of a vehicle's autopilot; `radius_m` replaces its acceptance radius."""
+    """Return the cornering of a vehicle's autopilot; `radius_m` replaces the default acceptance radius."""
     firmware = firmware_of(vehicle)
     own = Cornering() if firmware is None else firmware.cornering
     return own if radius_m is None else replace(own, radius_m=radius_m)

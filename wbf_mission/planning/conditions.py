@@ -23,8 +23,8 @@ _SLOWEST_M_S = 1.0
 class FlightLevel:
     """Height and speed of a planned flight."""
 
-    altitude_m: float  # Above home
-    speed_m_s: float  # Over ground in calm air
+    altitude_m: float  # Above home.
+    speed_m_s: float  # Over ground in calm air.
 
 
 def flight_level(mission: MissionOptions, vehicle: VehicleOptions) -> FlightLevel:
@@ -117,7 +117,7 @@ def separation_margin_m(first_m: float, second_m: float) -> float:
 def ground_separation_margin_m(options: VehicleOptions) -> float:
     """Return the horizontal `separation_margin_m` of two vehicles of a run.
 
-    Estimate errors need no margin: they move a vehicle no farther than the gusts in the separation.
+    Estimate errors need no margin: they move a vehicle no farther than gusts do, which the separation covers.
     """
     return separation_margin_m(options.gps_noise_m, options.gps_noise_m)
 

@@ -28,7 +28,7 @@ LEAST_OF_WHOLE = 0.95
 
 
 def seen_share(farm: Farm, x: NDArray[np.integer], y: NDArray[np.integer]) -> float:
-    """Return the fraction of the scouted cells that cells x, y include; they may lie outside the farm."""
+    """Return the fraction of the scouted cells that are among the cells x, y (some may be off the farm)."""
     wanted = farm.scouted_cells
     on_farm = (x >= 0) & (y >= 0) & (x < farm.width_cells) & (y < farm.height_cells)
     x, y = x[on_farm].astype(np.int64), y[on_farm].astype(np.int64)
@@ -75,7 +75,7 @@ def asks_whole(imaging: Imaging | None, planner: str | None) -> bool:
 def too_little_seen(coverage: float, *, whole: bool) -> str:
     """Return a warning if the coverage is too low, else an empty text.
 
-    A plan for the `whole` land needs a coverage of `LEAST_OF_WHOLE`; others need any coverage above 0.
+    A plan for the `whole` land needs a coverage of `LEAST_OF_WHOLE`; other plans need any coverage above 0.
     """
     if coverage <= 0.0:
         return "no image shows the land that is to be seen"
@@ -114,7 +114,7 @@ def image_places(farm: Farm, mission: Mission, prediction: Prediction) -> Points
 def _smooth(
     when_s: NDArray[np.floating[Any]], times_s: NDArray[np.floating[Any]], places: Points, speeds: Points
 ) -> Points:
-    """Return a track's positions at times `when_s`, by cubic interpolation (chords shorten the track)."""
+    """Return a track's positions at times `when_s`, by cubic interpolation, as chords would be too short."""
     step_s, most = times_s[1] - times_s[0], len(times_s) - 1
     past = np.clip((when_s - times_s[0]) / step_s, 0.0, most)
     k = np.minimum(past.astype(np.int64), most - 1)
@@ -126,7 +126,7 @@ def _smooth(
 
 
 def _by_distance(reports_deg: Points, distance_m: float, *, at_once: bool) -> Points:
-    """Return where a trigger by distance fires along reported positions: degrees, float64[n, 2]."""
+    """Return the positions at which a trigger by distance fires: degrees, float64[n, 2]."""
     trigger, exposures = CameraTrigger(), list[Exposure]()
     step_ms = round(1000.0 * _REPORT_S)
     reports_e7 = np.rint(DEGREES_E7 * reports_deg).astype(np.int64).tolist()
@@ -147,7 +147,7 @@ def _by_distance(reports_deg: Points, distance_m: float, *, at_once: bool) -> Po
 def _by_time(
     begin_s: float, end_s: float, interval_ms: float, times_s: NDArray[np.floating[Any]], track_deg: Points
 ) -> Points:
-    """Return where a trigger by time fires (degrees): at the start, and after each interval."""
+    """Return the positions at which a trigger by time fires (degrees): the first, and one per interval."""
     count = 1 if math.isinf(interval_ms) else 1 + math.floor((end_s - begin_s) * 1000.0 / interval_ms + 1e-9)
     wanted_s = begin_s + np.arange(count) * (interval_ms / 1000.0 if count > 1 else 0.0)
     return np.column_stack([np.interp(wanted_s, times_s, along) for along in track_deg.T])

@@ -39,7 +39,7 @@ from wbf_mission.scenario import (
 from wbf_mission.scenario.parts import VehicleParts
 from wbf_mission.scenario.values import DISTANCE, LAYERS
 
-_LONGEST_H = 24.0  # Longest survey (h); longer flights cannot be predicted
+_LONGEST_H = 24.0  # Longest survey (h); longer flights cannot be predicted.
 # Distance between the start positions of two vehicles, in multiples of the required separation.
 _ROW_FACTOR = 1.5
 
@@ -72,7 +72,7 @@ class Vehicle(SingleVehicle):
         return noise_of(self.vehicle, self.task.seed, number.stream_names("navigation"))
 
     def starting_at(self, home_m: tuple[float, float]) -> Vehicle:
-        """Return the vehicle with another home."""
+        """Return the vehicle with this home position."""
         builder = MissionBuilder.of(self, self.task.builder.farm, home_m)
         return replace(self, task=self.task.moved(self.mission, builder))
 
@@ -107,7 +107,7 @@ def vehicles_of(
 
 
 def _check_extent(mission: MissionOptions, farm: Farm, vehicles: Sequence[Vehicle]) -> None:
-    """Raise ScenarioError for a survey of more than 24 hours, before planning it for minutes."""
+    """Raise ScenarioError for a survey of more than 24 hours, instead of planning it for minutes."""
     if mission.file is not None or mission.planner.chosen != "survey":
         return
     for vehicle in vehicles:
@@ -196,7 +196,7 @@ def flies(spec: VehicleSpec) -> bool:
 
 
 def _parameters(vehicle: VehicleOptions, spec: VehicleSpec, height_m: float) -> dict[str, float]:
-    """Return a vehicle's parameters with the return altitude of its layer, unless the user has set that."""
+    """Return a vehicle's parameters with the return altitude of its layer, unless the user has set it."""
     given = vehicle.parameters
     firmware = get_autopilot(vehicle.autopilot).firmware(spec.kind)
     if firmware is None or firmware.return_height is None:

@@ -51,24 +51,24 @@ def imaging_of(camera: CameraOptions, mission: MissionOptions, level: FlightLeve
         height = model.height_m(0.01 * camera.gsd_cm)
         if asked is not None and abs(asked - height) > _SAME_HEIGHT * height:
             msg = (
-                f"gsd {camera.gsd_cm:g} cm: camera {model.name} has that at {height:.1f} m, not at the"
-                f" altitude of {asked:g} m ({100.0 * model.gsd_m(asked):.3g} cm); give one of them"
+                f"gsd {camera.gsd_cm:g} cm: camera {model.name} has this gsd at {height:.1f} m, not at the"
+                f" altitude of {asked:g} m ({100.0 * model.gsd_m(asked):.3g} cm); give only one of the two"
             )
             raise ScenarioError(msg)
         low, high = (100.0 * model.gsd_m(end) for end in (_LOWEST_M, mission.max_altitude_m))
         if not _LOWEST_M <= height <= mission.max_altitude_m:
             msg = (
-                f"gsd {camera.gsd_cm:g} cm: camera {model.name} has that at {height:.3g} m, but flights are"
-                f" {_LOWEST_M:g} to {mission.max_altitude_m:g} m high; give {low:.2g} to {high:.3g} cm, or"
-                " another camera"
+                f"gsd {camera.gsd_cm:g} cm: camera {model.name} has this gsd at {height:.3g} m, but flights"
+                f" are {_LOWEST_M:g} to {mission.max_altitude_m:g} m high; give {low:.2g} to {high:.3g} cm,"
+                " or another camera"
             )
             raise ScenarioError(msg)
     made = Imaging(model, height, camera.front_overlap, camera.side_overlap, camera.orientation == "portrait")
     speed = mission.cruise_speed_m_s
     if speed is not None and speed > made.top_speed_m_s:
         msg = (
-            f"cruise speed {speed:g} m/s: at {height:.1f} m camera {model.name} can trigger in time up to"
-            f" {made.interval_speed_m_s:.3g} m/s, with sharp images up to {made.blur_speed_m_s:.3g} m/s; fly"
+            f"cruise speed {speed:g} m/s: at {height:.1f} m camera {model.name} takes every image up to"
+            f" {made.interval_speed_m_s:.3g} m/s, and sharp images up to {made.blur_speed_m_s:.3g} m/s; fly"
             " slower or higher, or with less front overlap"
         )
         raise ScenarioError(msg)
@@ -86,7 +86,7 @@ def require_flight(camera: CameraOptions, vehicle: VehicleSpec) -> None:
 
 
 def level_of(imaging: Imaging | None, level: FlightLevel) -> FlightLevel:
-    """Return the height and speed of a flight with a mapping camera; `level` without one."""
+    """Return the height and speed of a flight with a mapping camera, or `level` for the leaf camera."""
     if imaging is None:
         return level
     return FlightLevel(imaging.height_m, min(level.speed_m_s, imaging.top_speed_m_s))

@@ -34,20 +34,20 @@ _TURNS_DEG = (90, 90, 90, 45, 120, 120, 120, 30, -90, -90, -90, -45, -120, -120,
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeepOut:
-    """Area around obstacles over which no path is planned."""
+    """Area around obstacles that planned paths do not enter."""
 
     # Obstacles widened by at least `distance_m`, in metres of the farm frame; enclosed gaps are filled
     area: Area
-    distance_m: float  # Least distance of planned legs from the obstacles
-    near: Area  # Obstacles widened by their margins, which the flown path must keep
-    outside: Terrain  # Plane without the area, in which paths are searched
+    distance_m: float  # Least distance of planned legs from the obstacles.
+    near: Area  # Obstacles widened by the margins that the flown path must keep.
+    outside: Terrain  # Plane without the area, in which paths are searched.
     _crossed: Area
 
     @classmethod
     def of(cls, obstacles: Sequence[Obstacle], margin_m: float, stray: float) -> KeepOut:
-        """Return the keep-out area for vehicles that stray by `stray`; it is `margin_m` wider than that (m).
+        """Return the area within `margin_m` + `stray` of obstacles, for vehicles that deviate by `stray` (m).
 
-        If an obstacle has a margin, that replaces `margin_m`.
+        If an obstacle has a margin, this margin replaces `margin_m`.
         """
         distance_m = margin_m + stray
         wide = [obstacle.widened(margin_m, stray + _SMOOTH_M + _GRAZES_M) for obstacle in obstacles]
@@ -155,8 +155,8 @@ MOST_VERTICES = 60
 """Largest number of vertices of a fence, since PX4 stores 64 items (NUM_MISSIONS_SUPPORTED, dataman)."""
 _LEAST_M = 0.05
 _NEAR_M = 0.01
-_OF_OBSTACLES = MOST_VERTICES // 2  # Largest number of vertices of all exclusion polygons together
-_LEAST_VERTICES = 4  # Every outline can be replaced by its smallest rectangle
+_OF_OBSTACLES = MOST_VERTICES // 2  # Largest number of vertices of all exclusion polygons together.
+_LEAST_VERTICES = 4  # Every outline can be replaced by its smallest rectangle.
 
 
 def border_fence(

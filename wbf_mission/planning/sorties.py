@@ -162,7 +162,7 @@ def cut_plan(
     homes : sequence of GeoPoint, optional
         Possible take-off positions; by default, only the mission's home. A sortie lands where it took off.
     overlap_m : float, optional
-        See `mission.sorties.part_of`; by default `overlap_of` decides.
+        Overlap of two successive sorties (m, see `mission.sorties.part_of`); by default that of `overlap_of`.
     change_s : float
         Duration of a battery change (s).
     full : float
@@ -212,7 +212,7 @@ def overlap_of(builder: MissionBuilder, whole: PlanResult) -> float:
 
 
 def _way_of(builder: MissionBuilder) -> Way | None:
-    """Return a function that finds a leg's points round obstacles, or None without obstacles."""
+    """Return a function that finds a leg's detour points round obstacles, or None without obstacles."""
     keep_out, frame = builder.keep_out, builder.farm.frame
     if keep_out is None:
         return None
@@ -366,7 +366,7 @@ class SortieCosts:
         """Return the costs of all sorties on a course from `begin` on, or None if the course cannot be flown.
 
         The whole course is predicted once. The flights out to a position and back home are predicted for some
-        positions; for others their costs are interpolated by straight-line time in the mean wind.
+        positions; at other positions, the costs are interpolated by straight-line time in the mean wind.
         """
         wind = wind_of(builder.weather, builder.level)
         trials = TrialFlights(course.mission, builder.priced_vehicle, course.frame, wind)
@@ -374,7 +374,7 @@ class SortieCosts:
         if flown is None:
             return None
         way_m = np.maximum.accumulate(course.along(flown.seq, flown.place_m[:, 0], flown.place_m[:, 1]))
-        count = int(np.searchsorted(way_m, course.length_m)) + 1  # The points after these are the flight home
+        count = int(np.searchsorted(way_m, course.length_m)) + 1  # Later points belong to the flight home
         way_m, place_m = way_m[:count], flown.place_m[:count]
         frame = builder.farm.frame
         track_m = np.column_stack(frame.from_wgs84(*course.frame.to_wgs84(place_m[:, 0], place_m[:, 1])))
@@ -488,7 +488,7 @@ def _spread(straight_s: NDArray[np.float64], metres: NDArray[np.float64]) -> NDA
 def _interpolated(
     straight_s: NDArray[np.float64], known_s: NDArray[np.float64], takes: list[float], beyond: float
 ) -> NDArray[np.float64]:
-    """Return flights' costs, interpolated by straight-line time; past the last, each second costs `beyond`.
+    """Return flights' costs, interpolated by straight-line time; after the longest, a second costs `beyond`.
 
     The interpolation is linear, since return altitudes change in steps with the distance from home.
     """

@@ -29,11 +29,11 @@ _HEARD_S = 2.0
 class StationRange:
     """Radio range of the ground station, for paths at one height and speed."""
 
-    range_m: float  # Slant range of the radio
-    station_xy_m: tuple[float, float]  # Position of the ground station, in metres of the farm frame
-    height_m: float  # Flight height above the ground station
-    speed_m_s: float  # Speed of the flight
-    leaves_mission: bool = False  # Whether the vehicle leaves its mission during a change (ArduPilot)
+    range_m: float  # Slant range of the radio.
+    station_xy_m: tuple[float, float]  # Position of the ground station, in metres of the farm frame.
+    height_m: float  # Flight height above the ground station.
+    speed_m_s: float  # Speed of the flight.
+    leaves_mission: bool = False  # Whether the vehicle leaves its mission during a change (ArduPilot).
 
     @classmethod
     def of(

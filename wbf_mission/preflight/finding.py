@@ -116,10 +116,10 @@ class Finding:
     """One finding of a check."""
 
     severity: Severity
-    code: str  # Code of the rule; scripts may use it, so it does not change
-    text: str  # Description of the fault
-    fix: str = ""  # Remedy; empty for a note
-    plan: str = "mission"  # Plan with the item: ``mission``, ``fence`` or ``rally``
+    code: str  # Code of the rule; scripts may use it, so it does not change.
+    text: str  # Description of the fault.
+    fix: str = ""  # Remedy; empty for a note.
+    plan: str = "mission"  # Plan with the item: ``mission``, ``fence`` or ``rally``.
     # Item number from 1, without a home item; None for the whole plan. If several items share the finding,
     # this is the worst item.
     item: int | None = None
@@ -224,7 +224,7 @@ class Hit:
 
     item: int
     value: float
-    measured: tuple[float, float] | None = None  # Measured number and its limit, if `value` is neither
+    measured: tuple[float, float] | None = None  # Measured number and limit, if `value` is their ratio
 
 
 def worst_of(hits: Iterable[Hit], *, largest: bool) -> tuple[Hit, int] | None:

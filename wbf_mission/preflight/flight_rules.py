@@ -59,7 +59,7 @@ _GROUND_OR_AIR = (0.0, 1.0)
     Rule(
         "too-fast",
         WARNING,
-        "the speed is higher than {vehicle} reaches, so the flight takes longer",
+        "the speed is above the top speed of {vehicle}, so the vehicle flies slower",
         "give a speed that the vehicle reaches",
         rules.at_most("speed", "m/s"),
     ),
@@ -212,7 +212,7 @@ def check_climbs(subject: Subject) -> Iterator[Finding]:
 TOO_GUSTY = "too-gusty"
 
 _SHORT_GUSTS_S = 1.0
-"""A vehicle's inertia is enough against gusts of a shorter total duration (s)."""
+"""Total duration of gusts (s) against which a vehicle's inertia is enough."""
 
 
 @CHECKS.finds(
@@ -227,8 +227,8 @@ _SHORT_GUSTS_S = 1.0
     Rule(
         TOO_GUSTY,
         WARNING,
-        "gusts are stronger than the {limit_m_s:.3g} m/s against which {vehicle} holds its"
-        " path: they blow it aside, and no margin to obstacles or a fence allows for that",
+        "{vehicle} holds its path in at most {limit_m_s:.3g} m/s, but gusts are stronger: they blow the"
+        " vehicle aside, farther than the margins to obstacles and fence allow for",
         "wait for less wind, or stay farther away",
         rules.at_most("time in such gusts", "s"),
     ),
@@ -362,7 +362,7 @@ def check_camera(subject: Subject) -> Iterator[Finding]:
         "unseen",
         WARNING,
         "the images show less of the farm's land than was asked for",
-        "give the right --farm and --camera, or plan again; a part of a survey may show less",
+        "give the right --farm and --camera, or plan again; ignore this for a part of a survey",
         rules.at_least("coverage", "%"),
     )
 )

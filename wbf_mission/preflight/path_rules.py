@@ -226,14 +226,14 @@ _LOWEST_M = 2.0
         "with-permission",
         NOTE,
         "the height is more than is allowed without a permission",
-        "carry the permission; where the ground is lower than home, the vehicle is higher above it",
+        "carry the permission; where the ground is lower than home, the height above ground is greater",
         rules.at_most("height above home", "m"),
     ),
     Rule(
         "too-high",
         WARNING,
         "the height is more than is allowed above the ground",
-        "fly lower, or give --max-altitude if you have a permission; mind ground lower than home",
+        "fly lower, or give --max-altitude if you have a permission; ground below home adds to the height",
         rules.at_most("height above home", "m"),
     ),
     Rule(
@@ -288,7 +288,7 @@ _FARTHEST_START_M = 1000.0
     )
 )
 def check_start_distance(subject: Subject) -> Iterator[Finding]:
-    """Find a mission whose every position is far from home; on a large farm, some positions may be."""
+    """Find a mission that is far from home everywhere; on a large farm, some positions may be far."""
     positions = zip(subject.items, subject.positions, strict=True)
     away = [
         Hit(k, math.hypot(x, y))
@@ -340,14 +340,14 @@ _SMALLEST_RADIUS_M = 1.0
     Rule(
         "small-radius",
         WARNING,
-        "the acceptance radius includes height, and the height estimate is wrong by half a metre: "
+        "the acceptance radius also limits the height error, and height estimates err by half a metre: "
         "{autopilot} may wait at the waypoint",
         "set the acceptance radius to 2 m, or to 0 for the autopilot's default radius",
         rules.at_least("acceptance radius", "m"),
     )
 )
 def check_radii(subject: Subject) -> Iterator[Finding]:
-    """Find acceptance radii that are too small if the vehicle's height error counts, too."""
+    """Find acceptance radii that are too small for height errors, if the radius also limits the height."""
     if subject.profile.radius_in_space and subject.vehicle.hovers:
         small = [Hit(leg.item, leg.radius_m) for leg in legs_of(subject) if leg.radius_m < _SMALLEST_RADIUS_M]
         yield from worst(subject, "small-radius", small, _SMALLEST_RADIUS_M, autopilot=subject.profile.name)

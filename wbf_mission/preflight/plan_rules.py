@@ -132,7 +132,7 @@ def check_unknown(subject: Subject) -> Iterator[Finding]:
         "unreachable",
         WARNING,
         "the item is never flown: an earlier item ends the mission, and no item jumps to this item",
-        "remove it, or move the item that ends the mission behind it",
+        "remove the item, or move the item that ends the mission behind it",
     )
 )
 def check_flown(subject: Subject) -> Iterator[Finding]:
@@ -167,7 +167,7 @@ _FRAMES = {
     Rule(
         "mixed-frames",
         WARNING,
-        "its height is {frame}, but heights of other items are {usual}",
+        "the height is {frame}, but heights of other items are {usual}",
         "give all heights in one frame",
     )
 )
@@ -255,7 +255,7 @@ def check_end(subject: Subject) -> Iterator[Finding]:
 
 
 def _is_last(subject: Subject, item: int) -> bool:
-    """Return whether an item is a NAV item, followed by DO items at most."""
+    """Return whether an item is a last NAV item, which no other NAV item follows."""
     items = subject.items
     if items[item].command > LAST_NAV:
         return False

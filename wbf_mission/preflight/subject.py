@@ -51,7 +51,7 @@ LAST_NAV = 95
 def followers(items: Sequence[MissionItem], seq: int) -> tuple[int, ...]:
     """Return the items that may follow item ``seq``, counted from 0; ``len(items)`` is the end.
 
-    After a landing, only a take-off continues the mission. An endless jump to no valid item has no followers.
+    After a landing, only a take-off continues the mission. An endless jump to an invalid item leads nowhere.
     """
     item = items[seq]
     if item.command in _ENDINGS:
@@ -107,7 +107,7 @@ def never_ends(items: Sequence[MissionItem]) -> bool:
 
 
 _TRACK_STEP_S = 0.2
-_TRACK_POINTS = 100_000  # Enough for five hours at the shortest step; longer flights get longer steps
+_TRACK_POINTS = 100_000  # Enough for five hours at the shortest step; longer flights get longer steps.
 # This DO command has no effect on a flight.
 _NO_OPERATION = int(m.MAV_CMD_SET_CAMERA_MODE)
 
@@ -151,19 +151,19 @@ class Circumstances:
 
     vehicle: VehicleOptions = field(default_factory=VehicleOptions)  # Options of one vehicle
     weather: WeatherOptions = field(default_factory=WeatherOptions)
-    farm: Farm | None = None  # Farm with the obstacles; None: no obstacles
+    farm: Farm | None = None  # Farm with the obstacles; None: no obstacles.
     # Least distance of the flown path from fence and obstacles
     margin_m: float = MissionOptions().margin_m
-    max_altitude_m: float = MissionOptions().max_altitude_m  # Highest allowed altitude above home
-    image_interval_s: float = MIN_INTERVAL_S  # The camera's shortest interval
-    assumed: bool = False  # Whether the vehicle is only assumed, so that findings on it are no errors
-    snapshot: Answers | None = None  # The vehicle's answers
-    footprint: int = 1  # Side of an image, in cells of the farm
-    imaging: Imaging | None = None  # Mapping camera; None: the leaf camera
+    max_altitude_m: float = MissionOptions().max_altitude_m  # Highest allowed altitude above home.
+    image_interval_s: float = MIN_INTERVAL_S  # The camera's shortest interval.
+    assumed: bool = False  # Whether the vehicle is only assumed; errors about it are then warnings.
+    snapshot: Answers | None = None  # The vehicle's answers.
+    footprint: int = 1  # Side of an image, in cells of the farm.
+    imaging: Imaging | None = None  # Mapping camera; None: the leaf camera.
     # Prediction that planning made for this vehicle and weather; None: the check makes the prediction
     prediction: Prediction | None = None
-    predicted_coverage: float | None = None  # Coverage of `prediction`, if planning computed it
-    planner: str | None = None  # The planner with its parameters, if it is known
+    predicted_coverage: float | None = None  # Coverage of `prediction`, if planning computed it.
+    planner: str | None = None  # The planner with its parameters, if it is known.
     # Joint coverage with other vehicles' plans, or None for a single vehicle
     coverage: float | None = None
 
@@ -187,15 +187,15 @@ class Subject:
 
     mission: Mission  # Mission, with a home if the home is known
     given: Circumstances
-    vehicle: VehicleSpec  # The vehicle with its autopilot and the parameters that it sent
-    planned: VehicleSpec  # The vehicle with the parameters that plans assume
-    profile: Profile  # Mission protocol of the autopilot
+    vehicle: VehicleSpec  # The vehicle with its autopilot and the parameters that it sent.
+    planned: VehicleSpec  # The vehicle with the parameters that plans assume.
+    profile: Profile  # Mission protocol of the autopilot.
     wind: Wind
     frame: LocalFrame  # Frame with home as the origin
     positions: tuple[
         Position, ...
-    ]  # Positions of the items: east, north, up from home; NaN for items without position
-    problems: tuple[ItemProblem, ...]  # Items that the vehicle cannot fly
+    ]  # Positions of the items: east, north, up from home; NaN for items without position.
+    problems: tuple[ItemProblem, ...]  # Items that the vehicle cannot fly.
     # Predicted flights with an exact estimate, one per sample of gusts; empty if the plan cannot be flown
     tracks: tuple[FlownTrack, ...] = ()
     # The prediction that planning shows (`sim_vehicle.prediction.predict.plan_prediction`)
@@ -212,7 +212,7 @@ class Subject:
 
     @property
     def vehicle_type(self) -> int:
-        """MAV_TYPE from the vehicle's heartbeat; for an assumed vehicle, that of its firmware."""
+        """MAV_TYPE from the vehicle's heartbeat; for an assumed vehicle, the MAV_TYPE of its firmware."""
         if self.given.snapshot is not None:
             return self.given.snapshot.vehicle_type
         firmware = firmware_of(self.vehicle)
@@ -270,7 +270,7 @@ def subject_of(mission: Mission, given: Circumstances) -> Subject:
 
 
 def level_of_plan(mission: Mission, options: VehicleOptions) -> FlightLevel:
-    """Return the height and speed of a plan, which decide its wind."""
+    """Return the height and speed of a plan, for which the wind is predicted."""
     level = flight_level(MissionOptions(), options)
     heights = [
         item.z
@@ -281,7 +281,7 @@ def level_of_plan(mission: Mission, options: VehicleOptions) -> FlightLevel:
 
 
 def _with_home(mission: Mission, given: Circumstances) -> Mission:
-    """Return the mission with a home: its own, the farm's, or the vehicle's position."""
+    """Return the mission with a home: the mission's home, the farm's home, or the vehicle's position."""
     if mission.home is not None:
         return mission
     if given.farm is not None:

@@ -29,7 +29,7 @@ from wbf_mission.replanning.spacing import KeptDistance
 
 _SCHEDULE = Path("/proc/thread-self/schedstat")
 CRASHED, TOO_LATE = "crashed", "too late"
-"""Faults of answers besides the kinds of `AnswerError` that `answer_costs` and `Decision` raise."""
+"""Two kinds of fault of an answer; an `AnswerError` from `answer_costs` or `Decision` has the other kinds."""
 _REACHED_M = 1.0
 """An autopilot counts a point within this distance (m) as reached, and does not fly back to it."""
 
@@ -39,8 +39,8 @@ class Answer:
     """A valid decision of a policy, with the costs of its paths."""
 
     decision: Decision
-    costs: dict[int, float]  # Cost of each new path by system id, in the unit of the vehicle's budget
-    compute_s: float  # Computing time of the decision, without the time spent waiting for a core
+    costs: dict[int, float]  # Cost of each new path by system id, in the unit of the vehicle's budget.
+    compute_s: float  # Computing time of the decision, without the time spent waiting for a core.
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,14 +113,14 @@ class Steered(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """Knowledge of the farm on the ground: estimate and observations, but not the vehicles."""
+    """Estimate and observations for the policy, to which `observation` adds the reports of the vehicles."""
 
     farm: Farm
     day: int
     fields: FieldSet
     weights: ScoreWeights
-    model: Callable[[], InformationModel]  # Returns the estimate after all observations
-    observations: Callable[[], Observations]  # Returns all observations
+    model: Callable[[], InformationModel]  # Returns the estimate after all observations.
+    observations: Callable[[], Observations]  # Returns all observations.
 
     def observation(
         self, event: Event, time_s: float, vehicles: Sequence[VehicleReport], compute_s: float
@@ -175,7 +175,7 @@ class DecisionLoop:
         self._flight = flight
         self._compute_s = compute_s
         self._kept_distance = kept_distance
-        self._asked_s = self._asked_at_s = 0.0  # Times of the last question, by mission and by host
+        self._asked_s = self._asked_at_s = 0.0  # Times of the last question on the clocks of mission and host
         self._took_s = 0.0
         self._observations = 0
         self._reached = 0
@@ -248,9 +248,9 @@ class DecisionLoop:
         """Return a question with the current vehicles and observations.
 
         `model` replaces the estimate of `Knowledge` if another thread computes the answer while vehicles fly
-        on. The vehicles' reports then include the predicted cost of flying during the computation, which is
-        taken to last the time limit, or twice the last answer's time if that is longer. Without this margin,
-        a new path near the end of the budget would exceed the budget when the answer arrives.
+        on. The vehicles' reports then include the predicted cost of flying while the answer is computed, for
+        which the time limit is assumed, or twice the time of the last answer if that is longer. Without this
+        margin, a new path near the end of the budget would exceed the budget when the answer arrives.
         """
         ahead_s = 0.0 if model is None else max(self._compute_s, 2.0 * self._took_s)
         reports = tuple(vehicle.report(now_s, ahead_s) for vehicle in vehicles)
@@ -288,7 +288,7 @@ class DecisionLoop:
                 found[system_id] = str(error)
             else:
                 if _is_passed(then.vehicle(system_id), now.vehicle(system_id), points):
-                    found[system_id] = "the vehicle has passed its first point"
+                    found[system_id] = "the vehicle has passed the path's start"
         return found
 
     def carry_out(

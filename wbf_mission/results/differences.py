@@ -20,7 +20,7 @@ _COLUMNS = 32
 
 
 def differences(cells: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return differences along both axes of float32[..., W, H]; its bits are taken as integers modulo 2^32.
+    """Return differences along both axes of float32[..., W, H], whose bits are taken as integers modulo 2^32.
 
     In a smooth field, the differences are a few units in the last place of a value.
 

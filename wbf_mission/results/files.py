@@ -176,7 +176,7 @@ def _read_tracks(path: Path) -> dict[tuple[int, int, int], Track]:
 
 
 def _entry(kind: type[Any], record: object, **other: Any) -> Any:
-    """Return the file's entry for a record; `other` has the values that differ from the record's."""
+    """Return the file's entry for a record; `other` has the fields whose values differ from the record."""
     names = [name for name in kind.__struct_fields__ if name not in other]
     return kind(**{name: getattr(record, name) for name in names}, **other)
 
@@ -203,7 +203,7 @@ _SCORE = ("field_loss", "field_mse", "field_mae", "field_weighted_mae")
 
 
 _PLAIN = ("simulated_s", "frames", "timings_s", "environment_cached", "stopped")
-"""Fields that a result and its record in the file have in common."""
+"""Fields that have the same values in a result and in its record in the file."""
 
 
 _Day = _entry_of(DayRecord, truth=None, model=None)
@@ -260,7 +260,7 @@ def write_arrays(result: RunRecord, folder: Path, pool: Executor) -> dict[Path, 
         # Probabilities are written in strips: they are large on large farms, and may be computed on access.
         strip = partial(model.probabilities_in, disease)
         jobs[path] = partial(write_strips, path, strip, (len(CLASSES), *model.shape), CLASSES)
-    # Probabilities need most memory, so they are written first, before another thread draws pictures.
+    # Probabilities need the most memory, so they are written first, before another thread draws pictures.
     begun = {path: pool.submit(job) for path, job in reversed(jobs.items())}
     return {path: begun[path] for path in jobs}
 
@@ -388,7 +388,7 @@ def read_result(folder: Path, kind: type[R], *, probabilities: bool = True, lazy
 
 
 def _vehicles(scenario: Scenario, folder: Path) -> list[VehicleSpec]:
-    """Return the vehicles of a run; the result's folder has the users' vehicle files."""
+    """Return the vehicles of a run; a user's vehicle files are read from the result's folder."""
     names = []
     for number, name in enumerate(scenario.vehicle.names, start=1):
         own = folder / _vehicle_name(number)
@@ -420,7 +420,7 @@ def _record(result: RunRecord, files: tuple[str, ...]) -> _Record:
 def _read_array(
     path: Path, fields: tuple[str, ...], farm: Farm, *, lazy: bool = False
 ) -> NDArray[np.float32] | None:
-    """Read the array of a file now, or if `lazy` at each access; None without the file."""
+    """Read the array of a file, now or (if `lazy`) at each access; return None if there is no file."""
     if not path.is_file():
         return None
     shape = len(fields), farm.width_cells, farm.height_cells
@@ -456,7 +456,7 @@ def _read_record(path: Path) -> _Record:
     with path.open("rb") as file:
         data = file.read(MAX_JSON_BYTES + 1)
     if len(data) > MAX_JSON_BYTES:
-        msg = f"{path}: larger than {MAX_JSON_BYTES // 2**20} MiB; no result is"
+        msg = f"{path}: larger than {MAX_JSON_BYTES // 2**20} MiB, so it is not the record of a result"
         raise ResultError(msg)
     try:
         record = msgspec.json.decode(data, type=_Record)

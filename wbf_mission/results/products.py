@@ -24,7 +24,7 @@ class Product(Protocol):
     Attributes
     ----------
     needs_estimate : bool
-        Whether the run's estimate must still be in memory. Other products are written last, without it.
+        Whether the run's estimate must still be in memory. Other products are written last.
     """
 
     needs_estimate: bool

@@ -135,7 +135,7 @@ def load_result(path: str | Path, *, probabilities: bool = True, lazy: bool = Fa
     Raises
     ------
     ResultError
-        If the folder contains no result, or a damaged one.
+        If the folder contains no result, or the result is damaged.
 
     Examples
     --------

@@ -98,7 +98,7 @@ def _opened(path: Path, columns: tuple[str, ...], content: bytes | None = None) 
 
 
 def _require_bounded(path: Path, metadata: Any) -> None:
-    """Raise ResultError if a table unpacks to too many values or bytes, as many equal numbers may do."""
+    """Raise ResultError if a table unpacks to too many values or bytes, as even a small file may."""
     groups, columns = metadata.num_row_groups, metadata.num_columns
     if max(groups, columns) > _MOST_PARTS:
         raise ResultError(f"{path}: has {groups} row groups of {columns} columns, too many to be read")

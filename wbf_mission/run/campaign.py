@@ -41,15 +41,15 @@ from wbf_mission.run.reuse import FlightAlone, FlightMemory, FlightsAhead, can_f
 class RealSorties(Protocol):
     """A real vehicle's progress through its sorties; if a sortie ends early, the rest is cut again."""
 
-    cut: SortiePlan  # Flown sorties, cut to their flown part, and the planned sorties
-    stopped: str  # Why the mission was stopped; empty if it goes on or is complete
-    changed_s: float  # Duration of the last battery change
+    cut: SortiePlan  # Flown sorties, cut to their flown part, and the planned sorties.
+    stopped: str  # Why the mission was stopped; empty if it goes on or is complete.
+    changed_s: float  # Duration of the last battery change.
 
     def follow(self, flight: int) -> MissionProgress:
         """Return the progress tracker of a flight; flights count from 1."""
 
     def note(self, flight: int, record: FlightRecord) -> None:
-        """Update the place that the mission has reached after a flight."""
+        """After a flight, update the place that the mission has reached."""
 
     def go_on(self, flight: int, record: FlightRecord) -> bool:
         """Change the battery after a flight; return whether another sortie follows."""
@@ -122,7 +122,7 @@ class Campaign:
         self._events.tell(scored)
 
     def _in_sorties(self, planned: PlannedFlight, change_s: float) -> PlannedFlight:
-        """Return the first sortie if the mission needs several batteries, else the given flight."""
+        """Return the flight of the first sortie if the mission needs several batteries, else `planned`."""
         run = self.run
         if run.decider.steers or len(planned.sorties) != 1:
             return planned
@@ -142,7 +142,7 @@ class Campaign:
         return plan_flight(self.run, planned.day, planned.flight, self.evidence, self.decisions, self._gone)
 
     def _fly_in(self, cut: SortiePlan, times_a_day: int = 1) -> None:
-        """Replace the run's mission by its sorties."""
+        """Let the run fly the sorties of a cut mission in place of the mission."""
         self.cut = cut
         # Each sortie gets the whole mission's predicted coverage, since the run reports all sorties together.
         sorties = tuple(replace(plan, coverage=cut.whole.coverage) for plan in cut.plans)
@@ -194,7 +194,7 @@ class Campaign:
         memory: FlightMemory | None = None,
         sorties: Callable[[SortiePlan, Vehicle, int], RealSorties | None] = lambda *_of: None,
     ) -> None:
-        """Fly all days, and reuse flights of `memory`; `sorties` makes the tracker of a real mission."""
+        """Fly all days, and reuse flights of `memory`; `sorties` makes the tracker of real sorties."""
         first = self.run.first_day
         if self._next is None:
             self.plan(first)
@@ -346,7 +346,7 @@ class Campaign:
         return self._log
 
     def _ahead(self, environment: Environment, hosting: Hosting) -> FlightsAhead | None:
-        """Start all flights in worker processes; None if the run cannot use them or would not be faster."""
+        """Start all flights in worker processes; return None if workers cannot fly them, or save no time."""
         numbers = self.run.numbers
         assert self._next is not None
         if len(numbers) == 1 or not can_fly_ahead(self.run, hosting, len(numbers) * self._next.expected_s):

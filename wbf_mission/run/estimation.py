@@ -27,7 +27,7 @@ _PROGRAM_BYTES = 300_000_000
 
 
 def resolved(scenario: Scenario) -> Scenario:
-    """Return the scenario with an estimator: its own, or the default for the farm's size and fields."""
+    """Return the scenario with an estimator; by default, the estimator for the farm's size and fields."""
     if scenario.estimate.estimator is not None:
         return scenario
     return naming_estimator(scenario, scenario.farm.load(), load_field_set(scenario.farm.fields))

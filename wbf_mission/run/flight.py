@@ -51,13 +51,13 @@ class PlannedFlight:
 
     day: int
     flight: int
-    loop: DecisionLoop  # Asks the policy during the flight
+    loop: DecisionLoop  # Asks the policy during the flight.
     # Sortie number, vehicle and plan for each vehicle with a path; empty if the flight is skipped
     sorties: tuple[tuple[SortieNumber, Vehicle, PlanResult], ...]
-    # Ratio of each vehicle's expected flight to its plan; a policy's first path uses only part of the budget
+    # Ratio of expected to planned flight time, for each vehicle; above 1 if a policy adds paths in flight
     times: tuple[float, ...]
-    faults_seed: SeedSequence  # Seed of the faults that are injected into the flight
-    gone: Collection[int] = ()  # System ids of the lost vehicles
+    faults_seed: SeedSequence  # Seed of the faults that are injected into the flight.
+    gone: Collection[int] = ()  # System ids of the lost vehicles.
 
     @property
     def plans(self) -> tuple[PlanResult, ...]:
@@ -237,7 +237,7 @@ def departure_delays(plans: Sequence[PlanResult], distance_m: float, margin_m: f
                 if delay > _LATEST_S:
                     msg = (
                         f"separation distance: vehicle {number} would wait for more than two hours to keep"
-                        f" {distance_m:g} m from the others; give a smaller distance, or separate by layers"
+                        f" {distance_m:g} m from other vehicles; give a smaller distance, or use layers"
                     )
                     raise ScenarioError(msg)
             flights.append((flight, delay))
@@ -258,7 +258,7 @@ def _positions(plan: PlanResult) -> Positions:
 
 
 def _start_delays(run: Run, plans: Sequence[PlanResult]) -> Sequence[float]:
-    """Return the delay of each vehicle's start after the first start (s)."""
+    """Return the `departure_delays` of a run with separation by distance, and 0 for any other run."""
     if run.keeps.kind != DISTANCE or len(plans) == 1:
         return [0.0] * len(plans)
     return departure_delays(plans, run.keeps.metres, _margin_m(run))

@@ -51,11 +51,11 @@ class FlightHost(Protocol):
 class Hosting(ABC):
     """Options of a run's flights, and maker of their hosts: a simulation, or links to real vehicles."""
 
-    pace: float | None = None  # Seconds of the host's clock per wall second; None: no fixed pace
-    tlog: Path | None = None  # File for all MAVLink frames; the first flight makes its folder
-    orders: Orders | None = None  # Orders of a watcher, or None if orders are not possible
-    force: bool = False  # Whether to upload plans that the autopilot would refuse or not fly
-    waits_for_decisions: ClassVar[bool] = True  # Whether simulated time stops while a policy decides
+    pace: float | None = None  # Seconds of the host's clock per wall second; None: no fixed pace.
+    tlog: Path | None = None  # File for all MAVLink frames; the first flight makes its folder.
+    orders: Orders | None = None  # Orders of a watcher, or None if orders are not possible.
+    force: bool = False  # Whether to upload plans that the autopilot would refuse or not fly.
+    waits_for_decisions: ClassVar[bool] = True  # Whether simulated time stops while a policy decides.
 
     @property
     def transfers(self) -> TransferMaker:
@@ -96,8 +96,8 @@ class Hosting(ABC):
 class VirtualHosting(Hosting):
     """Simulated vehicles on a virtual clock, which runs as fast as possible unless a pace is given."""
 
-    impairment: Impairment | None = None  # Disturbances of the radio link
-    faults: tuple[AnyFault, ...] = ()  # Faults injected into each flight, except those of lost vehicles
+    impairment: Impairment | None = None  # Disturbances of the radio link.
+    faults: tuple[AnyFault, ...] = ()  # Faults injected into each flight, except those of lost vehicles.
 
     def open(
         self,

@@ -28,7 +28,7 @@ from wbf_mission.run.record import Flight
 from wbf_mission.run.sortie import Sortie
 
 SLICE_S = 1.0
-# Wait for the last answer (s): most policies answer within a second, and none may delay the record long.
+# Longest wait for the last answer (s); most policies answer within a second.
 LAST_ANSWER_S = 5.0
 MOST_AGAIN = 2
 """Number of late answers after which a policy is asked again at once; then it waits for its next trigger."""
@@ -183,7 +183,7 @@ class JointFlight:
                 gate.release()
 
     def fly(self) -> None:
-        """Fly until every flight is over; Ctrl-C is raised between slices: then call `interrupt`."""
+        """Fly until every flight is over. KeyboardInterrupt comes between slices; then call `interrupt`."""
         try:
             if self._console is not None:
                 # The console itself handles signals.
@@ -289,8 +289,8 @@ class JointFlight:
             event = Event.LOST
         if event is not None and self._is_flying():
             # The policy's thread may outlive the flight, so it gets a snapshot and never the estimator. The
-            # estimate's thread makes it, since that takes seconds on large farms, and this thread sends
-            # heartbeats.
+            # estimate's thread makes the snapshot, since that takes seconds on large farms, and this thread
+            # sends heartbeats.
             model = None if self._waits_for_decisions else self._evidence.snapshot()
             question = self._decisions.question(event, self.sorties, self._mission_s, self.now_s, model)
             if self._waits_for_decisions:

@@ -131,7 +131,7 @@ class Orders:
                 return f"{one_line(order, 40)!r} cannot be ordered now"
             if self._vehicles.isdisjoint(system_ids):
                 named = ", ".join(map(str, sorted(system_ids)[:3])) or "named"
-                return f"there is no vehicle {named} to take it"
+                return f"there is no vehicle {named} to take the order"
             if order in STARTS_MOTORS and confirmed is not True:
                 return f"{order} starts motors: it has to be confirmed"
             if order in ENDS_FLIGHT and len(system_ids) > 1 and confirmed is not True:
@@ -156,7 +156,7 @@ class Orders:
                 return "the question has changed: look at the page"
             if text not in self._question.answers:
                 known = " or ".join(self._question.answers)
-                return f"{one_line(text, 40)!r} answers nothing" + f": give {known}" * bool(known)
+                return f"{one_line(text, 40)!r} is no valid answer" + f": give {known}" * bool(known)
             if refused := too_late(age_s):
                 return refused
             self._answer = self._clock() - age_s, text
@@ -194,7 +194,7 @@ class Orders:
         return fresh
 
     def ask(self, question: str, answers: Collection[str] = ()) -> None:
-        """Replace the question by a new one, with its possible answers; an empty text asks nothing."""
+        """Ask a question with these possible answers in place of the last question; "" withdraws it."""
         with self._lock:
             asked = Asked(question, tuple(answers), self._question.number + 1)
             changed = self._question != asked

@@ -124,7 +124,7 @@ def plan_for_batteries(
     """Plan the longest mission of one vehicle that `count` batteries can fly.
 
     The function searches for the budget in metres, with at most eight plans. Each plan is cut into sorties,
-    and their energy scales the next budget; if that leaves the bounds, the next budget bisects them.
+    whose energy scales the next budget; if this lies outside the bounds, the next budget is their middle.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def plan_for_batteries(
     """
     text = "1 battery" if count == 1 else f"{count} batteries"
     if len(scenario.vehicle.fleet) > 1:
-        msg = f"budget {text}: batteries are counted for one vehicle, but {len(scenario.vehicle.fleet)} fly"
+        msg = f"budget {text}: batteries are counted for one vehicle, not for {len(scenario.vehicle.fleet)}"
         raise ScenarioError(msg)
 
     def planned(budget: str | None) -> PlanResult:

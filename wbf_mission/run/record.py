@@ -68,7 +68,7 @@ class FlightRecord:
     seen_before : int
         Number of the run's observations before the flight.
     begun_s : float
-        Start of the flight, seconds after the start of the run; the flight's times count from it.
+        Start of the flight, seconds after the start of the run; the flight's times count from this time.
     resumed : bool
         Whether the flight ended early and a later flight resumed it.
     texts : list
@@ -287,7 +287,7 @@ class RunRecord:
 
     @property
     def skipped_flights(self) -> int:
-        """Number of skipped flights, for which the policy returned a path without points to a vehicle."""
+        """Number of flights that vehicles skipped because the policy gave them a path without points."""
         return sum(change.outcome == SKIPPED for decision in self.decisions for change in decision.changes)
 
     @property
@@ -395,7 +395,7 @@ class RunRecord:
         if (vehicles := len({flight.system_id for flight in self.flights})) == 1:
             return f"{way} in {over}"
         together = time(self.air_time_s, self.predicted_air_time_s)
-        return f"{way} by {vehicles} vehicles in {together} added up; over after {over}"
+        return f"{way} by {vehicles} vehicles; total flight time {together}, elapsed {over}"
 
     @property
     def budget_left(self) -> str:

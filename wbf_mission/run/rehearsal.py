@@ -19,7 +19,7 @@ from geo.farms import get_farm
 from wbf_mission.run.resolve import Run
 
 REHEARSED_ON = "miniberry-100"
-"""On this farm of a few tiles, estimating takes less time than compiling."""
+"""Farm for compiling; it has so few tiles that estimating takes less time than compiling."""
 # Estimators that work in tiles; other estimators are trained for each farm, or compile nothing.
 _IN_TILES = ("gp", "adaptive-disk")
 
@@ -28,8 +28,8 @@ _IN_TILES = ("gp", "adaptive-disk")
 def rehearsed(run: Run, rehearse: Callable[[str], None]) -> Iterator[Callable[[], None]]:
     """Compile the estimator's functions in another process; yield a function that waits for its end.
 
-    The other process is used only for farms larger than `REHEARSED_ON`, and once per machine. If it fails,
-    this process compiles.
+    The other process is used only for farms larger than `REHEARSED_ON`, and once per machine. If the other
+    process fails, this process compiles.
 
     Parameters
     ----------

@@ -39,13 +39,13 @@ class FlightError(WbfMissionError, RuntimeError):
 class Decider:
     """The planner, policy or mission file that decides the paths."""
 
-    policy: Policy  # A `FixedPlan` for a planner, a `KeepPath` for a mission from a file
-    name: str  # Name in messages: ``planner spiral``, ``policy greedy``
-    label: str  # Name with parameters
-    mission: PlanResult | None = None  # Plan of a mission file, or None for a planner or policy
+    policy: Policy  # A `FixedPlan` for a planner, a `KeepPath` for a mission from a file.
+    name: str  # Name in messages: ``planner spiral``, ``policy greedy``.
+    label: str  # Name with parameters.
+    mission: PlanResult | None = None  # Plan of a mission file, or None for a planner or policy.
     # Sorties of a mission, in the order of their flights; empty for a mission flown in one sortie
     sorties: tuple[PlanResult, ...] = ()
-    named: bool = True  # Whether other processes can make it from its name; objects may not be picklable
+    named: bool = True  # Whether other processes can make the policy from its name (it may not be picklable)
 
     @property
     def steers(self) -> bool:
@@ -59,21 +59,21 @@ class Run:
 
     asked: Scenario  # The scenario, with the default estimator named
     farm: Farm
-    fields: FieldSet  # Fields that the camera senses
-    vehicles: tuple[Vehicle, ...]  # Ordered by system id
+    fields: FieldSet  # Fields that the camera senses.
+    vehicles: tuple[Vehicle, ...]  # Ordered by system id.
     decider: Decider
-    estimator_once: Callable[[], Estimator]  # Makes the estimator at the first call; not used to plan
-    cameras: tuple[LeafCameraOptions, ...]  # Cameras of the vehicles; empty for a run that is only planned
-    looks: CameraOptions  # Image spacing and footprint
-    weights: ScoreWeights  # Costs of estimation errors
+    estimator_once: Callable[[], Estimator]  # Makes the estimator at the first call; not used to plan.
+    cameras: tuple[LeafCameraOptions, ...]  # Cameras of the vehicles; empty for a run that is only planned.
+    looks: CameraOptions  # Image spacing and footprint.
+    weights: ScoreWeights  # Costs of estimation errors.
     seed: int
     first_day: int
     days: int
     flights_per_day: int
-    points: int | None  # Scores per flight; None: chosen by the farm's size
-    keeps: Separation  # Separation of the vehicles
-    world: World | None = None  # True dynamics of the fields; used only for the environment
-    faults: tuple[AnyFault, ...] = ()  # Faults injected in each flight of simulated vehicles
+    points: int | None  # Scores per flight; None: chosen by the farm's size.
+    keeps: Separation  # Separation of the vehicles.
+    world: World | None = None  # True dynamics of the fields; used only for the environment.
+    faults: tuple[AnyFault, ...] = ()  # Faults injected in each flight of simulated vehicles.
 
     def __getstate__(self) -> dict[str, object]:
         """Return the state without the estimator, which may be large and is not needed to fly elsewhere."""
@@ -162,8 +162,8 @@ def resolve(
     """
     if to_fly and scenario.camera.model is not None:
         msg = (
-            f"camera {scenario.camera.model}: a run flies with the leaf camera, which sees"
-            f" {scenario.camera.footprint} cells a side; plan with the camera, and fly the"
+            f"camera {scenario.camera.model}: a run flies with the leaf camera, whose images are"
+            f" {scenario.camera.footprint} cells wide; plan with camera {scenario.camera.model}, and fly the"
             " plan's file with --mission"
         )
         raise ScenarioError(msg)

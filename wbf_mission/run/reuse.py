@@ -56,8 +56,8 @@ class _KeptFlight:
 
     records: tuple[FlightRecord, ...]
     images: ImageList
-    seen: Observations  # Observations without values
-    reading: NDArray[np.int64]  # int64[n], number of the reading of each observation
+    seen: Observations  # Observations without values.
+    reading: NDArray[np.int64]  # int64[n], number of the reading of each observation.
     duration_s: float
     frames: int
 
@@ -262,9 +262,9 @@ def _spare_collector() -> None:
 def can_fly_ahead(run: Run, hosting: Hosting, expected_s: float) -> bool:
     """Return whether worker processes can fly the flights of a run, and save time.
 
-    They cannot fly a policy (it needs the observations of earlier flights), a planner object (it may not be
-    picklable) or in real time (users watch such flights). A worker process starts no further workers, since
-    the cores are in use. `expected_s` is the flight time summed over vehicles and flights.
+    They cannot fly a policy (it needs the observations of earlier flights), or a planner object (it may not
+    be picklable), nor fly in real time (users watch such flights). A worker process starts no more workers,
+    since the cores are in use. `expected_s` is the flight time summed over vehicles and flights.
     """
     from joblib import cpu_count
 

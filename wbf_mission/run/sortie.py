@@ -109,7 +109,7 @@ class Sortie:
         self._travel_cost = task.travel_cost_in_flight(plan.path_m)
         self._last_item = 0
         self._passed = 0
-        # Mission items, path and waypoints of each path that got added waypoints (for corners or obstacles).
+        # For each path with added waypoints (at corners or round obstacles): items, path and waypoints.
         self._led: list[tuple[tuple[MissionItem, ...], Points, Waypoints]] = []
         if self._leads and vehicle.mission.file is None:
             sent = task.builder.waypoints(plan.path_m, task.request.start_xy_m)
@@ -168,7 +168,7 @@ class Sortie:
 
     @property
     def _item(self) -> int:
-        """The current mission item; after a mission change, the last item until the vehicle reports again."""
+        """The mission item that the vehicle reported last; a mission change does not reset it."""
         told = self.ground.vehicle_state.item
         if told is not None:
             self._last_item = told
@@ -214,7 +214,7 @@ class Sortie:
         return ends
 
     def report(self, now_s: float, ahead_s: float = 0.0) -> VehicleReport:
-        """Return the vehicle's state by its telemetry; `spent` includes the next `ahead_s` seconds."""
+        """Return the vehicle's state from its telemetry; `spent` includes the next `ahead_s` seconds."""
         state, frame = self.ground.vehicle_state, self.plan.farm.frame
         task = self.task
         heard = state.heard_s > -math.inf

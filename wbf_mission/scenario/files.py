@@ -1,6 +1,6 @@
 """Scenario files, and the catalogue of scenarios and their families.
 
-A scenario file is TOML with the options as keys. Its content is not trusted.
+A scenario file is TOML with the options as keys. The content of a file is not trusted.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The definition of an option of a run, kept in the metadata of a dataclass field.
 
 A part of a scenario is a frozen dataclass whose fields are made by `option`. The part checks values against
-the fields' definitions. These also serve scenario files and the command line (`wbf_mission.cli.options`).
+the fields' definitions. Scenario files and the command line (`wbf_mission.cli.options`) use these, too.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Option:
     # `low` and `high` are the ends of the range of a number and belong to the range.
     low: float | None = None
     high: float | None = None
-    choices: tuple[str, ...] = ()  # Words that are valid.
+    choices: tuple[str, ...] = ()  # Valid words; empty if all values in the range are valid.
     default: str = ""  # Description of a default whose value does not explain itself.
     flag: str | None = None  # Name on the command line; None if only another option sets it.
     metavar: str | None = None  # Placeholder for the value in ``--help``.

@@ -100,7 +100,7 @@ class FarmOptions(Part):
         return get_farm(self.name, crop=self.crop, crs=self.crs, repair=self.repair)
 
     def load_world(self) -> World | None:
-        """Return the world; None if fields develop as published. Raise EnvironmentDataError if invalid."""
+        """Return the world, or None without one; raise EnvironmentDataError if the world is invalid."""
         if self.world is None:
             return None
         from sensors.environment.world import World
@@ -149,7 +149,7 @@ class MissionOptions(Part):
     budget: str | None = option(
         None,
         "Budget of each vehicle, before its flight is cut into sorties: 8000m, 2.5km, 25min, 1500s, 50Wh"
-        " or 360steps; unlimited gives a survey as much as it needs, whatever the battery holds",
+        " or 360steps; unlimited plans a whole survey, however many batteries it needs",
         RUN,
         default="the battery less its reserve; for ideal, 0.4 steps per cell of the owner",
         example="60s",
@@ -352,7 +352,7 @@ class VehicleOptions(Part):
             raise ScenarioError(msg)
         for what, given in (("vehicle", names), ("autopilot", self.autopilot.split(","))):
             if len(given) not in (1, len(self.fleet)):
-                msg = f"vehicles {len(self.fleet)}, but {what} names {len(given)}: give one, or one for each"
+                msg = f"{len(given)} {what} names for {len(self.fleet)} vehicles: give one, or one for each"
                 raise ScenarioError(msg)
         parse_separation(self.separation)
 
@@ -548,7 +548,7 @@ class CameraOptions(Part):
             msg = "camera fields are empty: give at least one field, such as tylcv, or leave the option out"
             raise ScenarioError(msg)
         if self.model is not None and self.spacing_m is not None:
-            msg = f"camera {self.model}: the front overlap spaces the images; leave out the camera spacing"
+            msg = f"camera {self.model}: front overlap sets the distance of images; leave out camera spacing"
             raise ScenarioError(msg)
 
     @property
@@ -567,7 +567,7 @@ class CameraOptions(Part):
         """
         given = self.by_vehicle
         if len(given) not in (1, vehicles):
-            many = f"vehicles {vehicles}, but camera fields are given for {len(given)}"
+            many = f"vehicles {vehicles}, but camera fields are given for {len(given)} vehicles"
             msg = f"{many}: give one list of fields, or a list for each vehicle"
             raise ScenarioError(msg)
         return None if self.fields is None else given[vehicle % len(given)]
@@ -610,7 +610,7 @@ class ScoreOptions(Part):
 
 
 class VehicleParts(Protocol):
-    """Interface of options that concern a vehicle; a scenario has it, and each vehicle of a run."""
+    """Options that concern a vehicle, of a scenario or of a single vehicle of a run."""
 
     @property
     def vehicle(self) -> VehicleOptions:

@@ -63,7 +63,7 @@ class Scenario:
         flat = {key: value for key, value in given_all.items() if key not in whole}
         mixed = sorted(set(flat) & set(PARTS)) if whole else []
         if mixed:
-            msg = f"{mixed[0]} is a value, but other parts are whole: use scenario_with to change a value"
+            msg = f"{mixed[0]} is a value, but other parts are objects: use scenario_with to change values"
             raise ScenarioError(msg)
         seed, by_part = flat.pop("seed", 0), _by_part(flat)
         for name, kind in PARTS.items():

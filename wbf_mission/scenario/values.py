@@ -14,7 +14,7 @@ _LEAST_M, _MOST_M = 0.5, 100.0
 
 @dataclass(frozen=True, slots=True)
 class Separation:
-    """How the vehicles of a fleet are kept apart."""
+    """Separation of the vehicles of a fleet."""
 
     # The kind is "layers" (each vehicle has its height), "distance" (at one height, apart in time) or "none".
     kind: str

@@ -139,7 +139,7 @@ def test_a_vehicle_of_an_add_on_is_refused_in_one_line_that_names_it(alone, word
 @pytest.mark.parametrize(("words", "missing"), MISSING.items())
 def test_a_part_that_no_add_on_brings_is_named_before_anything_is_done(alone, words, missing):
     done = alone[words]
-    line = re.fullmatch(r"(?:note: no pictures: .*\n)?error: (?:farm file \S+: )?(.*)\n", done.err)
+    line = re.fullmatch(r"(?:note: no pictures, .*\n)?error: (?:farm file \S+: )?(.*)\n", done.err)
     assert (done.code, line and line[1]) == (
         2,
         f"no package that is installed {missing}: install wbf-mission anew",
@@ -149,7 +149,7 @@ def test_a_part_that_no_add_on_brings_is_named_before_anything_is_done(alone, wo
 
 def test_without_the_add_on_a_flight_is_saved_without_pictures(alone):
     done = alone[NO_PICTURES]
-    said = "note: no pictures: no package that is installed makes 'path.png' (wbf_mission.products)\n"
+    said = "note: no pictures, since no installed package makes 'path.png' (wbf_mission.products)\n"
     assert (done.code, done.err.count(said)) == (0, 1), done.err
     assert (done.folder / "flown" / "result.json").is_file() and not list(done.folder.rglob("*.png"))
 

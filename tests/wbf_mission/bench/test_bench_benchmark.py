@@ -192,7 +192,7 @@ def test_rows_of_other_code_are_kept_apart_with_a_word(tmp_path, monkeypatch, ca
         for one in old:
             store.add(one)
     with pytest.warns(
-        UserWarning, match="2 rows with the names of these runs were flown with other behaviour"
+        UserWarning, match="2 rows of runs with the same names were flown with other behaviour"
     ):
         assert len(benchmark(spec, out=tmp_path)) == 2
     monkeypatch.setattr("wbf_mission.bench.spec.behaviour", lambda: "1.2.3")
@@ -259,7 +259,7 @@ def test_a_signal_keeps_what_is_finished(tmp_path, jobs, number, code):
     (row,) = json.loads(out)["standings"]
     assert 2 <= row["environments"] < 3000
     assert len(read_rows(tmp_path / "b")) == row["environments"]
-    assert f"interrupted after {row['environments']} of 3000 runs; the same command flies the others" in err
+    assert f"after {row['environments']} of 3000 runs; the same command flies the remaining runs" in err
     assert "Traceback" not in err
 
 

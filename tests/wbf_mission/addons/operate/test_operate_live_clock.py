@@ -311,7 +311,7 @@ def test_an_answer_whose_start_was_passed_is_dropped_and_asked_for_again_twice_i
     link = Watched(Pondering(through_the_target, period_s=40.0), watch)
     result = link.fly()
     late = [one for one in result.decisions[1:] if one.changes]
-    text = "the vehicle has passed its first point"
+    text = "the vehicle has passed the path's start"
     assert [one.changes[0].outcome for one in late] == [f"not sent: {text}"] * len(late)
     assert sum(line == NOT_SENT + text for _, line in link.lines) == len(late) > 3
     times = [one.time_s for one in late]

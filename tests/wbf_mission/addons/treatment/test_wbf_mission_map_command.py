@@ -238,7 +238,7 @@ def test_nothing_in_doubt_is_not_worth_a_flight(run, mapped, tmp_path):
         ("--log RUN --farm-crs EPSG:32617", "--farm-crs has no effect, as the results of a run"),
         ("--log RUN --block 0", "--block 0 is out of range: give 0.01 to 1000 metres"),
         ("--log RUN --loss x", "--loss x: 'x' is not a number; give [FIELD=]NUMBER"),
-        ("--log RUN --next RUN/summary.json", "an existing file that is no .plan"),
+        ("--log RUN --next RUN/summary.json", "this existing file is no .plan"),
         ("--log RUN --next HERE/n.plan --policy nobody", "nobody"),
         ("--log RUN --next HERE/n.plan --budget 1s", "finds nothing worth another flight"),
         ("--log RUN/flight.tlog --out RUN --overwrite", "flight.tlog; give another folder"),

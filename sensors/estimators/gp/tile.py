@@ -22,7 +22,6 @@ Floats = NDArray[np.floating]
 Places = NDArray[np.int64]
 
 _PANEL = 64
-_BATCH = 256
 
 
 @compiled(nogil=True)
@@ -140,29 +139,64 @@ def sines(places: Floats, low: float, high: float, roots: Floats) -> Floats:
 
 
 @compiled(nogil=True)
+def _cosines(places: Floats, low: float, high: float, count: int) -> Floats:
+    """Return the cosines of 0, 1, ... half-waves on low..high at places, float64[count, places]."""
+    out = np.empty((count, len(places)))
+    for k in range(count):
+        for p in range(len(places)):
+            out[k, p] = np.cos(np.pi * k / (high - low) * (places[p] - low))
+    return out
+
+
+@compiled(nogil=True)
 def _precision(
     seen: Floats, noise: float, spectrum: Any, terms: Places, span_x: Any, span_y: Any, weights: Floats
 ) -> Floats:
-    """Return the precision of the m sine functions' weights, float64[m, m]; add the data to `weights`."""
-    m = len(terms)
+    """Return the precision of the m sine functions' weights, float64[m, m]; add the data to `weights`.
+
+    Only the upper triangle is set. A product of two sines is half the difference of two cosines, so that sums
+    of products of cosines over the observations give all m^2 sums of products of functions.
+    """
+    m, along_x, along_y = len(terms), len(spectrum[0]), len(spectrum[1])
+    first_y, last_y = seen[:, 1].min(), seen[:, 1].max()
+    rows = np.arange(first_y, last_y + 1.0)
+    cosines_y = np.ascontiguousarray(_cosines(rows, span_y[0], span_y[1], 2 * along_y + 1).T)
+    sines_y = np.ascontiguousarray(sines(rows, span_y[0], span_y[1], spectrum[1]).T)
+    # The observations are sorted by x, so that those of one x are added first.
+    columns = np.unique(seen[:, 0])
+    by_column = np.zeros((len(columns), 2 * along_y + 1))
+    data = np.zeros((2, len(columns), along_y))
+    column = 0
+    for p in range(len(seen)):
+        column += seen[p, 0] > columns[column]
+        row = int(seen[p, 1] - first_y)
+        weight = seen[p, 2] / noise
+        for k in range(2 * along_y + 1):
+            by_column[column, k] += weight * cosines_y[row, k]
+        for k in range(along_y):
+            data[0, column, k] += weight * seen[p, 3] * sines_y[row, k]
+            data[1, column, k] += weight * sines_y[row, k]
+    sums = np.zeros((2 * along_x + 1, 2 * along_y + 1))
+    cosines_x = _cosines(columns, span_x[0], span_x[1], 2 * along_x + 1)
+    add_product(1.0, cosines_x, by_column, sums, 0, len(sums), 0, len(columns), 0, 2 * along_y + 1)
+    sines_x = sines(columns, span_x[0], span_x[1], spectrum[0])
+    for part in range(2):
+        totals = np.zeros((along_x, along_y))
+        add_product(1.0, sines_x, data[part], totals, 0, along_x, 0, len(columns), 0, along_y)
+        for i in range(m):
+            weights[i, part] += totals[terms[i, 0], terms[i, 1]]
+    scale = 1.0 / np.sqrt((span_x[1] - span_x[0]) * (span_y[1] - span_y[0]))
     precision = np.zeros((m, m))
     for i in range(m):
-        precision[i, i] = 1.0
-    batch = np.empty((_BATCH, m))
-    place_x, place_y = np.empty(_BATCH), np.empty(_BATCH)
-    for start in range(0, len(seen), _BATCH):
-        count = min(_BATCH, len(seen) - start)
-        for p in range(count):
-            place_x[p], place_y[p] = seen[start + p, 0], seen[start + p, 1]
-        along_x = sines(place_x[:count], span_x[0], span_x[1], spectrum[0])
-        along_y = sines(place_y[:count], span_y[0], span_y[1], spectrum[1])
-        for p in range(count):
-            root = np.sqrt(seen[start + p, 2] / noise)
-            for i in range(m):
-                batch[p, i] = root * along_x[terms[i, 0], p] * along_y[terms[i, 1], p]
-                weights[i, 0] += batch[p, i] * root * seen[start + p, 3]
-                weights[i, 1] += batch[p, i] * root
-        add_product(1.0, batch.T, batch, precision, 0, m, 0, count, 0, m)
+        x, y = terms[i, 0], terms[i, 1]
+        size = scale * spectrum[0][x] * spectrum[1][y]
+        for j in range(i, m):
+            other_x, other_y = terms[j, 0], terms[j, 1]
+            lower, upper = sums[abs(x - other_x)], sums[x + other_x + 2]
+            left, right = abs(y - other_y), y + other_y + 2
+            total = (lower[left] - lower[right]) - (upper[left] - upper[right])
+            precision[i, j] = size * scale * spectrum[0][other_x] * spectrum[1][other_y] * total
+        precision[i, i] += 1.0
     return precision
 
 

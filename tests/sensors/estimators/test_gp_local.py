@@ -103,9 +103,11 @@ def test_it_agrees_with_the_exact_posterior(make, kernel, gap):
 def test_many_observations_of_a_tile_are_solved_by_functions_and_agree():
     shape, kernel = (40, 40), RbfKernel(4.0, 4.0, 0.01, 0.02)
     x, y = (part.ravel().astype(np.int32) for part in np.indices(shape))
-    values = drawn(kernel, shape).ravel()
+    assert len(LocalPosterior(shape, kernel)._spectrum.terms) < len(x)
+    # A third of the cells is observed twice, with other noise.
+    x, y = np.append(x, x[::3]), np.append(y, y[::3])
+    values = np.append(drawn(kernel, shape).ravel(), drawn(kernel, shape, 1).ravel()[::3])
     posterior = LocalPosterior(shape, kernel)
-    assert len(posterior._spectrum.terms) < len(x)
     posterior.condition(x, y, values)
     posterior.solve()
     right, deviation = exact_posterior(kernel, shape, x, y, values)

@@ -311,7 +311,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, default=PICTURE)
     parser.add_argument(
-        "--check", action="store_true", help="only say whether the picture is that of the code"
+        "--check", action="store_true", help="only check that the picture matches the code"
     )
     given = parser.parse_args()
     if given.check:

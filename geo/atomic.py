@@ -211,7 +211,7 @@ _LONGEST_NAME = 240  # Longer names leave no room for suffixes within 255 bytes
 
 
 class FolderError(WbfMissionError, ValueError):
-    """A folder cannot be written now. The error's text gives the reason, without the folder's name."""
+    """Error of a folder that cannot be written now. The text gives the reason, without the folder's name."""
 
 
 class AtomicFolder:

@@ -85,7 +85,7 @@ class Obstacle:
         return default_m if self.margin_m is None else self.margin_m
 
     def widened(self, margin_m: float, more_m: float = 0.0) -> shapely.Polygon:
-        """Return the outline, buffered by `more_m` plus the obstacle's margin (`margin_m` if it has none)."""
+        """Return the outline, buffered by `more_m` plus the obstacle's own margin, or else `margin_m`."""
         return shapely.buffer(self.polygon, self.margin(margin_m) + more_m, quad_segs=_ARC_SEGMENTS)
 
     def bars(self, altitude_m: float, margin_m: float) -> bool:

@@ -136,7 +136,7 @@ def _farm_of(document: Document, default_name: str, crop: str | None, *, repair:
         mended = load_named(REPAIRS_GROUP, "mended", "repairs farms, as", "farms", FarmError)
         features = [part for feature in features for part in mended(feature, notes)]
     systems = dict.fromkeys(entry.crs for entry in document.entries if entry.crs is not None)
-    # Each layer has its own Coordinates object, so layers of one coordinate system repeat the same note.
+    # Layers of one coordinate system give equal notes, as each layer has its own Coordinates object.
     notes.extend(filter(None, dict.fromkeys(crs.accuracy_note() for crs in systems)))
     features = _completed(features, crop, notes)
     fields = [feature for feature in features if not feature.obstacle]
@@ -306,7 +306,7 @@ def _near(
     """Return the features if all are near `home` (default: near the first feature); else raise FarmError.
 
     With `repair`, latitudes and longitudes given in the wrong order are exchanged. With `repair` and without
-    a home, all must be near the feature that is closest to the median position.
+    a home, all must be near the feature closest to the features' median position.
     """
     anchor, is_sure = ('the farm\'s "home"', True) if home is not None else ("the first feature", False)
     longitude_deg, latitude_deg = features[0].rings[0][0] if home is None else home

@@ -38,13 +38,13 @@ ATTRIBUTES: Mapping[str, tuple[str, ...]] = {
     "height_m": ("height_m", "height"),
     "margin_m": ("margin_m", "margin"),
 }
-"""Names of each property in other files, in order of preference; upper and lower case are equal."""
+"""Names of each property in files of other programs, the preferred name first; case does not matter."""
 LATITUDES = ("latitude", "lat", "latitude_deg", "lat_deg", "gps_latitude", "gpslatitude", "gps_lat")
 LONGITUDES = (
     *("longitude", "lon", "lng", "long", "longitude_deg", "lon_deg", "gps_longitude", "gpslongitude"),
     *("gps_lon", "gps_lng", "gps_long"),
 )
-"""Names of longitude columns as `column_name` returns them; `LATITUDES` has those of latitude columns."""
+"""Names of longitude columns as `column_name` returns them; `LATITUDES` has the names of latitude columns."""
 DEGREES = ("", "deg", "degrees", "°")
 """Units of position columns."""
 KNOWN = frozenset(name for names in ATTRIBUTES.values() for name in names)
@@ -137,7 +137,7 @@ class Entry:
     geometry: object  # GeoJSON geometry; None if the feature has no geometry.
     crs: Coordinates | None = None  # Coordinate system; None is WGS 84.
     layer: str = ""  # Names the layer at the beginning of messages.
-    useless: str = ""  # Reason of the file's reader to leave the feature out.
+    useless: str = ""  # Reason why the file's reader leaves the feature out.
 
     @property
     def where(self) -> str:

@@ -1,7 +1,7 @@
 """Reads and writes farm files in GeoJSON (RFC 7946); see docs/farm-files.md.
 
-A file holds a feature collection, a feature or a geometry. It may hold several of these, one per line or
-divided by record separators (RFC 8142; GDAL's GeoJSONSeq, ``.geojsonl``).
+A file holds a feature collection, a feature or a geometry, or several of these, one per line or divided by
+record separators (RFC 8142; GDAL's GeoJSONSeq, ``.geojsonl``).
 """
 
 from __future__ import annotations

@@ -45,7 +45,7 @@ class Closing(ABC):
 
 
 def steady_s() -> float:
-    """Return the time (s) of a clock that nobody can set and that runs on while the machine sleeps."""
+    """Return the time (s) of a monotonic clock that runs on while the machine sleeps."""
     if sys.platform == "linux" and hasattr(time, "CLOCK_BOOTTIME"):
         return time.clock_gettime(time.CLOCK_BOOTTIME)
     if sys.platform == "darwin":  # On macOS time.monotonic stops during sleep

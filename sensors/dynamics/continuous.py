@@ -101,7 +101,7 @@ class ContinuousDynamics(ABC):
 
 @dataclass(slots=True)
 class _DailyCourse:
-    """Course that takes and checks the fields of `ContinuousDynamics.days`, in ascending order of days."""
+    """Course that iterates over `ContinuousDynamics.days` and checks each day's field."""
 
     kind: str
     shape: tuple[int, int]

@@ -249,7 +249,7 @@ class BaseEstimator(ABC):
 
 
 def published_views(published: Views, own: Views) -> Views:
-    """Return read-only views of the arrays `own`, or `published` if these are views of the same arrays.
+    """Return `published` if it has views of the arrays `own`, or else new read-only views of these arrays.
 
     Both views have the shape of the first array.
     """
@@ -285,7 +285,7 @@ def estimator_memory(estimator: Estimator, shape: tuple[int, int], n_observation
 
 
 def estimator_fields(estimator: Estimator) -> FieldSet:
-    """Return an estimator's attribute `fields`, or else the benchmark's fields."""
+    """Return an estimator's fields: its attribute `fields`, or else the benchmark's fields."""
     fields = getattr(estimator, "fields", PAPER_FIELDS)
     return fields if isinstance(fields, FieldSet) else PAPER_FIELDS
 

@@ -166,7 +166,7 @@ class RunningScore:
         self.advance(truth)
 
     def advance(self, truth: NDArray[np.floating]) -> None:
-        """Compare later estimates with this truth, that of the next day."""
+        """Compare later estimates with `truth`, the truth of the next day."""
         self._check_shape(truth, "truth")
         self._truth = truth
         self._summed = None

@@ -209,7 +209,7 @@ class FieldProcess:
         return Crowding(self._shape, (self.kernel.length_x, self.kernel.length_y))
 
     def _as_of_today(self, day: int, values: Floats) -> Floats:
-        """Return readings of an earlier day, with their deviations from the mean scaled to today's."""
+        """Return readings of an earlier day, converted to today's mean and scale."""
         assert self._carry is not None
         assert self._correlate is not None
         assert self._day is not None
@@ -241,7 +241,7 @@ class FieldProcess:
 
     @property
     def change_a_day(self) -> float:
-        """Mean squared change per day of cells that were read on two days; 0 without such cells."""
+        """Mean squared change of a reading per day, from cells read on two days; 0 without such cells."""
         return self._changed / self._days_of_change if self._days_of_change else 0.0
 
     def _take(
@@ -364,7 +364,7 @@ def _nearest_class(values: NDArray[np.floating]) -> Floats:
 
 
 def due_fit(n: int) -> int:
-    """Return at how many of `n` observations the last kernel fit was due: 0, 16, 32, ..., 512, 2048, ...
+    """Return the number of observations, at most `n`, at which the last kernel fit was due.
 
     >>> [due_fit(n) for n in (15, 16, 31, 32, 1000, 2047, 2048, 10_000)]
     [0, 16, 16, 32, 512, 512, 2048, 8192]

@@ -171,7 +171,8 @@ def unlock_file(descriptor: int) -> None:
 def lock_held(path: Path) -> Iterator[None]:
     """Hold a lock on the file `path`; the file is removed at the end of the block.
 
-    The system releases the lock when the process ends. Raise BlockingIOError if another process holds it.
+    The system releases the lock when the process ends. Raise BlockingIOError if another process holds the
+    lock.
     """
     is_held = False
     while not is_held:

@@ -243,7 +243,7 @@ def _flag(properties: dict[str, Any], key: str, kind: str, where: str) -> bool:
 
 
 def _members(geometry: dict[str, Any]) -> list[dict[str, Any]] | None:
-    """Return the geometries in a collection and its nested collections; None if it is no collection."""
+    """Return the geometries in a collection and its nested collections; None for any other geometry."""
     found, left = [], [geometry]
     while left:
         member = left.pop()

@@ -134,7 +134,7 @@ class Processes:
     """A pool of worker processes.
 
     Workers ignore Ctrl-C and end soon after this process is killed. Unlike workers of the standard library,
-    they do not run the caller's script again.
+    these workers do not run the caller's script again.
 
     At most `most` calls may be pending: with more calls loky prints a traceback when the pool is closed.
     """

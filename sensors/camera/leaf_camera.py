@@ -231,8 +231,9 @@ def footprint_offsets(footprint_cells: int) -> tuple[NDArray[np.int64], NDArray[
 def ground_offset(quaternion: Sequence[float], height_m: float) -> tuple[float, float]:
     """Return the east and north offset (m) of the point where the optical axis meets flat ground.
 
-    The distance is the height times the tangent of the angle from straight down. If it exceeds 10 km
-    (ArduPilot's ``AP_MOUNT_POI_DIST_M_MAX``) or the axis does not point down, both offsets are `NOWHERE_M`.
+    The distance is the height times the tangent of the angle from straight down. If this distance exceeds 10
+    km (ArduPilot's ``AP_MOUNT_POI_DIST_M_MAX``) or the axis does not point down, both offsets are
+    `NOWHERE_M`.
 
     The quaternion (w, x, y, z) is from CAMERA_IMAGE_CAPTURED; it turns the forward axis into the optical
     axis. A quaternion that is no rotation (zeros, NaN) means straight down.

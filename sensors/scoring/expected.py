@@ -2,8 +2,8 @@
 
 The calibration is measured on relevant cells that were not observed.
 
-For a disease, the calibration concerns the probability that a plant is sick. This is the class probability if
-the estimate has one, or else follows from a normal distribution of value and deviation.
+For a disease, the calibration concerns the probability that a plant is sick. This probability is the class
+probability if the estimate has one, or else follows from a normal distribution of value and deviation.
 
 - The Brier score is the mean squared error of the probability (Brier 1950).
 - The log loss is the mean negative log likelihood.

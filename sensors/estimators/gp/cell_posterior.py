@@ -129,7 +129,7 @@ LEAST_NOISE = 0.1
 MOST_CELLS = 250_000
 """Most cells for `WindowedPosterior`; on larger farms tiles are faster, as they write only changed cells."""
 GROWING = 2.5
-"""Peak memory of a growing array relative to its rows, for the array and a copy with 50 % more room."""
+"""Peak memory of a growing array per memory of its rows: while it grows, a copy is 50 % larger."""
 
 
 class WindowedPosterior(CellPosterior):

@@ -51,10 +51,10 @@ class GaussianProcessEstimator(BaseEstimator):
     observations. If all observations are equal, for example if all plants are healthy, the kernel is the
     initial kernel. (The paper fixes the amplitude to 1 by ``amplitude_bounds=(1, 1)``.)
 
-    *Posterior.* Exact posteriors (`ExactPosterior`) cost O(observations x cells) per observation. If they
-    exceed `memory_limit_mb`, the posterior depends on the lengthscale. For short lengthscales, windows of
-    cells are stored per observation if they fit (`WindowedPosterior`), or else the farm is solved by tiles. A
-    field whose lengthscale is long compared with the farm is modelled as a sum of sine functions
+    *Posterior.* Exact posteriors (`ExactPosterior`) cost O(observations x cells) per observation. If exact
+    posteriors exceed `memory_limit_mb`, the method depends on the lengthscale. For short lengthscales,
+    windows of cells are stored per observation if they fit (`WindowedPosterior`), or else the farm is solved
+    by tiles. A field whose lengthscale is long compared with the farm is modelled as a sum of sine functions
     (`sensors.estimators.gp.local`). Beyond the memory limit, `predict` returns the same arrays at each call.
     Repeated observations of a cell on a day count as independent. Soil readings close together have reduced
     weights, on all farms on later days, and on farms of more than 128 cells a side on all days.

@@ -49,9 +49,10 @@ class _Method(Enum):
 class FieldProcess:
     """Observations, prior mean, kernel and posterior of one field.
 
-    `mean` is the prior mean. If it is None, the prior mean is the mean of the observations, or `mean_before`
-    before the first observation. With `is_patchy`, readings close together share an error of the model, for
-    example where soaked soil takes no more rain, and have reduced weights on large farms (`Crowding`).
+    `mean` is the prior mean. If `mean` is None, the prior mean is the mean of the observations, or
+    `mean_before` before the first observation. With `is_patchy`, readings close together share an error of
+    the model, for example where soaked soil takes no more rain, and have reduced weights on large farms
+    (`Crowding`).
 
     `classes` turns a disease's means into values and uncertainties. As long as every reading is the exact
     value of a class, a plant that was read today has the class of its reading.
@@ -101,7 +102,7 @@ class FieldProcess:
         self._exact = self._exact and bool((np.abs(values - _nearest_class(values)) <= _EXACT).all())
 
     def carry_to(self, day: int, carry: Carry, correlate: Correlate | None = None) -> None:
-        """Set the day to estimate; `carry` carries readings of earlier days forward to it.
+        """Set the day to estimate; `carry` carries readings of earlier days forward to `day`.
 
         If `correlate` is given, errors of readings carried from one day are correlated
         (`sensors.estimators.days`); otherwise they are independent.

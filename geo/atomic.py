@@ -50,7 +50,7 @@ def disk_errors_named(path: Path, temporary: Path | None = None) -> Iterator[Non
 
 def to_disk(path: Path) -> None:
     """Flush a file, or the names in a folder, to the disk."""
-    if sys.platform == "win32" and path.is_dir():  # Windows opens no folders
+    if sys.platform == "win32" and path.is_dir():  # On Windows, folders cannot be opened
         return
     descriptor = os.open(path, os.O_RDWR if sys.platform == "win32" else os.O_RDONLY)
     try:

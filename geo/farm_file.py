@@ -42,9 +42,9 @@ REPAIRS_GROUP = "wbf_mission.farm_repairs"
 _GEOJSON = (".geojson", ".json", ".geojsonl", ".geojsons", ".ndjson", ".jsonl")
 _ADDED = (".kml", ".kmz", ".shp", ".zip", ".gpkg", ".gpx", ".poly")  # The add-on `formats` reads these
 _MAX_RALLY = 100
-_MAX_RASTER_STEPS = 20_000_000  # Painting more crossings of edges and cell columns takes minutes.
+_MAX_RASTER_STEPS = 20_000_000  # Painting takes minutes if edges cross cell columns more often.
 _MAX_GAP = 2.0  # A ring's closing side may be at most twice as long as its longest side.
-_MAX_SPAN_M = 20_000.0  # Features farther apart are of several farms or have wrong coordinates.
+_MAX_SPAN_M = 20_000.0  # Features farther apart belong to several farms, or have wrong coordinates.
 _SENSIBLE_CELLS = 4_000_000  # Farms with more cells get larger cells, unless the file gives the size.
 _ROUND_CELLS_M = (FOOT_M, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 _MIN_CELL_M = 0.01
@@ -279,7 +279,8 @@ def _cell_size(members: dict[str, Any], bounds: Any, notes: list[str]) -> float:
     size_m = next(fitting, _ROUND_CELLS_M[-1])
     if size_m != FOOT_M:
         notes.append(
-            f"cells are {size_m:g} m, as there would be {area_m2 / FOOT_M**2 / 1e6:.1f} million of one foot"
+            f"cells have sides of {size_m:g} m, because there would be "
+            f"{area_m2 / FOOT_M**2 / 1e6:.1f} million cells of one foot"
         )
     return size_m
 

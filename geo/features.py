@@ -333,7 +333,7 @@ def _in_degrees(xy: NDArray[np.float64], where: str, crs: Coordinates) -> NDArra
     lost = ~np.isfinite(positions).all(axis=1)
     if lost.any():
         x, y = xy[lost][0].tolist()
-        raise FarmError(f"{where}: [{x:g}, {y:g}] is no place in {crs.name}; is that its coordinate system?")
+        raise FarmError(f"{where}: [{x:g}, {y:g}] is no place in {crs.name}; check its coordinate system")
     return positions
 
 

@@ -23,7 +23,7 @@ from geo.features import GEOMETRIES, MAX_FEATURES, Document, Entry, shortened
 from geo.frame import EXAMPLE_CRS, Coordinates, coordinates_of
 from geo.reading import UnreadableError, json_texts, not_json, read_text
 
-MAX_FILE_BYTES = 32 * 2**20  # MAX_VERTICES vertices with their properties fit in
+MAX_FILE_BYTES = 32 * 2**20  # This is enough for MAX_VERTICES vertices and their properties
 
 
 def read_geojson(path: Path, crs: str | None = None) -> Document:

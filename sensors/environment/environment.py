@@ -153,7 +153,7 @@ class Environment:
         levels: Mapping[str, Mapping[int, NDArray[np.float32]]],
         provenance: Provenance | None = None,
     ) -> Environment:
-        """Return an environment with these arrays, which have the form that `onset` and `level` return.
+        """Return an environment made of arrays such as `onset` and `level` return.
 
         Raise EnvironmentDataError if the shape or type of an array is wrong, or there is no day.
         """

@@ -80,7 +80,7 @@ class Estimator(Protocol):
         ...
 
 
-_OUTSIDE = 1e-4  # Rounding may move values out of 0..1 by this
+_OUTSIDE = 1e-4  # Rounding may move values beyond 0 or 1 by this much
 
 
 def model_fault(estimator: object, model: object) -> str | None:

@@ -34,8 +34,7 @@ This page names the leading method in worlds, fields, sensors and farms on which
 ([families](../benchmark.md#families)). "Ours" is the better of `greedy` and `rolling-horizon` with
 `epidemic`, or with `gp` for fields that `epidemic` does not know. Scores are over the run (0 is perfect),
 with 95 % intervals; differences are over pairs. "Ours" and the best other method are chosen by these means,
-so a small lead may be chance. The rows are the frozen baselines; `bench report` prints the ranks of all
-methods:
+so small leads may be chance. The rows are the frozen baselines; `bench report` prints all ranks:
 
 ```text
 python benchmarks/families.py results/0.1.0/*.zip --out docs/evidence/families.md

@@ -171,8 +171,7 @@ def unlock_file(descriptor: int) -> None:
 def lock_held(path: Path) -> Iterator[None]:
     """Hold a lock on the file `path`; the file is removed at the end of the block.
 
-    The system releases the lock when the process ends. Raise BlockingIOError if another process holds the
-    lock.
+    The system releases the lock when the process ends. If another process holds it, raise BlockingIOError.
     """
     is_held = False
     while not is_held:

@@ -279,8 +279,7 @@ def _cell_size(members: dict[str, Any], bounds: Any, notes: list[str]) -> float:
     size_m = next(fitting, _ROUND_CELLS_M[-1])
     if size_m != FOOT_M:
         notes.append(
-            f"cells have sides of {size_m:g} m, because there would be "
-            f"{area_m2 / FOOT_M**2 / 1e6:.1f} million cells of one foot"
+            f"cells are {size_m:g} m wide: with one foot there would be {area_m2 / FOOT_M**2 / 1e6:.1f} million"
         )
     return size_m
 

@@ -124,8 +124,8 @@ class LeafCamera:
     """A camera that reads the fields of an environment in the cells of its footprint.
 
     Readings depend on the cells, the generator and the order of the images, but not on the number of images
-    per call. Readings of cells outside the farm's `shape` are NaN. `rng` generates random errors. If the
-    options have random errors but `rng` is None, raise ObservationError.
+    per call. Readings of cells outside the farm's `shape` are NaN. `rng` generates random errors; without
+    `rng`, options with random errors raise ObservationError.
 
     Examples
     --------
@@ -231,9 +231,8 @@ def footprint_offsets(footprint_cells: int) -> tuple[NDArray[np.int64], NDArray[
 def ground_offset(quaternion: Sequence[float], height_m: float) -> tuple[float, float]:
     """Return the east and north offset (m) of the point where the optical axis meets flat ground.
 
-    The distance is the height times the tangent of the angle from straight down. If this distance exceeds 10
-    km (ArduPilot's ``AP_MOUNT_POI_DIST_M_MAX``) or the axis does not point down, both offsets are
-    `NOWHERE_M`.
+    The distance is the height times the tangent of the angle from straight down. Both offsets are `NOWHERE_M`
+    for distances above 10 km (ArduPilot's ``AP_MOUNT_POI_DIST_M_MAX``) and axes that do not point down.
 
     The quaternion (w, x, y, z) is from CAMERA_IMAGE_CAPTURED; it turns the forward axis into the optical
     axis. A quaternion that is no rotation (zeros, NaN) means straight down.

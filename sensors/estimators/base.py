@@ -2,8 +2,7 @@
 
 Estimators follow the conventions of scikit-learn:
 
-- ``__init__`` only stores parameters. ``get_params`` and ``set_params`` read and change parameters by name,
-  so that
+- ``__init__`` only stores parameters. ``get_params`` and ``set_params`` access them by name, so that
   `sklearn.base.clone` works.
 - ``fit`` validates the parameters, discards everything learned, and learns. ``partial_fit`` learns from
   further observations. ``fit`` and ``partial_fit`` return the estimator.
@@ -106,10 +105,9 @@ _KINDS = {type(None): "None", np.ndarray: "an array"}
 class BaseEstimator(ABC):
     """Base class of estimators that stores the farm, validates observations, and names parameters.
 
-    A subclass stores its parameters in ``__init__``. The subclass implements three methods: ``_start``
-    validates the parameters and starts over on a new farm, ``_learn`` learns from at least one validated
-    observation, and ``_estimate`` returns the model. Before `fit`, the other public methods raise
-    EstimatorError.
+    A subclass stores its parameters in ``__init__`` and has three methods: ``_start`` validates the
+    parameters and starts over on a new farm, ``_learn`` learns from at least one validated observation, and
+    ``_estimate`` returns the model. Before `fit`, the other public methods raise EstimatorError.
     """
 
     incremental: ClassVar[bool] = False

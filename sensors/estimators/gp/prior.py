@@ -1,10 +1,9 @@
 """Priors of the Gaussian process: means and kernels, learned from simulated environments.
 
-The simulations have seeds of their own. The simulations give the mean, and the covariance of cells at each
-distance. Let S be this covariance for a set of cells, and K the kernel's covariance for these cells. The
-fitted kernel minimises ``log det K + trace(K^-1 S)``, which is the Kullback-Leibler divergence up to a
-constant factor and term. Simulations also give the link from means to a disease's classes
-(`sensors.estimators.gp.classes`).
+The simulations have separate seeds. They give the mean, and the covariance of cells at each distance. Let S
+be this covariance for a set of cells, and K the kernel's covariance for these cells. The fitted kernel
+minimises ``log det K + trace(K^-1 S)``, which is the Kullback-Leibler divergence up to a constant factor and
+term. Simulations also give the link from means to a disease's classes (`sensors.estimators.gp.classes`).
 """
 
 from __future__ import annotations

@@ -35,8 +35,8 @@ from geo.imports import entry_points, load_named
 from geo.texts import FOOT_M, one_line
 
 FORMATS_GROUP = "wbf_mission.farm_formats"
-"""Group of entry points, each named by a file suffix without the dot. Its function takes a path, an optional
-layer and an optional coordinate system, and returns a `geo.features.Document`."""
+"""Group of entry points, each named by a file suffix without the dot. The value is a function of a path,
+an optional layer and an optional coordinate system, which returns a `geo.features.Document`."""
 REPAIRS_GROUP = "wbf_mission.farm_repairs"
 """Group of entry points. ``mended`` returns the repaired parts of a feature and adds notes on the repair."""
 _GEOJSON = (".geojson", ".json", ".geojsonl", ".geojsons", ".ndjson", ".jsonl")
@@ -279,7 +279,7 @@ def _cell_size(members: dict[str, Any], bounds: Any, notes: list[str]) -> float:
     size_m = next(fitting, _ROUND_CELLS_M[-1])
     if size_m != FOOT_M:
         notes.append(
-            f"cells are {size_m:g} m wide: with one foot there would be {area_m2 / FOOT_M**2 / 1e6:.1f} million"
+            f"cells are {size_m:g} m wide; one foot would give {area_m2 / FOOT_M**2 / 1e6:.1f} million cells"
         )
     return size_m
 

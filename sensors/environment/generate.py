@@ -1,4 +1,4 @@
-"""Generates environments in memory, or day by day into a folder; the latter can be resumed."""
+"""Generates environments in memory, or day by day into a folder; an interrupted folder can be resumed."""
 
 from __future__ import annotations
 

@@ -17,14 +17,14 @@ from wbf_mission.addons.companion.pictures import PictureCamera
 
 
 def shoot(command, exposure):
-    """Return a JPEG or PNG file; the command may contain {latitude} and {longitude} of the picture."""
+    """Return a JPEG or PNG picture; {latitude} and {longitude} in the command are filled in."""
     place = {"latitude": exposure.latitude_e7 / 1e7, "longitude": exposure.longitude_e7 / 1e7}
     words = [word.format(**place) for word in shlex.split(command)]
     return subprocess.run(words, capture_output=True, check=True, timeout=10.0).stdout  # noqa: S603
 
 
 def classify(picture):
-    """Classify a picture by color: green is healthy, yellow sick, brown lost. Put your network here."""
+    """Classify a picture by its colours: green is healthy, yellow sick, brown lost. Put your network here."""
     red, green, blue = np.moveaxis(np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"), float), 2, 0)
     leaf = np.maximum(red, green) > 1.3 * blue  # neither sky nor a sheet of plastic
     if leaf.mean() < 0.05:

@@ -1,4 +1,4 @@
-"""A user's planner for convex land: rows from west to east, as dense as the budget allows."""
+"""A user's planner for convex land: rows along x, as dense as the budget allows."""
 
 import numpy as np
 from shapely import LineString

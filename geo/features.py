@@ -258,7 +258,7 @@ def _members(geometry: dict[str, Any]) -> list[dict[str, Any]] | None:
 
 
 def _no_area(geometry: dict[str, Any]) -> str:
-    """Return why a geometry without area is left out; empty if it has an area or is invalid."""
+    """Return the reason to leave out a geometry without area; empty for any other or invalid geometry."""
     inner = _members(geometry)
     if inner is not None:
         reasons = [_NO_AREA.get(str(member.get("type")), "") for member in inner]

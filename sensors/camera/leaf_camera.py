@@ -110,7 +110,7 @@ class LeafCameraOptions:
         given, names = self.noise_std, self.fields.names
         stds = (float(given),) * len(names) if isinstance(given, int | float) else tuple(map(float, given))
         if len(stds) != len(names) or not all(math.isfinite(std) and std >= 0.0 for std in stds):
-            msg = f"camera: noise_std {given} is not one number, or one for each of {', '.join(names)}, >= 0"
+            msg = f"camera: noise_std {given}: give one number >= 0, or one for each of {', '.join(names)}"
             raise ObservationError(msg)
         return stds
 

@@ -378,7 +378,7 @@ def due_fit(n: int) -> int:
 
 
 def _fit_subset(n: int) -> NDArray[np.intp]:
-    """Return the indices of the observations among the first `n` that a kernel fit uses."""
+    """Return the indices of those of the first `n` observations that a kernel fit uses."""
     if n <= _FIT_POINTS:
         return np.arange(n)
     run = _FIT_POINTS // _FIT_RUNS

@@ -264,7 +264,7 @@ def _cache_class() -> Any:
             except OSError as error:
                 if not _refused:
                     warnings.warn(
-                        f"compiled functions cannot be cached in {self.cache_path} ({error.strerror}): every "
+                        f"compiled functions cannot be kept in {self.cache_path} ({error.strerror}): every "
                         "run compiles them again; set NUMBA_CACHE_DIR to a folder that can be written",
                         RuntimeWarning,
                         stacklevel=2,

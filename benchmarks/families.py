@@ -33,8 +33,8 @@ _HEAD = """# Families of scenarios, measured
 This page names the leading method in worlds, fields, sensors and farms on which `epidemic` was not trained
 ([families](../benchmark.md#families)). "Ours" is the better of `greedy` and `rolling-horizon` with
 `epidemic`, or with `gp` for fields that `epidemic` does not know. Scores are over the run (0 is perfect),
-with 95 % intervals; differences are over pairs. Both methods are chosen by these means, so a small lead may
-be chance. The rows are the frozen baselines; `bench report` prints the ranks of all methods:
+with 95 % intervals; differences are over pairs. "Ours" and the best other method are chosen by these means,
+so small leads may be chance. The rows are the frozen baselines; `bench report` prints all ranks:
 
 ```text
 python benchmarks/families.py results/0.1.0/*.zip --out docs/evidence/families.md
@@ -111,7 +111,7 @@ def _in_short(every: Sequence[Found]) -> str:
     leads = sum(one.led_by_us for one in every)
     better = sum(text == "better" for text in verdicts.values())
     worse = [name for name, text in verdicts.items() if text == "worse"]
-    where = f"in {len(worse)} ({', '.join(worse)})" if worse else "nowhere"
+    where = f"in {len(worse)} ({', '.join(worse)})" if worse else "in no scenario"
     return (
         f"In short: our method has the best mean in {leads} of {len(every)} scenarios, in {better} by more"
         f" than chance; it is behind by more than chance {where}."

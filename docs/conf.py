@@ -1,4 +1,4 @@
-"""Sphinx configuration of the site: ``sphinx-build -W --keep-going docs build/site`` builds it."""
+"""Sphinx configuration of the site: ``sphinx-build -W --keep-going docs build/site`` builds the site."""
 
 import sys
 from pathlib import Path

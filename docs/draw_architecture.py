@@ -4,9 +4,9 @@
     python docs/draw_architecture.py --check
 
 Rooms, sizes and imports are read from the sources by grimp, which comes with import-linter. Each hand-over in
-`FLOW` names a type in the code; a type that no longer exists is an error. The PNG contains the structure that
-was drawn as text, so that ``--check`` finds an outdated picture: it has other rooms or arrows, or the size of
-a room differs by more than a tenth.
+`FLOW` names a type in the code; a type that no longer exists is an error. The PNG contains, as text, the
+structure that was drawn. ``--check`` reports an outdated picture: other rooms or arrows, or a room whose size
+differs by more than a tenth.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ def check_flow() -> None:
 
 
 def levels(rooms: list[Room], arrows: dict[tuple[str, str], int]) -> dict[str, int]:
-    """Return the level of each room in its floor: above all rooms of this floor that it imports.
+    """Return the level of each room in its floor. A room lies above all rooms of this floor that it imports.
 
     The modules directly in a floor are no room: they are drawn at the bottom, although some import rooms.
     """
@@ -310,9 +310,7 @@ def _wrapped(text: str, width: int) -> list[str]:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, default=PICTURE)
-    parser.add_argument(
-        "--check", action="store_true", help="only say whether the picture is that of the code"
-    )
+    parser.add_argument("--check", action="store_true", help="only check that the picture matches the code")
     given = parser.parse_args()
     if given.check:
         found = check(given.out)

@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[1]
 PROGRAM = (sys.executable, "-m", "wbf_mission")
 FLIGHT = ("--farm", "miniberry-30", "--budget", "3min", "--estimator", "epidemic")
 FLEET = (*FLIGHT, "--policy", "rolling-horizon", "--vehicles", "2")
-DRAWN = {  # Parts of the map's width and height
+DRAWN = {  # Positions as fractions of the map's width and height
     "Field": ((0.12, 0.2), (0.55, 0.12), (0.86, 0.3), (0.8, 0.82), (0.42, 0.68), (0.15, 0.85)),
     "Hole": ((0.35, 0.35), (0.47, 0.33), (0.5, 0.48), (0.37, 0.52)),
     "Obstacle": ((0.66, 0.4), (0.72, 0.4), (0.72, 0.5), (0.66, 0.5)),

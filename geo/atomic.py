@@ -50,7 +50,7 @@ def disk_errors_named(path: Path, temporary: Path | None = None) -> Iterator[Non
 
 def to_disk(path: Path) -> None:
     """Flush a file, or the names in a folder, to the disk."""
-    if sys.platform == "win32" and path.is_dir():  # Windows opens no folders
+    if sys.platform == "win32" and path.is_dir():  # On Windows, folders cannot be opened
         return
     descriptor = os.open(path, os.O_RDWR if sys.platform == "win32" else os.O_RDONLY)
     try:
@@ -171,7 +171,7 @@ def unlock_file(descriptor: int) -> None:
 def lock_held(path: Path) -> Iterator[None]:
     """Hold a lock on the file `path`; the file is removed at the end of the block.
 
-    The system releases the lock when the process ends. Raise BlockingIOError if another process holds it.
+    The system releases the lock when the process ends. If another process holds it, raise BlockingIOError.
     """
     is_held = False
     while not is_held:
@@ -211,7 +211,7 @@ _LONGEST_NAME = 240  # Longer names leave no room for suffixes within 255 bytes
 
 
 class FolderError(WbfMissionError, ValueError):
-    """A folder cannot be written now. The error's text gives the reason, without the folder's name."""
+    """Error of a folder that cannot be written now. The text gives the reason, without the folder's name."""
 
 
 class AtomicFolder:

@@ -28,7 +28,7 @@ _IMPORT = re.compile(
     r"^(?:from[ ]+([\w.]+)[ ]+import[ ]+(\([^)]*\)|[^\n]*)|import[ ]+([\w.]+))", re.MULTILINE
 )
 
-_VERSIONS_KEPT = 8  # Versions cached per module, for git branches that are checked out again
+_VERSIONS_KEPT = 8  # Number of versions of a module that stay cached, for switching git branches
 
 _INTERNALS = {
     "numba.core.caching": "_CacheLocator CompileResultCacheImpl._locator_classes FunctionCache._impl_class "

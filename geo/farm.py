@@ -27,7 +27,7 @@ MAX_CELLS = 200_000_000
 _NOT_SEEN = "not scouted, as none of the fields concerns this crop; name a field that does"
 _SNAP_M = 1e-6  # Borders are rounded to this step, so that adjacent borders coincide.
 _ARC_SEGMENTS = 16  # With this many segments per quarter circle the error is 0.1 % of the radius.
-_EDGE_CELLS = 1e-9  # This exceeds the rounding error of a multiple of the cell size.
+_EDGE_CELLS = 1e-9  # Larger than the rounding error of a multiple of the cell size.
 
 
 def united(areas: Sequence[Land]) -> Land:
@@ -85,7 +85,7 @@ class Obstacle:
         return default_m if self.margin_m is None else self.margin_m
 
     def widened(self, margin_m: float, more_m: float = 0.0) -> shapely.Polygon:
-        """Return the outline, buffered by `more_m` plus the obstacle's margin (`margin_m` if it has none)."""
+        """Return the outline, buffered by `more_m` plus the obstacle's own margin, or else `margin_m`."""
         return shapely.buffer(self.polygon, self.margin(margin_m) + more_m, quad_segs=_ARC_SEGMENTS)
 
     def bars(self, altitude_m: float, margin_m: float) -> bool:

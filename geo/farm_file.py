@@ -35,16 +35,16 @@ from geo.imports import entry_points, load_named
 from geo.texts import FOOT_M, one_line
 
 FORMATS_GROUP = "wbf_mission.farm_formats"
-"""Group of entry points, each named by a file suffix without the dot. Its function takes a path, an optional
-layer and an optional coordinate system, and returns a `geo.features.Document`."""
+"""Group of entry points, each named by a file suffix without the dot. The value is a function of a path,
+an optional layer and an optional coordinate system, which returns a `geo.features.Document`."""
 REPAIRS_GROUP = "wbf_mission.farm_repairs"
 """Group of entry points. ``mended`` returns the repaired parts of a feature and adds notes on the repair."""
 _GEOJSON = (".geojson", ".json", ".geojsonl", ".geojsons", ".ndjson", ".jsonl")
 _ADDED = (".kml", ".kmz", ".shp", ".zip", ".gpkg", ".gpx", ".poly")  # The add-on `formats` reads these
 _MAX_RALLY = 100
-_MAX_RASTER_STEPS = 20_000_000  # Painting more crossings of edges and cell columns takes minutes.
+_MAX_RASTER_STEPS = 20_000_000  # Painting takes minutes if edges cross more cell columns than this.
 _MAX_GAP = 2.0  # A ring's closing side may be at most twice as long as its longest side.
-_MAX_SPAN_M = 20_000.0  # Features farther apart are of several farms or have wrong coordinates.
+_MAX_SPAN_M = 20_000.0  # Features farther apart belong to several farms, or have wrong coordinates.
 _SENSIBLE_CELLS = 4_000_000  # Farms with more cells get larger cells, unless the file gives the size.
 _ROUND_CELLS_M = (FOOT_M, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 _MIN_CELL_M = 0.01
@@ -136,7 +136,7 @@ def _farm_of(document: Document, default_name: str, crop: str | None, *, repair:
         mended = load_named(REPAIRS_GROUP, "mended", "repairs farms, as", "farms", FarmError)
         features = [part for feature in features for part in mended(feature, notes)]
     systems = dict.fromkeys(entry.crs for entry in document.entries if entry.crs is not None)
-    # Each layer has its own Coordinates object, so layers of one coordinate system repeat the same note.
+    # Layers of one coordinate system give equal notes, as each layer has its own Coordinates object.
     notes.extend(filter(None, dict.fromkeys(crs.accuracy_note() for crs in systems)))
     features = _completed(features, crop, notes)
     fields = [feature for feature in features if not feature.obstacle]
@@ -279,7 +279,7 @@ def _cell_size(members: dict[str, Any], bounds: Any, notes: list[str]) -> float:
     size_m = next(fitting, _ROUND_CELLS_M[-1])
     if size_m != FOOT_M:
         notes.append(
-            f"cells are {size_m:g} m, as there would be {area_m2 / FOOT_M**2 / 1e6:.1f} million of one foot"
+            f"cells are {size_m:g} m wide; one foot would give {area_m2 / FOOT_M**2 / 1e6:.1f} million cells"
         )
     return size_m
 
@@ -306,7 +306,7 @@ def _near(
     """Return the features if all are near `home` (default: near the first feature); else raise FarmError.
 
     With `repair`, latitudes and longitudes given in the wrong order are exchanged. With `repair` and without
-    a home, all must be near the feature that is closest to the median position.
+    a home, all must be near the feature closest to the features' median position.
     """
     anchor, is_sure = ('the farm\'s "home"', True) if home is not None else ("the first feature", False)
     longitude_deg, latitude_deg = features[0].rings[0][0] if home is None else home

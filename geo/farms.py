@@ -43,7 +43,7 @@ def _box(left: float, bottom: float, right: float, top: float) -> _Corners:
 
 
 def _arc(x: float, y: float, radius: float, steps: range) -> _Corners:
-    """Return the corners of a circular arc, 15 degrees apart; steps count clockwise from north."""
+    """Return the corners of an arc; `steps` are multiples of 15 degrees, clockwise from north."""
     angles = [math.pi * step / 12 for step in steps]
     return [(x + radius * math.sin(angle), y + radius * math.cos(angle)) for angle in angles]
 

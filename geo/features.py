@@ -38,13 +38,13 @@ ATTRIBUTES: Mapping[str, tuple[str, ...]] = {
     "height_m": ("height_m", "height"),
     "margin_m": ("margin_m", "margin"),
 }
-"""Names of each property in other files, in order of preference; upper and lower case are equal."""
+"""Names of each property in files of other programs, the preferred name first; case does not matter."""
 LATITUDES = ("latitude", "lat", "latitude_deg", "lat_deg", "gps_latitude", "gpslatitude", "gps_lat")
 LONGITUDES = (
     *("longitude", "lon", "lng", "long", "longitude_deg", "lon_deg", "gps_longitude", "gpslongitude"),
     *("gps_lon", "gps_lng", "gps_long"),
 )
-"""Names of longitude columns as `column_name` returns them; `LATITUDES` has those of latitude columns."""
+"""Names of longitude columns as `column_name` returns them; `LATITUDES` has the names of latitude columns."""
 DEGREES = ("", "deg", "degrees", "°")
 """Units of position columns."""
 KNOWN = frozenset(name for names in ATTRIBUTES.values() for name in names)
@@ -137,7 +137,7 @@ class Entry:
     geometry: object  # GeoJSON geometry; None if the feature has no geometry.
     crs: Coordinates | None = None  # Coordinate system; None is WGS 84.
     layer: str = ""  # Names the layer at the beginning of messages.
-    useless: str = ""  # Reason of the file's reader to leave the feature out.
+    useless: str = ""  # Reason why the file's reader leaves the feature out.
 
     @property
     def where(self) -> str:
@@ -243,7 +243,7 @@ def _flag(properties: dict[str, Any], key: str, kind: str, where: str) -> bool:
 
 
 def _members(geometry: dict[str, Any]) -> list[dict[str, Any]] | None:
-    """Return the geometries in a collection and its nested collections; None if it is no collection."""
+    """Return the geometries in a collection and its nested collections; None for any other geometry."""
     found, left = [], [geometry]
     while left:
         member = left.pop()
@@ -258,7 +258,7 @@ def _members(geometry: dict[str, Any]) -> list[dict[str, Any]] | None:
 
 
 def _no_area(geometry: dict[str, Any]) -> str:
-    """Return why a geometry without area is left out; empty if it has an area or is invalid."""
+    """Return the reason to leave out a geometry without area; empty for any other or invalid geometry."""
     inner = _members(geometry)
     if inner is not None:
         reasons = [_NO_AREA.get(str(member.get("type")), "") for member in inner]
@@ -333,7 +333,7 @@ def _in_degrees(xy: NDArray[np.float64], where: str, crs: Coordinates) -> NDArra
     lost = ~np.isfinite(positions).all(axis=1)
     if lost.any():
         x, y = xy[lost][0].tolist()
-        raise FarmError(f"{where}: [{x:g}, {y:g}] is no place in {crs.name}; is that its coordinate system?")
+        raise FarmError(f"{where}: [{x:g}, {y:g}] is no place in {crs.name}; check its coordinate system")
     return positions
 
 

@@ -1,7 +1,7 @@
 """Reads and writes farm files in GeoJSON (RFC 7946); see docs/farm-files.md.
 
-A file holds a feature collection, a feature or a geometry. It may hold several of these, one per line or
-divided by record separators (RFC 8142; GDAL's GeoJSONSeq, ``.geojsonl``).
+A file holds a feature collection, a feature or a geometry, or several of these, one per line or divided by
+record separators (RFC 8142; GDAL's GeoJSONSeq, ``.geojsonl``).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from geo.features import GEOMETRIES, MAX_FEATURES, Document, Entry, shortened
 from geo.frame import EXAMPLE_CRS, Coordinates, coordinates_of
 from geo.reading import UnreadableError, json_texts, not_json, read_text
 
-MAX_FILE_BYTES = 32 * 2**20  # MAX_VERTICES vertices with their properties fit in
+MAX_FILE_BYTES = 32 * 2**20  # This is enough for MAX_VERTICES vertices and their properties
 
 
 def read_geojson(path: Path, crs: str | None = None) -> Document:

@@ -143,7 +143,7 @@ def rasterise(
     return FarmGrid(shape, cell_size_m, crop_map, owned_map, crops)
 
 
-_TIE_CELLS = 1e-9  # A centre this close to an edge is on it; rounding errors are below 1e-11.
+_TIE_CELLS = 1e-9  # A centre closer to an edge counts as on the edge; rounding errors are below 1e-11.
 _CROSSINGS_AT_ONCE = 2_000_000  # Arrays for a batch of this many crossings take 200 MB.
 
 Runs = tuple["NDArray[np.int64]", "NDArray[np.int64]", "NDArray[np.int64]"]

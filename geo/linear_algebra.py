@@ -99,7 +99,7 @@ def inverse_of_factor(factor: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _elementwise(function: Callable[[float], float], kernel: str = "") -> Callable[..., Any]:
-    """Turn a function of `math` into a function of arrays; `kernel` names its compiled loop."""
+    """Turn a function of `math` into a function of arrays; `kernel` names the compiled loop."""
 
     def of_arrays(x: ArrayLike, out: NDArray[Any] | None = None) -> Any:
         values = np.asarray(x)

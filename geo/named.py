@@ -142,7 +142,7 @@ def _value(text: str, key: str, whole: str) -> Parameter:
     if not text.startswith("["):
         return _scalar(text, key, whole)
     if not text.endswith("]"):
-        raise ParameterError(f"{whole!r}: {key}={text} goes on after its closing bracket")
+        raise ParameterError(f"{whole!r}: {key}={text} has text after its closing bracket")
     inner = text[1:-1]
     return tuple(_scalar(item.strip(), key, whole) for item in _split(inner, whole)) if inner.strip() else ()
 

@@ -27,7 +27,7 @@ INTERRUPTS = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal
 # GNU `timeout` sends two signals within a second. A user takes longer to press Ctrl-C a second time.
 _REPEATED_S = 1.0
 _POLL_S = 0.01
-_HAND_OVER_S = 5.0  # loky needs only milliseconds to hand a call to a process
+_HAND_OVER_S = 5.0  # loky hands a call to a process within milliseconds
 _PARENT_POLL_S = 2.0
 
 
@@ -134,7 +134,7 @@ class Processes:
     """A pool of worker processes.
 
     Workers ignore Ctrl-C and end soon after this process is killed. Unlike workers of the standard library,
-    they do not run the caller's script again.
+    these workers do not run the caller's script again.
 
     At most `most` calls may be pending: with more calls loky prints a traceback when the pool is closed.
     """

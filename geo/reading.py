@@ -14,7 +14,7 @@ from geo.texts import one_line
 if TYPE_CHECKING:
     import msgspec
 
-MAX_TEXT_BYTES = 1 << 20  # No text written by hand is as large
+MAX_TEXT_BYTES = 1 << 20  # Texts that people write by hand are smaller
 
 
 class UnreadableError(WbfMissionError, ValueError):

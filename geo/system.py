@@ -45,7 +45,7 @@ class Closing(ABC):
 
 
 def steady_s() -> float:
-    """Return the time (s) of a clock that nobody can set and that runs on while the machine sleeps."""
+    """Return the time (s) of a monotonic clock that runs on while the machine sleeps."""
     if sys.platform == "linux" and hasattr(time, "CLOCK_BOOTTIME"):
         return time.clock_gettime(time.CLOCK_BOOTTIME)
     if sys.platform == "darwin":  # On macOS time.monotonic stops during sleep
@@ -81,7 +81,7 @@ def use_memory_again() -> None:
     _call_c(
         "mallopt",
         (-8, 2),  # M_ARENA_MAX: threads share two arenas; each arena keeps its freed memory.
-        (-3, 32 * 2**20),  # M_MMAP_THRESHOLD: this is the largest value; chunks of maps are smaller.
+        (-3, 32 * 2**20),  # M_MMAP_THRESHOLD, largest value: freed chunks of maps are kept, not unmapped.
         (-1, 2**31 - 1),  # M_TRIM_THRESHOLD: freed memory is not returned.
     )
 
@@ -219,7 +219,7 @@ def _control_groups(root: Path) -> Iterator[AvailableMemory]:
 def _groups(
     base: Path, path: str, limit_file: str, usage_file: str, reclaimable: str
 ) -> Iterator[AvailableMemory]:
-    # The limits of parent groups apply too. In a container, the process's own group is mounted as the root.
+    # The limits of parent groups apply too. In a container, the mounted root is the process's own group.
     own = PurePosixPath(path.lstrip("/"))
     for group in (own, *own.parents):
         limit, usage = _text(base / group / limit_file).strip(), _text(base / group / usage_file).strip()

@@ -105,7 +105,7 @@ class RunEstimate:
         self._waiting: deque[Future[Any]] = deque()
 
     def add(self, parts: Sequence[Observations], offset_s: float = 0.0) -> None:
-        """Add observations; the estimator learns them when all up to the next scored time have arrived."""
+        """Add observations; the estimator learns them when all of them up to a scored time have arrived."""
         while self._waiting and self._waiting[0].done():
             self._waiting.popleft().result()
         for part in parts:
@@ -169,7 +169,7 @@ class RunEstimate:
         history.days += again * [self.day]
 
     def _submit(self, score_at_s: float | None = None) -> None:
-        """Let the thread learn the held observations, and score the estimate if `score_at_s` is given."""
+        """Let the thread learn the waiting observations, and score the estimate if `score_at_s` is given."""
         if self._held:
             held = Observations.concatenate(self._held, self._held[0].fields)
             self._held = []
@@ -255,7 +255,7 @@ class Evidence:
         return self._count
 
     def add(self, *parts: Observations, offset_s: float) -> None:
-        """Add observations with times that count from `offset_s` seconds after the run began."""
+        """Add observations; their times count from `offset_s` seconds after the run began."""
         filled = [part for part in parts if len(part)]
         if not filled:
             return

@@ -117,7 +117,7 @@ class Field:
             )
         if not isinstance(self.dynamics, EpidemicParameters | ContinuousDynamics):
             found = type(self.dynamics).__name__
-            raise self._error(f"dynamics is {found}, expected EpidemicParameters, SoilParameters or others")
+            raise self._error(f"dynamics is {found}, expected EpidemicParameters or ContinuousDynamics")
         strange = [crop for crop in self.crops if not is_crop_name(crop)]
         if strange:
             raise self._error(f"crop {strange[0]!r:.60} is no name of a crop; {CROP_NAMES}")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 Read = Callable[[int, slice], NDArray[Any]]
 LARGE_FROM_CELLS = 1_000_000
-"""Number of cells from which a farm's truth and masks are read at each access."""
+"""For farms with at least this number of cells, truth and masks are read anew at each access."""
 
 
 class LazyFields(NDArrayOperatorsMixin):
@@ -67,7 +67,7 @@ class LazyFields(NDArrayOperatorsMixin):
         return getattr(ufunc, method)(*arrays, **kwargs)
 
     def __getattr__(self, name: str) -> Any:
-        # Any other attribute, such as mean(), is taken from the array that is read
+        # Other attributes, such as mean(), come from the array that is read
         if name.startswith("_"):
             raise AttributeError(name)
         return getattr(np.asarray(self), name)

@@ -40,9 +40,9 @@ HEAD = """\
 # Wheels of the dependencies
 
 This table shows where `pip install -c requirements.lock .` needs no compiler. For each core dependency, and
-each package that these need, it names the versions of Python from 3.11 to 3.14 for which the version in
-`requirements.lock` has a wheel. Linux means glibc 2.28 or newer. `python tools/write_wheel_table.py` made it
-from the names of the wheels; nothing was installed on macOS and Windows.
+each package that these need, the table names the versions of Python from 3.11 to 3.14 for which the version
+in `requirements.lock` has a wheel. Linux means glibc 2.28 or newer. `python tools/write_wheel_table.py` made
+it from the names of the wheels; nothing was installed on macOS and Windows.
 
 numba has no wheel of this version for Macs with Intel processors. Without the lock file, pip installs numba
 0.62.1 there for Python 3.11 to 3.13, which `pyproject.toml` allows; for 3.14 there is no wheel.

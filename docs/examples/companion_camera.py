@@ -1,4 +1,4 @@
-"""A companion computer's camera: takes a picture where the mission says so, and sends what the leaves show.
+"""A companion computer's camera: takes pictures at the mission's points, and sends the health of the leaves.
 
 Run it beside the autopilot, with its link and a command that writes a picture to its standard output:
     python companion_camera.py udpin:0.0.0.0:14540 "rpicam-jpeg -n -t 1 -o -"
@@ -17,14 +17,14 @@ from wbf_mission.addons.companion.pictures import PictureCamera
 
 
 def shoot(command, exposure):
-    """Take a picture, a JPEG or PNG file; {latitude} and {longitude} in the command are its place."""
+    """Return a JPEG or PNG picture; {latitude} and {longitude} in the command are filled in."""
     place = {"latitude": exposure.latitude_e7 / 1e7, "longitude": exposure.longitude_e7 / 1e7}
     words = [word.format(**place) for word in shlex.split(command)]
     return subprocess.run(words, capture_output=True, check=True, timeout=10.0).stdout  # noqa: S603
 
 
 def classify(picture):
-    """Return what a picture shows: green is healthy, yellow sick, brown lost. Your network replaces this."""
+    """Classify a picture by its colours: green is healthy, yellow sick, brown lost. Put your network here."""
     red, green, blue = np.moveaxis(np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"), float), 2, 0)
     leaf = np.maximum(red, green) > 1.3 * blue  # neither sky nor a sheet of plastic
     if leaf.mean() < 0.05:

@@ -1,4 +1,4 @@
-"""An agent that goes to what was not seen, sick plants first: python docs/examples/greedy_agent.py [ID]."""
+"""An agent that visits unobserved cells, sick plants first: python docs/examples/greedy_agent.py [ID]."""
 
 import sys
 
@@ -9,7 +9,7 @@ from wbf_mission.addons.rl import SurveyEnv
 
 
 def act(shown: dict) -> int:
-    """Return the move towards the cell that promises most for its distance."""
+    """Return the move towards the cell with the best ratio of value to distance."""
     unseen = 1.0 - shown["seen"]
     worth = uniform_filter(unseen, 5, mode="constant") * unseen * (1.0 + 2.0 * (1.0 - shown["value"][0]))
     x, y = np.indices(unseen.shape) - np.floor(shown["position"] * unseen.shape)[:, None, None]

@@ -1,4 +1,4 @@
-"""An estimator of one's own: the mean of what was seen nearby, the sooner forgotten the farther away."""
+"""A user's estimator: the mean of the readings near a cell, with weights that fall with the distance."""
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -7,7 +7,7 @@ from wbf_mission import PAPER_FIELDS, BaseEstimator, InformationModel
 
 
 class Smooth(BaseEstimator):
-    """Takes how far it looks, in cells."""
+    """Takes `reach`, the standard deviation of the weights in cells."""
 
     def __init__(self, reach=2.0, fields=PAPER_FIELDS):
         self.reach = reach

@@ -1,4 +1,4 @@
-"""A planner of one's own for convex land: rows from south to north, as dense as the budget pays for."""
+"""A user's planner for convex land: rows along x, as dense as the budget allows."""
 
 import numpy as np
 from shapely import LineString
@@ -7,7 +7,7 @@ from wbf_mission import PlannedPath, PlanningError
 
 
 def zigzag(request, *, spacing_m=1.0):
-    """Take how far apart the rows are at least, in metres."""
+    """Return rows that are at least `spacing_m` metres apart."""
     west, south, east, north = request.area.bounds
     while spacing_m < north - south:
         heights = np.arange(south + spacing_m / 2, north, spacing_m)

@@ -1,10 +1,10 @@
-"""A policy of one's own: rows first, and when a part of the budget is spent, wherever it is worth most."""
+"""A user's policy: rows until a part of the budget is spent, then the cells with the greatest value."""
 
 from wbf_mission import NO_CHANGE, Decision, Event, make_planner, make_policy
 
 
 class RowsThenGreedy:
-    """Takes the part of the budget that is spent on rows."""
+    """Takes `share`, the fraction of the budget that is spent on rows."""
 
     def __init__(self, share=0.3):
         self.share = share

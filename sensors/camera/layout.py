@@ -118,7 +118,7 @@ class LeafLayout:
         return Readings(n, start, cells, values)
 
     def fits(self, data: Sequence[float]) -> bool:
-        """Return whether a message's data have the header of these fields."""
+        """Return whether the header in a message's data is the header of this layout's fields."""
         return tuple(data[3 : 3 + len(self.header)]) == self.header
 
     def announcement(self) -> list[list[float]]:

@@ -21,9 +21,9 @@ HEALTHY = 1.0
 INFECTED = 0.5
 MAX_FOOTPRINT_CELLS = 64
 NOWHERE_M = 1e7
-"""East and north offset given to an image that shows no ground; no farm reaches as far as this."""
+"""East and north offset (m) of an image that shows no ground: a place outside every farm."""
 MOST_READINGS = 1 << 24
-"""Limit of the numbers of readings: 32-bit floats hold all whole numbers up to this limit exactly."""
+"""Most readings that can be numbered: 32-bit floats hold all whole numbers up to this limit exactly."""
 _FARTHEST_M = 10_000.0
 # Rounding to single precision tilts a vertical axis by at most this angle (rad, less than 0.01 degrees).
 _STRAIGHT = 5e-5
@@ -110,7 +110,7 @@ class LeafCameraOptions:
         given, names = self.noise_std, self.fields.names
         stds = (float(given),) * len(names) if isinstance(given, int | float) else tuple(map(float, given))
         if len(stds) != len(names) or not all(math.isfinite(std) and std >= 0.0 for std in stds):
-            msg = f"camera: noise_std {given} is not one number, or one for each of {', '.join(names)}, >= 0"
+            msg = f"camera: noise_std {given}: give one number >= 0, or one for each of {', '.join(names)}"
             raise ObservationError(msg)
         return stds
 
@@ -124,8 +124,8 @@ class LeafCamera:
     """A camera that reads the fields of an environment in the cells of its footprint.
 
     Readings depend on the cells, the generator and the order of the images, but not on the number of images
-    per call. Readings of cells outside the farm's `shape` are NaN. `rng` generates random errors; options
-    with random errors but no `rng` raise ObservationError.
+    per call. Readings of cells outside the farm's `shape` are NaN. `rng` generates random errors; without
+    `rng`, options with random errors raise ObservationError.
 
     Examples
     --------
@@ -231,8 +231,8 @@ def footprint_offsets(footprint_cells: int) -> tuple[NDArray[np.int64], NDArray[
 def ground_offset(quaternion: Sequence[float], height_m: float) -> tuple[float, float]:
     """Return the east and north offset (m) of the point where the optical axis meets flat ground.
 
-    The distance is the height times the tangent of the angle from straight down. If it exceeds 10 km
-    (ArduPilot's ``AP_MOUNT_POI_DIST_M_MAX``) or the axis does not point down, both offsets are `NOWHERE_M`.
+    The distance is the height times the tangent of the angle from straight down. Both offsets are `NOWHERE_M`
+    for distances above 10 km (ArduPilot's ``AP_MOUNT_POI_DIST_M_MAX``) and axes that do not point down.
 
     The quaternion (w, x, y, z) is from CAMERA_IMAGE_CAPTURED; it turns the forward axis into the optical
     axis. A quaternion that is no rotation (zeros, NaN) means straight down.
@@ -272,11 +272,11 @@ class ImageList:
 
     @property
     def is_exact(self) -> bool:
-        """Whether 32-bit floats hold the numbers of all readings exactly."""
+        """Whether all reading numbers are small enough for 32-bit floats to hold them exactly."""
         return len(self) * self.cells <= MOST_READINGS
 
     def add(self, ix: Sequence[int], iy: Sequence[int], camera: int) -> None:
-        """Add images that a camera takes; (ix, iy) are the cells at the image centres."""
+        """Add images taken by the camera number `camera`; (ix, iy) are the cells at the image centres."""
         self._x += ix
         self._y += iy
         self._camera += [camera] * len(ix)

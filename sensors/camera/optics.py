@@ -165,7 +165,7 @@ class Imaging:
 
     @property
     def sure_along_m(self) -> float:
-        """Length (m) along the flight that is in an image even if it is shifted by `image_distance_m`."""
+        """Length of ground (m) that an image still shows if shifted by `image_distance_m` either way."""
         return max(self.along_m - 2.0 * self.image_distance_m, 0.0)
 
     @property

@@ -32,7 +32,7 @@ DEBUG_FLOAT_ARRAY = 350
 _ID_MASK = 0xFFFF
 _MAX_PENDING = 1024
 _MAX_KNOWN = 131_072
-_MOST_BEFORE = 8  # With a loss of 50 %, the chance of losing 8 images in a row is 1/256
+_MOST_BEFORE = 8  # If half of the images are lost, the chance of losing 8 in a row is 1/256
 _MAX_MISSING = 65_536
 _MOST_IMAGES = 1 << 24
 _E7 = 1e7
@@ -53,7 +53,7 @@ class AssemblerStatistics:
     images: int = 0  # Complete images.
     observations: int = 0  # Cells with at least one reading.
     duplicates: int = 0  # Messages received more than once.
-    lost: int = 0  # Images that have not arrived, by gaps in the index and by the count of the camera.
+    lost: int = 0  # Missing images, known from gaps in the image index and from the camera's count.
     unpaired: int = 0  # Incomplete images that were discarded.
     failed: int = 0  # Images that the camera reported as failed.
     malformed: int = 0  # Messages with invalid content.
@@ -259,7 +259,7 @@ class ObservationAssembler:
             del self._missing[next(iter(self._missing))]
 
     def expect_from_first(self, since_s: float = 0.0) -> None:
-        """Count the images before the first received image as missing, since the link was down then.
+        """Count the images before the first received image as missing: the link was down when they were sent.
 
         Images taken before `since_s` on the vehicle's clock belong to earlier flights and are ignored.
         """

@@ -49,8 +49,8 @@ class Course(Protocol):
 class ContinuousDynamics(ABC):
     """Base class of the dynamics of continuous fields. A subclass is a frozen dataclass of parameters.
 
-    A subclass defines `kind` and `days`. It is registered as an entry point named by `kind` in the group
-    ``wbf_mission.dynamics`` (``docs/fields.md`` has an example).
+    A subclass defines `kind` and `days`. The subclass is registered as an entry point named by `kind` in the
+    group ``wbf_mission.dynamics`` (``docs/fields.md`` has an example).
     """
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
@@ -101,7 +101,7 @@ class ContinuousDynamics(ABC):
 
 @dataclass(slots=True)
 class _DailyCourse:
-    """Course that takes and checks the fields of `ContinuousDynamics.days`, in ascending order of days."""
+    """Course that iterates over `ContinuousDynamics.days` and checks each day's field."""
 
     kind: str
     shape: tuple[int, int]
@@ -180,10 +180,10 @@ _TRUNCATED_AT = 4.0
 class SmoothParameters(ContinuousDynamics):
     """Smooth static fields: Gaussian random fields that do not change from day to day.
 
-    Smooth fields are the usual test case of informative path planning. Their exact model is a Gaussian
-    process with a squared exponential kernel. White noise smoothed by a Gaussian of standard deviation l /
-    sqrt(2) has the correlation exp(-d^2 / (2 l^2)) (process convolution: D. Higdon, *Space and Space-Time
-    Modeling using Process Convolutions*, 2002).
+    Smooth fields are the usual test case of informative path planning. The exact model of smooth fields is a
+    Gaussian process with a squared exponential kernel. White noise smoothed by a Gaussian of standard
+    deviation l / sqrt(2) has the correlation exp(-d^2 / (2 l^2)) (process convolution: D. Higdon, *Space and
+    Space-Time Modeling using Process Convolutions*, 2002).
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ class SmoothParameters(ContinuousDynamics):
 
 
 def _weights(width: float) -> NDArray[np.float64]:
-    """Return the weights of a smoothing Gaussian along an axis; `width` is its deviation in cells."""
+    """Return a smoothing Gaussian along an axis; `width` is its standard deviation in cells."""
     reach = int(_TRUNCATED_AT * width + 0.5)
     weights: NDArray[np.float64] = exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
     weights /= weights.sum()

@@ -12,7 +12,7 @@ on which the cell was infected. One byte per cell stores the whole history of a 
 
 There are two rules for the infection probability p. The rule ``"count"`` of the Waterberry Farms code rounds
 the count down to n, and p = 1 - (1 - p_t)^n. The rule ``"kernel"`` of the paper's text does not round the
-count, and p = min(1, p_t * count): infected cells, convolved with a distance kernel, times a likelihood.
+count: p = min(1, p_t * count). There the count is the convolution of infected cells with a distance kernel.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ SUSCEPTIBLE = 0
 REMOVED = -1
 IMMUNE = -2
 MAX_DAYS = 126
-"""Most days of an infection and of an environment, since status and onset are stored as int8."""
+"""Largest number of days of an infection or an environment; status and onset are stored as int8."""
 NEVER = -1
 """Onset of a cell that was never infected."""
 NO_HOST = -2
@@ -167,7 +167,7 @@ class EpidemicParameters:
     def on_window(self, shape: tuple[int, int], seeds: int) -> EpidemicParameters:
         """Return the parameters for simulating only a window of a farm of this shape (cells).
 
-        The kernel keeps its size on the farm; the default size for the window's width may be smaller.
+        The kernel gets the size that it has on the whole farm; by the window's width it could be smaller.
 
         >>> TYLCV.on_window((100, 100), seeds=2).kernel_size
         5
@@ -199,9 +199,9 @@ def step(status: NDArray[np.int8], draws: Draws, rule: InfectionRule) -> NDArray
     """Return the status of all cells a day later in a new array.
 
     `draws` are random numbers in [0, 1). They are an array with a number for each cell, or a function that
-    returns a number for each given flat index; it is called once, with the cells that may become infected
-    (ascending, C order). A cell with probability p and draw u becomes infected if p > u. Cells that are
-    infected on immune land infect their neighbours too.
+    returns a number for each given flat index. The function is called once, with the cells that may become
+    infected (ascending, C order). A cell with probability p and draw u becomes infected if p > u. Cells that
+    are infected on immune land infect their neighbours too.
 
     Examples
     --------

@@ -159,13 +159,13 @@ class InfectionFront:
         return cells
 
     def infect(self, cells: Cells) -> None:
-        """Infect the given cells, all different, and add their susceptible neighbours to the front."""
+        """Infect the given cells, each given once, and add their susceptible neighbours to the front."""
         centres = self._pad(cells)
         self._susceptible[centres] = False
         self._front = np.concatenate([self._front, *self._add(centres, 1)])
 
     def remove(self, cells: Cells) -> None:
-        """Remove infected cells: from now on they do not infect their neighbours."""
+        """Mark infected cells as removed: from now on they do not infect their neighbours."""
         self._add(self._pad(cells), -1)
 
     def _add(self, centres: Cells, sign: int) -> list[Cells]:

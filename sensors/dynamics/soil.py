@@ -6,7 +6,7 @@ by ``1 - evaporation``. On a rainy day, a sum P of humps is scaled to a mean rai
 * P / sum(P)``, and added; then the humidity is clipped at 1. Ten days of warm-up precede day 0.
 
 A hump is the product of a profile along x and a profile along y. A sum of k humps is thus the product of a
-(W, k) and a (k, H) matrix; its sum over the farm follows from the sums of their columns and rows.
+(W, k) and a (k, H) matrix; the product's sum over the farm follows from the sums of columns and rows.
 """
 
 from __future__ import annotations

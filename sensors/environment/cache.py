@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 LIMIT_VARIABLE = "WBF_MISSION_ENVIRONMENT_CACHE_MB"
 DEFAULT_LIMIT_MB = 2000
 CACHED_FROM_CELLS = 1_000_000
-"""Number of cells from which farms are cached; smaller farms are generated faster than read."""
+"""Farms with at least this number of cells are cached; smaller farms are generated faster than read."""
 
 _ENTRY = re.compile(r"[0-9a-f]{32}")
 _LEFTOVER = re.compile(r"\.[0-9a-f]{32}\.(partial|older)")
@@ -157,7 +157,7 @@ def _size(path: Path) -> int:
 
 MOST_ENVIRONMENTS = 2
 MOST_CELLS = 100_000
-"""Largest number of cells kept in memory. On larger farms, generating is short compared with a run."""
+"""Largest farm (cells) that is kept in memory. On larger farms, generating is short compared with a run."""
 
 
 class EnvironmentMemory:

@@ -153,7 +153,7 @@ class Environment:
         levels: Mapping[str, Mapping[int, NDArray[np.float32]]],
         provenance: Provenance | None = None,
     ) -> Environment:
-        """Return an environment with these arrays, which have the form that `onset` and `level` return.
+        """Return an environment made of arrays such as `onset` and `level` return.
 
         Raise EnvironmentDataError if the shape or type of an array is wrong, or there is no day.
         """
@@ -325,7 +325,7 @@ class Environment:
 def _fill_disease(field: NDArray[np.float32], onset: NDArray[np.int8], table: NDArray[np.float32]) -> None:
     """Fill `field`, float32[w, h], with E of a disease; `table` gives the value for each onset."""
     field.fill(1.0)
-    # Few cells are ever infected, so setting only these is several times faster than looking up all cells.
+    # Few cells are ever infected, so setting only these cells is several times faster than looking up all.
     if onset.flags.c_contiguous and field.flags.c_contiguous:
         once_infected = np.flatnonzero(onset >= 0)
         field.reshape(-1)[once_infected] = table[onset.reshape(-1)[once_infected]]
@@ -335,7 +335,7 @@ def _fill_disease(field: NDArray[np.float32], onset: NDArray[np.int8], table: ND
 
 
 def _few_cells(ix: ArrayLike, iy: ArrayLike, shape: tuple[int, int]) -> list[tuple[int, int]]:
-    """Return the cells of two short integer arrays as a list; empty for other input or cells off the farm."""
+    """Return two short integer arrays as pairs; an empty list for other input or for cells off the farm."""
     if not (isinstance(ix, np.ndarray) and isinstance(iy, np.ndarray)) or ix.ndim != 1 or ix.size > _FEW:
         return []
     if ix.shape != iy.shape or ix.dtype.kind not in "iu" or iy.dtype.kind not in "iu":

@@ -1,4 +1,4 @@
-"""Generates environments in memory, or day by day into a folder; the latter can be resumed."""
+"""Generates environments in memory, or day by day into a folder; an interrupted folder can be resumed."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _OUTBREAKS_AT_ONCE = 2
 
 
 class StoppedError(Exception):
-    """Ends a thread after the generation has been stopped."""
+    """Exception that ends a thread after the generation was stopped."""
 
 
 class _Steps:
@@ -141,7 +141,7 @@ def memory_needed(
     cells = shape[0] * shape[1]
     diseases, continuous = len(fields.diseases), len(fields.continuous)
     at_once = min(diseases, _OUTBREAKS_AT_ONCE if _thread_count(cells, threads) > 1 else 1)
-    # Two alternating days need memory, and so do a day's compressed chunks before and after joining.
+    # Memory holds two days, filled in turn, and a day's compressed chunks before and after they are joined.
     levels = cells * (2 * 4 + 2 * 4) * min(continuous, 1) if on_disk else cells * 4 * days * continuous
     # A disease needs memory for onsets, host mask, front, and lists of the cells near infected cells.
     outbreaks = cells * (diseases + at_once * (1 + FRONT_BYTES_A_CELL + 4))

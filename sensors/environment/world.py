@@ -60,12 +60,12 @@ class Drawn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
             raise ValueError(f"one_of has {len(self.one_of)} values: give 1 to {_MOST_CHOICES}")
 
     def value(self, published: Any, rng: Generator) -> Value:
-        """Draw a value; raise ValueError if a factor is given but no published number."""
+        """Draw a value; raise ValueError if a factor is given but the published value is no number."""
         if self.one_of is not None:
             return self.one_of[int(rng.integers(len(self.one_of)))]
         assert self.factor is not None
         if isinstance(published, bool) or not isinstance(published, int | float):
-            raise ValueError("a factor needs a published number; give a value or one_of")
+            raise ValueError("a factor needs a numeric published value; give a value or one_of")
         low, high = map(math.log, self.factor)
         drawn = published * math.exp(rng.uniform(low, high))
         return max(1, round(drawn)) if isinstance(published, int) else drawn

@@ -157,7 +157,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
         maps = list(dict.fromkeys(self.maps_))
         if len(maps) > 1 and len(self._uncertainty) == 1:
             self._uncertainty = np.repeat(self._uncertainty, len(self.fields), axis=0)
-        from sensors.estimators.painting import Strokes, paint  # Compiled code loads slowly
+        from sensors.estimators.painting import Strokes, paint  # The import is here because it is slow
 
         for disks in maps:
             painting = disks.outstanding()
@@ -180,7 +180,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
             )
             paint(strokes, self._value, self._uncertainty, changed)
         self.revision_ += 1
-        # After a fit, in a copy, and when fields no longer share a map, the arrays are new. Fields that share
+        # The arrays are new after a fit, in a copy, and when fields no longer share a map. Fields that share
         # a map also share a plane of uncertainty.
         self._published = published_views(self._published, (self._value, self._uncertainty))
         return InformationModel(

@@ -2,7 +2,7 @@
 
 Estimators follow the conventions of scikit-learn:
 
-- ``__init__`` only stores parameters. ``get_params`` and ``set_params`` read and change them by name, so that
+- ``__init__`` only stores parameters. ``get_params`` and ``set_params`` access them by name, so that
   `sklearn.base.clone` works.
 - ``fit`` validates the parameters, discards everything learned, and learns. ``partial_fit`` learns from
   further observations. ``fit`` and ``partial_fit`` return the estimator.
@@ -79,7 +79,7 @@ class Estimator(Protocol):
         ...
 
 
-_OUTSIDE = 1e-4  # Rounding may move values out of 0..1 by this
+_OUTSIDE = 1e-4  # Rounding may move values beyond 0 or 1 by this much
 
 
 def model_fault(estimator: object, model: object) -> str | None:
@@ -105,7 +105,7 @@ _KINDS = {type(None): "None", np.ndarray: "an array"}
 class BaseEstimator(ABC):
     """Base class of estimators that stores the farm, validates observations, and names parameters.
 
-    A subclass stores its parameters in ``__init__``. It implements three methods: ``_start`` validates the
+    A subclass stores its parameters in ``__init__`` and has three methods: ``_start`` validates the
     parameters and starts over on a new farm, ``_learn`` learns from at least one validated observation, and
     ``_estimate`` returns the model. Before `fit`, the other public methods raise EstimatorError.
     """
@@ -211,7 +211,7 @@ class BaseEstimator(ABC):
         return {name: getattr(self, name) for name in self._param_names()}
 
     def set_params(self, **params: Any) -> Self:
-        """Change parameters by name. The next `fit` validates and applies them.
+        """Change parameters by name. The next `fit` validates and applies the new values.
 
         If a name is unknown, raise EstimatorError and change no parameter.
         """
@@ -249,7 +249,7 @@ class BaseEstimator(ABC):
 
 
 def published_views(published: Views, own: Views) -> Views:
-    """Return read-only views of the arrays `own`, or `published` if these are views of the same arrays.
+    """Return `published` if it has views of the arrays `own`, or else new read-only views of these arrays.
 
     Both views have the shape of the first array.
     """
@@ -285,7 +285,7 @@ def estimator_memory(estimator: Estimator, shape: tuple[int, int], n_observation
 
 
 def estimator_fields(estimator: Estimator) -> FieldSet:
-    """Return an estimator's attribute `fields`, or else the benchmark's fields."""
+    """Return an estimator's fields: its attribute `fields`, or else the benchmark's fields."""
     fields = getattr(estimator, "fields", PAPER_FIELDS)
     return fields if isinstance(fields, FieldSet) else PAPER_FIELDS
 

@@ -80,7 +80,7 @@ def carried(
     day: int,
     seed: int = 0,
 ) -> tuple[_Floats, _Floats]:
-    """Carry readings of several days forward to `day`; return values and their `Transition.doubt`."""
+    """Carry readings of several days forward to `day`; return values and remaining fractions of variance."""
     value, doubt = np.asarray(values, np.float64).copy(), np.zeros(len(values))
     for earlier in np.unique(days[days < day]).tolist():
         of_day = days == earlier

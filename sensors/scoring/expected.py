@@ -2,17 +2,17 @@
 
 The calibration is measured on relevant cells that were not observed.
 
-For a disease, the calibration concerns the probability that a plant is sick. This is the class probability if
-the estimate has one, or else follows from a normal distribution of value and deviation.
+For a disease, the calibration concerns the probability that a plant is sick. This probability is the class
+probability if the estimate has one, or else follows from a normal distribution of value and deviation.
 
 - The Brier score is the mean squared error of the probability (Brier 1950).
 - The log loss is the mean negative log likelihood.
 - The expected calibration error is the distance between the fraction of sick plants and the mean probability,
 averaged over ten bins of the probability by their numbers of plants (Naeini et al. 2015).
 - Two fractions concern the set of plants that may be sick
-(`sensors.scoring.information.InformationModel.may_be_sick`). The set should have 90 % of the sick plants; the
-fraction of the healthy plants in it is the cost. Only sick plants count for the 90 %, because a set with 90 %
-of all plants may contain no sick plant (class-conditional conformal predictors, Vovk 2012).
+(`sensors.scoring.information.InformationModel.may_be_sick`). The set should have 90 % of the sick plants; its
+cost is the fraction of the healthy plants in the set. Only sick plants count for the 90 %, because a set with
+90 % of all plants may contain no sick plant (class-conditional conformal predictors, Vovk 2012).
 
 For a continuous field, the measures are the fraction of cells whose truth is in the 90 % interval of a normal
 distribution, and the mean squared error divided by the mean variance.

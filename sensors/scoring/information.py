@@ -24,7 +24,7 @@ CLASSES = ("healthy", "infected", "lost")
 """Classes of plants, in the order that class probabilities have."""
 HELD = 0.9
 """Fraction of the unobserved sick plants that the set `InformationModel.may_be_sick` should contain."""
-_CERTAIN = 1e-6  # Rounding may move a probability of 1 by this
+_CERTAIN = 1e-6  # A certain plant's probability may differ from 1 by this much, by rounding
 
 TILE_CELLS = 64
 SQUARES, WORSE_SQUARES, ABSOLUTE, WORSE_ABSOLUTE = range(4)
@@ -36,7 +36,7 @@ _STRIP_COLUMNS = 100  # With 5000 rows and three classes, a strip takes 6 MB
 
 
 def column_strips(width: int, step: int = 1) -> Iterator[slice]:
-    """Yield slices of columns that cover a farm; each but the last has a multiple of `step` columns.
+    """Yield slices of columns that cover a farm; each slice but the last has a multiple of `step` columns.
 
     Examples
     --------
@@ -76,7 +76,7 @@ def tiles_of_boxes(
     y0, y1 = np.clip(y0, 0, height), np.clip(y1, 0, height)
     some = (x0 < x1) & (y0 < y1)
     if width <= TILE_CELLS and height <= TILE_CELLS:
-        # Small farms are updated after each observation, and an update is faster than the sums below.
+        # Small farms are updated after each observation, and this line is faster than the sums below.
         return np.array([[bool(some.any())]])
     left, low = x0[some] // TILE_CELLS, y0[some] // TILE_CELLS
     right, high = (x1[some] - 1) // TILE_CELLS + 1, (y1[some] - 1) // TILE_CELLS + 1
@@ -92,7 +92,7 @@ def tiles_of_boxes(
 
 
 def least_sick(sick: NDArray[np.floating], counts: NDArray[np.integer] | None = None) -> float:
-    """Return the least probability of being sick of any plant in `InformationModel.may_be_sick`.
+    """Return the lowest probability of being sick among the plants in `InformationModel.may_be_sick`.
 
     `counts` is the number of plants with each probability in `sick`, by default 1.
 
@@ -269,8 +269,8 @@ class InformationModel:
 
         Uncertain plants are added in descending order of the probability that they are sick, until the
         probabilities in the set add up to 90 % of the total. If the probabilities are calibrated, the set has
-        90 % of the sick plants. As nearly all plants are healthy, only the coverage of sick plants says
-        something. Plants that are certainly sick are in the set too.
+        90 % of the sick plants. The 90 % concern only sick plants, because nearly all plants are healthy.
+        Plants that are certainly sick are in the set too.
 
         Parameters
         ----------

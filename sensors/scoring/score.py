@@ -111,7 +111,7 @@ class RunningScore:
 
     Sums over cells are stored for each tile of the farm (`sensors.scoring.information`). If a model reports
     its changes since the preceding model, only the changed tiles are summed again. The result equals a sum
-    over all cells to the bit, because nothing is subtracted.
+    over all cells to the bit, because no old errors are subtracted.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ class RunningScore:
         self.advance(truth)
 
     def advance(self, truth: NDArray[np.floating]) -> None:
-        """Compare later estimates with this truth, that of the next day."""
+        """Compare later estimates with `truth`, the truth of the next day."""
         self._check_shape(truth, "truth")
         self._truth = truth
         self._summed = None

@@ -413,7 +413,7 @@ def test_large_farms_get_larger_cells_unless_the_file_says_otherwise(tmp_path: P
     farm = load_farm(write(tmp_path, large))
     assert farm.cell_size_m == 0.5
     assert farm.width_cells * farm.height_cells <= 4_000_000
-    assert farm.notes == ("cells are 0.5 m, as there would be 7.5 million of one foot",)
+    assert farm.notes == ("cells are 0.5 m wide; one foot would give 7.5 million cells",)
     said = load_farm(write(tmp_path, {**large, "cell_size_m": 0.3048}))
     assert (said.cell_size_m, said.notes) == (0.3048, ())
 

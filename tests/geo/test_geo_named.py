@@ -96,7 +96,7 @@ def test_what_is_read(text: str, expected: tuple[str, dict[str, Parameter]]) -> 
         ("spiral:a=[1,2", "brackets"),
         ("spiral:a=1]", "brackets"),
         ("spiral:a=[[1]]", "brackets"),
-        ("spiral:a=[1]2", "goes on after"),
+        ("spiral:a=[1]2", "has text after"),
         ("spiral:a=1[2]", "more than one value"),
         ('spiral:a="b', "not closed"),
         ('spiral:a="b"c', "more than one value"),

@@ -125,11 +125,11 @@ REACH_LENGTHS = 10.0
 also act through other observations. The mean's error is up to 4e-4 prior standard deviations (with tiles,
 2e-3); with nine readings of every cell it is up to 3e-3 (with tiles, 4e-3)."""
 LEAST_NOISE = 0.1
-"""Least ratio of noise to amplitude for `WindowedPosterior`; with less, data act beyond their windows."""
+"""Least ratio of noise to amplitude for `WindowedPosterior`; with less, data act beyond the windows."""
 MOST_CELLS = 250_000
 """Most cells for `WindowedPosterior`; on larger farms tiles are faster, as they write only changed cells."""
 GROWING = 2.5
-"""Peak memory of a growing array relative to its rows, for the array and a copy with 50 % more room."""
+"""Peak memory of a growing array, in multiples of its rows: a copy with 50 % more room is made beside it."""
 
 
 class WindowedPosterior(CellPosterior):

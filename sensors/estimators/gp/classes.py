@@ -59,7 +59,7 @@ class ClassLink:
 
     @property
     def lost(self) -> float:
-        """Fraction of lost among sick plants; infected plants have illness 1/2, and lost plants 1."""
+        """Fraction of lost plants among sick plants; infected plants have illness 1/2, lost plants 1."""
         return min(max(2.0 * self.illness / self.sick - 1.0, 0.0), 1.0)
 
     def sick_of_mean(self, mean: NDArray[np.floating]) -> Values:

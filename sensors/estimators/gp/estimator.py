@@ -44,17 +44,17 @@ class GaussianProcessEstimator(BaseEstimator):
     """A Gaussian process for each field, with the paper's kernel: squared exponential plus white noise.
 
     *Mean and kernel.* With ``learn_from="model"``, mean and kernel are learned from environments of the farm
-    that are simulated up to the latest observed day (`sensors.estimators.gp.prior`). The first time this
-    takes one or two seconds; then a cache folder has the result. With ``learn_from="observations"``, the
-    kernel is fitted by marginal likelihood when a field has 16, 32, 64, ..., 512, 2048, 8192, ...
-    observations. Beyond 512, a fit uses eight evenly spread runs of 64 consecutive observations. If all
-    observations are equal, for example if all plants are healthy, the kernel is the initial kernel. (The
-    paper fixes the amplitude to 1 by ``amplitude_bounds=(1, 1)``.)
+    that are simulated up to the latest observed day (`sensors.estimators.gp.prior`). The first time, learning
+    takes one or two seconds; later runs read the result from a cache folder. With
+    ``learn_from="observations"``, the kernel is fitted by marginal likelihood when a field has 16, 32, 64,
+    ..., 512, 2048, 8192, ... observations. Beyond 512, a fit uses eight evenly spread runs of 64 consecutive
+    observations. If all observations are equal, for example if all plants are healthy, the kernel is the
+    initial kernel. (The paper fixes the amplitude to 1 by ``amplitude_bounds=(1, 1)``.)
 
-    *Posterior.* Exact posteriors (`ExactPosterior`) cost O(observations x cells) per observation. If they
-    exceed `memory_limit_mb`, the posterior depends on the lengthscale. For short lengthscales, windows of
-    cells are stored per observation if they fit (`WindowedPosterior`), or else the farm is solved by tiles. A
-    field whose lengthscale is long compared with the farm is modelled as a sum of sine functions
+    *Posterior.* Exact posteriors (`ExactPosterior`) cost O(observations x cells) per observation. If exact
+    posteriors exceed `memory_limit_mb`, the method depends on the lengthscale. For short lengthscales,
+    windows of cells are stored per observation if they fit (`WindowedPosterior`), or else the farm is solved
+    by tiles. A field whose lengthscale is long compared with the farm is modelled as a sum of sine functions
     (`sensors.estimators.gp.local`). Beyond the memory limit, `predict` returns the same arrays at each call.
     Repeated observations of a cell on a day count as independent. Soil readings close together have reduced
     weights, on all farms on later days, and on farms of more than 128 cells a side on all days.
@@ -338,7 +338,7 @@ class GaussianProcessEstimator(BaseEstimator):
         self._learned_day = day
 
     def _classes_of(self, field: Field, link: ClassLink | None) -> ClassMap | None:
-        """Return the class map of a field; None if it has no link, or if `states` or the costs forbid it."""
+        """Return a field's class map; None without a link, or if `states` or the costs rule out classes."""
         costs = field.cost_above, field.cost_below
         if link is None or self.states != "classes" or min(costs) <= 0.0:
             return None

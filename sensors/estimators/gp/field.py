@@ -49,9 +49,9 @@ class _Method(Enum):
 class FieldProcess:
     """Observations, prior mean, kernel and posterior of one field.
 
-    `mean` is the prior mean. If it is None, the prior mean is the mean of the observations, or `mean_before`
-    before the first observation. With `is_patchy`, readings close together share an error of the model, for
-    example where soaked soil takes no more rain, and have reduced weights on large farms (`Crowding`).
+    `mean` is the prior mean. If `mean` is None, the mean of the observations is used, or `mean_before` before
+    the first observation. With `is_patchy`, readings close together share an error of the model, for example
+    where soaked soil takes no more rain, and have reduced weights on large farms (`Crowding`).
 
     `classes` turns a disease's means into values and uncertainties. As long as every reading is the exact
     value of a class, a plant that was read today has the class of its reading.
@@ -101,7 +101,7 @@ class FieldProcess:
         self._exact = self._exact and bool((np.abs(values - _nearest_class(values)) <= _EXACT).all())
 
     def carry_to(self, day: int, carry: Carry, correlate: Correlate | None = None) -> None:
-        """Set the day to estimate; `carry` carries readings of earlier days forward to it.
+        """Set the day to estimate; `carry` carries readings of earlier days forward to `day`.
 
         If `correlate` is given, errors of readings carried from one day are correlated
         (`sensors.estimators.days`); otherwise they are independent.
@@ -209,7 +209,7 @@ class FieldProcess:
         return Crowding(self._shape, (self.kernel.length_x, self.kernel.length_y))
 
     def _as_of_today(self, day: int, values: Floats) -> Floats:
-        """Return readings of an earlier day, with their deviations from the mean scaled to today's."""
+        """Return readings of an earlier day, converted to today's mean and scale."""
         assert self._carry is not None
         assert self._correlate is not None
         assert self._day is not None
@@ -241,7 +241,7 @@ class FieldProcess:
 
     @property
     def change_a_day(self) -> float:
-        """Mean squared change per day of cells that were read on two days; 0 without such cells."""
+        """Mean squared change of a reading per day, from cells read on two days; 0 without such cells."""
         return self._changed / self._days_of_change if self._days_of_change else 0.0
 
     def _take(
@@ -348,7 +348,7 @@ class FieldProcess:
         return LocalPosterior(self._shape, replace(self.kernel, noise=noise))
 
     def _whole_posterior(self) -> WholePosterior | None:
-        """Return a posterior in functions over the whole farm; None if too many functions are needed."""
+        """Return a posterior in sine functions over the whole farm; None if too many are needed."""
         # The import is here because loading compiled code is slow.
         from sensors.estimators.gp.local import WholePosterior
 
@@ -364,7 +364,7 @@ def _nearest_class(values: NDArray[np.floating]) -> Floats:
 
 
 def due_fit(n: int) -> int:
-    """Return at how many of `n` observations the last kernel fit was due: 0, 16, 32, ..., 512, 2048, ...
+    """Return the number of observations, at most `n`, at which the last kernel fit was due.
 
     >>> [due_fit(n) for n in (15, 16, 31, 32, 1000, 2047, 2048, 10_000)]
     [0, 16, 16, 32, 512, 512, 2048, 8192]
@@ -378,7 +378,7 @@ def due_fit(n: int) -> int:
 
 
 def _fit_subset(n: int) -> NDArray[np.intp]:
-    """Return the indices of the observations among the first `n` that a kernel fit uses."""
+    """Return the indices of those of the first `n` observations that a kernel fit uses."""
     if n <= _FIT_POINTS:
         return np.arange(n)
     run = _FIT_POINTS // _FIT_RUNS

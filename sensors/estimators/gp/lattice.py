@@ -252,8 +252,8 @@ class NodeLattice:
     ) -> NDArray[np.bool_]:
         """Write value and standard deviation (noise included) of cells; return the written tiles.
 
-        Only cells changed since the last call are written, but with `whole` all cells. At the end, `then` is
-        called with columns, rows and a mask of written cells (None: all); calls do not overlap.
+        Cells that have changed since the last call are written, or with `whole` all cells. At the end, `then`
+        is called with columns, rows and a mask of written cells (None: all); calls do not overlap.
         """
         kernel = self.kernel
         limits = (0.0, 1.0) if clip else (-math.inf, math.inf)

@@ -1,10 +1,10 @@
 """Posteriors of a Gaussian process for farms of any size.
 
-`LocalPosterior` is for lengthscales that are short compared with the farm. It solves tiles of about eight
-lengthscales separately, each with the observations in the tile and up to seven lengthscales around it.
-`WholePosterior` is for long lengthscales. It approximates the process by sine functions over the whole farm,
-and observations add to the sums of a regression. Neither class drops observations, as merging repeated
-observations of a cell is exact. The parameter `weights` reduces the influence of observations.
+`LocalPosterior` is for lengthscales that are short compared with the farm. This class solves tiles of about
+eight lengthscales separately, each with the observations in the tile and up to seven lengthscales around it.
+`WholePosterior` is for long lengthscales. This class approximates the process by sine functions over the
+whole farm, and observations add to the sums of a regression. Neither class drops observations, as merging
+repeated observations of a cell is exact. The parameter `weights` reduces the influence of observations.
 """
 
 from __future__ import annotations

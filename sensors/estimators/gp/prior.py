@@ -1,7 +1,7 @@
 """Priors of the Gaussian process: means and kernels, learned from simulated environments.
 
-The simulations have seeds of their own. They give the mean, and the covariance of cells at each distance. Let
-S be this covariance for a set of cells, and K the kernel's covariance for these cells. The fitted kernel
+The simulations have separate seeds. They give the mean, and the covariance of cells at each distance. Let S
+be this covariance for a set of cells, and K the kernel's covariance for these cells. The fitted kernel
 minimises ``log det K + trace(K^-1 S)``, which is the Kullback-Leibler divergence up to a constant factor and
 term. Simulations also give the link from means to a disease's classes (`sensors.estimators.gp.classes`).
 """
@@ -227,7 +227,7 @@ def _lagged_products(field: Floats, lags: int) -> Floats:
 def _nearest_kernel(
     x: NDArray[np.integer], y: NDArray[np.integer], moments: Floats, length_bounds: tuple[float, float]
 ) -> RbfKernel:
-    """Return the kernel of least divergence (see the module) from given moments at positions x, y."""
+    """Return the kernel that diverges least (see the module) from the given moments of cells at x, y."""
     variance = float(np.trace(moments)) / len(moments)
     if variance < 2 * _LEAST_VARIANCE:
         return RbfKernel(2.0, 2.0, _LEAST_VARIANCE, _LEAST_VARIANCE)

@@ -128,7 +128,7 @@ def _cost(theta: Floats, dx2: Floats, dy2: Floats, residuals: Floats) -> tuple[f
 
 
 def factor_covariance(theta: Floats, dx2: Floats, dy2: Floats) -> tuple[Floats, Floats | None]:
-    """Return the covariance without noise, and the Cholesky factor with noise, which is None if singular."""
+    """Return the covariance without noise, and the Cholesky factor with noise (None: it does not exist)."""
     length_x, length_y, noise, amplitude = exp(theta)
     smooth = amplitude * exp(-0.5 * (dx2 / length_x**2 + dy2 / length_y**2))
     covariance = smooth.copy()

@@ -80,7 +80,7 @@ def test_the_environment_is_of_the_world_and_the_other_fields_stay_as_they_are()
         ({"tylcv": {"colour": 3}}, "here: tylcv: dynamics of a disease field: unknown parameter 'colour'"),
         ({"tylcv": {"likelihood": 1.5}}, "tylcv: dynamics: epidemic: likelihood 1.5 is not a probability"),
         ({"tylcv": {"likelihood": "much"}}, "tylcv: dynamics, likelihood: it is a text; give a number"),
-        ({"tylcv": {"seeds": {"factor": [0.5, 2.0]}}}, "tylcv, seeds: a factor needs a published number"),
+        ({"tylcv": {"seeds": {"factor": [0.5, 2.0]}}}, "tylcv, seeds: a factor needs a numeric published"),
         ({"tylcv": {"likelihood": {"factor": [2.0, 0.5]}}}, "factor 2, 0.5: give two numbers from 0.001"),
         ({"tylcv": {"likelihood": {"factor": [0.5]}}}, "likelihood: factor: give a list with 2 entries"),
         ({"tylcv": {"likelihood": {"one_of": []}}}, "one_of has 0 values"),

@@ -226,8 +226,8 @@ def vertex(command=5001, count=3.0):
 @pytest.mark.parametrize(
     ("fence", "part"),
     [
-        ([vertex()] * 2, "fence item 1: a polygon of 3 vertices, but 2"),
-        ([vertex(), vertex(), vertex(5002)], "but 2 of them"),
+        ([vertex()] * 2, "fence item 1: a polygon of 3 vertices, but only 2"),
+        ([vertex(), vertex(), vertex(5002)], "but only 2"),
         ([vertex(count=2.0)] * 2, "param1 is 2.0"),
         ([vertex(count=None)] * 3, "param1 is None"),
         ([vertex(count=1e30)] * 3, "but 3 of them"),
@@ -352,5 +352,5 @@ def test_too_many_items():
 
 def test_too_large_a_fence():
     text = json.dumps(document() | {"geoFence": {"polygons": [{"polygon": ["VERTICES"]}]}})
-    with pytest.raises(MissionFileError, match="geoFence: 9 MiB, at most 8"):
+    with pytest.raises(MissionFileError, match="geoFence: 9 MiB, but at most 8"):
         plan.loads(text.replace('"VERTICES"', ",".join(["[1,2]"] * 1_572_864)).encode())

@@ -199,7 +199,7 @@ def test_jumps_lead_to_where_they_led():
         (replace(THERE, param2=1.0), ARDUPILOT, PLANE, None, ""),
         (replace(THERE, param2=1.0), PX4, COPTER, None, ""),
         (replace(THERE, param3=1.0), PX4, COPTER, "note", "param3"),
-        (replace(THERE, param4=90.0), ARDUPILOT, COPTER, "warning", "put CONDITION_YAW before it"),
+        (replace(THERE, param4=90.0), ARDUPILOT, COPTER, "warning", "put CONDITION_YAW before the waypoint"),
         (replace(THERE, param1=5.0), ARDUPILOT, PLANE, "warning", "use NAV_LOITER_TIME"),
         (of(19, 3, 5.0, 0.0, 60.0), ARDUPILOT, PLANE, "warning", "WP_LOITER_RAD"),
         (replace(THERE, autocontinue=False), ARDUPILOT, COPTER, "warning", "use NAV_LOITER_UNLIM"),

@@ -89,14 +89,14 @@ class PlanUploads:
         self._rendered = render(self._rendered.mission, contact.profile, contact.monitor.vehicle_type)
         try:
             if not self._force:
-                # Planning or the preflight check reports errors that depend on the vehicle's parameters.
+                # Planning or preflight checks report the errors that depend on the vehicle's parameters.
                 refuse_errors(self._rendered, arming=False)
         except LocalTransferError as error:
             self._kinds.clear()
             self.failure = str(error)
             return []
         state = contact.monitor.state
-        # If no mission is reported, a simulated vehicle has none; a real vehicle may still hold a mission.
+        # A simulated vehicle that reports no mission has none; a real vehicle may still hold a mission.
         holds = state.total > 0 if state.total is not None else contact.round_trip is not None
         holds &= contact.clears
         if holds and gives_up_mission(self.mission, self._kinds, contact.profile, armed=state.armed):

@@ -59,7 +59,7 @@ def test_a_plain_mission_is_sent_as_it_is(profile):
         (MissionItem(207, 2, 0.0), PX4, COPTER, "GF_ACTION"),
         (MissionItem(601, 2, 1.0, 2.0), PX4, COPTER, "use DO_JUMP with the number of an item"),
         (MissionItem(224, 2, 1.0), PX4, COPTER, "does not know this command; leave it out"),
-        (of(179, 3, 0.0), PX4, COPTER, "only without a position; give it in frame 2"),
+        (of(179, 3, 0.0), PX4, COPTER, "only without a position; give the command in frame 2"),
         (of(201, 3, 4.0), PX4, COPTER, "DO_SET_ROI of mode 4"),
         (MissionItem(177, 2, 9.0, 1.0), PX4, COPTER, "jumps to item 10; give an item from 1 to 3"),
         (MissionItem(177, 2, None, 1.0), PX4, COPTER, "jumps nowhere"),

@@ -84,10 +84,7 @@ def loads(data: bytes) -> Mission:
     check_json(data, NATIVE_KIND)
     version = decode_json(data, _VERSION).version
     if version != VERSION:
-        msg = (
-            f"version {version} of the wbf-mission format is not known, only version {VERSION};"
-            " update wbf-mission"
-        )
+        msg = f"version {version} of the wbf-mission format is not known, only {VERSION}; update wbf-mission"
         raise MissionFileError(msg)
     file = decode_json(data, _FILE)
     return make_mission(

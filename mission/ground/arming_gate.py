@@ -88,7 +88,7 @@ class ArmingGate:
         ]
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect; infinity if there is none."""
+        """Return the time of the next request; infinity while the gate waits, -infinity once decided."""
         if self.stage is Stage.CHECKING:
             return self._due_s
         return math.inf if self.stage in (Stage.ASKING, Stage.WAITING) else -math.inf

@@ -1,8 +1,7 @@
 """Change of a mission in flight on autopilots that overwrite a mission item by item (ArduPilot).
 
 During the upload the stored mission is a mixture of old and new items. Meanwhile the vehicle flies to a
-position in guided mode. The vehicle resumes its mission only after the whole new mission was acknowledged and
-read back.
+position in guided mode. It resumes its mission only after the whole mission was acknowledged and read back.
 """
 
 from __future__ import annotations
@@ -197,7 +196,7 @@ class AsideChange(ChangeSession):
         return []
 
     def poll(self, now_s: float) -> list[Message]:
-        """Return the messages that are due."""
+        """Return the messages of the change that are due: failsafe parameters, orders, upload."""
         out: list[Message] = []
         guard = self.request.guard
         if self._step is _Step.GUARDING and guard is not None and now_s >= guard.due_s:
@@ -222,7 +221,7 @@ class AsideChange(ChangeSession):
         return out
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect; infinity if there is none."""
+        """Return the time of the next timeout in the change; infinity if there is none."""
         deadlines = [self._wake_s, self._transfer_s, *(order.due_s for order in self._orders.values())]
         if self._step is _Step.GUARDING and self.request.guard is not None:
             deadlines.append(self.request.guard.due_s)

@@ -111,7 +111,7 @@ class WholeListChange(ChangeSession):
         return out
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect; infinity if there is none."""
+        """Return the time of the next timeout in the change; infinity if there is none."""
         return math.inf if self.done else min(self._due_s, self._transfer_s)
 
     def _take(self, output: Output, now_s: float) -> list[Message]:

@@ -75,13 +75,13 @@ class MissionChanges:
         return [] if self._session is None else self._noted(self._session.receive(message, now_s))
 
     def poll(self, now_s: float) -> list[Message]:
-        """Return the messages that are due."""
+        """Return the messages of the last change that are due."""
         if self._session is None or now_s < self._session.next_deadline():
             return []
         return self._noted(self._session.poll(now_s))
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect; infinity if there is none."""
+        """Return the time of the next timeout in the last change; infinity if there is none."""
         return math.inf if self._session is None else self._session.next_deadline()
 
     def drop(self) -> None:
@@ -101,9 +101,8 @@ class MissionChanges:
 def check_change(new: Mission, resume_at: int, old: Mission) -> None:
     """Raise an error unless a mission may be sent to a vehicle in flight; PX4 itself checks no ranges.
 
-    Raises MissionError if the item at which to resume does not exist or has no position, a position is too
-    high or too far from home, or the mission does not lead home although the old mission did. Raises
-    LocalTransferError like `check_plan`.
+    Raises MissionError if the item at which to resume does not exist or has no position, if a position is too
+    high or too far from home, or if only the old mission leads home. Raises the error of `check_plan`, too.
 
     >>> from mission.model import MissionItem
     >>> there = Mission((MissionItem.waypoint(28.05, -82.15, 10.0),))

@@ -80,11 +80,10 @@ class PilotWatch:
     ) -> None:
         """Handle a HEARTBEAT of the vehicle in flight.
 
-        `expects_change` says that the mission is being changed: that the vehicle leaves the mission mode is
-        not reported. `flies_home` says that the vehicle returns: only modes that neither return nor land are
-        reported. `unsure` says that a reboot may have changed the mode: reports wait for `settle` or
-        `on_restart`. `ends_in` are the modes after the mission's end: they mean a takeover if the vehicle
-        does not report the end within 5 s.
+        `expects_change`: the mission is being changed, so other modes than the mission mode are not reported.
+        `flies_home`: the vehicle returns, so only modes that neither return nor land are reported.
+        `unsure`: a reboot may have changed the mode, so reports wait for `settle` or `on_restart`.
+        `ends_in`: modes after the mission's end; they mean a takeover if no end is reported within 5 s.
         """
         flies_home |= self.mission_over
         if flies_home and self.ordered is None and not unsure:
@@ -122,7 +121,7 @@ class PilotWatch:
             self.settle()
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect; infinity if there is none."""
+        """Return the time at which an unexplained mode counts as a takeover; infinity if there is none."""
         return math.inf if self._doubt is None else self._doubt[0] + _DOUBT_S
 
     def order(self, ordered: Maneuver | None) -> None:
@@ -309,8 +308,7 @@ class FailureWatch:
     def cause(self, texts: Sequence[tuple[float, int, str]]) -> tuple[Outcome, str] | None:
         """Return outcome and reason of an aborted flight, or None without any sign of a failure.
 
-        The vehicle's texts have priority. If no text names a cause, the battery and the sensors' health
-        decide, provided that a HEARTBEAT showed a failsafe.
+        The vehicle's texts have priority. Without a cause in them, battery and sensors decide after a failsafe.
         """
         found: tuple[Outcome, str] | None = None
         candidate: tuple[Outcome, str] | None = None

@@ -62,7 +62,7 @@ class MissionStart:
         return self._arm(now_s)
 
     def poll(self, now_s: float) -> list[Message]:
-        """Return the messages that are due."""
+        """Return the messages of the start that are due: orders and requests for arming checks."""
         out: list[Message] = []
         gate, refusal = self._gate, self._refusal
         if self.phase is Phase.WAIT and now_s >= self._arm_s:
@@ -117,7 +117,7 @@ class MissionStart:
         return self._disarm(0.0) if pending else []
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect; infinity if there is none."""
+        """Return the time of the next step or timeout of the start; infinity if there is none."""
         due_s = [self._arm_s] if self.phase is Phase.WAIT else []
         if self.phase is Phase.READY and self._gate is not None:
             due_s.append(self._gate.next_deadline())

@@ -66,8 +66,7 @@ class TextLog:
     def last_warning(self, otherwise: str, since: int = 0) -> str:
         """Return the latest warning from index ``since`` on, or ``otherwise`` if there is none.
 
-        A refusal without a reason counts only if there is no other warning, because it arrives after the
-        text with the reason.
+        A text without a reason counts only if it is alone, because it arrives after the text with the reason.
 
         >>> log = TextLog()
         >>> log.note("Mission rejected: no take-off", 0.0)

@@ -112,7 +112,7 @@ class PlanUploads:
         return self._take(self._transfer.receive(message, now_s), now_s)
 
     def poll(self, now_s: float) -> list[Message]:
-        """Return the messages that are due."""
+        """Return the messages of the uploads that are due."""
         if self._ending is not None and now_s >= self._ending[1]:
             self.failure, self._ending = self._ending[0], None
         if self._transfer is None or now_s < self.next_deadline():
@@ -120,7 +120,7 @@ class PlanUploads:
         return self._take(self._transfer.poll(now_s), now_s)
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect; infinity if there is none."""
+        """Return the time of the next timeout in the uploads; infinity if there is none."""
         if self._ending is not None:
             return self._ending[1]
         deadline_s = None if self._transfer is None else self._transfer.next_deadline()

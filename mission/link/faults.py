@@ -23,7 +23,7 @@ class Faults:
     duplicate: float = 0.0  # Probability that a frame arrives twice.
     corrupt: float = 0.0  # Probability that one byte of a frame is changed.
     delay_s: float = 0.0  # Delay of each frame.
-    jitter_s: float = 0.0  # Largest random delay added to a frame; it reorders frames.
+    jitter_s: float = 0.0  # Largest random delay added to a frame; random delays reorder frames.
     baud: float = math.inf  # Line speed (bit/s); frames that overflow a buffer of 16 KiB are lost.
 
     def __post_init__(self) -> None:

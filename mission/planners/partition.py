@@ -87,10 +87,9 @@ def balanced(
 ) -> list[Area]:
     """Return parts of an area, one per vehicle, so that all vehicles fly the same fraction of their reach.
 
-    The reach of a vehicle is the distance that it can fly. With row spacing s, the rows over a part of area A
-    are A / s long. `ways_m` maps a vehicle's number and part to the length of approach and return. The areas
-    are corrected until the used fractions differ by less than 4 %, at most 25 times. The result is the
-    partition with the least difference found.
+    A vehicle's reach is the distance that it can fly. Rows with spacing s over a part of area A are A / s
+    long. `ways_m` maps a vehicle's number and part to the length of approach and return. The areas are
+    corrected, up to 25 times, until the used fractions differ by less than 4 %; the best partition counts.
     """
     reach = np.asarray(reach_m, dtype=np.float64)
     shares = reach / reach.sum()

@@ -170,7 +170,7 @@ class WithCoverage:
     reach: float = 3.0
 
     def __call__(self, observation: PolicyObservation, /) -> AcquisitionValues:
-        """Return the acquisition value of each cell."""
+        """Return the acquisition value of each cell, with the bonus."""
         values = self.acquisition(observation)
         if self.caution <= 0.0:
             return values
@@ -197,7 +197,7 @@ class WithCorrelationLength:
     Observations of a field with correlation length l also reduce the variance beside the track: a squared
     exponential process keeps only ``1 - exp(-d^2 / l^2)`` of its variance at a distance d. A step along the
     track therefore saves the loss of a swath ``sqrt(pi) l`` wide, not only the loss of its cell. Diseases
-    keep their weights, because the route search already counts what a track tells about their neighbours.
+    keep their weights, because the route search itself adds the value of the cells beside the track.
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ class WithCorrelationLength:
     beyond: int
 
     def __call__(self, observation: PolicyObservation, /) -> AcquisitionValues:
-        """Return the acquisition value of each cell."""
+        """Return the acquisition value of each cell, with the changed weights of smooth fields."""
         lengths, widest = observation.model.correlation_length, max(observation.model.shape)
         if lengths is None or widest <= self.beyond:
             return self.acquisition(observation)
@@ -245,7 +245,7 @@ class Balanced:
     least_weight: float
 
     def __call__(self, observation: PolicyObservation, /) -> AcquisitionValues:
-        """Return the acquisition value of each cell."""
+        """Return the acquisition value of each cell, with the changed weights of diseases."""
         weights = observation.weights.field
         least = self.least_weight * max(weights)
         balanced = tuple(

@@ -76,8 +76,7 @@ class PlanningGrid:
     def shares(self, fine: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the neighbour shares of blocks, from `fine`, the neighbour shares of single cells.
 
-        A vehicle that crosses a block observes only a strip of it: the result is the fraction of the block
-        that the strip covers, including the cells beside the strip by their neighbour shares.
+        The share is the fraction of a block that a crossing vehicle observes: a strip as in `strip_width`.
         """
         if self.block == 1:
             return fine

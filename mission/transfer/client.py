@@ -348,8 +348,7 @@ class ClientTransfer(ABC):
     def _step(self, found: ClientInput, message: Message | None, now_s: float) -> Output:
         """Run the action of a row of the transition table (the method of that name) and change the state.
 
-        Each input belongs to one type of messages, or to none (timers), so ``message`` has the type that the
-        action expects.
+        Each input has one message type (None for timers), so ``message`` has the type the action expects.
         """
         action, following = CLIENT_TABLE[self._state, found]
         output: Output = getattr(self, "_" + action.replace(" ", "_"))(message, now_s)

@@ -187,8 +187,7 @@ class TransferDriver(Closing):
     def _armed_now(self) -> bool:
         """Return whether a fresh heartbeat shows the vehicle armed; a silent vehicle counts as armed.
 
-        Heartbeats that wait on the link are not fresh: after a question to the operator, they may be minutes
-        old.
+        Heartbeats that wait on the link may be minutes old, for example after a question to the operator.
         """
         end_s = self._clock() + _BEAT_WAIT_S
         fresh = False

@@ -51,7 +51,7 @@ _Sender = tuple[int, int]
 
 
 class _Refusal(NamedTuple):
-    """Answer to a message that has no other effect.
+    """Refusal of a message: an ACK or a STATUSTEXT, without any other effect.
 
     ``result`` returns the MAV_MISSION_RESULT to send, or None for no ACK. ``text`` is the STATUSTEXT sent
     with the ACK, ``silent_text`` the STATUSTEXT sent without an ACK.
@@ -95,9 +95,8 @@ class MissionServer(ServerInputs):
     """Mission server of a vehicle: stores its three plans, and transfers them from and to ground stations.
 
     The server has no socket and no clock. The owner passes messages and the time, sends the messages of each
-    output, and calls `poll` at `next_deadline`. No received message makes the server raise an error. The
-    rules are in `mission.transfer.server_session`; each action is a row of ``_REFUSALS`` or a method of the
-    same name.
+    output, and calls `poll` at `next_deadline`. The server raises no error for any message. The rules are in
+    `mission.transfer.server_session`; each action is a row of ``_REFUSALS`` or a method of the same name.
 
     Parameters
     ----------
@@ -249,8 +248,7 @@ class MissionServer(ServerInputs):
     ) -> Output:
         """Run the action of a row of the transition table and change the state.
 
-        Each input belongs to one type of messages, or to none (timers), so ``message`` has the type that the
-        action expects.
+        Each input has one message type (None for timers), so ``message`` has the type the action expects.
         """
         action, following = SERVER_TABLE[self._session.state, found]
         refusal = _REFUSALS.get(action)

@@ -79,9 +79,7 @@ give the system id of a vehicle that was heard
         who = "no vehicle" if self._wanted is None else f"no vehicle with system id {self._wanted}"
         if self._wanted is None and self._besides:
             who = f"no vehicle besides system {', '.join(map(str, sorted(self._besides)))}"
-            return NoVehicleError(
-                f"{link}: {who} was heard in {wait_s:g} s; start more vehicles or fly fewer"
-            )
+            return NoVehicleError(f"{link}: {who} was heard in {wait_s:g} s; start it, or use fewer vehicles")
         text, advice = f"{link}: {who} was heard in {wait_s:g} s", "start the vehicle, or check the address"
         if self.others:
             text += ", only " + ", ".join(str(vehicle) for _, vehicle in sorted(self.others.items()))

@@ -398,8 +398,7 @@ def _held_text(sent: Sequence[MissionItem], held: Sequence[MissionItem], profile
 class TransferMaker(NamedTuple):
     """Factories of verified uploads and of downloads.
 
-    They take the parameters of `VerifiedUpload` and `MissionDownload`, and ignore options that they do not
-    support.
+    They take the parameters of `VerifiedUpload` and `MissionDownload`; unsupported options are ignored.
     """
 
     upload: Callable[..., VerifiedUpload]

@@ -308,7 +308,7 @@ class FailureWatch:
     def cause(self, texts: Sequence[tuple[float, int, str]]) -> tuple[Outcome, str] | None:
         """Return outcome and reason of an aborted flight, or None without any sign of a failure.
 
-        The vehicle's texts have priority. Without a cause in them, battery and sensors decide after a failsafe.
+        The vehicle's texts have priority. If they name no cause, battery and sensors decide.
         """
         found: tuple[Outcome, str] | None = None
         candidate: tuple[Outcome, str] | None = None

@@ -128,12 +128,13 @@ class Meaning(Enum):
 
 
 Questions: TypeAlias = Mapping[Meaning, Mapping[str, float]]
-"""Parameters to request, by meaning: the name in each firmware, newest first, and its factor to SI units."""
+"""Parameters to request, by meaning: names from the newest to the oldest firmware, each with the factor that
+converts the parameter to SI units."""
 
 
 Motion: TypeAlias = Mapping[str, Mapping[str, float]]
-"""Motion parameters, by name in the simulator: the name in each real firmware, newest first, and its factor
-from the real to the simulated value."""
+"""Motion parameters, by name in the simulator: names from the newest to the oldest real firmware, each with
+the factor that converts the real parameter to the simulated parameter."""
 
 
 @dataclass(frozen=True, slots=True)

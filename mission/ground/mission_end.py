@@ -101,8 +101,8 @@ class PilotWatch:
     def on_mission_goes_on(self, now_s: float) -> None:
         """Record that items remain to be flown; later than 5 s after a reported end, this cancels the end.
 
-        Earlier, the message may be delayed. Outside the mission mode nothing is cancelled: if a new mission
-        arrives just after the end of the old mission, PX4 reports it as active although the vehicle returns.
+        Within these 5 s, a message from before the end may still arrive. Only in mission mode is it cancelled:
+        PX4 reports a mission that arrives just after the end of the old one as active, although it returns.
         """
         if self._shows_mission and now_s > self._over_s + _DOUBT_S:
             self.mission_over = False
@@ -112,7 +112,7 @@ class PilotWatch:
         self.mission_over = False
 
     def poll(self, now_s: float, *, unsure: bool = False) -> None:
-        """Report a takeover by another pilot if 5 s bring no other explanation; ``unsure`` delays reports."""
+        """Report a takeover if no message explains the mode within 5 s; ``unsure`` delays all reports."""
         if now_s >= self.next_deadline():
             assert self._doubt is not None
             self._held.append(self._doubt)

@@ -25,7 +25,7 @@ from mission.planners.terrain import TOLERANCE_M, parts_of, polygons_of
 _LEAST_M2 = 1e-9  # Smaller pieces are artefacts of rounding.
 _LEAST_UNSEEN = 0.25  # Smaller uncovered pieces get no row (fraction of a footprint or squared spacing).
 _TOUCH_M = 1e-6  # Intervals closer than this distance are merged.
-# The middle line is found from points on the border: their distance in widths of the land, and number.
+# Points on the border that determine the middle line: distance (in widths of the land), greatest number.
 _STEP, _MOST_POINTS = 0.5, 3000
 # Tolerances for simplifying the middle line, in image widths. The coarsest line that covers enough is used.
 _COARSENESS = (0.5, 0.25, 0.12, 0.06, 0.03, 0.015)

@@ -377,7 +377,7 @@ class VerifiedUpload:
         return Output(events=(failed,))
 
     def _refused(self, refusal: TransferFailed, received: DownloadComplete) -> Output:
-        """Fail with the vehicle's refusal, and add the plan that the vehicle holds now to the text."""
+        """Fail with the vehicle's refusal; the text also tells which plan the vehicle holds now."""
         text = f"{refusal.text}; {_held_text(self.items, received.items, self._profile)}"
         return Output(events=(replace(refusal, text=text),))
 

@@ -101,8 +101,8 @@ class PilotWatch:
     def on_mission_goes_on(self, now_s: float) -> None:
         """Record that items remain to be flown; later than 5 s after a reported end, this cancels the end.
 
-        Within these 5 s, a message from before the end may still arrive. Only in mission mode is it cancelled:
-        PX4 reports a mission that arrives just after the end of the old one as active, although it returns.
+        Within these 5 s, messages from before the end may still arrive. Outside the mission mode, the end is
+        not cancelled: a PX4 that returns reports a mission that arrives now as active.
         """
         if self._shows_mission and now_s > self._over_s + _DOUBT_S:
             self.mission_over = False

@@ -46,8 +46,8 @@ def turns_camera(item: MissionItem) -> bool | None:
 class Place:
     """A place on a leg of a mission.
 
-    Fraction 0 means the end of the previous leg, after all commands between the two legs. The end of a leg is
-    always written as the next leg with fraction 0.
+    Fraction 0 is the start of the leg, after all commands between the previous leg and this leg. The end of a
+    leg is always written as fraction 0 of the next leg.
     """
 
     item: int
@@ -86,7 +86,7 @@ class Course:
     Raises
     ------
     MissionError
-        If the mission has jumps (`unrolled` writes them out), a landing before its last waypoint, or no
+        If the mission has jumps (which `unrolled` writes out), lands before its last waypoint, or has no
         waypoint.
 
     Examples
@@ -316,7 +316,7 @@ def unrolled(mission: Mission) -> Mission:
             continue
         target, repeat = item.param1, item.param2 or 0.0
         if repeat < 0.0:
-            msg = f"item {k + 1} (DO_JUMP): it repeats without end; give a number of repetitions"
+            msg = f"item {k + 1}: the DO_JUMP repeats without end; give a number of repetitions"
             raise MissionError(msg)
         if target is None or not 0 <= target < len(items):
             msg = f"item {k + 1} (DO_JUMP): there is no item {target if target is None else int(target) + 1}"
@@ -336,8 +336,8 @@ _ON_LEG_M = 50.0
 class MissionProgress:
     """Progress of a vehicle along the course of its mission.
 
-    A position counts only if the next HEARTBEAT confirms the mission mode, so positions of the return home
-    are discarded. `receive` expects only messages of the vehicle's autopilot.
+    A position counts only if the next HEARTBEAT still shows the mission mode; so positions of the return home
+    are discarded. The caller passes only messages of the vehicle's autopilot to `receive`.
 
     Parameters
     ----------
@@ -383,7 +383,7 @@ class MissionProgress:
         if items.max() >= len(course.mission.items):
             msg = (
                 f"the vehicle flies item {int(items.max()) + 1}, but the mission has"
-                f" {len(course.mission.items)} items: it is another mission"
+                f" {len(course.mission.items)} items: the vehicle flies another mission"
             )
             raise MissionError(msg)
         if self._reached >= course.legs[-1].item:
@@ -391,6 +391,6 @@ class MissionProgress:
         east, north = course.frame.from_wgs84(latitude, longitude)
         on_leg = course.aside_m(items, east, north) <= _ON_LEG_M
         if not on_leg.any():
-            msg = f"the vehicle was never within {_ON_LEG_M:g} m of its leg: it is another mission"
+            msg = f"the vehicle was never within {_ON_LEG_M:g} m of its leg: it flew another mission"
             raise MissionError(msg)
         return course.place(float(course.along(items, east, north)[on_leg].max()))

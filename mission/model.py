@@ -25,7 +25,7 @@ class Frame(IntEnum):
 
 
 class Command(IntEnum):
-    """The commands (MAV_CMD) that the planners and the simulated vehicle know by name."""
+    """The commands (MAV_CMD) that this program uses by name."""
 
     NAV_WAYPOINT = 16
     NAV_LOITER_UNLIM = 17
@@ -86,7 +86,7 @@ _ALTITUDE_COMMANDS = frozenset({30})
 
 
 def has_position(command: int) -> bool:
-    """Return whether x, y, z of a command are a position, rather than the parameters 5 to 7."""
+    """Return whether x, y, z of a command are a position, not the parameters 5 to 7."""
     return command in _POSITION_COMMANDS
 
 
@@ -214,7 +214,7 @@ class MissionItem:
         acceptance_radius_m: float = 0.0,
         yaw_deg: float | None = None,
     ) -> MissionItem:
-        """Return a NAV_WAYPOINT at an altitude above home; without `yaw_deg`, the heading is the default."""
+        """Return a NAV_WAYPOINT at an altitude above home; without `yaw_deg`, with the default heading."""
         return cls(
             Command.NAV_WAYPOINT,
             Frame.GLOBAL_RELATIVE_ALT,
@@ -228,7 +228,7 @@ class MissionItem:
         )
 
     def in_standard_frame(self) -> MissionItem:
-        """Return the item; if its command has no position, change its frame to MISSION.
+        """Return the item, in frame MISSION if its command has no position.
 
         ArduPilot's tools write commands without a position in frame 0 or 3, which PX4 refuses. Every
         autopilot accepts frame MISSION.
@@ -282,7 +282,7 @@ class Mission:
             object.__setattr__(self, name, tuple(getattr(self, name)))
             count = len(getattr(self, name))
             if count > MAX_ITEMS:
-                msg = f"mission: {name} has {count} items, MAVLink can number {MAX_ITEMS}; fly it in parts"
+                msg = f"mission: {name} has {count} items, but the maximum is {MAX_ITEMS}; fly it in parts"
                 raise MissionError(msg)
         for name in ("cruise_speed_m_s", "hover_speed_m_s"):
             speed = getattr(self, name)

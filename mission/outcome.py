@@ -14,11 +14,11 @@ _WORDS = {
     "pilot_took_over": "a pilot took over",
     "autopilot_restarted": "autopilot restarted in flight",
 }
-"""Texts for outcomes whose names need an explanation."""
+"""Texts for outcomes whose names do not explain themselves."""
 
 
 def in_words(outcome: Outcome | str, reason: str = "") -> str:
-    """Return the text of an outcome, followed by the reason if the reason says more than the outcome.
+    """Return the text of an outcome, followed by its reason unless the reason says the same.
 
     >>> in_words(Outcome.BATTERY_DEPLETED), in_words("arming_refused", "denied")
     ('battery empty in the air', 'arming refused: denied')

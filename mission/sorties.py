@@ -16,7 +16,7 @@ Way: TypeAlias = Callable[[tuple[float, float], tuple[float, float]], Sequence[t
 """Function from two positions (latitude, longitude) to the corners of a path round obstacles."""
 
 _VIDEO_START, _VIDEO_STOP = 2500, 2501
-# Each command changes the setting of this name; the last command before a part is in force there.
+# Commands, and the names of the settings that they change. The last command before a part is in force there.
 _SETTINGS: dict[int, str] = {
     183: "servo",
     181: "relay",
@@ -35,7 +35,7 @@ _SETTINGS: dict[int, str] = {
     _VIDEO_START: "video",
     _VIDEO_STOP: "video",
 }
-# Of servos and relays, each output number (param1) is a separate setting.
+# Each servo and each relay, numbered by param1, is a separate setting.
 _BY_NUMBER = frozenset({183, 181})
 # These settings are repeated only at the first position of the part, so that the approach is not recorded.
 _AT_THE_PLACE = frozenset({"images", "video", "yaw"})
@@ -136,8 +136,8 @@ def part_of(
 def resumed_at(course: Course, begin: Place, overlap_m: float) -> Place | None:
     """Return the first place to fly in order to resume at `begin`, or None if no leg with images remains.
 
-    The first place is `overlap_m` before `begin`. If the leg of `begin` has no images, the place is the start
-    of the next leg with images.
+    This place is `overlap_m` before `begin`; but if the leg of `begin` has no images, it is the start of the
+    next leg with images.
     """
     following = course.after(begin)
     if following is None or following != begin:
@@ -206,7 +206,7 @@ def _is_on(item: MissionItem) -> bool:
 
 
 def _is_for_next(item: MissionItem) -> bool:
-    """Return whether an item between two legs concerns the second leg only."""
+    """Return whether an item between two legs affects only the second leg."""
     return _is_on(item) or item.command in (
         Command.CONDITION_DELAY,
         Command.CONDITION_DISTANCE,
@@ -251,7 +251,7 @@ def _detour(
 
 
 def _moved(item: MissionItem, old: GeoPoint | None, new: GeoPoint | None) -> MissionItem:
-    """Return a take-off or landing item, moved by the offset between the two homes."""
+    """Return a take-off or landing item, moved by the offset from the old home to the new home."""
     if old is None or new is None or not item.has_position or not (item.x or item.y):
         return item
     about_old = LocalFrame(old.latitude_deg, old.longitude_deg)

@@ -80,7 +80,7 @@ _READ_BACK: Mapping[int, Mapping[str, ReadBack]] = {
 
 
 def _timed_images(item: MissionItem) -> MissionItem:
-    """Convert an image interval (ms) to an endless IMAGE_START_CAPTURE, or 0 to IMAGE_STOP_CAPTURE."""
+    """Return IMAGE_START_CAPTURE without end for an image interval above 0, else IMAGE_STOP_CAPTURE."""
     interval_s = (item.param1 or 0.0) / 1e3
     if interval_s <= 0.0:
         return MissionItem(Command.IMAGE_STOP_CAPTURE)
@@ -120,7 +120,7 @@ _DIALECT = Dialect(
         IgnoredField(
             Command.NAV_WAYPOINT,
             "param2",
-            "ArduPilot does not store the acceptance radius (param2): it has one for all (WPNAV_RADIUS)",
+            "ArduPilot does not store the acceptance radius (param2): WPNAV_RADIUS applies to all waypoints",
             severity=Severity.NOTE,
             vehicle_types=frozenset({*COPTERS, ROVER}),
         ),
@@ -135,7 +135,7 @@ _DIALECT = Dialect(
             Command.NAV_WAYPOINT,
             "param4",
             "ArduPilot ignores the heading of a waypoint (param4)",
-            "put CONDITION_YAW before it",
+            "put CONDITION_YAW before the waypoint",
             vehicle_types=frozenset(COPTERS),
         ),
         IgnoredField(
@@ -148,7 +148,7 @@ _DIALECT = Dialect(
         IgnoredField(
             Command.NAV_LOITER_TIME,
             "param3",
-            "ArduPlane stores the side of the circle, not the radius (param3): the radius is WP_LOITER_RAD",
+            "ArduPlane stores only the direction of a circle, not its radius (param3): it uses WP_LOITER_RAD",
             vehicle_types=frozenset({FIXED_WING}),
         ),
     ),
@@ -158,7 +158,7 @@ _DIALECT = Dialect(
             frozenset({0.0}),
             0.0,
             "ArduPlane does not arm with this item while RTL_AUTOLAND is {value:g}",
-            "set RTL_AUTOLAND to 1 or 2, or leave the item out",
+            "set RTL_AUTOLAND to 1 or 2, or remove the item",
             Severity.WARNING,
             barred=frozenset({188, 189}),
         ),
@@ -196,7 +196,7 @@ _ROVER: Questions = {
     Meaning.LINK_LOST: {"FS_GCS_ENABLE": 1.0},
     **_ANY,
 }
-# These parameters determine the times of climbs, return and landing; 4.7 has new names and SI units.
+# These parameters determine how long climbs, return and landing take; ArduCopter 4.7 renamed them (SI units).
 _MOTION: Motion = {
     "WPNAV_SPEED": {"WP_SPD": 100.0, "WPNAV_SPEED": 1.0},
     "WPNAV_SPEED_UP": {"WP_SPD_UP": 100.0, "WPNAV_SPEED_UP": 1.0},
@@ -235,7 +235,7 @@ _MODES = FlightModes(
     mission=frozenset({"AUTO"}),
     resume="AUTO",
     hold=_HOLD,
-    # ArduCopter arms neither in AUTO nor, without a throttle stick, in altitude-hold modes.
+    # ArduCopter does not arm in AUTO. Without a throttle stick, it cannot arm in altitude-hold modes either.
     arming={FIXED_WING: None, ROVER: None, None: "GUIDED"},
     ends=_ends,
     in_pymavlink=True,
@@ -292,7 +292,7 @@ ARDUPILOT = Profile(
         FIXED_WING: (15, 10),
         ROVER: (15, 10),
     },
-    # With these parameters, a vehicle without its ground station returns to launch, but continues a mission.
+    # With these parameters, a vehicle that loses its ground station continues a mission; else it returns.
     change_failsafe=dict.fromkeys(
         COPTERS,
         (

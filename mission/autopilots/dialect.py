@@ -85,7 +85,7 @@ class IgnoredField:
 
 @dataclass(frozen=True, slots=True)
 class ArmingCondition:
-    """Condition that a vehicle parameter sets on the mission; if it is not met, the vehicle does not arm."""
+    """Condition on the mission, imposed by a vehicle parameter; a vehicle that violates it does not arm."""
 
     parameter: str
     refusing: frozenset[float]
@@ -95,7 +95,7 @@ class ArmingCondition:
     text: str
     fix: str
     unknown: Severity
-    """Severity of the remark if the value is unknown and the default imposes the condition."""
+    """Severity of the remark if the parameter's value is unknown, and its default imposes the condition."""
     needed: frozenset[int] = frozenset()
     """The mission must contain at least one of these commands; if empty, no command is required."""
     barred: frozenset[int] = frozenset()
@@ -115,21 +115,21 @@ class Dialect:
     land_start_placed: bool | None = None
     """Whether DO_LAND_START needs a position (True) or must have none (False); None accepts either."""
     yaw_in_waypoints: bool = False
-    """Whether the heading is a parameter of waypoints, and CONDITION_YAW is not supported."""
+    """Whether waypoints have the heading as a parameter, and CONDITION_YAW is not supported."""
     roi_modes: frozenset[int] | None = None
     """Modes (MAV_ROI) accepted for DO_SET_ROI with a position, or None for any."""
     not_for: Mapping[int, frozenset[int]] = field(default_factory=dict)
-    """Commands, by MAV_TYPE, that this type does not support although other vehicles of this autopilot do."""
+    """Commands that vehicles of one MAV_TYPE do not support, although other vehicles of the autopilot do."""
     substitutes: Mapping[int, Substitute] = field(default_factory=dict)
     """Replacements of unsupported commands, by command."""
     instead: Mapping[int, str] = field(default_factory=dict)
     """Advice for unsupported commands without a replacement, by command."""
     defaults: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
-    """Values sent for unset parameters that must not be NaN, by command; any others are sent as 0."""
+    """Values to send for unset parameters that must not be NaN, by command; a missing entry means 0."""
     highest_m: float = float("inf")
     """Altitude limit (m); altitudes of this magnitude or more are refused."""
     most_jumps: int | None = None
-    """Number of DO_JUMP items that every board can count; further DO_JUMP items may be skipped in flight."""
+    """Number of DO_JUMP items whose repetitions every board can count; boards may skip further jumps."""
     ignored: tuple[IgnoredField, ...] = ()
     conditions: tuple[ArmingCondition, ...] = ()
 

@@ -42,7 +42,7 @@ class NeededParameter:
 
 @dataclass(frozen=True, slots=True)
 class CardRoom:
-    """Storage for a plan on an SD card; a parameter sets the size when the vehicle boots.
+    """Storage for a plan on an SD card; the vehicle reads the storage size from a parameter at boot.
 
     Source: ArduPilot ``StorageManager.cpp`` (attach_file), ``AP_Mission.cpp`` and ``AC_PolyFence_loader.cpp``
     (max_items); sizes of items from the parameter's documentation. Numbers of items include home.
@@ -63,18 +63,18 @@ class CardRoom:
     most_bytes: int = 0xFFFF
 
     def items(self, kib: float) -> int:
-        """Return the number of items that fit on the card for a parameter value above 0."""
+        """Return the number of items that fit on the card if the size parameter is ``kib`` (above 0)."""
         return max(0, min(1024 * int(kib), self.most_bytes) - self.header_bytes) // self.item_bytes
 
     def kib_for(self, items: int) -> int | None:
-        """Return the smallest parameter value for ``items`` items, or None if no value suffices."""
+        """Return the smallest size parameter with room for ``items`` items, or None if no value suffices."""
         kib = -(-(items * self.item_bytes + self.header_bytes) // 1024)
         return kib if kib <= self.largest_kib and items <= self.items(kib) else None
 
 
 @dataclass(frozen=True, slots=True)
 class FlightModes:
-    """Names and uses of an autopilot's flight modes; the defaults know no mode."""
+    """Names and uses of an autopilot's flight modes. With the default values, no mode is known."""
 
     numbers: Callable[[int], Mapping[str, tuple[float, float, float]]] = lambda _vehicle_type: {}
     """Function from a MAV_TYPE to the parameters 1 to 3 of DO_SET_MODE, by name of the mode."""
@@ -85,17 +85,17 @@ class FlightModes:
     hold: Mapping[int | None, str] = field(default_factory=lambda: {None: ""})
     """Mode that holds the position, by MAV_TYPE; key None for any other."""
     arming: Mapping[int | None, str | None] = field(default_factory=lambda: {None: None})
-    """Mode for arming without a radio control, by MAV_TYPE; value None if any mode will do."""
+    """Mode for arming without a radio control, by MAV_TYPE; None as the value: any mode."""
     ends: Callable[[int, int], frozenset[str]] = lambda _vehicle_type, _last_command: frozenset()
     """Function from a MAV_TYPE and the last command of a mission to the modes in which the mission may end,
     besides the mission modes."""
     aliases: Mapping[str, str] = field(default_factory=dict)
-    """Names of modes, by the modes' alternative names."""
+    """Name of a mode, by its alternative name."""
     in_pymavlink: bool = False
-    """Whether pymavlink names the mode of a HEARTBEAT; if not, custom_mode is parameter 2 of DO_SET_MODE."""
+    """Whether pymavlink knows the names of the modes; if not, `name` finds the name of a custom_mode."""
 
     def name(self, custom_mode: int, vehicle_type: int) -> str:
-        """Return the name of the mode with parameter 2 of DO_SET_MODE equal to ``custom_mode``."""
+        """Return the name of the mode whose parameter 2 of DO_SET_MODE is ``custom_mode``."""
         names = {int(main): name for name, (_, main, _) in self.numbers(vehicle_type).items()}
         return names.get(custom_mode, f"Mode({custom_mode})")
 
@@ -120,7 +120,7 @@ class Meaning(Enum):
     FENCE_TYPES = "what belongs to the fence"
     FENCE_CEILING = "the ceiling of the fence"
     FENCE_RADIUS = "the largest distance from home"
-    LANDS_AS_MISSION = "whether a return flies the landing of the mission"
+    LANDS_AS_MISSION = "whether a return ends with the landing of the mission"
     MISSION_CARD = "the room for a mission on an SD card"
     ACCELEROMETER = "the accelerometer's calibration"
     GYROSCOPE = "the gyroscope's calibration"
@@ -128,12 +128,13 @@ class Meaning(Enum):
 
 
 Questions: TypeAlias = Mapping[Meaning, Mapping[str, float]]
-"""Parameters to request, by meaning: the name in each firmware, newest first, and its factor to SI units."""
+"""Parameters to request, by meaning: names from the newest to the oldest firmware, each with the factor that
+converts the parameter to SI units."""
 
 
 Motion: TypeAlias = Mapping[str, Mapping[str, float]]
-"""Motion parameters, by name in the simulator: the name in each real firmware, newest first, and its factor
-from the real to the simulated value."""
+"""Motion parameters, by name in the simulator: names from the newest to the oldest real firmware, each with
+the factor that converts the real parameter to the simulated parameter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,7 +189,7 @@ class Profile:
     abort_result: int | None = None
     """ACK that the vehicle sends when it aborts an upload, or None for no ACK."""
     busy_result: int = m.MAV_MISSION_ERROR
-    """ACK for a COUNT during another transfer."""
+    """ACK for a COUNT that arrives during another transfer."""
     order_result: int | None = None
     """ACK for an item out of order, or None for no ACK."""
     range_result: int | None = m.MAV_MISSION_ERROR
@@ -236,9 +237,9 @@ class Profile:
     fence_card: CardRoom | None = None
     """Storage of larger fences on an SD card."""
     space_text: str | None = "Only {} items are supported"
-    """STATUSTEXT for a plan with too many items, with the capacity including home, or None for no text."""
+    """STATUSTEXT for a plan with too many items; {} is the capacity including home. None: no text."""
     item_text: str | None = None
-    """STATUSTEXT (MAV_SEVERITY_CRITICAL) for an invalid item, except with the ACK ERROR; None for no text."""
+    """STATUSTEXT (MAV_SEVERITY_CRITICAL) for an invalid item, unless the ACK is ERROR. None: no text."""
     type_result: int = m.MAV_MISSION_INVALID
     """ACK for an unknown plan type."""
     partial_write: bool = False
@@ -262,8 +263,8 @@ class Profile:
     while they fly to a position in guided mode. None: the whole mission is replaced in mission mode, with the
     next item marked as current."""
     change_failsafe: Mapping[int, tuple[NeededParameter, ...]] = field(default_factory=dict)
-    """Parameters to set before a change in guided mode, by MAV_TYPE: with them, a vehicle that loses its
-    ground station in guided mode returns."""
+    """Parameters to set before a change in guided mode, by MAV_TYPE, so that a vehicle that loses its ground
+    station in guided mode returns home."""
     dialect: Dialect = field(default_factory=Dialect)
     """Conversion rules for items (`mission.transfer.rendering`)."""
     modes: FlightModes = field(default_factory=lambda: FlightModes(in_pymavlink=True))
@@ -285,7 +286,7 @@ class Profile:
     radius_in_space: bool = False
     """Whether a multirotor's acceptance radius is three-dimensional, so that height errors count."""
     estimator_message: int = m.MAVLINK_MSG_ID_ESTIMATOR_STATUS
-    """Id of the message with the quality of the position estimate."""
+    """Id of the message that reports the quality of the position estimate."""
 
     @property
     def cards(self) -> dict[MissionType, CardRoom]:

@@ -124,7 +124,7 @@ _WING: Questions = {
     Meaning.FASTEST: {"FW_AIRSPD_MAX": 1.0},
     **_ANY,
 }
-# These parameters determine the duration of climbs, return and landing.
+# These parameters determine how long climbs, return and landing take.
 _MOTION: Motion = {
     name: {name: 1.0}
     for name in (

@@ -41,13 +41,13 @@ _SUFFIX_OF_KIND = {
     RALLY_KIND: ".ral",
 }
 POINTS_OF_KIND = {kind: _SUFFIX_OF_KIND[kind] for kind in (FENCE_KIND, RALLY_KIND)}
-"""Suffix of the format that reads files of this kind, even if they have a waypoint list's suffix."""
+"""Suffix of the format that reads a kind of files, even if a file has the suffix of a waypoint list."""
 _TEXT_KINDS = {
     rb"qgc\s+wpl\b.*": WAYPOINTS_KIND,
     rb"rally\s.*": RALLY_KIND,
     rb"[-+]?\d[\d.,e+-]*\s+[-+]?\d[\d.,e+-]*": FENCE_KIND,
 }
-"""Kinds of text files, by a pattern of the first line that is no comment (in lower case)."""
+"""Kinds of text files, by a pattern for the first line that is not a comment (in lower case)."""
 _XML_KINDS = {b"kml": KML_KIND, b"gpx": GPX_KIND, b"html": "an HTML page"}
 _XML_PROLOGUE = 100_000
 BOM = b"\xef\xbb\xbf"
@@ -77,7 +77,7 @@ _GEOJSON_TYPES = frozenset(
 
 
 class _Header(msgspec.Struct):
-    # Values stay undecoded, because a hostile file may hold any JSON under these keys.
+    # These values are not decoded, because a hostile file may hold any JSON under these keys.
     file_type: msgspec.Raw = msgspec.field(default=msgspec.Raw(b"null"), name="fileType")
     format: msgspec.Raw = msgspec.Raw(b"null")
     type: msgspec.Raw = msgspec.Raw(b"null")
@@ -233,10 +233,10 @@ def jump_target(item: MissionItem, where: str) -> int:
 def resolve_jumps(
     numbers: Sequence[int | None], items: Iterable[tuple[str, MissionItem]], numbering: str
 ) -> tuple[MissionItem, ...]:
-    """Return the items; targets of DO_JUMP, which are item numbers in the file, become indices.
+    """Return the items, with the targets of DO_JUMP (item numbers in the file) converted to indices.
 
-    `numbers` are the item numbers in the file; `numbering` is the name of the numbers in error messages. Each
-    item comes with its location in the file.
+    `numbers` are the item numbers in the file; `numbering` is the name of the numbers in error messages.
+    `items` pairs each item with its location in the file.
     """
     index_of, counts = {number: index for index, number in enumerate(numbers)}, Counter(numbers)
     resolved = []

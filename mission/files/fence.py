@@ -136,6 +136,6 @@ def polygon_at(items: Sequence[MissionItem], start: int) -> Sequence[MissionItem
     vertices = items[start : start + min(int(count), len(items))]
     same = [vertex for vertex in vertices if (vertex.command, vertex.param1) == (first.command, first.param1)]
     if len(same) < int(count):
-        msg = f"fence item {start + 1}: a polygon of {int(count)} vertices, but {len(same)} of them are there"
+        msg = f"fence item {start + 1}: a polygon of {int(count)} vertices, but only {len(same)} are listed"
         raise MissionFileError(msg)
     return vertices

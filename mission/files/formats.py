@@ -53,7 +53,7 @@ def differences(mission: Mission, kept: Mission) -> list[Loss]:
 
 
 def dropped(what: str, count: int, of: int) -> list[Loss]:
-    """Return a list with the loss of `count` out of `of` items; the list is empty if `count` is 0.
+    """Return a loss in a list, for `count` items lost out of `of` items; an empty list if `count` is 0.
 
     >>> dropped("fence item", 4, 4)[0].text
     'fence items are not kept (4 of 4)'
@@ -137,14 +137,14 @@ class MissionFormat:
     suffixes : tuple of str
         Suffixes in lower case, with the dot; the first is the usual suffix.
     loads : callable or None
-        Function from the content of a file to a mission, a mission with notes, or a drawing. None: the format
-        cannot be read.
+        Converts the content of a file to a mission, a mission with notes, or a drawing. None: files of this
+        format cannot be read.
     dumps : callable or None
-        Function from a mission and a firmware to the content of a file; None if the format cannot be written.
+        Converts a mission, for a firmware, to the content of a file. None: files cannot be written.
     hold : callable or None
-        Function that returns the part of a mission that one file can hold, or None if a file holds all parts.
+        Returns the part of a mission that one file can hold. None: a file can hold the whole mission.
     losses : callable or None
-        Function that returns the losses of a mission, for a format that cannot be read back.
+        Returns the parts of a mission that a file does not keep, for a format that cannot be read back.
     """
 
     name: str
@@ -171,7 +171,7 @@ _CORE = (
     ),
     MissionFormat("wbf-mission JSON", (".json",), native.loads, native.dumps),
 )
-_FARM = "this is a farm file, no mission; plan a flight over it (wbf-mission plan --farm FILE)"
+_FARM = "this is a farm file, not a mission; plan a flight over it (wbf-mission plan --farm FILE)"
 _FOREIGN = dict.fromkeys((".poly", ".shp", ".zip", ".gpkg", ".ndjson", ".jsonl"), _FARM)
 """Advice for files without missions, by suffix."""
 _OLD = ".mission"
@@ -183,7 +183,7 @@ def _refuse(data: bytes) -> Mission:
 
 
 def mission_formats() -> tuple[MissionFormat, ...]:
-    """Return the formats of the core, then those of installed packages.
+    """Return the formats of the core, then the formats of installed packages.
 
     >>> [mission_format.suffixes[0] for mission_format in mission_formats()][:4]
     ['.plan', '.waypoints', '.json', '.fen']
@@ -192,7 +192,7 @@ def mission_formats() -> tuple[MissionFormat, ...]:
 
 
 def _known(*, strict: bool = False) -> dict[str, MissionFormat]:
-    """Return all formats by suffix; a broken package is skipped, or raises its error if `strict`."""
+    """Return all formats by suffix; skip packages that cannot be loaded, or raise their error if `strict`."""
     formats = list(_CORE)
     for entry in entry_points(ENTRY_POINT_GROUP):
         try:
@@ -269,7 +269,7 @@ def read_mission(
     Returns
     -------
     Mission
-        The mission. A drawn path gives waypoints only: no take-off, no landing, no home.
+        The mission. A mission of a drawn path has only waypoints: no take-off, no landing, no home.
 
     Raises
     ------
@@ -296,7 +296,7 @@ def open_mission(
     except MissionFileError as error:
         raise MissionFileError(one_line(f"{path}: {error}")) from None
     if altitude_m is not None or drawn_path is not None:
-        msg = f"{path}: this is a mission, which has altitudes and one path; leave --altitude and --path out"
+        msg = f"{path}: a mission has its own altitudes and only one path; leave --altitude and --path out"
         raise MissionFileError(one_line(msg))
     return found, notes
 

@@ -126,8 +126,8 @@ def _is_relative(where: str, pattern: Pattern, *, is_vtol: bool) -> bool:
     loiter = _need(where, "loiterAltitudeRelative", pattern.loiter_altitude_relative)
     if loiter != _need(where, "landAltitudeRelative", pattern.land_altitude_relative):
         msg = (
-            f"{where}: loiterAltitudeRelative and landAltitudeRelative differ, which QGroundControl no longer"
-            " takes; plan the landing anew"
+            f"{where}: loiterAltitudeRelative and landAltitudeRelative differ, but QGroundControl no longer"
+            " supports that; plan the landing again"
         )
         raise MissionFileError(msg)
     return loiter
@@ -146,7 +146,7 @@ def _structure_scan(where: str, pattern: Pattern) -> Iterator[Step]:
     pitch_deg = _need(where, "GimbalPitch", pattern.gimbal_pitch)
     layers = _need(where, "Layers", pattern.layers)
     if layers < 1.0 or camera.frontal_m <= 0.0:
-        sizes = f"Layers {layers:g} of AdjustedFootprintFrontal {camera.frontal_m:g}"
+        sizes = f"Layers is {layers:g}, AdjustedFootprintFrontal is {camera.frontal_m:g}"
         msg = f"{where}: {sizes}; give numbers above 0"
         raise MissionFileError(msg)
     ring = _flight_polygon(where, _need(where, "polygon", pattern.polygon), camera.distance_m)

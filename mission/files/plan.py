@@ -107,14 +107,14 @@ def loads(data: bytes) -> Mission:
     standard frames. A survey becomes its stored commands. A landing pattern or structure scan becomes the
     commands that QGroundControl generates. Jump targets become indices of the items.
 
-    MissionFileError names the item and the field that is damaged, invalid or of another version. A complex
-    item without known commands is an error, too.
+    MissionFileError names the item and the field that is damaged, invalid or of another version. It is also
+    raised for a complex item whose commands are unknown.
     """
     check_json(data, PLAN_KIND)
     plan = decode_json(data, _PLAN)
     for name, version, known in (("version", plan.version, 1), ("mission, version", plan.mission.version, 2)):
         if version != known:
-            msg = f"{name} is {version}, only {known} is known; save the plan with a current QGroundControl"
+            msg = f"{name} is {version}, but must be {known}; save the plan with a current QGroundControl"
             raise MissionFileError(msg)
     names = ("cruise_speed_m_s", "hover_speed_m_s")
     speeds = {name: value for name in names if (value := getattr(plan.mission, name)) is not None}
@@ -135,7 +135,7 @@ def _part(raw: msgspec.Raw, decoder: msgspec.json.Decoder[T], name: str) -> T:
     data = bytes(raw)
     if len(data) > _MAX_PART_BYTES:
         size, most = len(data) / 2**20, _MAX_PART_BYTES / 2**20
-        raise MissionFileError(f"{name}: {size:.0f} MiB, at most {most:.0f} are read; simplify it")
+        raise MissionFileError(f"{name}: {size:.0f} MiB, but at most {most:.0f} MiB are read; simplify it")
     return decode_json(data, decoder, name)
 
 
@@ -160,7 +160,7 @@ def _flat(items: list[_Simple | _Complex], data: bytes) -> Iterator[tuple[str, _
                 yield where, _Simple(command, frame, list(values))
         else:
             msg = (
-                f"{where}: the complex item {item.kind[:60]!r} holds no commands; "
+                f"{where}: the complex item {item.kind[:60]!r} has no commands in the file; "
                 "replace it by simple items in QGroundControl"
             )
             raise MissionFileError(msg)
@@ -170,7 +170,7 @@ def _items(items: list[_Simple | _Complex], data: bytes) -> tuple[MissionItem, .
     flat: list[tuple[str, _Simple]] = []
     for where, simple in _flat(items, data):
         if len(flat) == MAX_ITEMS:
-            msg = f"{where}: more than {MAX_ITEMS} items, which MAVLink cannot number; fly it in parts"
+            msg = f"{where}: more than {MAX_ITEMS} items, too many for MAVLink; fly the mission in parts"
             raise MissionFileError(msg)
         flat.append((where, simple))
     numbers = [simple.jump_id for _, simple in flat]
@@ -208,7 +208,7 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
 
     Fence items need MAVLink's order: the vertices of a polygon follow each other, each with the vertex count
     as param1. Rally points need altitudes above home, or a known home. An unknown home is written as the
-    first position of the mission. A default parameter is written as null, for ArduPilot as 0.
+    first position of the mission. An unset parameter is written as null, or as 0 for ArduPilot.
 
     Raises MissionFileError if a jump target is missing, or the fence or a rally point cannot be written.
 
@@ -270,7 +270,7 @@ def _rally_point(index: int, item: MissionItem, mission: Mission) -> list[float]
         altitude_m -= float(mission.home.altitude_m)
     elif item.frame != Frame.GLOBAL_RELATIVE_ALT:
         msg = (
-            f"rally point {index + 1}: its altitude is in frame {item.frame}, a plan holds altitudes above"
+            f"rally point {index + 1}: its altitude is in frame {item.frame}, but a plan has altitudes above"
             " home; give frame 3, or frame 0 and a home"
         )
         raise MissionFileError(msg)

@@ -81,9 +81,9 @@ def loads(data: bytes) -> Mission | WithNotes:
     and 120, a missing home row, gaps in seq, a home row with command 0, and commands without a position in
     frame 0 or 3. Jump targets become indices of the mission's items.
 
-    The first row is home if its seq is 0 and it has command 0, or is a waypoint in frame 0. Version 120,
-    written by old QGroundControl, has no home. Other programs write version 120 with home as the only row in
-    frame 0.
+    The first row is home if its seq is 0, and it has command 0 or is a waypoint in frame 0. Files of version
+    120 from old QGroundControl have no home row. In files of version 120 from other programs, home is the
+    only row in frame 0.
 
     MissionFileError names the line and the column that is damaged or invalid.
     """
@@ -125,13 +125,13 @@ def _rows(text: str) -> tuple[str, list[_Row]]:
             version = words[2] if len(words) == 3 else ""
             if version not in ("100", "110", "120"):
                 msg = (
-                    f"line {number}: version {' '.join(words)[:40]!r}; QGC WPL 100, 110 and 120 are read:"
-                    " save it as one of these"
+                    f"line {number}: version {' '.join(words)[:40]!r}, but only QGC WPL 100, 110 and 120 can"
+                    " be read; save the file in one of these versions"
                 )
                 raise MissionFileError(msg)
             continue
         if len(rows) > MAX_ITEMS:
-            msg = f"line {number}: more than {MAX_ITEMS} items, which MAVLink cannot number; fly it in parts"
+            msg = f"line {number}: more than {MAX_ITEMS} items, too many for MAVLink; fly them in parts"
             raise MissionFileError(msg)
         if version == "100" and len(words) == 13:
             words = _columns_of_100(words, number)
@@ -195,10 +195,10 @@ def _home(row: _Row) -> GeoPoint | None:
 
 
 def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
-    """Return a mission, a fence or rally points as text.
+    """Return a mission, a fence or rally points as the text of a waypoint list.
 
-    The format holds one plan: a mission, a fence or rally points. Speeds are not kept. An unknown home is
-    written as the first position of the mission. A default parameter is written as NaN, for ArduPilot as 0.
+    The text holds one plan: a mission, a fence or rally points. Speeds are not kept. An unknown home is
+    written as the first position of the mission. An unset parameter is written as NaN, or as 0 for ArduPilot.
     Numbers have at least eight decimals and are read back exactly.
 
     Raises MissionFileError if the mission holds more than one plan, if a fence command is among the items, or

@@ -16,7 +16,7 @@ LIFE_S = 2.0
 
 
 class Standstill:
-    """Measures the time between calls of `look` with a clock that also runs while the machine sleeps.
+    """Measures the time between calls of `look`, with a clock that keeps running while the machine sleeps.
 
     >>> times_s = iter([0.0, 1.0, 15.0, 15.5])
     >>> standstill = Standstill(lambda: next(times_s))
@@ -48,27 +48,27 @@ _MOST_REASONS = 8
 class Stage(Enum):
     """Stage of the arming gate."""
 
-    CHECKING = "the vehicle does not say that it can arm"
+    CHECKING = "the vehicle does not report that it can arm"
     ASKING = "the operator is asked"
-    WAITING = "it waits for the vehicles that start with it"
+    WAITING = "the vehicle waits for the other vehicles that start together"
     GRANTED = "the motors may start"
-    REFUSED = "the operator does not want it to start"
+    REFUSED = "the operator does not agree to the start"
 
 
 class ArmingGate:
     """Gate that opens when the vehicle's arming checks pass and the operator agrees.
 
-    ArduPilot and PX4 report their checks by the bit PREARM_CHECK of the healthy sensors in SYS_STATUS. The
-    bit counts only in the arming mode, because other modes may not need a position. An autopilot without this
-    bit counts as ready. No autopilot is ready without a position estimate. With a `clock`, the operator's
-    agreement expires when the program is suspended.
+    ArduPilot and PX4 report that their checks passed by the bit PREARM_CHECK in SYS_STATUS. The bit counts
+    only in the arming mode, because the checks of other modes may not need a position. An autopilot without
+    this bit counts as ready. No autopilot is ready without a position estimate. With a `clock`, the
+    operator's agreement expires when the program is suspended.
     """
 
     def __init__(
         self, vehicle: tuple[int, int], *, agreed: bool = False, clock: Callable[[], float] | None = None
     ) -> None:
         self.stage = Stage.CHECKING
-        self.reasons: list[str] = []  # The vehicle's reasons against arming, the latest last.
+        self.reasons: list[str] = []  # The vehicle's reasons against arming; the latest reason is the last.
         self.told = 0  # Number of reasons received.
         self._due_s = -math.inf
         self._vehicle = vehicle
@@ -88,7 +88,7 @@ class ArmingGate:
         ]
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect; infinity if there is none."""
+        """Return the time of the next request; infinity while the gate waits, -infinity once decided."""
         if self.stage is Stage.CHECKING:
             return self._due_s
         return math.inf if self.stage in (Stage.ASKING, Stage.WAITING) else -math.inf

@@ -18,9 +18,9 @@ from mission.transfer import Event, Output, RoundTrip, Transfer, UploadBegunAnew
 
 
 class FailsafeGuard:
-    """Reads and sets the failsafe parameters, sans-IO; each flight has one guard.
+    """Sets the failsafe parameters that a change in flight needs, sans-IO; one guard serves a whole flight.
 
-    The parameters are set in order, because the link may be lost after each of them. The last parameter
+    The parameters are set one after the other, because the link may be lost at any time: the last parameter
     enables a failsafe that depends on the other parameters.
     """
 
@@ -42,7 +42,7 @@ class FailsafeGuard:
         return not self._open
 
     def begin(self, now_s: float) -> list[Message]:
-        """Begin to read and set the parameters, or retry after a failure."""
+        """Begin to read and set the parameters, also again after a failure."""
         self.refused, self._tries = "", 0
         return self.poll(now_s)
 
@@ -77,17 +77,17 @@ class FailsafeGuard:
             self._tries = 0
             self.due_s = math.inf if self.ready else self.due_s
             return self._next_setting()
-        # If a value was requested repeatedly, a late answer may still give the value before it was set.
+        # After repeated requests, a late answer may still hold the value from before the parameter was set.
         self._asked[name] -= 1
         if name in self._sent and self._asked[name] < 0:
-            self._refuse(f"{name} stays {value}, {wanted} is needed")
+            self._refuse(f"{name} stays {value}, but must be {wanted}")
             return []
         self._set[name] = wanted, message.param_type
         self._before.setdefault(name, value)
         return self._next_setting()
 
     def _next_setting(self, *, again: bool = False) -> list[Message]:
-        """Return the message that sets the next parameter; nothing if the parameter's value is unknown."""
+        """Return the message that sets the next parameter; none if the parameter's value is still unknown."""
         name = next(iter(self._open), None)
         if name is None or name not in self._set or (name in self._sent and not again):
             return []
@@ -111,11 +111,11 @@ class ChangeOutcome(Enum):
     DONE = "done"
     """The vehicle flies the new mission."""
     REFUSED = "refused"
-    """The autopilot refused the new mission, and the vehicle flies the old mission."""
+    """The autopilot refused the change, and the vehicle flies the old mission."""
     GIVEN_UP = "given up"
-    """The change failed, and the vehicle continues without it."""
+    """The change failed or never began, for the reason in `ChangeRecord.text`."""
     ROLLED_BACK = "rolled back"
-    """The new mission arrived only in part, and the vehicle flies the restored old mission."""
+    """The upload of the new mission failed, and the vehicle flies the old mission, which was sent again."""
 
 
 @dataclass(slots=True)
@@ -127,8 +127,8 @@ class ChangeRecord:
     items, resume_at : int
         Number of items of the new mission, and the item at which to resume.
     turned_s : float or None
-        Time at which the vehicle turned to the new target: its acknowledgement of the whole mission, or of
-        the position in guided mode.
+        Time at which the vehicle turned to the new target, that is, acknowledged the whole mission or the
+        position in guided mode.
     in_effect_s : float or None
         Time at which plan id, item or mode showed that the vehicle flies the new mission.
     text : str
@@ -149,16 +149,16 @@ class ChangeRecord:
 
     @property
     def delay_s(self) -> float | None:
-        """Time from the first message to the turn (s), or None if the vehicle has not turned.
+        """Time from the first message of the change to the turn (s), or None if the vehicle has not turned.
 
-        A change that keeps the present target may be sent later than requested, shortly before the target.
+        If the change keeps the present target, the first message may be sent only shortly before the target.
         """
         return None if self.turned_s is None or self.sent_s is None else self.turned_s - self.sent_s
 
 
 @dataclass(frozen=True, slots=True)
 class ChangeRequest:
-    """Input of a change session."""
+    """Input of a `ChangeSession`: the old and the new mission, and access to the vehicle."""
 
     old: Mission  # mission on the vehicle
     new: Mission
@@ -182,7 +182,7 @@ class ChangeSession(ABC):
         self.record = ChangeRecord(len(request.new.items), request.resume_at)
         self.held = request.old
         self._contact, self._monitor = request.contact, request.contact.monitor
-        # If the link has no measured round trip time, the change measures the round trip time.
+        # The change measures the round trip time itself if the link does not.
         self._round_trip = request.contact.round_trip or RoundTrip()
         self._transfer: Transfer | None = None
         self._texts_before = len(request.contact.texts.texts)
@@ -210,11 +210,11 @@ class ChangeSession(ABC):
 
     @abstractmethod
     def _take(self, output: Output, now_s: float) -> list[Message]:
-        """Handle the output of the running transfer; return the messages to send."""
+        """Handle an output of the transfer in progress; return the messages to send."""
 
     @property
     def _transfer_s(self) -> float:
-        """Deadline of the running transfer (s), infinite without one."""
+        """Deadline of the transfer in progress (s); infinity if there is none."""
         deadline_s = None if self._transfer is None else self._transfer.next_deadline()
         return math.inf if deadline_s is None else deadline_s
 

@@ -1,7 +1,7 @@
-"""Change of a mission in flight, in guided mode, on autopilots that overwrite missions in place (ArduPilot).
+"""Change of a mission in flight on autopilots that overwrite a mission item by item (ArduPilot).
 
 During the upload the stored mission is a mixture of old and new items. Meanwhile the vehicle flies to a
-position in guided mode. The vehicle resumes only after the whole mission was acknowledged and read back.
+position in guided mode. It resumes its mission only after the whole mission was acknowledged and read back.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ from mission.transfer import (
 
 # ArduCopter computes its stopping point from PSC_POSXY_P and WPNAV_ACCEL; these are their defaults.
 _STOP_P_PER_S, _STOP_M_S2 = 1.0, 2.5
-# The margin is for delayed positions: a vehicle creeps to the target if it resumes at the stopping distance.
+# Margin for delayed positions: a vehicle that resumes only at its stopping distance creeps to the target.
 _LEAVE_SPARE_M, _MOST_LEAVE_M = 0.5, 12.0
 
 
 @dataclass(slots=True)
 class Leg:
-    """Leg flown in guided mode to an item of a plan; if the item is the return, to the point above home."""
+    """Leg flown in guided mode to an item of a plan, or to the point above home if the item is the return."""
 
     plan: Mission
     index: int
@@ -101,7 +101,7 @@ class Leg:
 _FRESH_S = 1.0
 _PATIENCE_S = 20.0
 _TRIES = 3
-# The vehicle's mission is read back, and the item chosen, in this time.
+# Time allowed for reading the mission back and for choosing the item.
 _SPARE_S = 1.0
 _CHAIN_M = 10.0
 _CHAIN_S = 1.5
@@ -109,7 +109,7 @@ _LATE_M = 3.0
 _LONGEST_S = 5.0
 _FOREVER = 1_000_000
 _SILENT_S = 2.0
-# A command may arrive this late (s). Guided mode that shows later was chosen by another operator.
+# A command may arrive with this delay (s). If guided mode shows later, another operator chose it.
 _LATE_ORDER_S = 30.0
 # At lower speeds the direction of the velocity is mostly noise.
 _SLOW_M_S = 0.5
@@ -130,12 +130,12 @@ class _Step(Enum):
 
 
 class AsideChange(ChangeSession):
-    """Upload while the vehicle flies to the target in guided mode.
+    """Change during which the vehicle flies to the target in guided mode.
 
     The vehicle resumes the mission just before the target. If the upload takes longer, the vehicle flies to
     further waypoints of the new mission one by one. A failed upload is repeated. If all repetitions fail, the
-    old mission is restored. If the restoration fails too, the vehicle returns home (RTL). The vehicle flies
-    only a complete mission that was acknowledged and read back.
+    old mission is sent again. If that fails too, the vehicle returns home (RTL). In mission mode, the vehicle
+    flies only a complete mission that was acknowledged and read back.
     """
 
     def __init__(self, request: ChangeRequest) -> None:
@@ -159,10 +159,10 @@ class AsideChange(ChangeSession):
         self._why = ""
         self._refused = False
 
-    _flown_meanwhile = "it flies to the next point in the guided mode"
+    _flown_meanwhile = "the vehicle flies to the next point in guided mode"
 
     def start(self, now_s: float) -> list[Message]:
-        """Begin the change at once, or later if this shortens the time in guided mode."""
+        """Begin the change at once, or later if a later start shortens the time in guided mode."""
         self.record.asked_s = self._waits_s = self._heard_s = now_s
         guard = self.request.guard
         if guard is not None and not guard.ready:
@@ -184,7 +184,7 @@ class AsideChange(ChangeSession):
         if isinstance(message, m.MAVLink_mission_current_message):
             item = self._monitor.state.item
             if self._step in (_Step.TURNING, _Step.SENDING) and self._leg.plan is self.request.new:
-                # The item at which the vehicle left the old mission decides the camera's state.
+                # Whether the camera triggers depends on the item at which the vehicle left the old mission.
                 self._item = max(self._item, min(item or 0, len(self.request.old.items) - 1))
             return []
         if isinstance(message, m.MAVLink_heartbeat_message):
@@ -196,7 +196,7 @@ class AsideChange(ChangeSession):
         return []
 
     def poll(self, now_s: float) -> list[Message]:
-        """Return the messages that are due."""
+        """Return the messages of the change that are due: failsafe parameters, orders, upload."""
         out: list[Message] = []
         guard = self.request.guard
         if self._step is _Step.GUARDING and guard is not None and now_s >= guard.due_s:
@@ -221,7 +221,7 @@ class AsideChange(ChangeSession):
         return out
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect; infinity if there is none."""
+        """Return the time of the next timeout in the change; infinity if there is none."""
         deadlines = [self._wake_s, self._transfer_s, *(order.due_s for order in self._orders.values())]
         if self._step is _Step.GUARDING and self.request.guard is not None:
             deadlines.append(self.request.guard.due_s)
@@ -250,7 +250,7 @@ class AsideChange(ChangeSession):
         self._wake_s = now_s + 0.5 * _FRESH_S
         item = request.item if state.item is None else state.item
         if item >= len(request.old.items) or is_return(request.old.items[item]):
-            return self._finish(ChangeOutcome.GIVEN_UP, "it is on its way home", now_s)
+            return self._finish(ChangeOutcome.GIVEN_UP, "the vehicle is on its way home", now_s)
         climbs = request.old.items[item].command == Command.NAV_TAKEOFF
         if now_s - state.heard_s > _FRESH_S or climbs or self._monitor.custom_mode != self._auto:
             return []
@@ -283,7 +283,7 @@ class AsideChange(ChangeSession):
         )
 
     def _set_speed(self, now_s: float, index: int) -> list[Message]:
-        """Order the speed of a mission item; guided mode resets the speed with each target."""
+        """Order the speed that the mission sets for an item; each target in guided mode resets the speed."""
         speed = speed_before(self._leg.plan.items, index)
         if speed is None:
             return []
@@ -374,7 +374,7 @@ class AsideChange(ChangeSession):
         return out
 
     def _on_failure(self, text: str, now_s: float, *, refused: bool) -> list[Message]:
-        """Repeat the upload; if that fails, restore the old mission; if that fails too, return home."""
+        """Repeat the upload; if all repetitions fail, send the old mission; if that fails too, fly home."""
         if self._leg.plan is self.request.new:
             self._why, self._refused = text, refused
         if now_s - self._heard_s > _SILENT_S:
@@ -390,7 +390,7 @@ class AsideChange(ChangeSession):
         if self._failures < 2 * _TRIES:
             return self._send(now_s)
         self._step = _Step.LEAVING
-        self._why += "; the old mission could not be put back: it returns home"
+        self._why += "; the old mission could not be restored: the vehicle returns home"
         return self._order(int(Command.NAV_RETURN_TO_LAUNCH), now_s, tries=_FOREVER)
 
     def _choose(self, now_s: float) -> list[Message]:
@@ -409,10 +409,10 @@ class AsideChange(ChangeSession):
     def _item_to_choose(self) -> int:
         """Return the item at which to resume, usually the item after the target.
 
-        The first leg of a resumed mission starts at the stopping point of the vehicle. Near the target, the
-        stopping point is the target itself, so resuming with the target would make the vehicle stop. Such a
-        stop is accepted if the vehicle stops at the target anyway, or if needed DO items before the target
-        cannot be sent as commands.
+        The first leg of a resumed mission starts at the stopping point of the vehicle. Near the target this
+        is the target itself, so a mission that resumes with the target would make the vehicle stop there. The
+        target is chosen nevertheless if the vehicle stops there anyway, or if needed DO items before the
+        target cannot be sent as commands.
         """
         request, items, leg = self.request, self._leg.plan.items, self._leg.index
         target = items[leg]
@@ -436,9 +436,9 @@ class AsideChange(ChangeSession):
         if self._step is _Step.NEARING:
             near = distance <= self._leg.leave_m + speed * (self._round_trip.seconds or 0.0)
             return self._resume(now_s) if near or self._is_far else []
-        # The vehicle needs no further waypoint if the upload ends before it reaches the target.
+        # If the upload ends before the vehicle reaches the target, no further waypoint is needed.
         in_time = self._whole_s - now_s < distance / max(speed, 0.5) and distance > _LATE_M
-        # An order arrives one round trip after the position that triggers it.
+        # The vehicle gets an order one round trip after it sent the position that triggers the order.
         ahead = max(_CHAIN_M, _CHAIN_S * speed) + speed * (self._round_trip.seconds or 0.0)
         if not self._leg.is_waypoint or in_time or distance >= ahead:
             return []
@@ -489,10 +489,10 @@ class AsideChange(ChangeSession):
         if self._step in (_Step.GUARDING, _Step.WAITING):
             return []
         if mode not in (self._guided, self._auto):
-            # Another pilot chose the mode, so restore the pilot's mode if a delayed command changes it.
+            # Another pilot chose this mode. If a delayed command changes the mode, restore the pilot's mode.
             self._back = mode
             self._transfer = None
-            why = self._why if self._step is _Step.LEAVING else self._said("it has left the guided mode")
+            why = self._why if self._step is _Step.LEAVING else self._said("the vehicle left guided mode")
             return self._finish(ChangeOutcome.GIVEN_UP, why, now_s)
         back = mode == self._auto and now_s - (self.record.turned_s or now_s) > _SILENT_S
         if back and self._step in (_Step.SENDING, _Step.CHOOSING, _Step.NEARING):

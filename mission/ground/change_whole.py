@@ -29,12 +29,11 @@ _SLOWEST_M_S = 1.0
 
 
 class WholeListChange(ChangeSession):
-    """Upload of the new mission with the next item marked as current; the vehicle stays in mission mode.
+    """Change by an upload with the next item marked as current; the vehicle stays in mission mode.
 
-    The vehicle flies the old mission until the last item arrives, then the new mission. The plan id in
-    MISSION_ACK and MISSION_CURRENT proves which mission the vehicle flies. The new mission is read back in
-    flight. If the end of the upload is lost, the mission is downloaded to find out which mission the vehicle
-    holds.
+    The vehicle flies the old mission until the last new item arrives, then the new mission. The plan id in
+    MISSION_ACK and MISSION_CURRENT shows which mission the vehicle flies. The new mission is read back in
+    flight. If the last ACK is lost, the mission is downloaded to find out which mission the vehicle holds.
     """
 
     def __init__(self, request: ChangeRequest) -> None:
@@ -48,7 +47,7 @@ class WholeListChange(ChangeSession):
         self._why = ""
         self._id = 0
 
-    _flown_meanwhile = "the old path is flown"
+    _flown_meanwhile = "the vehicle flies the old path"
 
     def _item_now(self) -> int:
         """Return the item to mark as current in an upload that starts now."""
@@ -68,7 +67,7 @@ class WholeListChange(ChangeSession):
             item, target = onward, next_flown_to(new, target)
         if not same_position(old[item], new[target]) or not math.isfinite(state.latitude_deg):
             return target
-        # Half of the measured time per item is needed to read the mission back.
+        # Half of the measured time per item is for the upload, the other half for reading the mission back.
         upload_s = _SURELY * 0.5 * request.seconds_an_item * (len(new) + 1)
         here, passed_s = (state.latitude_deg, state.longitude_deg), 0.0
         while True:
@@ -112,7 +111,7 @@ class WholeListChange(ChangeSession):
         return out
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect; infinity if there is none."""
+        """Return the time of the next timeout in the change; infinity if there is none."""
         return math.inf if self.done else min(self._due_s, self._transfer_s)
 
     def _take(self, output: Output, now_s: float) -> list[Message]:
@@ -179,7 +178,7 @@ class WholeListChange(ChangeSession):
             heard = self._monitor.item_heard_s >= confirmed_s
             same = known_id in (0, state.mission_id)
             flies = not self._monitor.left_mission or self._returns_as_wanted()
-            # A larger item number comes from a delayed message about the old mission.
+            # An item number beyond the new mission is from a delayed message about the old mission.
             known = state.item is not None and self._mark <= state.item < len(self.request.new.items)
             if heard and same and flies and known:
                 self.record.in_effect_s, self.record.turned_s = now_s, confirmed_s
@@ -187,7 +186,7 @@ class WholeListChange(ChangeSession):
             self._end(ChangeOutcome.DONE, "", now_s)
 
     def _returns_as_wanted(self) -> bool:
-        """Whether only the return remains, which PX4 flies in another mode."""
+        """Whether only the return remains to be flown, and the vehicle is in the mode of the return (PX4)."""
         items = self.request.new.items
         if leads_on(items, self._target):
             return False

@@ -30,8 +30,8 @@ class MissionChanges:
         self.held = held
         self.records: list[ChangeRecord] = []
         self.parameters_set: list[str] = []  # Vehicle parameters that were set, with old and new value.
-        self.changed_s = -math.inf  # Start or end of the last change.
-        self.broken_off = False  # Whether a change was dropped, so the mission on the vehicle is unknown.
+        self.changed_s = -math.inf  # Time at which a change last started or ended.
+        self.broken_off = False  # Whether the vehicle's mission is unknown, because a change was aborted.
         self._contact = contact
         self._session: ChangeSession | None = None
         self._guard: FailsafeGuard | None = None
@@ -71,17 +71,17 @@ class MissionChanges:
         return self._noted(self._session.start(now_s))
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Handle a message that the monitor has handled; an ended session still handles messages."""
+        """Handle a message that the monitor has handled; messages matter even after the end of a change."""
         return [] if self._session is None else self._noted(self._session.receive(message, now_s))
 
     def poll(self, now_s: float) -> list[Message]:
-        """Return the messages that are due."""
+        """Return the messages of the last change that are due."""
         if self._session is None or now_s < self._session.next_deadline():
             return []
         return self._noted(self._session.poll(now_s))
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect; infinity if there is none."""
+        """Return the time of the next timeout in the last change; infinity if there is none."""
         return math.inf if self._session is None else self._session.next_deadline()
 
     def drop(self) -> None:
@@ -99,22 +99,22 @@ class MissionChanges:
 
 
 def check_change(new: Mission, resume_at: int, old: Mission) -> None:
-    """Check that a mission may be sent to a vehicle in flight, because PX4 itself does not check ranges.
+    """Raise an error unless a mission may be sent to a vehicle in flight; PX4 itself checks no ranges.
 
-    Raises MissionError if the item at which to resume has no position, a position is too high or too far from
-    home, or the mission does not lead home although the old mission did. Raises the error of `check_plan`.
+    Raises MissionError if the item at which to resume does not exist or has no position, if a position is too
+    high or too far from home, or if only the old mission leads home. Raises the error of `check_plan`, too.
 
     >>> from mission.model import MissionItem
     >>> there = Mission((MissionItem.waypoint(28.05, -82.15, 10.0),))
     >>> check_change(there, 1, there)
     Traceback (most recent call last):
         ...
-    mission.errors.MissionError: mission: item 2, at which to resume, does not exist: there are 1
+    mission.errors.MissionError: mission: item 2, at which to resume, does not exist (items: 1)
     """
     items = new.items
     check_plan(items, MissionType.MISSION)
     if not 0 <= resume_at < len(items):
-        msg = f"mission: item {resume_at + 1}, at which to resume, does not exist: there are {len(items)}"
+        msg = f"mission: item {resume_at + 1}, at which to resume, does not exist (items: {len(items)})"
         raise MissionError(msg)
     target = items[resume_at]
     if not (is_return(target) or (target.command in FLOWN_TO and target.has_position)):
@@ -129,12 +129,12 @@ def check_change(new: Mission, resume_at: int, old: Mission) -> None:
         if not item.has_position or item.x == item.y == 0.0:
             continue
         if abs(item.z) > _HIGHEST_M:
-            limit = f"more than {_HIGHEST_M:g} m is not sent in flight"
+            limit = f"in flight, the limit is {_HIGHEST_M:g} m"
             msg = f"mission: item {k + 1} is {item.z:g} m high; {limit}"
             raise MissionError(msg)
         if (
             home is not None
             and max(abs(item.x - home.latitude_deg), abs(item.y - home.longitude_deg)) > _FARTHEST_DEG
         ):
-            msg = f"mission: item {k + 1} is more than {_FARTHEST_DEG:g} degree from home; is it in degrees?"
+            msg = f"mission: item {k + 1} is more than {_FARTHEST_DEG:g} degree from home; give it in degrees"
             raise MissionError(msg)

@@ -1,4 +1,4 @@
-"""Operator's command to a vehicle, which is validated before a link is opened, and errors of commands."""
+"""Commands of an operator to a vehicle, validated before a link is opened, and their errors."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from geo.errors import WbfMissionError
 from geo.texts import one_line, parse_number, parse_whole, unknown
 
 ORDERS = ("arm", "disarm", "takeoff", "mission", "hold", "resume", "return", "land", "set-item", "mode")
-"""Names of the orders. Three take a value: takeoff a height (m), set-item a number, mode a mode name."""
+"""Names of the orders. takeoff needs a height (m), set-item an item number, mode the name of a mode."""
 LOWEST_TAKEOFF_M, HIGHEST_TAKEOFF_M = 1.0, 1000.0
 """Limits of the take-off height above home (m)."""
 _MOST_ITEMS = 65_534

@@ -36,9 +36,9 @@ class Answer(Enum):
 class Order:
     """Pending command to a vehicle: COMMAND_LONG, or COMMAND_INT with a position.
 
-    ``position`` is latitude and longitude (degrees) and altitude above home (m). ``message`` is sent in place
-    of a command that the vehicle lacks; the vehicle answers it with no COMMAND_ACK. ``tries`` is the largest
-    number of transmissions: by default four, more over a link that loses frames. ``round_trip`` determines
+    ``position`` is latitude and longitude (degrees) and altitude above home (m). ``message`` replaces a
+    command that the vehicle does not support; no COMMAND_ACK answers the message. ``tries`` is the largest
+    number of transmissions: by default four, or more over a link that loses frames. ``round_trip`` determines
     the timeout. COMMAND_ACKs to a system id other than ``sender`` are ignored.
     """
 
@@ -102,7 +102,7 @@ class Order:
 
     def answer(self, message: m.MAVLink_command_ack_message, now_s: float) -> Answer:
         """Return the meaning of a COMMAND_ACK for this order; IN_PROGRESS extends the timeout."""
-        # A shared link carries answers to other stations, too. Answers of MAVLink 1 have no target (0).
+        # On a shared link, answers to other stations arrive, too. In answers of MAVLink 1, the target is 0.
         is_other = message.target_system and self._sender not in (None, message.target_system)
         if message.command != self._command or is_other:
             return Answer.NONE
@@ -133,9 +133,9 @@ class StateBefore:
         return monitor.mode_heard_s > self.given_s
 
     def is_overruled(self, monitor: VehicleMonitor, expected: Collection[str] = ()) -> bool:
-        """Whether a pilot or a failsafe has acted since the order; to repeat the order would overrule that.
+        """Whether a pilot or a failsafe has acted since the order, so that the order must not be repeated.
 
-        ``expected`` are further flight modes in which the order still holds.
+        Modes in ``expected`` are no sign of such an action.
         """
         changed = monitor.mode != self.mode and monitor.mode not in expected
         disarmed = self.is_armed and not monitor.is_armed
@@ -143,7 +143,7 @@ class StateBefore:
 
 
 def tries_over(round_trip: RoundTrip | None) -> int:
-    """Return the number of transmissions after which only one request in a thousand has no answer.
+    """Return the number of transmissions with which only one request in a thousand remains unanswered.
 
     >>> trip = RoundTrip()
     >>> tries_over(trip)

@@ -14,11 +14,11 @@ _EACH_S = 0.5  # Interval of the requests.
 _ROUNDS = 20  # Requests without a new image before giving up.
 _AT_ONCE = 50  # Images per request.
 _FEW = 5  # Images per first request over a measured link.
-_MANY_CAME, _FEW_CAME = 0.6, 0.3  # Fractions of answered requests that double or halve a batch.
+_MANY_CAME, _FEW_CAME = 0.6, 0.3  # The batch doubles or halves at these fractions of answered requests.
 
 
 class ImageFetch:
-    """Requests the images that an assembler misses from the camera of a vehicle, in batches.
+    """Requests lost images from the camera of a vehicle, in batches.
 
     Over a link with a measured round trip time, the interval follows the round trip, and the batch size
     adapts to the fraction of answered requests.
@@ -41,9 +41,9 @@ class ImageFetch:
         self._asked: tuple[int, ...] = ()
 
     def begin(self, now_s: float, since_s: float) -> bool:
-        """Start requests after the flight; return whether an image is or may be missing.
+        """Start to request lost images after the flight; return whether images are or may be missing.
 
-        A real link may have lost the first or last images, a loss that no other message reveals. ``since_s``
+        Over a real link, the first or last images may be lost without a sign in other messages. ``since_s``
         is the start of the flight by the vehicle's clock.
         """
         self._rounds = 0
@@ -54,7 +54,7 @@ class ImageFetch:
         return self._counts or bool(self._assembler.missing(1))
 
     def look_back(self, now_s: float, since_s: float) -> None:
-        """Start requests after a silence, including the camera's image count.
+        """Start to request lost images after a silence of the vehicle, and the camera's image count.
 
         ``since_s`` is the start of the flight by the vehicle's clock.
         """
@@ -92,7 +92,7 @@ class ImageFetch:
         ]
 
     def _adapt(self) -> None:
-        """Double the batch size if most requested images arrived; halve the batch size if few did."""
+        """Double the batch size if most requested images arrived; halve it if few arrived."""
         if not self._asked:
             return
         still = set(self._assembler.missing())

@@ -26,17 +26,17 @@ def is_return(item: MissionItem) -> bool:
 
 
 def leads_home(items: Sequence[MissionItem], begin: int = 0) -> bool:
-    """Whether a return or a landing is among the items from index ``begin`` on."""
+    """Whether the items from index ``begin`` on include a return or a landing."""
     return any(map(is_return, items[begin:]))
 
 
 def leads_on(items: Sequence[MissionItem], begin: int) -> bool:
-    """Whether a position on the path is among the items from index ``begin`` on."""
+    """Whether the items from index ``begin`` on include a position on the path."""
     return any(item.command in FLOWN_TO for item in items[begin:])
 
 
 def next_flown_to(items: Sequence[MissionItem], index: int) -> int:
-    """Return the next index whose item is a position, a return or a landing; ``index`` if none follows."""
+    """Return the index of the next item that is a position, a return or a landing; else ``index``."""
     following = index + 1
     while following < len(items) and items[following].command in _DO:
         following += 1
@@ -50,13 +50,13 @@ def same_position(a: MissionItem, b: MissionItem) -> bool:
 
 
 def apart_m(a: tuple[float, float], b: tuple[float, float]) -> float:
-    """Return the distance (m) between two near positions (latitude, longitude) on a sphere."""
+    """Return the distance (m) between two positions (latitude, longitude) that are near each other."""
     north, east = b[0] - a[0], (b[1] - a[1]) * math.cos(math.radians(a[0]))
     return _EARTH_M * math.radians(math.hypot(north, east))
 
 
 def speed_before(items: Sequence[MissionItem], index: int) -> float | None:
-    """Return the speed set before an item (m/s), or None for the vehicle's default."""
+    """Return the speed that earlier items set for an item (m/s), or None for the vehicle's default."""
     for item in reversed(items[:index]):
         if item.command == Command.DO_CHANGE_SPEED and (item.param1 or 0.0) <= 1.0:
             speed = item.param2
@@ -66,7 +66,7 @@ def speed_before(items: Sequence[MissionItem], index: int) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class Shots:
-    """Camera trigger: distance or time between images. The trigger is off if both values are 0."""
+    """Setting of the camera trigger: distance or time between images. It is off if both values are 0."""
 
     distance_m: float = 0.0
     interval_ms: float = 0.0
@@ -77,14 +77,14 @@ class Shots:
         return self.distance_m <= 0.0 and self.interval_ms <= 0.0
 
     def is_same(self, other: Shots) -> bool:
-        """Whether another trigger is equal within the precision of the link."""
+        """Whether another setting is equal, within the precision of 32-bit floats."""
         return math.isclose(self.distance_m, other.distance_m, rel_tol=_SAME_SHOTS) and math.isclose(
             self.interval_ms, other.interval_ms, rel_tol=_SAME_SHOTS
         )
 
 
 def shots_ordered(item: MissionItem) -> Shots | None:
-    """Return the camera trigger that an item sets, or None if the item sets none.
+    """Return the setting of the camera trigger that an item makes, or None if it makes none.
 
     A single image (IMAGE_START_CAPTURE without an interval) has an infinite interval.
     """
@@ -102,7 +102,7 @@ def shots_ordered(item: MissionItem) -> Shots | None:
 
 
 def shots_before(items: Sequence[MissionItem], index: int) -> Shots | None:
-    """Return the camera trigger during the leg to item ``index``, or None if none was set.
+    """Return the setting of the camera trigger on the leg to item ``index``, or None if no item set it.
 
     >>> orders = [MissionItem(Command.DO_SET_CAM_TRIGG_DIST, param1=metres) for metres in (5.0, 0.0)]
     >>> leg = MissionItem(Command.NAV_WAYPOINT, x=27.0, y=-82.0, z=10.0)
@@ -119,8 +119,8 @@ def shots_before(items: Sequence[MissionItem], index: int) -> Shots | None:
 def item_to_mark(old: Mission, item: int, new: Mission, resume_at: int) -> int:
     """Return the item at which to resume: ``resume_at``, or the first needed DO item directly before it.
 
-    DO items that repeat the present setting are skipped, because setting the trigger distance again may
-    trigger an image.
+    DO items that would repeat the present setting are not needed; a repeated trigger distance could even
+    trigger an extra image.
     """
     first = resume_at
     while first > 0 and new.items[first - 1].command in _DO:
@@ -146,10 +146,10 @@ def revised_mission(
 ) -> tuple[Mission, int]:
     """Return a mission through new waypoints, and the item at which to resume.
 
-    The new mission keeps the take-off, speed, camera trigger and end of the held mission. If the camera is
-    already triggering, the new trigger item takes no image at once; otherwise triggering starts at the
-    change. ``item`` is the current item of the held mission. ``path_deg`` has latitude and longitude of the
-    new waypoints; an empty path leads home immediately.
+    The new mission keeps the take-off, speed, camera trigger and end of the mission ``held``. If the camera
+    already takes images, the new trigger item takes no extra image; otherwise the images begin at the change.
+    ``item`` is the current item of ``held``. ``path_deg`` has latitude and longitude of the new waypoints;
+    with an empty path, the vehicle flies home immediately.
 
     >>> items = (MissionItem.waypoint(28.05, -82.15, 10.0), MissionItem(Command.NAV_RETURN_TO_LAUNCH))
     >>> new, resume_at = revised_mission(

@@ -23,7 +23,7 @@ DriverMaker = Callable[[str, OnEvent, OnText | None], TransferDriver]
 
 @dataclass(frozen=True, slots=True)
 class TransferReport:
-    """Result of a transfer.
+    """Result of an upload or download, for the command line.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class TransferReport:
     items : dict
         Number of items by plan name.
     verified : bool
-        Whether every plan read back was equal, and the vehicle did not reject the mission.
+        Whether every plan read back equals the plan sent, and the vehicle did not reject the mission.
     texts : list of str
         Warnings of the vehicle during the transfer (STATUSTEXT).
     remarks : list of dict
@@ -173,9 +173,9 @@ def find_vehicles(
 ) -> tuple[Vehicle, ...]:
     """Wait for the heartbeats of several vehicles at ``url``.
 
-    None in ``system_ids`` stands for any vehicle that is neither named nor already found. ``wait_s`` is the
-    timeout for each vehicle. Raises NoVehicleError if a vehicle is not heard, and LinkError if the link
-    cannot be opened or fails.
+    ``system_ids`` has an entry for each vehicle; None stands for any vehicle that has no entry and was not
+    found yet. ``wait_s`` is the timeout for each vehicle. Raises NoVehicleError if a vehicle is not heard,
+    and LinkError if the link cannot be opened or fails.
     """
     known = {system_id for system_id in system_ids if system_id is not None}
     found = []

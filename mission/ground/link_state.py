@@ -10,13 +10,13 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer import RoundTrip
 
-_WINDOW = 200  # frames for the quality
+_WINDOW = 200  # Number of frames from which the quality is computed.
 _SEQUENCES = 256
-_LATE = 128  # A larger step of the sequence number is a late frame.
-_FEWEST = 20  # Frames for a first estimate of the loss.
+_LATE = 128  # A frame whose sequence number steps by this or more is late.
+_FEWEST = 20  # Number of frames needed for a first estimate of the loss.
 _ASK_S = 1.0
 _ASK_AGAIN_S = 5.0
-_MOST_OPEN = 32  # limit of stored requests without an answer
+_MOST_OPEN = 32  # Greatest number of unanswered requests that are remembered.
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ class LinkState:
         return math.inf if self.heard_s == -math.inf else self._due_s
 
     def brief(self) -> str:
-        """Return quality and round trip time as a short text for a status line.
+        """Return the link quality and the round trip time as a short text for a status line.
 
         >>> LinkState().brief()
         'link -'

@@ -45,7 +45,7 @@ class PilotWatch:
 
     @property
     def in_doubt(self) -> bool:
-        """Whether it is unclear why the present mode shows: the mission's end, or another pilot's choice."""
+        """Whether it is unclear if the mission has ended or another pilot chose the present mode."""
         return self._doubt is not None
 
     @property
@@ -55,17 +55,17 @@ class PilotWatch:
 
     @property
     def taken_out(self) -> bool:
-        """Whether the vehicle left its mission, or may have left it, by an order or by another pilot."""
+        """Whether an order or another pilot has taken, or may have taken, the vehicle out of its mission."""
         return self._in_mission is False or self.ordered is not None or self.in_doubt
 
     @property
     def ended_mission(self) -> bool:
-        """Whether the vehicle left its mission; an order that the vehicle did not obey does not count."""
+        """Whether the vehicle left its mission, by another pilot or by an order that the vehicle obeyed."""
         return self._in_mission is False or bool(self.obeyed)
 
     @property
     def reason(self) -> str:
-        """Text of the last takeover by another pilot, empty without one."""
+        """Text of the last takeover by another pilot, or an empty text."""
         return next((text for _, text in reversed(self.events) if text.startswith(_TAKEN)), "")
 
     def on_heartbeat(
@@ -80,10 +80,10 @@ class PilotWatch:
     ) -> None:
         """Handle a HEARTBEAT of the vehicle in flight.
 
-        With `expects_change`, the mission is being changed, so leaving the mission mode is not reported. With
-        `flies_home`, the vehicle returns, so only modes that neither return nor land are reported. With
-        `unsure`, a mode change may come from a reboot, so reports wait for `settle` or `on_restart`.
-        `ends_in` are modes after the mission's end; they mean a takeover if no end is reported in 5 s.
+        `expects_change`: the mission is being changed, so other modes than the mission mode are not reported.
+        `flies_home`: the vehicle returns, so only modes that neither return nor land are reported.
+        `unsure`: a reboot may have changed the mode, so reports wait for `settle` or `on_restart`.
+        `ends_in`: modes after the mission's end; they mean a takeover if no end is reported within 5 s.
         """
         flies_home |= self.mission_over
         if flies_home and self.ordered is None and not unsure:
@@ -99,10 +99,10 @@ class PilotWatch:
         self.mission_over, self._over_s, self._doubt = True, now_s, None
 
     def on_mission_goes_on(self, now_s: float) -> None:
-        """Record that items remain to fly, which cancels an earlier report of the mission's end.
+        """Record that items remain to be flown; later than 5 s after a reported end, this cancels the end.
 
-        Messages sent before the end may arrive later. If a new mission arrives just after the end of the old
-        mission, PX4 reports the new mission as active although the vehicle returns.
+        Within these 5 s, messages from before the end may still arrive. Outside the mission mode, the end is
+        not cancelled: a PX4 that returns reports a mission that arrives now as active.
         """
         if self._shows_mission and now_s > self._over_s + _DOUBT_S:
             self.mission_over = False
@@ -112,7 +112,7 @@ class PilotWatch:
         self.mission_over = False
 
     def poll(self, now_s: float, *, unsure: bool = False) -> None:
-        """Decide after `_DOUBT_S` that another pilot took over; ``unsure`` delays the report."""
+        """Report a takeover if no message explains the mode within 5 s; ``unsure`` delays all reports."""
         if now_s >= self.next_deadline():
             assert self._doubt is not None
             self._held.append(self._doubt)
@@ -121,7 +121,7 @@ class PilotWatch:
             self.settle()
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect; infinity if there is none."""
+        """Return the time at which an unexplained mode counts as a takeover; infinity if there is none."""
         return math.inf if self._doubt is None else self._doubt[0] + _DOUBT_S
 
     def order(self, ordered: Maneuver | None) -> None:
@@ -134,7 +134,7 @@ class PilotWatch:
         self._held.clear()
 
     def on_restart(self, message: m.MAVLink_heartbeat_message | None, now_s: float) -> None:
-        """Record a reboot; report the reboot with the first HEARTBEAT after it (None: not yet arrived)."""
+        """Record a reboot, and report it with the first HEARTBEAT after it (None: no HEARTBEAT yet)."""
         self._restarted = True
         if message is not None:
             self._report_restart(message, now_s)
@@ -228,8 +228,8 @@ _ACTION = r": (?:holding|returning|landing|terminating the flight)$"
 class _TextCause:
     """STATUSTEXT that names the cause of an early end.
 
-    With ``acts``, the text itself proves a reaction of the vehicle; otherwise a HEARTBEAT must show the
-    reaction. With ``first_only``, the cause counts only if no earlier text names a cause.
+    With ``acts``, the text itself shows that the vehicle reacted; otherwise a HEARTBEAT must show a failsafe.
+    With ``first_only``, the cause counts only if no earlier text names a cause.
     """
 
     pattern: re.Pattern[str]
@@ -257,7 +257,7 @@ _CAUSES = (
         Outcome.LINK_LOST,
         lambda *_: "ground station lost",
     ),
-    # The text of the loss itself does not arrive, because the link is down.
+    # The text "Data link lost" itself does not arrive, because the link is down.
     _TextCause(
         re.compile(r"Data link regained|GCS Failsafe Cleared"),
         Outcome.LINK_LOST,
@@ -291,7 +291,7 @@ class FailureWatch:
     unhealthy: int = 0  # MAV_SYS_STATUS_SENSOR bits enabled and unhealthy in any SYS_STATUS.
 
     def on_heartbeat(self, message: m.MAVLink_heartbeat_message, texts_heard: int) -> None:
-        """Handle a HEARTBEAT; ``texts_heard`` is the number of texts received before it."""
+        """Handle a HEARTBEAT; ``texts_heard`` is the number of texts that arrived before the HEARTBEAT."""
         before, self.failsafe = self.failsafe, message.system_status in _FAILSAFE_STATES
         if self.failsafe and not before:
             self.began.append(texts_heard)
@@ -308,7 +308,7 @@ class FailureWatch:
     def cause(self, texts: Sequence[tuple[float, int, str]]) -> tuple[Outcome, str] | None:
         """Return outcome and reason of an aborted flight, or None without any sign of a failure.
 
-        The vehicle's texts have priority. Without texts, the state, battery and sensor health decide.
+        The vehicle's texts have priority. If they name no cause, battery and sensors decide.
         """
         found: tuple[Outcome, str] | None = None
         candidate: tuple[Outcome, str] | None = None
@@ -412,7 +412,7 @@ class MissionEnd:
         if pilot.ended_by_restart:
             return Outcome.AUTOPILOT_RESTARTED, pilot.ended_by_restart
         if pilot.ordered is not None and pilot.obeyed:
-            return Outcome.INTERRUPTED, f"the operator ordered it to {pilot.ordered.value}"
+            return Outcome.INTERRUPTED, f"the operator ordered the vehicle to {pilot.ordered.value}"
         cause = self.failures.cause(texts.texts[texts_before:])
         if cause is None and pilot.somebody_else_flies:
             return Outcome.PILOT_TOOK_OVER, pilot.reason

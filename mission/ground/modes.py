@@ -40,7 +40,7 @@ class VehicleModes:
         return profile_for(self.autopilot).modes
 
     def numbers(self, name: str) -> tuple[float, float, float]:
-        """Return the parameters of DO_SET_MODE; raise ModeError with a list of the modes for an unknown name.
+        """Return the parameters of DO_SET_MODE for a mode; for an unknown name, ModeError lists all modes.
 
         >>> VehicleModes(3, 2).numbers("rtl"), VehicleModes(12, 2).numbers("MISSION")
         ((1.0, 6.0, 0.0), (29.0, 4.0, 4.0))
@@ -53,7 +53,7 @@ class VehicleModes:
         return known[wanted]
 
     def told_name(self, name: str) -> str:
-        """Return the name that a HEARTBEAT shows for a mode name or alias.
+        """Return the name under which a HEARTBEAT shows a mode, from the mode's name or alias.
 
         >>> VehicleModes(12, 2).told_name("hold"), VehicleModes(3, 2).told_name("guided")
         ('LOITER', 'GUIDED')
@@ -96,7 +96,7 @@ class VehicleModes:
         return frozenset(shown[kind]) if hold else frozenset()
 
     def ends(self, last_command: int) -> frozenset[str]:
-        """Return the modes, besides mission modes, in which a mission with this last command may end.
+        """Return the modes in which a mission with this last command may end, besides the mission modes.
 
         >>> [sorted(VehicleModes(12, 2).ends(command)) for command in (20, 16)], VehicleModes(3, 2).ends(20)
         ([['RTL'], ['LOITER']], frozenset())

@@ -21,15 +21,15 @@ _LATE_ANSWER_S = 1.0
 """Time allowed for reading an answer that arrived while the program was suspended (s)."""
 _MODE_SHOWN_S = 2.5
 _MODE_SETTLES_S = 1.0
-"""Time after a mode change during which the vehicle may still report the old mode's arming checks (s)."""
+"""Time (s) after a mode change in which the vehicle may still report the arming checks of the old mode."""
 
 
 class MissionStart:
     """Start of the mission after the uploads, sans-IO.
 
     Without an arming gate, the vehicle is armed and started after ``delay_s``. With an arming gate, the
-    vehicle is switched to its arming mode first, and arming is retried while the vehicle reports reasons that
-    may pass.
+    vehicle is switched to its arming mode first. After a refusal, it is armed again if it gave a new reason,
+    which may pass.
     """
 
     def __init__(self, contact: Contact, gate: ArmingGate | None, delay_s: float) -> None:
@@ -48,9 +48,9 @@ class MissionStart:
         self._armed_since = False  # whether a HEARTBEAT since the order to arm showed the vehicle armed
 
     def begin(self, home: GeoPoint | None, texts_before: int, now_s: float) -> list[Message]:
-        """Begin the start. The vehicle must be near ``home``.
+        """Begin the start; ``home`` is the planned home, near which the vehicle must stand.
 
-        Texts before index ``texts_before`` are ignored.
+        Only texts of the vehicle from index ``texts_before`` on explain a failure.
         """
         self._home, self._texts_before = home, texts_before
         if self._gate is not None:
@@ -62,7 +62,7 @@ class MissionStart:
         return self._arm(now_s)
 
     def poll(self, now_s: float) -> list[Message]:
-        """Return the messages that are due."""
+        """Return the messages of the start that are due: orders and requests for arming checks."""
         out: list[Message] = []
         gate, refusal = self._gate, self._refusal
         if self.phase is Phase.WAIT and now_s >= self._arm_s:
@@ -82,7 +82,7 @@ class MissionStart:
             monitor = self._monitor
             starts = self.phase is Phase.START and self._before.is_past(monitor)
             if self._armed_since:
-                # Only the answer was lost. Another order could arm a vehicle that a pilot disarmed.
+                # Only the answer was lost. A repeated order could arm a vehicle that a pilot has disarmed.
                 out += self._give_start(now_s)
             elif starts and monitor.is_armed and monitor.in_mission:
                 # A repeated order would restart the mission in flight.
@@ -94,7 +94,7 @@ class MissionStart:
         return out
 
     def look_at_clock(self, now_s: float) -> list[Message]:
-        """End the start if the program was suspended, because nobody watched the vehicle meanwhile."""
+        """End the start if the program was suspended: meanwhile it could not watch the vehicle."""
         stood_s = 0.0 if self._gate is None else self._gate.outlived_s()
         if stood_s == 0.0 or self.failure is not None:
             return []
@@ -117,7 +117,7 @@ class MissionStart:
         return self._disarm(0.0) if pending else []
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect; infinity if there is none."""
+        """Return the time of the next step or timeout of the start; infinity if there is none."""
         due_s = [self._arm_s] if self.phase is Phase.WAIT else []
         if self.phase is Phase.READY and self._gate is not None:
             due_s.append(self._gate.next_deadline())
@@ -134,7 +134,7 @@ class MissionStart:
             self._gate.on_sys_status(message, has_position=self._monitor.knows_position)
 
     def on_heartbeat(self) -> None:
-        """End the start if HEARTBEATs show that the vehicle armed, and that a pilot then disarmed it."""
+        """End the start if HEARTBEATs show that the vehicle was armed, and that a pilot then disarmed it."""
         if self._gate is None or self.phase is not Phase.ARM or self._order is None:
             return
         if self._armed_since and not self._monitor.is_armed:
@@ -165,11 +165,11 @@ class MissionStart:
     def _pass_gate(self, gate: ArmingGate, now_s: float) -> list[Message]:
         """Arm if the vehicle is ready and the operator has agreed; end the start on a refusal or timeout."""
         if gate.stage is Stage.REFUSED:
-            self.failure = Outcome.NOT_STARTED, "the operator did not let it start"
+            self.failure = Outcome.NOT_STARTED, "the operator did not agree to the start"
         elif gate.stage is Stage.CHECKING and now_s >= self._ready_s:
-            why = "; ".join(gate.reasons) or f"it did not say that it can arm in {_READY_S:.0f} s"
+            why = "; ".join(gate.reasons) or f"no report within {_READY_S:.0f} s that the vehicle can arm"
             if self._again_s > -math.inf:
-                # After a refusal to arm, the vehicle's last text is the reason.
+                # After a refusal to arm, the last text of the vehicle has the reason.
                 why = self._texts.last_warning(why, self._texts_before)
             self.failure = Outcome.ARMING_REFUSED, why
         elif gate.stage is not Stage.CHECKING and self._away_m > FARTHEST_M:

@@ -30,7 +30,7 @@ from sensors.camera.wire import ObservationAssembler
 
 _CONTACT_S = 30.0
 _STATE_S, _STATE_BEHIND_LINK_S = 2.5, 5.0
-"""Longest waits for the last mission state after disarming (s), on a fast link and on a slow link."""
+"""Longest wait for the last mission state after disarming (s): of a simulated and of a real vehicle."""
 _CLOCK_S = 5.0
 """Longest wait for the vehicle's clock after a silence (s); three round trips are added."""
 _BEFORE_FLIGHT = frozenset({Phase.CONTACT, Phase.UPLOAD}) | STARTING
@@ -50,7 +50,7 @@ _ESTIMATES = (
 
 
 class NotFlyingError(WbfMissionError, RuntimeError):
-    """An order or change is not possible now: the vehicle flies no mission, or a change is in progress."""
+    """An order or change is impossible now: the vehicle flies no mission, or a change is in progress."""
 
 
 class GroundStation:
@@ -65,8 +65,8 @@ class GroundStation:
     start_delay_s : float
         Delay between upload and start (s); unused with an arming gate.
     arming_gate : ArmingGate, optional
-        Conditions for arming a real vehicle. A pilot may take over a real vehicle; the station then gives no
-        more orders. Without a gate, the vehicle is simulated and armed immediately.
+        Conditions for arming a real vehicle. A pilot may take over a real vehicle; then the station gives no
+        more orders. None: the vehicle is simulated, and is armed after `start_delay_s`.
     force : bool
         Whether to send items that the autopilot would refuse or not fly.
 
@@ -75,7 +75,7 @@ class GroundStation:
     reason : str
         Reason of the outcome, if possible the vehicle's text.
     pilot : PilotWatch
-        Detector of other pilots and operators.
+        Detector of other pilots who take over the vehicle.
     link : LinkState
         Quality of the link to a real vehicle.
     texts : list of tuple
@@ -207,7 +207,7 @@ class GroundStation:
 
     @property
     def clock_offset_s(self) -> float:
-        """Offset of the station's clock from a real vehicle's clock (s); 0 before the mission."""
+        """Time of the station's clock minus time of a real vehicle's clock (s); 0 before the mission."""
         if self.arming_gate is None or self.started_s is None:
             return 0.0
         return self.started_s - self._started_boot_s
@@ -246,17 +246,17 @@ class GroundStation:
         return self._changes.aside
 
     def change(self, mission: Mission, resume_at: int, now_s: float) -> list[Message]:
-        """Start to change the mission in flight, by the safest method for the autopilot.
+        """Begin a change of the mission in flight, by the safest method for the autopilot.
 
-        After the change, `changes` has the outcome, and `mission` is the mission on the vehicle.
+        After the change, `changes` has the outcome, and the property `mission` is the mission on the vehicle.
 
         Parameters
         ----------
         mission : Mission
             Mission with the new items. Fence, rally points and home do not change.
         resume_at : int
-            New item to fly to next. DO items directly before it are executed if they change the present
-            settings.
+            Item of `mission` to fly to next. DO items directly before this item are executed if they change
+            the present settings.
 
         Raises
         ------
@@ -266,7 +266,7 @@ class GroundStation:
             If the mission must not be sent to a vehicle in flight (`mission.ground.changes.check_change`).
         """
         if self.phase is not Phase.FLIGHT or self._disarmed_s is not None:
-            msg = f"the mission cannot be changed now: the ground station is at {self.phase.value!r}"
+            msg = f"the mission cannot be changed in this phase of the flight ({self.phase.value})"
             raise NotFlyingError(msg)
         if self.changing:
             msg = "the mission is being changed; wait until that is over"
@@ -375,7 +375,7 @@ class GroundStation:
         return self.phase in (Phase.FLIGHT, Phase.FETCH)
 
     def interrupt(self, outcome: Outcome, reason: str, now_s: float) -> None:
-        """End the run from outside; received data and the outcome of a finished flight are kept."""
+        """End the run before its own end; received data and the outcome of a finished flight are kept."""
         if self.phase is Phase.FETCH:
             self.phase = Phase.DONE
         if not self.done:
@@ -388,7 +388,7 @@ class GroundStation:
     # Received messages.
 
     def _on_contact(self, now_s: float) -> None:
-        """Record contact; after a silence, request the missed images."""
+        """Record contact with the vehicle; after a silence, request the images that were lost."""
         if self._silences.on_message(now_s):
             # The vehicle was armed at the start of the mission, even if no armed HEARTBEAT arrived.
             self._flew = True
@@ -429,7 +429,7 @@ class GroundStation:
         return self._ask_for_streams()
 
     def _ask_for_streams(self) -> list[Message]:
-        """Request telemetry until telemetry arrives, if the autopilot sends telemetry only on request."""
+        """Request telemetry until positions arrive, if the autopilot sends telemetry only on request."""
         silent, self._no_position = self._no_position, True
         if not silent or not self._contact.profile.streams_on_request:
             return []
@@ -441,7 +441,7 @@ class GroundStation:
 
     @property
     def _flies_mission(self) -> bool:
-        """Whether the telemetry refers to the current mission."""
+        """Whether item numbers in the telemetry count in the current mission, flown by an armed vehicle."""
         return self.phase is Phase.FLIGHT and self._armed and not self.changing
 
     def _on_mission_current(self, message: m.MAVLink_mission_current_message, now_s: float) -> None:
@@ -469,7 +469,7 @@ class GroundStation:
             self.tracks.on_position(message, round(1e3 * monitor.boot_s), is_rover=is_rover)
 
     def _on_system_time(self, message: m.MAVLink_system_time_message, now_s: float) -> None:
-        """Handle SYSTEM_TIME, which after a reboot arrives before the first position."""
+        """Handle SYSTEM_TIME; after a reboot, it arrives earlier than the first position."""
         self._monitor.clock.take(message.time_boot_ms, now_s)
         self._on_clock(now_s)
 
@@ -537,7 +537,7 @@ class GroundStation:
         return out if self._start.failure is None else self._after_start(out, now_s)
 
     def _after_start(self, out: list[Message], now_s: float) -> list[Message]:
-        """Copy the phase of the start; begin the flight, or end the run if the start failed."""
+        """Take over the phase of the start; begin the flight, or end the run if the start failed."""
         start = self._start
         self.phase = start.phase
         if start.failure is not None:
@@ -555,7 +555,7 @@ class GroundStation:
 
     @property
     def flies_home(self) -> bool:
-        """Whether no waypoint of the mission remains."""
+        """Whether the vehicle has passed all waypoints of the mission."""
         return self._end_of_mission.flies_home
 
     def maneuver(self, kind: Maneuver, now_s: float) -> list[Message]:
@@ -604,14 +604,14 @@ class GroundStation:
         return out
 
     def _give(self, order: Order, now_s: float) -> list[Message]:
-        """Send an order, which replaces the pending order."""
+        """Send an order, which replaces an order that is still pending."""
         self._ordered_before, self._order, self._chosen = self.pilot.ordered, order, range(0)
         self._before, self._ordered_modes = StateBefore.of(self._monitor, now_s), frozenset()
         return order.send(now_s)
 
     @property
     def _end_modes(self) -> frozenset[str]:
-        """Flight modes after the end of the mission."""
+        """Flight modes in which the vehicle may be after the end of the mission."""
         items = self.mission.items
         return self._monitor.modes.ends(int(items[-1].command) if items else 0)
 
@@ -635,20 +635,20 @@ class GroundStation:
     def _check_takes_orders(self) -> None:
         """Raise NotFlyingError before or after the flight, and while another pilot flies the vehicle."""
         if self.phase is not Phase.FLIGHT or self._disarmed_s is not None:
-            msg = f"the vehicle does not fly: the ground station is at {self.phase.value!r}"
+            msg = f"the vehicle does not fly in this phase ({self.phase.value})"
             raise NotFlyingError(msg)
         if self.pilot.somebody_else_flies:
-            msg = f"somebody else flies the vehicle (mode {self.pilot.mode}); nothing is ordered"
+            msg = f"somebody else flies the vehicle (mode {self.pilot.mode}); the order was not sent"
             raise NotFlyingError(msg)
         if self.pilot.in_doubt:
             msg = (
-                f"the vehicle left its mission (mode {self.pilot.mode}); wait 5 s until it is known whether"
-                " the mission ended or somebody else flies; nothing is ordered until then"
+                f"the vehicle left its mission (mode {self.pilot.mode}); the order was not sent; wait 5 s,"
+                " until it is known whether the mission ended or somebody else flies"
             )
             raise NotFlyingError(msg)
 
     def _order_refused(self, why: str, now_s: float) -> None:
-        """Restore the state before the order, and report the refusal to the operator."""
+        """Restore the state from before the order, and report the refusal to the operator."""
         self._order, self._chosen = None, range(0)
         if self.pilot.ordered is not self._ordered_before:
             self.pilot.order(self._ordered_before)
@@ -667,4 +667,4 @@ class GroundStation:
 
 
 def _ignore(_message: Message, _now_s: float) -> None:
-    """Ignore a message that needs only the common handling."""
+    """Do nothing more with a message that is handled elsewhere (by `VehicleMonitor`, `MissionChanges`)."""

@@ -1,4 +1,4 @@
-"""Status texts of a vehicle in flight, or stopped before its flight."""
+"""Texts that describe a vehicle to the operator: in flight, or after a stop before the flight."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ _STOPPED = {
     Phase.WAIT: "nothing was started; the uploaded plans stay in the vehicle",
     Phase.READY: "nothing was started; the uploaded plans stay in the vehicle",
     Phase.MODE: "the mission was not started; the uploaded plans stay in the vehicle",
-    Phase.ARM: "the vehicle was just told to arm, then to disarm: its motors may run; nothing was started",
-    Phase.START: "the vehicle is armed and was just told to start its mission: it may take off",
+    Phase.ARM: "the vehicle was ordered to arm, then to disarm: its motors may run; nothing was started",
+    Phase.START: "the vehicle is armed and was ordered to start its mission: it may take off",
 }
 
 
@@ -23,7 +23,7 @@ class NotStartedError(WbfMissionError, RuntimeError):
 
 
 def doing(ground: GroundStation, now_s: float) -> str:
-    """Return mode, item and height of a vehicle in flight as text, with the age of old values."""
+    """Return mode, item and height of a vehicle in flight as text, and the age of values that are old."""
     state, items = ground.vehicle_state, len(ground.mission.items)
     parts = [
         ground.pilot.mode or "mode unknown",
@@ -36,5 +36,5 @@ def doing(ground: GroundStation, now_s: float) -> str:
 
 
 def not_started(ground: GroundStation) -> str | None:
-    """Return the state of the vehicle after a run that ends before the flight, or None after the start."""
+    """Return the state of the vehicle if the run ended before the flight, or None if the flight began."""
     return None if ground.started_s is not None else _STOPPED.get(ground.phase)

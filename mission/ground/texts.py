@@ -1,4 +1,4 @@
-"""Log of a vehicle's STATUSTEXTs, with chunked texts joined."""
+"""Log of a vehicle's STATUSTEXTs; the chunks of a long text are joined."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from itertools import takewhile
 from mission.link.codec.dialect import mavlink as m
 
 WHOLE_S = 0.5
-"""Time after the first chunk at which a chunked text counts as complete (s)."""
+"""Time after its first chunk at which a text of several chunks counts as complete (s)."""
 
 _WARNING = 4  # MAV_SEVERITY_WARNING
 _MOST_TEXTS = 10_000
 _CONTROL = re.compile(r"[\x00-\x1f\x7f]")
-# These texts of PX4 and ArduCopter do not contain the reason of a refusal.
+# With these texts, PX4 and ArduCopter report a refusal without its reason.
 _NO_REASON = re.compile(
     r"Arming denied: Resolve system health failures first|Switching to .* is currently not available"
     r"|Mode change to .* failed: init failed"
@@ -27,7 +27,7 @@ class TextLog:
     def __init__(self) -> None:
         self.texts: list[tuple[float, int, str]] = []
         self._chunk = (0, -1)  # Id and number of the last chunk.
-        self._joined: int | None = None  # Index of the text of the last chunk, None if it was dropped.
+        self._joined: int | None = None  # Index of the last text, None if the log was full.
 
     def on_text(self, message: m.MAVLink_statustext_message, now_s: float) -> None:
         """Handle a STATUSTEXT: a new text, or the next chunk of the last text."""
@@ -43,7 +43,7 @@ class TextLog:
         self._chunk = (number, chunk)
 
     def note(self, text: str, now_s: float, severity: int = _WARNING) -> None:
-        """Add a text of the ground station; texts below the severity of a warning never explain a failure."""
+        """Add a text of the ground station; only texts of warning severity or above can explain a failure."""
         if len(self.texts) < _MOST_TEXTS:
             self.texts.append((now_s, severity, text))
 
@@ -53,7 +53,7 @@ class TextLog:
         return list(dict.fromkeys(warnings))
 
     def explain(self, failure: str, since: int = 0) -> str:
-        """Return a failure text, followed by the vehicle's warnings since index ``since``, if any.
+        """Return a failure text, followed by the vehicle's warnings from index ``since`` on, if any.
 
         >>> log = TextLog()
         >>> log.note("WPM: REJ. CMD: Busy", 0.0)
@@ -64,9 +64,9 @@ class TextLog:
         return f"{failure}; the vehicle says: {said}" if said else failure
 
     def last_warning(self, otherwise: str, since: int = 0) -> str:
-        """Return the latest warning since index ``since``, or ``otherwise`` without a warning.
+        """Return the latest warning from index ``since`` on, or ``otherwise`` if there is none.
 
-        A text that gives no reason counts only if no other warning arrived, because it follows the reason.
+        A text without a reason counts only if it is alone, because it arrives after the text with the reason.
 
         >>> log = TextLog()
         >>> log.note("Mission rejected: no take-off", 0.0)
@@ -82,7 +82,7 @@ class TextLog:
 def begun_until(
     texts: Sequence[tuple[float, int, str]], told: int, until_s: float
 ) -> list[tuple[float, int, str]]:
-    """Return the texts from index ``told`` on that began by ``until_s``.
+    """Return the texts from index ``told`` on whose first chunk arrived at ``until_s`` or earlier.
 
     >>> begun_until([(0.0, 6, "Armed"), (1.0, 6, "Takeoff"), (4.0, 6, "Landed")], 1, 3.0)
     [(1.0, 6, 'Takeoff')]

@@ -25,7 +25,7 @@ _Fix = tuple[float, int, int, int]  # ms, 1e-7 degree, 1e-7 degree, mm above hom
 class Track:
     """Track of a vehicle, from its GLOBAL_POSITION_INT or from the simulator's true positions.
 
-    A row of NaN separates several flights in one track, so that a line drawn along the track is interrupted.
+    Between two flights, a track has a row of NaN, which interrupts a line drawn along the track.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class Track:
         return Track(time_s, *(np.interp(time_s, self.time_s, column) for column in columns))
 
     def distance_m(self, other: Track) -> NDArray[np.float64]:
-        """Return the horizontal distance from another track at the times of this track (m)."""
+        """Return the horizontal distances (m) between this and another track, at the times of this track."""
         there = other.at(self.time_s)
         return np.hypot(self.x_m - there.x_m, self.y_m - there.y_m)
 

@@ -89,14 +89,14 @@ class PlanUploads:
         self._rendered = render(self._rendered.mission, contact.profile, contact.monitor.vehicle_type)
         try:
             if not self._force:
-                # Planning or the preflight check reports errors that depend on the vehicle's parameters.
+                # Planning or preflight checks report the errors that depend on the vehicle's parameters.
                 refuse_errors(self._rendered, arming=False)
         except LocalTransferError as error:
             self._kinds.clear()
             self.failure = str(error)
             return []
         state = contact.monitor.state
-        # If no mission is reported, a simulated vehicle has none; a real vehicle may still hold a mission.
+        # A simulated vehicle that reports no mission has none; a real vehicle may still hold a mission.
         holds = state.total > 0 if state.total is not None else contact.round_trip is not None
         holds &= contact.clears
         if holds and gives_up_mission(self.mission, self._kinds, contact.profile, armed=state.armed):
@@ -112,7 +112,7 @@ class PlanUploads:
         return self._take(self._transfer.receive(message, now_s), now_s)
 
     def poll(self, now_s: float) -> list[Message]:
-        """Return the messages that are due."""
+        """Return the messages of the uploads that are due."""
         if self._ending is not None and now_s >= self._ending[1]:
             self.failure, self._ending = self._ending[0], None
         if self._transfer is None or now_s < self.next_deadline():
@@ -120,7 +120,7 @@ class PlanUploads:
         return self._take(self._transfer.poll(now_s), now_s)
 
     def next_deadline(self) -> float:
-        """Return the time of the next `poll` that has an effect; infinity if there is none."""
+        """Return the time of the next timeout in the uploads; infinity if there is none."""
         if self._ending is not None:
             return self._ending[1]
         deadline_s = None if self._transfer is None else self._transfer.next_deadline()

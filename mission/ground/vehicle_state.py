@@ -17,11 +17,11 @@ from mission.link.codec.typed import handler
 from mission.model import DEGREES_E7
 
 _RESTART_MS = 5000
-"""Backward step of the time since boot that means a reboot (ms). A smaller step is a delayed message."""
+"""A longer backward step of the time since boot means a reboot (ms), a smaller step a delayed message."""
 
 
 class BootClock:
-    """Clock derived from a vehicle's times since boot; it runs on across reboots of the autopilot.
+    """Continuous clock, from a vehicle's times since boot; a reboot of the autopilot does not reset it.
 
     >>> clock = BootClock()
     >>> [clock.take(time_ms, now_s) for time_ms, now_s in ((90_000, 10.0), (91_000, 11.0), (200, 13.0))]
@@ -62,10 +62,10 @@ class Battery:
     consumed_wh: float | None = None
 
     def drained(self, reading: Battery, *, armed: bool) -> Battery:
-        """Return the lowest fraction with running motors, and the largest consumed energy.
+        """Return the lowest remaining fraction while armed, and the largest consumed energy.
 
-        Readings on the ground are too high, because a battery recovers or is replaced. PX4's simulator
-        recharges the battery when disarmed.
+        Readings on the ground would be too high, because a battery recovers or is replaced. PX4's simulator
+        recharges the battery of a disarmed vehicle.
 
         >>> Battery(0.9).drained(Battery(0.5), armed=True).drained(Battery(0.98), armed=False)
         Battery(remaining=0.5, consumed_wh=None)
@@ -75,7 +75,7 @@ class Battery:
         return Battery(min(known, default=None), max(used, default=None))
 
     def used_since(self, before: Battery, capacity_wh: float) -> float | None:
-        """Return the battery fraction used since an earlier state, from the energy or remaining fraction.
+        """Return the fraction of the battery used since ``before``, by energy or else by remaining fraction.
 
         >>> Battery(0.9, 10.0).used_since(Battery(1.0, 2.0), 80.0)
         0.1
@@ -212,12 +212,12 @@ class VehicleMonitor:
         self._note_battery(Battery(remaining, consumed_wh))
 
     def _on_sys_status(self, message: m.MAVLink_sys_status_message, _now_s: float) -> None:
-        """Store the remaining fraction, if BATTERY_STATUS does not report it."""
+        """Store the remaining fraction of the battery, if BATTERY_STATUS does not report this fraction."""
         if message.battery_remaining >= 0 and not self._has_battery:
             self._note_battery(replace(self.battery, remaining=self._fraction(message.battery_remaining)))
 
     def _fraction(self, percent: int) -> float:
-        """Store the remaining percentage, and return it as a fraction."""
+        """Store the remaining percentage of the battery, and return it as a fraction of at most 1."""
         self.battery_percent = percent
         return min(percent, 100) / 100.0
 
@@ -237,9 +237,9 @@ class VehicleMonitor:
 
     @property
     def knows_position(self) -> bool:
-        """Whether the vehicle has a position, from its estimator flags, or else its GNSS fix.
+        """Whether the vehicle knows its position, by its estimator flags, or else by its GNSS fix.
 
-        ArduPilot sends GLOBAL_POSITION_INT, even with 0/0, before it has a position.
+        GLOBAL_POSITION_INT alone is no proof: ArduPilot sends it without a position, too, even with 0/0.
         """
         position = self._position
         if position is None or position.lat == position.lon == 0:
@@ -251,7 +251,7 @@ class VehicleMonitor:
 
     @property
     def boot_s(self) -> float:
-        """Continuous clock of the vehicle at its last position (s), 0 before the first."""
+        """Time of the vehicle's last position on its continuous clock (s), 0 before the first position."""
         return self._boot_ms / 1e3
 
     @property
@@ -281,7 +281,7 @@ class VehicleMonitor:
 
     @property
     def left_mission(self) -> bool:
-        """Whether the vehicle reports its mission as suspended, as vehicles do outside the mission mode."""
+        """Whether MISSION_CURRENT shows that the vehicle is not in the mission mode (mission suspended)."""
         current = self._current
         return current is not None and current.mission_mode == _SUSPENDED
 
@@ -299,7 +299,7 @@ class VehicleMonitor:
 
     @property
     def state(self) -> VehicleState:
-        """State of the vehicle as one value."""
+        """State of the vehicle, put together from its last messages."""
         values: dict[str, Any] = {"battery": self.battery}
         heartbeat, position, current = self.heartbeat, self._position, self._current
         if heartbeat is not None:

@@ -23,32 +23,32 @@ class Faults:
     duplicate: float = 0.0  # Probability that a frame arrives twice.
     corrupt: float = 0.0  # Probability that one byte of a frame is changed.
     delay_s: float = 0.0  # Delay of each frame.
-    jitter_s: float = 0.0  # Largest random delay added to a frame; it reorders frames.
+    jitter_s: float = 0.0  # Largest random delay added to a frame; random delays reorder frames.
     baud: float = math.inf  # Line speed (bit/s); frames that overflow a buffer of 16 KiB are lost.
 
     def __post_init__(self) -> None:
         for name in ("loss", "duplicate", "corrupt"):
             if not 0.0 <= getattr(self, name) <= 1.0:
-                msg = f"{name} {getattr(self, name)} is no probability; give a number from 0 to 1"
+                msg = f"{name} {getattr(self, name)} is not a probability; give a number from 0 to 1"
                 raise LinkError(msg)
         for name in ("delay_s", "jitter_s"):
             if not 0.0 <= getattr(self, name) < float("inf"):
-                msg = f"{name} {getattr(self, name)} is no time; give seconds, 0 or more"
+                msg = f"{name} {getattr(self, name)} is not a time; give a number of seconds, 0 or more"
                 raise LinkError(msg)
         if not self.baud >= 1.0:
-            msg = f"baud {self.baud} is no speed of a line; give bits per second, such as 57600"
+            msg = f"baud {self.baud} is not a line speed; give bits per second, such as 57600"
             raise LinkError(msg)
 
 
 class FaultyChannel:
-    """One direction of a faulty link; the caller passes the time.
+    """One direction of a link with faults, in the caller's time.
 
     Parameters
     ----------
     faults : Faults
         Faults to apply. Assigning new faults affects only frames sent afterwards.
     rng : numpy.random.Generator
-        Random numbers that decide the fate of each frame.
+        Random numbers that decide which faults affect a frame.
 
     Examples
     --------

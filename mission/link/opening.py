@@ -24,9 +24,9 @@ _PENDING = frozenset({0, errno.EINPROGRESS, errno.EWOULDBLOCK, errno.EALREADY})
 _SERIAL_ERRORS = {
     errno.ENOENT: "no device has that name; check the name, and that the device is plugged in",
     errno.EACCES: "permission denied; add yourself to the group of the device (dialout, uucp)",
-    errno.EBUSY: "another program uses it; end that program",
-    errno.EAGAIN: "another program uses it; end that program",
-    errno.ENOTTY: "it is no serial device; check the name",
+    errno.EBUSY: "another program uses the device; end that program",
+    errno.EAGAIN: "another program uses the device; end that program",
+    errno.ENOTTY: "this is not a serial device; check the name",
 }
 _SERIAL_BACKLOG_BYTES = 1 << 16
 _SERIAL_READ_BYTES = 65536
@@ -54,7 +54,7 @@ class SerialLink(Stream):
         return os.write(self._port.fileno(), data)
 
     def _gone(self) -> LinkLostError:
-        return LinkLostError(f"{self.name}: the device has gone; plug it in and start again")
+        return LinkLostError(f"{self.name}: the device was unplugged; plug it in and start again")
 
     def receive(self) -> list[bytes]:
         """Return the bytes that have arrived; raise LinkError if the device was removed."""
@@ -76,7 +76,7 @@ class SerialLink(Stream):
 
 
 def _serial_reason(error: BaseException) -> str:
-    """Return why a device cannot be opened, from the error number in the chain of exceptions."""
+    """Return the reason why a device cannot be opened, by the error number in the chain of exceptions."""
     cause: BaseException | None = error
     while cause is not None:
         number = getattr(cause, "errno", None)
@@ -162,15 +162,15 @@ class TcpServerLink(_Returning[TcpLink]):
         self._listener.close()
 
     def fileno(self) -> int | None:
-        """Return the file descriptor of the client, or of the listener without a client.
+        """Return the file descriptor of the client, or the listener's if there is no client.
 
-        None after `close`.
+        After `close`, return None.
         """
         return self._listener.fileno() if self._link is None else self._link.fileno()
 
 
 class _Reopening(_Returning[_Link]):
-    """Link that tries each second to reconnect, without blocking; ``connections`` counts successes."""
+    """Link that tries to reconnect each second, without blocking; counts its connections."""
 
     def __init__(self, address: LinkAddress, link: _Link, clock: Callable[[], float]) -> None:
         super().__init__(str(address), link)
@@ -216,7 +216,7 @@ class TcpClientLink(_Reopening[TcpLink]):
             self._trying = None
 
     def _try(self) -> TcpLink | None:
-        """Check the connection attempt in progress, or start a new attempt if due."""
+        """Check the connection attempt in progress, or start a new attempt if one is due."""
         now_s = self._clock()
         if self._closed:
             return None
@@ -252,7 +252,7 @@ class TcpClientLink(_Reopening[TcpLink]):
 
 
 class SerialClientLink(_Reopening[SerialLink]):
-    """Serial link that reopens an unplugged device; if the first opening fails, it raises LinkError."""
+    """Serial link that reopens a device that was unplugged; raises LinkError if the first attempt fails."""
 
     def __init__(self, address: LinkAddress, *, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(address, SerialLink(address), clock)
@@ -284,8 +284,8 @@ def open_link(url: str, *, timeout_s: float = 5.0, reconnect: bool = False) -> L
     Raises
     ------
     LinkError
-        If the address is wrong, the host unknown, the port in use, the connection refused or the device
-        absent.
+        If the address is wrong, the host is unknown, the port is in use, the connection is refused, or there
+        is no such device.
     """
     address = parse_link_url(url)
     if address.scheme == SERIAL:

@@ -20,7 +20,7 @@ from mission.errors import LinkError, LinkLostError, NoPeerError
 from mission.link.address import LinkAddress
 
 _MOST_BYTES, _OVERHEAD_BYTES = 32 << 20, 256
-"""Largest memory of the queue, and the memory counted for each datagram besides its data (bytes)."""
+"""Greatest memory of the queue (bytes), and the part of it that a datagram takes in addition to its data."""
 _SHARES = 32
 _OTHERS = "other senders"
 
@@ -38,11 +38,11 @@ class _Share:
 class WaitingDatagrams:
     """First-in, first-out queue of datagrams that limits the memory of each sender.
 
-    One sender may fill the whole queue. When the queue is full, the newest datagram of the sender with the
-    most queued bytes is dropped, so a sender below its share of the memory (1/32) loses nothing. The first 31
-    senders have a share each; all others use the last share together. Sender addresses can be forged, so a
-    flood of new senders must not displace a vehicle: a new sender replaces only the known sender with the
-    fewest delivered datagrams, and only if this sender has no datagram in the queue.
+    One sender may fill the whole queue. When the queue is full, it drops the newest datagram of the sender
+    with the most queued bytes, so a sender below its share of the memory (1/32) loses nothing. The first 31
+    senders have a share each; all other senders have the last share together. Sender addresses can be forged,
+    so a flood of new senders must not displace a vehicle: a new sender replaces only the known sender with
+    the fewest delivered datagrams, and only if no datagram of that sender is still in the queue.
     """
 
     def __init__(self) -> None:
@@ -86,7 +86,7 @@ class WaitingDatagrams:
         self._held_bytes += more_bytes
 
     def _admit(self, peer: Any) -> _Share:
-        """Return the share of a new sender: a share of its own, or the share common to later senders."""
+        """Return the share of a new sender: its own share, or the share that later senders have together."""
         if len(self._shares) >= _SHARES - 1:
             weakest = min(self._shares, key=lambda known: self._shares[known].taken)
             if self._shares[weakest].waiting:
@@ -113,7 +113,7 @@ def _why(address: LinkAddress, error: OSError) -> LinkError:
     elif error.errno == errno.EADDRINUSE:
         text = f"{where}: port {address.port} is in use; stop the other program or choose another port"
     elif error.errno == errno.EADDRNOTAVAIL:
-        text = f"{where}: {address.host!r} is no address of this machine; bind to 127.0.0.1 or 0.0.0.0"
+        text = f"{where}: {address.host!r} is not an address of this machine; bind to 127.0.0.1 or 0.0.0.0"
     elif error.errno in (errno.EACCES, errno.EPERM):
         text = f"{where}: not permitted; choose a port above 1023 and an address that is not a broadcast"
     elif isinstance(error, ConnectionRefusedError):
@@ -254,7 +254,7 @@ class _Datagrams(_OnSocket):
 
 
 class _Reader:
-    """A thread that calls ``take`` when a socket is readable, and a descriptor that signals queued data."""
+    """Thread that calls ``take`` when a socket is readable; its file descriptor signals queued data."""
 
     def __init__(self, made: socket.socket, take: Callable[[], bool], name: str) -> None:
         self._socket, self._take = made, take
@@ -274,7 +274,7 @@ class _Reader:
         return None if number < 0 else number
 
     def show(self, waits: bool) -> None:
-        """Make the descriptor readable, or not, as ``waits`` says; the caller holds the lock of the queue."""
+        """Make the descriptor readable only if ``waits``; the caller holds the lock of the queue."""
         if waits and not self._is_shown:
             self._signal.send(b"\0")
         elif self._is_shown and not waits:
@@ -319,8 +319,8 @@ def _listen(made: socket.socket, where: Any) -> None:
 class UdpSocket(_Datagrams):
     """Bound UDP socket for any number of peers.
 
-    ``at_once`` is for callers that may be busy between two calls of `receive_from`; the option costs a thread
-    and five file descriptors. Port 0 lets the system choose. Raises LinkError if the socket cannot be bound.
+    ``at_once`` is for callers that may be busy between two calls of `receive_from`; it costs a thread and
+    five file descriptors. If the port is 0, the system chooses it. Raises LinkError if binding fails.
     """
 
     def __init__(self, address: LinkAddress, *, at_once: bool = False) -> None:

@@ -41,7 +41,7 @@ class Budget(Protocol):
 
     The cost need not be a length: `wbf_mission` predicts seconds or watt hours with a model of the vehicle. A
     planner assumes only that denser paths usually cost more, and checks the cost of each path that it
-    returns. A budget may also be a `BatchBudget`, if it evaluates many paths together faster than singly.
+    returns. A budget may also be a `BatchBudget`, if it computes the costs of many paths together faster.
     """
 
     @property
@@ -55,7 +55,7 @@ class Budget(Protocol):
     def cost(self, path_xy_m: NDArray[np.float64]) -> float:
         """Return the cost of flying ``path_xy_m``, float64[n, 2] in metres of the farm frame, n >= 1.
 
-        The first row is the start of the flight, the others are the points of the planned path. The array
+        The first row is the start of the flight, the other rows are the points of the planned path. The array
         does not include the return leg: a budget that counts the return adds the leg home.
         """
 
@@ -65,7 +65,7 @@ class BatchBudget(Budget, Protocol):
     """A budget that evaluates many paths in one call."""
 
     def costs(self, paths_xy_m: Sequence[NDArray[np.float64]]) -> list[float]:
-        """Return the costs of several paths, bit for bit the results of `cost` for each path."""
+        """Return the costs of several paths; each equals the result of `cost` to the last bit."""
 
 
 @runtime_checkable
@@ -73,7 +73,7 @@ class ExplainedBudget(Budget, Protocol):
     """A budget that can say why the cost of a path is infinite."""
 
     def reason(self, path_xy_m: NDArray[np.float64]) -> str:
-        """Return why the vehicle cannot fly `path_xy_m` (an array as for `cost`), or "" if it can."""
+        """Return the reason why the vehicle cannot fly `path_xy_m` (as for `cost`), or "" if it can."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +152,7 @@ class StepBudget:
     def __post_init__(self) -> None:
         check_limit(self.limit_steps, "steps")
         if not (math.isfinite(self.step_m) and self.step_m > 0):
-            msg = f"step of {self.step_m} m: the step of a step budget must be above zero"
+            msg = f"step of {self.step_m} m: the length of a step must be a finite number above zero"
             raise PlanningError(msg)
 
     @property

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 TOLERANCE_M = 1.0
 """Greatest difference between the wanted and the actual height above ground (m)."""
-_AT_SAMPLES = 0.7  # Fraction of the tolerance allowed at samples; the ground between samples needs the rest.
+_AT_SAMPLES = 0.7  # Fraction of the tolerance used at samples; the rest is for the ground between samples.
 _MOST_SAMPLES = 2_000_000  # Greatest number of samples; it limits memory and time.
 
 
@@ -38,7 +38,7 @@ class HeightProfile:
         Greatest distance between samples of the ground.
     climb, descent : float
         Steepest slopes of the vehicle, metres up or down per metre over ground, above zero. Over steeper
-        ground the flight starts its climb earlier, so it is higher than wanted, never lower.
+        ground the vehicle starts its climb earlier, so it flies higher than wanted, never lower.
     home_m : tuple of float
         Home position. Altitudes are relative to the ground at home.
     """
@@ -97,7 +97,7 @@ def _sampled(path_m: Points, step_m: float) -> tuple[Points, NDArray[np.int64], 
 def _slopes_limited(
     wanted: NDArray[np.float64], at: NDArray[np.float64], climb: float, descent: float
 ) -> NDArray[np.float64]:
-    """Return the lowest altitudes that are nowhere below `wanted` or steeper than the given slopes."""
+    """Return the lowest altitudes that are nowhere below `wanted`, and whose slopes keep the two limits."""
     if not (climb > 0.0 and descent > 0.0):
         msg = f"terrain: slopes of {climb:g} up and {descent:g} down must be above zero"
         raise PlanningError(msg)
@@ -116,7 +116,7 @@ def _keep_within(
     tolerance_m: float,
     kept: NDArray[np.bool_],
 ) -> None:
-    """Mark in `kept` the samples that a polyline within the tolerance needs (Douglas and Peucker 1973)."""
+    """Mark in `kept` the samples that a polyline needs to keep the tolerance (Douglas and Peucker 1973)."""
     open_ = [(begin, end)]
     while open_:
         first, last = open_.pop()
@@ -236,8 +236,8 @@ def build_mission(
     pattern : WingPattern, optional
         Take-off and landing of a fixed wing. None: a vehicle that hovers.
     heights : HeightProfile, optional
-        Terrain following: waypoints are added so that the legs keep a height above the ground. These include
-        the leg from home and, except for a fixed wing, the leg back. None: all waypoints are at `altitude_m`.
+        Terrain following: waypoints are added so that all legs keep a height above the ground, also the leg
+        from home and, except for a fixed wing, the leg back. None: all waypoints are at `altitude_m`.
 
     Returns
     -------
@@ -316,7 +316,7 @@ def _followed(
     *,
     homewards: bool,
 ) -> tuple[Points, NDArray[np.float64], NDArray[np.float64], int, int]:
-    """Return points, altitudes and holds over uneven ground; numbers of extra waypoints out and back."""
+    """Return points, altitudes and holds over uneven ground, and how many were added before and after."""
     way = np.vstack((home_xy_m, points, *([home_xy_m] if homewards else [])))
     places, altitudes, owner = heights.follow(way)
     # The take-off item replaces a waypoint at home.

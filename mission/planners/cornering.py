@@ -20,7 +20,7 @@ _CURVED = math.cos(math.radians(40.0))  # Smaller turns are part of a curve.
 _BACK = -math.cos(math.radians(30.0))
 # Legs do not overshoot at a corner between two legs longer than this: the vehicle cuts off little there.
 _LONG_LEG = 10.0
-_BEFORE_M = 0.5  # Radius minus overshoot: a vehicle that turns before the waypoint swings out less.
+_BEFORE_M = 0.5  # Radius minus overshoot. A vehicle that turns shortly before a corner swings out less.
 _STRAIGHT = math.cos(math.radians(15.0))  # In smaller turns the vehicle cuts off almost nothing.
 
 
@@ -29,9 +29,9 @@ class Waypoints:
     """The waypoints of a planned path."""
 
     points_m: Points  # Positions in metres of the farm frame, float64[n, 2].
-    of_point: NDArray[np.int64]  # Index of the path point that each waypoint stands for, ascending, int64[n].
+    of_point: NDArray[np.int64]  # Index of the path point of each waypoint, ascending, int64[n].
     radius_m: float  # Acceptance radius; 0: the autopilot's default.
-    loiters: NDArray[np.int64]  # Number of immediate repetitions of each point in the path, int64[n].
+    loiters: NDArray[np.int64]  # Number of times that the path repeats each point at once, int64[n].
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,15 +40,15 @@ class Cornering:
 
     PX4 turns to the next waypoint as soon as the vehicle is inside the acceptance radius. The radius cannot
     be small, because it must exceed the error of the height estimate: with a radius of 0.5 m a real PX4 waits
-    at waypoints for seconds. Legs therefore overshoot, so that the camera covers the path up to its corners:
-    each leg starts earlier and ends later by the radius minus 0.5 m.
+    at waypoints for seconds. Legs therefore overshoot the corners, so that the camera covers the path up to
+    the corners: the radius minus 0.5 m is added at both ends of each leg.
 
     Parameters
     ----------
     radius_m : float
         Acceptance radius of the waypoints; 0: the autopilot's default radius.
     overshoots : bool
-        Whether legs overshoot, for a vehicle that turns inside the radius.
+        Whether legs are extended beyond corners, for a vehicle that turns inside the radius.
 
     Raises
     ------
@@ -100,7 +100,7 @@ class Cornering:
     def _overshot(
         self, points: Points, start_m: tuple[float, float] | None, avoid: Area | None
     ) -> tuple[NDArray[np.int64], Points]:
-        """Return, for overshooting legs, indices of path points and the waypoints that stand for them."""
+        """Return the waypoints with overshoots, each preceded by the index of its path point."""
         come, go = self._directions(points, start_m)
         # Each point has three candidates: end of the incoming leg, start of the outgoing leg, itself.
         places = np.stack((points + self.overshoot_m * come, points - self.overshoot_m * go, points), axis=1)
@@ -143,6 +143,6 @@ class Cornering:
 
 
 def _at_both_ends(of_leg: NDArray[Any], before: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the values of the legs to each point and from each point; zero if there is no such leg."""
+    """Return, for each point, the values of the leg to it and of the leg from it; zero without a leg."""
     none = np.zeros((1, *of_leg.shape[1:]), of_leg.dtype)
     return np.concatenate((none[:before], of_leg)), np.concatenate((of_leg[1 - before :], none))

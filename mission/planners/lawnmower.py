@@ -95,7 +95,7 @@ def adaptive_lawnmower(
     safety margin, because the paper does not count the legs to the first row and between the crops. This
     planner counts all legs and needs no margin. Each crop has as many rows as its share allows. If the
     strawberries already have rows a footprint apart, the tomatoes also get the remaining budget. If the
-    budget is too small for one row over the strawberries, the tomatoes give up rows.
+    budget is too small for one row over the strawberries, the tomatoes get fewer rows.
 
     A farm with a single crop spends the whole budget on that crop. Without crop areas the rows cover the
     whole area. `PlannedPath.spacing_m` is the smaller of the two crops' row spacings.

@@ -17,7 +17,7 @@ from mission.planners.path import Area, Points
 from mission.planners.terrain import area_of, polygons_of
 
 Divide: TypeAlias = Callable[[Area, Sequence[float]], list[Area]]
-"""Function that divides an area into parts with given shares, which add up to 1."""
+"""Function that divides an area into parts with given fractions of its size, which add up to 1."""
 
 STRIPS, VORONOI = "strips", "voronoi"
 _SAMPLES = 4000  # Number of grid points in the area, so that shares are accurate to about 0.1 %
@@ -25,7 +25,7 @@ _LLOYD_ROUNDS = 60
 _WEIGHT_ROUNDS = 12
 _BALANCE_ROUNDS = 25
 _MOVED = 1e-3  # Lloyd's algorithm stops if no site moves by more than this fraction of the area's size.
-_LEAST_SHARE = 0.02  # Least fraction of a reach for rows, even if approach and return leave less.
+_LEAST_SHARE = 0.02  # Least fraction of a vehicle's reach for rows, even if approach and return leave less.
 _LEAST_M2 = 1e-9  # Smaller pieces are artefacts of rounding.
 _ROUNDING = 1e-8
 # Low-discrepancy sequence R2, based on the plastic number (Roberts 2018).
@@ -87,9 +87,9 @@ def balanced(
 ) -> list[Area]:
     """Return parts of an area, one per vehicle, so that all vehicles fly the same fraction of their reach.
 
-    With row spacing s, the rows over a part of area A are A / s long. `ways_m` maps a vehicle's number and
-    part to the length of approach and return. The areas are corrected until the used fractions differ by less
-    than 4 %, or the rounds are used up. The result is the partition with the least difference found.
+    A vehicle's reach is the distance that it can fly. Rows with spacing s over a part of area A are A / s
+    long. `ways_m` maps a vehicle's number and part to the length of approach and return. The areas are
+    corrected, up to 25 times, until the used fractions differ by less than 4 %; the best partition counts.
     """
     reach = np.asarray(reach_m, dtype=np.float64)
     shares = reach / reach.sum()
@@ -110,9 +110,9 @@ def balanced(
 
 
 def shares_of_reach(parts: Sequence[Area], reach_m: ArrayLike, ways_m: ArrayLike) -> NDArray[np.float64]:
-    """Return the fraction of its reach that each vehicle flies, if all parts have the same row spacing.
+    """Return, for each vehicle, the fraction of its reach that it flies at a row spacing common to all parts.
 
-    At the common spacing, the flights of all vehicles together are as long as the sum of the reaches.
+    At this spacing, the flights of all vehicles together are as long as the sum of the reaches.
     """
     areas = np.array([part.area for part in parts])
     reach, ways = np.asarray(reach_m, dtype=np.float64), np.asarray(ways_m, dtype=np.float64)
@@ -249,7 +249,7 @@ def _power_cell(area: Area, sites: Points, weights: NDArray[np.float64], k: int)
     for other in range(len(sites)):
         if other == k or not len(ring):
             continue
-        # Points x with normal . x <= bound belong to site k rather than to the other site.
+        # A point x with normal . x <= bound belongs to site k rather than to the other site.
         normal = 2.0 * (sites[other] - sites[k])
         bound = float((sites[other] ** 2).sum() - (sites[k] ** 2).sum() - weights[other] + weights[k])
         ring = _clipped(ring, normal, bound)
@@ -272,7 +272,7 @@ def _parts(area: Area, cells: Sequence[shapely.Polygon]) -> list[Area]:
     """Return the part of the area in each cell; each part of a connected area is connected if possible."""
     pieces = [polygons_of(shapely.intersection(area, cell), _LEAST_M2) for cell in cells]
     if not all(pieces):
-        msg = f"partition: the area is too small for {len(cells)} vehicles; take fewer, or a larger area"
+        msg = f"partition: the area is too small for {len(cells)} vehicles; use fewer, or a larger area"
         raise PlanningError(msg)
     if isinstance(area, shapely.Polygon):
         pieces = _connected(pieces)
@@ -280,7 +280,7 @@ def _parts(area: Area, cells: Sequence[shapely.Polygon]) -> list[Area]:
 
 
 def _connected(pieces: list[list[shapely.Polygon]]) -> list[list[shapely.Polygon]]:
-    """Give each piece to the part with the longest common border; the largest piece of a part stays there."""
+    """Move all pieces but the largest of each part to the part with which they have the longest border."""
     largest = [max(polygons, key=lambda piece: piece.area) for polygons in pieces]
     loose = [
         piece

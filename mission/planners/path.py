@@ -21,7 +21,7 @@ COINCIDENT_M = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedPath:
-    """A path of straight legs, the result of a planner.
+    """Result of a planner: a path of straight legs.
 
     Parameters
     ----------
@@ -48,8 +48,8 @@ class PlannedPath:
         points = np.array(self.points_m, dtype=np.float64)
         if points.ndim != 2 or points.shape[0] < 1 or points.shape[1] != 2 or not np.isfinite(points).all():
             msg = (
-                f"planner {self.planner}: a path needs one or more finite (x, y) points, "
-                f"not an array of shape {points.shape}"
+                f"planner {self.planner}: a path needs one or more (x, y) points, all of them finite; "
+                f"its array has shape {points.shape}"
             )
             raise PlanningError(msg)
         if self.spacing_m is not None and not (math.isfinite(self.spacing_m) and self.spacing_m >= 0):
@@ -76,7 +76,7 @@ def path_length(path_xy_m: ArrayLike) -> float:
 
 
 def drop_coincident(path_xy_m: ArrayLike, tolerance_m: float = COINCIDENT_M) -> Points:
-    """Return the path without the points closer than `tolerance_m` to the last kept point.
+    """Return the path without points that are closer than `tolerance_m` to the last point kept before them.
 
     >>> drop_coincident([[0.0, 0.0], [0.001, 0.0], [1.0, 0.0]]).tolist()
     [[0.0, 0.0], [1.0, 0.0]]

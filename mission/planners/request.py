@@ -42,7 +42,7 @@ SearchProgress: TypeAlias = Callable[[int, int], None]
 """Callback of a search: takes the number of rounds done and the estimated total number of rounds."""
 
 
-_ROUNDING_M = 1e-3  # The area may extend this far beyond the passable land, because outlines are rounded
+_ROUNDING_M = 1e-3  # Outlines are rounded, so the area may extend this far beyond the passable land.
 
 
 def _no_progress(_done: int, _total: int) -> None:
@@ -56,8 +56,8 @@ class PlanningRequest:
     Parameters
     ----------
     area : shapely Polygon or MultiPolygon
-        Land to cover. Without `passable` the path must stay inside this land, too. The caller removes land
-        that must not be flown over; holes are respected.
+        Land to cover, without the land that must not be flown over (holes). Without `passable` the path must
+        stay inside this land.
     start_xy_m : tuple of float
         Start of the flight, inside or outside the area.
     budget : Budget
@@ -104,11 +104,11 @@ class PlanningRequest:
         check_area(self.area, "area")
         start = tuple(float(value) for value in self.start_xy_m)
         if len(start) != 2 or not all(math.isfinite(value) for value in start):
-            msg = f"planning request: the start {self.start_xy_m} is no (x, y) in metres"
+            msg = f"planning request: the start {self.start_xy_m} is not a point (x, y) in metres"
             raise PlanningError(msg)
         object.__setattr__(self, "start_xy_m", start)
         if not (math.isfinite(self.footprint_m) and self.footprint_m >= 0):
-            msg = f"planning request: footprint {self.footprint_m} m is no width"
+            msg = f"planning request: footprint {self.footprint_m} m must be a finite number, zero or more"
             raise PlanningError(msg)
         if not (math.isfinite(self.budget.limit) and self.budget.limit > 0):
             limit = f"{self.budget.limit} {self.budget.unit}"
@@ -124,7 +124,7 @@ class PlanningRequest:
         check_area(self.passable, "passable land")
         outside = shapely.difference(self.area, self.passable)
         if not shapely.buffer(outside, -_ROUNDING_M).is_empty:
-            msg = f"planning request: {outside.area:.3g} m2 of the area lie outside the passable land"
+            msg = f"planning request: {outside.area:.3g} m2 of the area are outside the passable land"
             raise PlanningError(msg)
 
     @property
@@ -175,7 +175,7 @@ ENTRY_POINT_GROUP = "wbf_mission.planners"
 
 
 class Registered(NamedTuple):
-    """A loaded entry point: its name, its name in errors, the object, and parameters given in the text."""
+    """A loaded entry point: name, name for error messages, object, and the parameters in the user's text."""
 
     name: str
     what: str
@@ -185,7 +185,7 @@ class Registered(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ConfiguredPlanner:
-    """A planner with fixed parameters; its name appears in error messages and results."""
+    """A planner with fixed parameters, and its name for error messages and results."""
 
     name: str
     planner: Callable[..., PlannedPath]
@@ -264,7 +264,7 @@ def planner_parameters(planner: Callable[..., PlannedPath]) -> dict[str, Any]:
 
 
 def load_registered(kind: str, group: str, text: str, parameters: Mapping[str, Any]) -> Registered:
-    """Return the entry point named in a text (see `geo.named.parse_named`); names are case-insensitive."""
+    """Load the entry point that a text names (see `geo.named.parse_named`); names are case-insensitive."""
     name, given = parse_named(text)
     entry = next((found for found in entry_points(group=group) if found.name.lower() == name.lower()), None)
     if entry is None:

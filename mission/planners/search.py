@@ -1,4 +1,4 @@
-"""Search for the densest path within a budget over an area, with rows that cross its gaps or skip them."""
+"""Search for the densest path within a budget, with rows that cross the gaps of the area or skip them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LOOK_AHEAD = (1, 2, 3)
 _APART = 2
 _SLOPE_OVER = 0.9  # Cost slopes are measured between densities at least 10 % apart; closer pairs are noisy.
 _LEAST_SHARE = 1e-6  # Smaller gaps are artefacts of rounding (fraction of the area).
-_WORTH = 1.05  # Vehicles fly turns less well than rows: a path with more turns must be denser by this factor.
+_WORTH = 1.05  # Turns cost flight quality: a path with more turns must be denser by this factor.
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,12 +48,12 @@ def densest_feasible(
 
     The cost grows only roughly with the index: rows that end on the far side have a longer return. The search
     therefore brackets the last feasible index by interpolation and bisection, then tries a few candidates
-    beyond it (`look_ahead`), and starts again from a feasible candidate among these. The returned candidate's
-    cost is always evaluated, never interpolated, and within the limit.
+    beyond this index (`look_ahead`). If one of these is feasible, the search starts again from it. The cost
+    of the returned candidate is always evaluated, never interpolated, and within the limit.
 
-    A `BatchBudget` evaluates candidates in rounds. The first round tests a guessed index and a larger index;
-    if the guess is good, the last feasible index lies between the two. Further rounds narrow this interval,
-    and the last round tests all candidates of `look_ahead`.
+    With a `BatchBudget`, each round evaluates several candidates. The first round tests a guessed index and a
+    larger index; if the guess is good, the last feasible index lies between the two. Further rounds narrow
+    this interval, and the last round tests all candidates of `look_ahead`.
 
     The cost should be roughly linear in `density(index)`. If even the sparsest candidates cost more than the
     limit, a PlanningError states the minimum budget of `what` (such as ``lawnmower with 2 rows``).
@@ -67,7 +67,7 @@ def densest_feasible(
     at_once = isinstance(request.budget, BatchBudget)
 
     def feasible(*indices: int) -> bool:
-        """Return whether any index is feasible. A `BatchBudget` evaluates all new indices in one round."""
+        """Return whether any of the indices is feasible; a `BatchBudget` evaluates them in one round."""
         nonlocal best, cheapest, rounds
         for batch in [indices] if at_once else [(index,) for index in indices]:
             new = [index for index in dict.fromkeys(batch) if index not in seen]
@@ -154,7 +154,7 @@ def _guess(
 
 
 def _last_below(density: Callable[[int], float], wanted: float, first: int, last: int) -> int:
-    """Return the largest index in first..last with a density of at most `wanted`, or `first` if none has."""
+    """Return the largest index in first..last whose density is at most `wanted`, else `first`."""
     while first < last:
         middle = (first + last + 1) // 2
         if density(middle) <= wanted * (1 + 1e-12):
@@ -165,9 +165,9 @@ def _last_below(density: Callable[[int], float], wanted: float, first: int, last
 
 
 def cannot_be_flown(request: PlanningRequest, points_m: Points, what: str) -> PlanningError:
-    """Return the error for a sparsest path of infinite cost; `what` is the path's name in the text."""
+    """Return the error to raise if even the sparsest path, named `what`, has an infinite cost."""
     budget = request.budget
-    reason = request.reason(points_m) or "the vehicle cannot come back from it"
+    reason = request.reason(points_m) or "the vehicle cannot return from this path"
     return PlanningError(
         f"budget of {budget.limit:g} {budget.unit}: {what} cannot be flown: {reason}; "
         "take a smaller area, a nearer start, less wind or another vehicle"
@@ -182,7 +182,7 @@ def too_small(request: PlanningRequest, points_m: Points, least: float, what: st
     """
     budget = request.budget
     reason = request.reason(points_m)
-    besides = f"; the vehicle cannot fly it: {reason}" if reason else ""
+    besides = f"; the vehicle cannot fly this path: {reason}" if reason else ""
     needed = least * (1 + 1e-9)
     digits = 0 if budget.unit == "steps" else 1
     scale = 10**digits
@@ -194,7 +194,7 @@ def too_small(request: PlanningRequest, points_m: Points, least: float, what: st
 
 
 def gaps_of(area: Area, passable: Area) -> list[Polygon]:
-    """Return the passable land inside the convex hull of an area but outside the area, largest first.
+    """Return the gaps of an area, largest first: passable land inside its convex hull but outside the area.
 
     >>> field = shapely.box(0, 0, 9, 9)
     >>> [gap.area for gap in gaps_of(field - shapely.box(3, 3, 5, 5), field)]
@@ -211,9 +211,9 @@ def with_gaps(area: Area, gaps: Sequence[Polygon]) -> Area:
 
 
 def swept_lands(request: PlanningRequest) -> list[Area]:
-    """Return up to three lands for rows: the area, the area with enclosed gaps, the area with all gaps.
+    """Return the areas to try for rows: the area itself, with its enclosed gaps, and with all its gaps.
 
-    The caller compares costs: rows that skip a pond are shorter than rows across it, but have more turns.
+    Neither is always better: rows that skip a pond are shorter than rows across it, but have more turns.
     """
     area = request.area
     if request.passable is None or not (gaps := gaps_of(area, request.passable)):
@@ -231,7 +231,7 @@ def swept_lands(request: PlanningRequest) -> list[Area]:
 def densest_over(request: PlanningRequest, plan: Callable[[Area], PlannedPath]) -> PlannedPath:
     """Call `plan` for each of the `swept_lands`, and return the path with the least spacing.
 
-    A path whose rows skip gaps wins only if it is denser by 5 %. Raises PlanningError if `plan` always fails.
+    A path that skips gaps is chosen only if 5 % denser. If `plan` always fails, its PlanningError is raised.
     """
     lands = swept_lands(request)
     if len(lands) == 1:

@@ -18,7 +18,7 @@ from mission.planners.terrain import Terrain, is_rectangle, parts_of
 SPACING_RATIO = 1e-3
 """Relative difference between successive spacings that the search tries."""
 
-_SMALLEST = 1e-4  # Ratio of the least to the widest spacing; no mission has items for as many rings.
+_SMALLEST = 1e-4  # Ratio of the least to the widest spacing; a mission cannot have items for more rings.
 _LEAST_AREA_M2 = 1e-9  # Smaller pieces of an offset are artefacts of rounding.
 
 
@@ -36,8 +36,8 @@ def spiral(
     inside a ring falls into pieces, each piece gets its own rings. Rings cross passable land between the
     parts of the area, unless rings without these crossings can lie at least 5 % closer together.
 
-    The search tries spacings down to the footprint, each 0.1 % smaller than the previous spacing. The next
-    smaller spacing would exceed the budget.
+    The search tries spacings down to the footprint, each 0.1 % smaller than the previous spacing. The spacing
+    that follows the chosen spacing would exceed the budget.
 
     Parameters
     ----------

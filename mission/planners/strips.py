@@ -25,11 +25,11 @@ from mission.planners.terrain import TOLERANCE_M, parts_of, polygons_of
 _LEAST_M2 = 1e-9  # Smaller pieces are artefacts of rounding.
 _LEAST_UNSEEN = 0.25  # Smaller uncovered pieces get no row (fraction of a footprint or squared spacing).
 _TOUCH_M = 1e-6  # Intervals closer than this distance are merged.
-# Border points from which the middle line is found: distance in widths of the land, greatest number.
+# Points on the border that determine the middle line: distance (in widths of the land), greatest number.
 _STEP, _MOST_POINTS = 0.5, 3000
 # Tolerances for simplifying the middle line, in image widths. The coarsest line that covers enough is used.
 _COARSENESS = (0.5, 0.25, 0.12, 0.06, 0.03, 0.015)
-_AS_MUCH = 0.003  # Fraction of the land that a coarser line may additionally miss
+_AS_MUCH = 0.003  # Fraction of the land that a coarser line may miss in addition
 _MOST_BRANCHES = 100
 _ARM = 2.0  # Least length of an arm in image widths: a shorter arm is covered by the rows next to it
 _MOST_CORNERS = 12
@@ -37,7 +37,7 @@ _MOST_CUTS = 3
 _CANDIDATES = 2
 _WORTH = 0.97  # A cut pays for its additional turns if it reduces the sum of widths to this fraction.
 _SHORTEST_EDGE = 1e-3  # Shorter edges are ignored, as noise (fraction of the land's size).
-_MOST_OF_IT = 0.9  # The hull is simplified if long edges make up a smaller fraction of its outline.
+_MOST_OF_IT = 0.9  # The hull is simplified if its long edges make up a smaller fraction of its outline.
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class Swath:
         return _LEAST_UNSEEN * max(self.across_m, self.spacing_m) * max(self.along_m, self.spacing_m)
 
     def seen_from(self, path: Points) -> shapely.Geometry:
-        """Return the area covered by square images along a path; too small at turns above 97 degrees."""
+        """Return the area covered by square images along a path; too small an area at turns above 97°."""
         line = shapely.LineString(path) if path_length(path) > TOLERANCE_M else shapely.Point(path[0])
         return _valid(
             shapely.buffer(line, 0.5 * self.across_m, cap_style="square", join_style="mitre", mitre_limit=1.5)
@@ -75,7 +75,7 @@ class Swath:
 
 
 def rows_that_see(part: Polygon, room: Area, swath: Swath, angle_rad: float) -> list[NDArray[np.float64]]:
-    """Return rows that cover a part of the area, grouped into cells that no border splits.
+    """Return rows that cover a part of the area, grouped into cells (stacks of rows that no border splits).
 
     The rows have the angle `angle_rad`, anticlockwise from x. The outermost rows lie half a footprint inside
     the part, the other rows at equal distances between them. A row is as long as its strip of land: at an
@@ -204,7 +204,7 @@ def ring_strips(area: Area, swath: Swath, passes: int) -> tuple[list[NDArray[np.
 
 
 def is_narrow(part: Polygon, swath: Swath) -> bool:
-    """Return whether images along the middle line of a part cover the part's full width.
+    """Return whether a part is so narrow that images along its middle line cover its full width.
 
     >>> [is_narrow(shapely.box(0, 0, 100, width_m), Swath(10, 8, 5)) for width_m in (9, 11)]
     [True, False]
@@ -230,7 +230,7 @@ def without_arms(part: Polygon, swath: Swath) -> list[Polygon]:
 
 
 def strip_lines(part: Polygon, room: Area, swath: Swath) -> list[Points]:
-    """Return rows of a narrow part, float64[n, 2] each: the main row, and a row per branch that it misses.
+    """Return rows of a narrow part, float64[n, 2] each: the main row, and a row for each branch it misses.
 
     >>> strip = shapely.box(0, 0, 100, 4)
     >>> [line.tolist() for line in strip_lines(strip, strip, Swath(10, 8, 5))]
@@ -249,7 +249,7 @@ def strip_lines(part: Polygon, room: Area, swath: Swath) -> list[Points]:
 
 
 def _best_line(part: Polygon, room: Area, swath: Swath) -> LineString:
-    """Return the coarsest line among the lines that cover almost the most of a part."""
+    """Return the coarsest line that covers almost as much of a part as the best line."""
     middle = _middle(part)
     lines = [_straight(part), *(shapely.simplify(middle, share * swath.across_m) for share in _COARSENESS)]
     lines = [_with_ends(line, swath.end_m) for line in lines]
@@ -318,9 +318,9 @@ def _with_ends(line: LineString, end_m: float) -> LineString:
 
 
 def hull_angles(area: Area) -> list[float]:
-    """Return the directions of the convex hull's edges, in radians in [0, pi), narrowest width first.
+    """Return the directions of the convex hull's edges, in radians in [0, pi), least width across first.
 
-    The least width of an area is always measured across an edge of its hull (Freeman and Shapira 1975).
+    The least width of an area is always the width across an edge of its hull (Freeman and Shapira 1975).
 
     >>> [round(angle, 3) for angle in hull_angles(shapely.box(0, 0, 1, 9))]
     [1.571, 0.0]

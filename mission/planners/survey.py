@@ -45,7 +45,7 @@ MOST_PASSES = 20
 _EVERY_DEG = 30  # Step between the directions tried first, together with the directions of the hull's edges.
 _FINER_DEG = (12.0, 6.0, 3.0)  # Steps for refining the best direction.
 _HULL_ANGLES = 6
-# Longer paths are compared by length and number of turns: predicting all their flights would take minutes.
+# Longer paths are compared by length and number of turns, because predictions of all flights take minutes.
 _PRICED_M = 400_000.0
 _TURN_M = 20.0  # Length of a row that costs about as much as a turn.
 _LONGER = 2.5  # Layouts longer than this multiple of the shortest layout are not evaluated.
@@ -53,7 +53,7 @@ _AS_MUCH = 0.02  # A layout may cover less than the best layout by this fraction
 _ROW_M = 0.01  # Half the width of the line that stands for a row.
 _FINALISTS = 3  # Number of layouts for which the best order of cells is computed.
 _SMOOTHED = 0.125  # Greatest smoothing of borders with many vertices (fraction of an image).
-_MOST_TOGGLED = 6  # Greatest number of gaps or parts tried one by one; a trial takes one or two predictions.
+_MOST_TOGGLED = 6  # Greatest number of gaps or parts tried one by one, with one or two predictions each.
 # To remove short legs, a corner is shifted across and along the transit by these multiples of the least leg.
 _ASIDE = (0.25, 0.5, 1.0, 1.5, 2.0)
 _ALONG = (0.0, -0.5, 0.5, -1.0, 1.0)
@@ -127,7 +127,7 @@ def survey(
         raise cannot_be_flown(request, points, what)
     if cost > request.budget.limit:
         error = too_small(request, points, cost, what)
-        msg = f"{error}; with an unlimited budget it is planned for several flights"
+        msg = f"{error}; with an unlimited budget the survey is planned for several flights"
         raise PlanningError(msg)
     return PlannedPath(points, swath.spacing_m, NAME)
 
@@ -181,7 +181,7 @@ Layout: TypeAlias = tuple[tuple[Polygon, float], ...]
 
 
 class _Plans:
-    """Builds the paths of layouts. With `last`, the headland passes are flown after the rows."""
+    """Builds paths from layouts, with headland passes before the rows, or after the rows with `last`."""
 
     def __init__(self, request: PlanningRequest, swath: Swath, passes: int, *, last: bool) -> None:
         self.request, self.swath = request, swath
@@ -192,7 +192,7 @@ class _Plans:
         self._ring_lines = ring_strips(request.area, swath, passes)[0]
 
     def common(self, land: Area, angle_rad: float) -> Layout:
-        """Return the layout of the land with the same row direction in all parts."""
+        """Return the layout of the land that has the same row direction in all parts but narrow parts."""
         return tuple((part, 0.0 if self.is_narrow(part) else angle_rad) for part in self.core(land))
 
     def core(self, land: Area) -> list[Polygon]:
@@ -256,7 +256,7 @@ class _Plans:
         return float(shapely.intersection(self.request.area, seen).area / self.request.area.area)
 
     def _rings(self, start_m: Points) -> list[Points]:
-        """Return the headland passes from `start_m`, nearest ring first."""
+        """Return the headland passes in flight order from `start_m`: always the nearest ring next."""
         here, waiting, turns = start_m, list(self._ring_lines), []
         while waiting:
             lines = [shapely.linestrings(ring) for ring in waiting]
@@ -305,7 +305,7 @@ class _Search:
         return self._ranked()[0]
 
     def _ranked(self) -> list[Layout]:
-        """Return layouts, cheapest first; layouts that cover clearly less than the best come last."""
+        """Return layouts, cheapest first; layouts that cover clearly less than others come last."""
         enough = max(self._seen.values(), default=0.0) - _AS_MUCH
         return sorted(self._known, key=lambda layout: (self._seen[layout] < enough, self._known[layout]))
 
@@ -332,7 +332,7 @@ class _Search:
         self._request.progress(done, done + len(new))
 
     def _refine(self, land: Area) -> None:
-        """Search for a better direction near the best direction."""
+        """Try row directions closely beside the best direction, in ever smaller steps."""
         for step in _FINER_DEG:
             angle = self._angle(self._best())
             beside = (angle - math.radians(step), angle + math.radians(step))
@@ -350,7 +350,7 @@ class _Search:
             self._price([self._plans.common(with_gaps(land, better), angle)])
 
     def _turn_parts(self) -> None:
-        """Try for each part the row directions along the edges of its convex hull."""
+        """Try, for each part, two row directions along edges of the part's convex hull."""
         for number in range(min(len(self._best()), _MOST_TOGGLED)):
             layout = self._best()
             if number < len(layout) > 1 and not self._plans.is_narrow(part := layout[number][0]):
@@ -362,7 +362,7 @@ class _Search:
                 )
 
     def _cut(self, ways: Callable[[Polygon], list[list[Polygon]]]) -> None:
-        """Try the decompositions of each part by `ways`, with one row direction and with several."""
+        """Try the decompositions that `ways` finds for each part, with a common and with own directions."""
         layout = self._best()
         angle = self._angle(layout)
         found: list[Layout] = []

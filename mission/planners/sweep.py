@@ -17,9 +17,9 @@ from mission.planners.path import Area, Points
 from mission.planners.search import is_number
 from mission.planners.terrain import Terrain, is_rectangle, parts_of, straight_lengths
 
-_EDGE_M = 1e-7  # Outermost rows are scanned this far inside: crossings exactly on an edge are unreliable.
+_EDGE_M = 1e-7  # Outermost rows lie this far inside, because crossings exactly on an edge are unreliable.
 _MERGE_M = 1e-9  # Pieces of a row closer than this distance are merged.
-_MAX_ROWS = 50_000  # Greatest number of rows; no mission has items for more.
+_MAX_ROWS = 50_000  # Greatest number of rows; a mission cannot have items for more rows.
 _ROUNDED_RAD = 5.1e-5  # Error of an angle rounded to four decimals.
 
 

@@ -244,7 +244,7 @@ def reflex_corners(polygon: Polygon) -> Points:
 
 
 class _Regions:
-    """The parts of an area as `Region` objects, with a spatial index."""
+    """The parts of an area, each as a `Region`, with a spatial index."""
 
     def __init__(self, area: Area) -> None:
         self._regions: tuple[Region, ...] = tuple(Region(part) for part in parts_of(area))
@@ -252,7 +252,7 @@ class _Regions:
         self._bounds = shapely.bounds(self._tree.geometries)
 
     def near(self, starts_m: Points, ends_m: Points) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return indices of legs, and of regions whose bounds contain the leg's ends, sorted by region."""
+        """Return pairs (leg, region) of indices, sorted by region; the region may contain the leg's ends."""
         legs, numbers = self._tree.query(shapely.points(starts_m))
         low, high = self._bounds[numbers, :2], self._bounds[numbers, 2:]
         held = ((low <= ends_m[legs]) & (ends_m[legs] <= high)).all(axis=1)
@@ -385,5 +385,5 @@ def draw_places(area: Area, count: int, rng: np.random.Generator) -> Points:
         kept: Points = draws[shapely.contains_xy(area, draws[:, 0], draws[:, 1])]
         if len(kept):
             return kept
-    msg = "the area is too thin to draw places in it; use a smaller footprint or a wider area"
+    msg = "the area is too thin for random positions; use a smaller footprint or a wider area"
     raise PlanningError(msg)

@@ -45,9 +45,9 @@ class CountedCells:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SummedMap:
-    """A weighted sum of maps; reading a cell computes the sum in that cell.
+    """A weighted sum of maps; the sum in a cell is computed when the cell is read.
 
-    The whole sum is never stored: on a large farm, allocating its memory takes longer than the sum itself.
+    The whole sum is not stored, because on a large farm it takes longer to allocate memory than to add.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class SummedMap:
     shape: tuple[int, int]
 
     def __getitem__(self, cells: Any) -> NDArray[np.float32]:
-        """Return the sum in the cells that an index, as for an array, selects."""
+        """Return the sum in the cells that `cells` selects, which is an index as for an array."""
         first = np.broadcast_to(np.float32(0.0), self.shape)[cells]
         total = np.zeros(first.shape, np.float32)
         for weight, counted, values in self.parts:
@@ -77,7 +77,7 @@ class SummedMap:
         return total
 
     def add_columns(self, first: int, total: NDArray[np.float32]) -> None:
-        """Add the sum in the columns that begin with `first` to `total`, float32[columns, H]."""
+        """Add the sum to `total`, float32[columns, H], whose first column is column `first` of the map."""
         end = min(first + len(total), self.shape[0])
         for weight, counted, values in self.parts:
             runs = counted.runs[counted.first[first] : counted.first[end]]
@@ -93,16 +93,16 @@ class Acquisition(Protocol):
     def __call__(self, observation: PolicyObservation, /) -> AcquisitionValues:
         """Return the value of observing each cell, float32[W, H]: at least 0, and 0 in unscored cells.
 
-        The result is an array, or a `SummedMap`, which is computed only in cells that are read.
+        The result is an array, or a `SummedMap`, whose values are computed only in the cells that are read.
         """
 
 
 def expected_loss(observation: PolicyObservation) -> AcquisitionValues:
-    """Return the expected loss of the current estimate in each cell, which observing the cell would save.
+    """Return, for each cell, the expected loss of the current estimate; an observation would save this loss.
 
-    The loss is summed over the fields with their weights. The loss of a field with class probabilities is the
-    expectation of the score's loss. The loss of another field is the variance of the estimate times the mean
-    weight of a squared error above and below the truth.
+    The loss is summed over the fields with their weights. For a field with class probabilities, it is the
+    expectation of the score's loss. For other fields, it is the variance of the estimate times the mean of
+    the two weights of squared errors (above and below the truth).
     """
     known = observation.model.expected_loss
     if known is not None:
@@ -116,7 +116,7 @@ def variance(observation: PolicyObservation) -> AcquisitionValues:
 
 
 def entropy(observation: PolicyObservation) -> AcquisitionValues:
-    """Return the entropy of the class probabilities (nats) in each cell, summed with the fields' weights.
+    """Return the entropy of the class probabilities (nats) in each cell, summed over the weighted fields.
 
     A field without class probabilities gets the entropy of a normal distribution minus the entropy at a
     standard deviation of 0.01, at least zero.
@@ -170,7 +170,7 @@ class WithCoverage:
     reach: float = 3.0
 
     def __call__(self, observation: PolicyObservation, /) -> AcquisitionValues:
-        """Return the acquisition value of each cell."""
+        """Return the acquisition value of each cell, with the bonus."""
         values = self.acquisition(observation)
         if self.caution <= 0.0:
             return values
@@ -192,17 +192,17 @@ class WithCoverage:
 
 @dataclass(frozen=True, slots=True)
 class WithCorrelationLength:
-    """An acquisition that gives smooth fields larger weights, because a track informs about land beside it.
+    """An acquisition that gives larger weights to fields with a longer correlation length.
 
     Observations of a field with correlation length l also reduce the variance beside the track: a squared
     exponential process keeps only ``1 - exp(-d^2 / l^2)`` of its variance at a distance d. A step along the
     track therefore saves the loss of a swath ``sqrt(pi) l`` wide, not only the loss of its cell. Diseases
-    keep their weights: the route search already counts information beside the track for them.
+    keep their weights, because the route search itself adds the value of the cells beside the track.
 
     Parameters
     ----------
     strip : float
-        Width in cells of the strip that a track sees in route searches
+        Width (cells) of the strip whose value a track removes in route searches
         (`mission.policies.planning_grid.strip_width`).
     beyond : int
         Weights change only on farms with a side longer than this, in cells: on smaller farms the first rows
@@ -214,7 +214,7 @@ class WithCorrelationLength:
     beyond: int
 
     def __call__(self, observation: PolicyObservation, /) -> AcquisitionValues:
-        """Return the acquisition value of each cell."""
+        """Return the acquisition value of each cell, with the changed weights of smooth fields."""
         lengths, widest = observation.model.correlation_length, max(observation.model.shape)
         if lengths is None or widest <= self.beyond:
             return self.acquisition(observation)
@@ -245,7 +245,7 @@ class Balanced:
     least_weight: float
 
     def __call__(self, observation: PolicyObservation, /) -> AcquisitionValues:
-        """Return the acquisition value of each cell."""
+        """Return the acquisition value of each cell, with the changed weights of diseases."""
         weights = observation.weights.field
         least = self.least_weight * max(weights)
         balanced = tuple(
@@ -266,7 +266,7 @@ ACQUISITIONS: dict[str, Acquisition] = {
 
 
 def make_acquisition(acquisition: str | Acquisition) -> Acquisition:
-    """Return the acquisition function of this name in `ACQUISITIONS`, or a callable as it is."""
+    """Return the acquisition function with this name in `ACQUISITIONS`; return a callable unchanged."""
     if callable(acquisition):
         return acquisition
     if acquisition not in ACQUISITIONS:

@@ -74,15 +74,15 @@ def shared(vehicles: Sequence[VehicleReport], partition: str) -> dict[int, Area]
     return {vehicle.system_id: part for vehicle, part in zip(vehicles, parts, strict=True)}
 
 
-# A row covers the land up to this distance on each side, in row spacings: more than 0.5 avoids gaps.
+# Distance up to which a row covers the land on each side, in row spacings; more than 0.5 to avoid gaps.
 _OF_SPACING = 0.55
-# A vehicle plans all its unflown land again if rows over added land would be farther apart by this factor.
+# If rows over added land would be farther apart by this factor, the vehicle plans all its unflown land again.
 _COARSER = 1.5
 
 
 @dataclass(frozen=True, slots=True)
 class OnwardBudget:
-    """The rest of a vehicle's budget in flight, with which a planner plans the path ahead."""
+    """The remaining budget of a vehicle in flight, for a planner that plans the path ahead."""
 
     vehicle: VehicleReport
     before_m: Points  # Points that the vehicle flies before the planned path, float64[n, 2]
@@ -98,7 +98,7 @@ class OnwardBudget:
         return self.vehicle.request.budget.unit
 
     def cost(self, path_xy_m: NDArray[np.float64]) -> float:
-        """Return the cost of flying `before_m`, then the path without its first row (the planner's start)."""
+        """Return the cost of flying `before_m`, then the path without its first point (the start)."""
         return self.costs([path_xy_m])[0]
 
     def costs(self, paths_xy_m: Sequence[NDArray[np.float64]]) -> list[float]:
@@ -114,7 +114,7 @@ class Share:
     spacing_m: float | None  # None: the path has no rows
 
     def unflown(self, vehicle: VehicleReport) -> Area:
-        """Return the land along the vehicle's remaining path; all its land if the path has no rows."""
+        """Return the vehicle's land along its remaining path, or all its land if the path has no rows."""
         if self.spacing_m is None:
             return self.part
         if not len(vehicle.rest_m):
@@ -131,11 +131,11 @@ def reallocate(
     shares: Mapping[int, Share],
     planner: Planner,
 ) -> dict[int, tuple[Points, Share]]:
-    """Return new paths of the vehicles `takers`, which take over the lost vehicles' unflown land.
+    """Return new paths and land of the vehicles `takers`, which take over the lost vehicles' unflown land.
 
-    Each vehicle gets a piece of this land, in proportion to its unused budget. The vehicle flies its path to
-    the end, then rows over the piece. If the budget allows no rows or only rows much farther apart, the
-    vehicle plans all its unflown land again. If even this costs too much, the vehicle keeps its path.
+    Each of the `takers` gets a piece of this land, in proportion to its unused budget. It flies its path to
+    the end, then rows over the piece. If the budget allows no rows or only rows much farther apart, all its
+    unflown land is planned again. If even this costs too much, it keeps its path.
     """
     left = [shares[vehicle.system_id].unflown(vehicle) for vehicle in lost]
     flying = [vehicle for vehicle in takers if vehicle.system_id in shares]
@@ -175,7 +175,7 @@ def _pieces(land: Area, takers: Sequence[VehicleReport]) -> list[Area]:
 def _more(
     vehicle: VehicleReport, mine: Share, piece: Area, planner: Planner
 ) -> tuple[Points, float | None] | None:
-    """Return a path over the vehicle's unflown land and its piece, and its row spacing, or None."""
+    """Return a path over the vehicle's unflown land and `piece`, with its row spacing; None without one."""
     if piece.is_empty or vehicle.left <= 0.0:
         return None
     footprint_m = vehicle.request.footprint_m

@@ -45,7 +45,7 @@ class Alternative:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AcquisitionMap:
-    """Map of acquisition values behind a decision.
+    """Map of the acquisition values from which a decision was made.
 
     Parameters
     ----------
@@ -68,8 +68,8 @@ class Decision:
     ----------
     paths : mapping of int to float64[n, 2]
         New points ahead of each vehicle, by system id, in metres of the farm frame. After the last point the
-        vehicle flies home. A path without points means: fly home now, or stay on the ground at the start.
-        (The ideal robot has no return and ends at its position.) Vehicles without an entry keep their paths.
+        vehicle flies home. With a path without points it flies home now, or stays on the ground at the start.
+        (The ideal robot does not return; its flight ends there.) Vehicles without an entry keep their paths.
     reason : str
         Reason in a few words, for the record.
     alternatives : tuple of Alternative
@@ -106,7 +106,7 @@ class Decision:
                 array = np.empty((0, 2))
             if array.ndim != 2 or array.shape[1] != 2:
                 shape = array.shape
-                msg = f"vehicle {system_id}: a path must be finite (x, y) points, not of shape {shape}"
+                msg = f"vehicle {system_id}: a path must be finite (x, y) points; its shape is {shape}"
                 raise AnswerError(msg, "no points")
             if not np.isfinite(array).all():
                 worst = array[~np.isfinite(array)][0]

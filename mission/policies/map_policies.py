@@ -46,7 +46,7 @@ _RADIUS = 3  # Radius, in cells, of the neighbour shares: cells beyond it lose l
 _ALTERNATIVES = 4
 _LEAST_LEGS = 4
 _MOST_STOPS = 40
-# Bounds of the parameters; with legs of 1000 cells, four million directions are compared.
+# Bounds of the parameters. With legs of up to 1000 cells, four million end cells are compared.
 _BOUNDS = {
     "share": (0.0, 1.0), "spread": (0.01, 1000.0), "every": (1, 1_000_000), "least_s": (0.0, 86_400.0),
     "caution": (0.0, 1000.0), "reach": (0.01, 1000.0), "least_weight": (0.0, 1.0),
@@ -121,7 +121,7 @@ class MapPolicy(ABC):
         return self._steering.decide(observation, self._routes, self.reason)
 
     def _routes(self, problem: RouteProblem) -> Sequence[Route]:
-        """Return the routes of `_search`. If no value is near, return a far leg and a route from its end."""
+        """Return the routes of `_search`, or, if it finds none, a far leg with a route from its end."""
         routes = self._search(problem)
         far = [] if routes else far_route(problem)
         if not far:
@@ -137,15 +137,15 @@ class MapPolicy(ABC):
 
     @abstractmethod
     def _search(self, problem: RouteProblem) -> Sequence[Route]:
-        """Return routes of the vehicle, best first; none if no value is near the vehicle."""
+        """Return routes for the vehicle, best first; none if no cell near the vehicle has a value."""
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class Greedy(MapPolicy):
     """Fly the straight leg with the greatest ratio of value to cost, and choose again after a few cells.
 
-    So that the vehicle always has a path ahead, the same rule appends further legs; the value that earlier
-    legs observe counts as 0. The class also has the parameters of `MapPolicy`.
+    Further legs are appended by the same rule, so that the vehicle always has a path ahead; the value that
+    earlier legs observe does not count again. The class also has the parameters of `MapPolicy`.
 
     Parameters
     ----------
@@ -203,12 +203,12 @@ class Orienteering(MapPolicy):
     Parameters
     ----------
     places : int
-        Number of candidate places over the whole farm, and again in a window around the vehicle.
+        Number of candidate places over the whole farm, and number in a window around the vehicle.
     near : int
         Side of the window around the vehicle, in cells.
     horizon, patience : float
-        Greatest length of a tour, and length after which value counts 1/e, in cells of flight with a turn
-        every few cells.
+        Greatest length of a tour, and length after which a value counts only 1/e, in cells of flight with a
+        turn every few cells.
     rounds : int
         Number of improvement rounds; each round removes a part of the tour and refills it.
     """
@@ -255,7 +255,7 @@ class RollingHorizon(MapPolicy):
     Parameters
     ----------
     horizon, patience : float
-        Length of the compared routes, and length after which value counts 1/e, in cells of flight.
+        Length of the compared routes, and length after which a value counts only 1/e, in cells of flight.
     beam, interval : int, float
         Number of routes kept in each interval of cost, and length of an interval in cells of flight.
     """

@@ -23,16 +23,16 @@ from sensors.scoring.score import ScoreWeights
 
 
 class Event(Enum):
-    """Reason for asking a policy."""
+    """Reason why a policy is asked for a decision."""
 
     START = "start"
-    """Before take-off: every vehicle needs its first path. A path without points keeps a vehicle grounded."""
+    """Before take-off: every vehicle needs its first path. With a path without points, it does not fly."""
     OBSERVATIONS = "observations"
     """New camera observations arrived."""
     WAYPOINT = "waypoint"
     """A vehicle reached a waypoint of its path."""
     PERIOD = "period"
-    """The period since the last decision has passed."""
+    """The period of `Triggers.period_s` has passed since the last decision."""
     ENDING = "ending"
     """A vehicle is about to reach the end of its path, after which the vehicle flies home."""
     LOST = "lost"
@@ -69,9 +69,9 @@ class TravelCost(Protocol):
     def rest(self, paths_m: Sequence[Points]) -> list[float]:
         """Return the cost of each path: from the vehicle's position through the path's points and home.
 
-        A path is float64[n, 2] in metres of the farm frame; n = 0 is the direct return. The return costs
-        nothing if the budget does not count it. A path that the vehicle cannot fly costs infinity. Decisions
-        are validated with these costs.
+        A path is float64[n, 2] in metres of the farm frame; n = 0 is the direct return. If the budget does
+        not count the return, the return costs nothing. A path that the vehicle cannot fly costs infinity.
+        Decisions are validated with these costs.
         """
 
     def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
@@ -84,8 +84,8 @@ class TravelCost(Protocol):
     def change(self, points_m: Points) -> float:
         """Return the additional cost of switching from the current path to another path.
 
-        The cost is 0 if the vehicle keeps its speed during the change, as with most autopilots. A policy
-        needs to compare a new path with the current path only if this cost is above 0.
+        The cost is 0 if the vehicle keeps its speed during the change, as with most autopilots. Only if the
+        cost is above 0, a policy needs to compare a new path with the current path.
         """
 
 
@@ -129,8 +129,8 @@ class VehicleReport:
     age_s : float
         Age of position and velocity.
     spent : float
-        Spent budget, in the unit of the budget. In a real flight this includes the predicted cost until the
-        decision.
+        Spent part of the budget, in its unit. In a real flight this includes the predicted cost until the
+        decision arrives.
     rest_m : float64[n, 2]
         Points of the path ahead, current target first; read-only.
     travel_cost : TravelCost
@@ -159,7 +159,7 @@ class VehicleReport:
     def __post_init__(self) -> None:
         rest = np.array(self.rest_m, dtype=np.float64).reshape(-1, 2)
         if not np.isfinite(rest).all():
-            msg = f"vehicle {self.system_id}: the rest of its path has a point that is not finite"
+            msg = f"vehicle {self.system_id}: the path ahead (rest_m) has a point that is not finite"
             raise PlanningError(msg)
         rest.flags.writeable = False
         object.__setattr__(self, "rest_m", rest)
@@ -187,7 +187,7 @@ class PolicyObservation:
     Parameters
     ----------
     event : Event
-        Reason for asking the policy.
+        Reason why the policy is asked.
     time_s : float
         Seconds since the mission began; 0 before.
     day : int
@@ -236,7 +236,7 @@ class PolicyObservation:
             if vehicle.system_id == system_id:
                 return vehicle
         known = ", ".join(str(vehicle.system_id) for vehicle in self.vehicles)
-        msg = f"no vehicle has the system id {system_id}; there are {known}"
+        msg = f"no vehicle has the system id {system_id}; known system ids: {known}"
         raise PlanningError(msg)
 
 
@@ -266,7 +266,7 @@ class GeometricTravelCost:
     def rest(self, paths_m: Sequence[Points]) -> list[float]:
         """Return the cost of each path from the position, plus the return if the budget counts it.
 
-        Repeated points cost nothing, because in flight they only join two pieces of a path.
+        A point that is repeated costs nothing, because in flight it only joins two pieces of a path.
         """
         here = np.asarray(self.position_m, dtype=np.float64)
         return [self.budget.cost(np.vstack((here, drop_coincident(path)))) for path in paths_m]

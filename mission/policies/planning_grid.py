@@ -20,7 +20,7 @@ from mission.policies.observation import VehicleReport
 MOST_CELLS = 128
 """Longest side of a planning grid, in blocks."""
 DIRECTIONS = 64
-_PROBE_CELLS = (8.0, 24.0)  # Lengths, in blocks, of the legs whose costs `LegCosts` fits
+_PROBE_CELLS = (8.0, 24.0)  # Lengths, in blocks, of the legs to whose costs `LegCosts` is fitted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +52,7 @@ class PlanningGrid:
         return cls(free, cell_m, block, is_rectangle(area), wide)
 
     def pooled(self, values: AcquisitionValues) -> ValueMap:
-        """Return the sum of the cell values in each block, float32[w, h]; 0 in blocks that are not free."""
+        """Return the sum of the cell values of each block, float32[w, h]; 0 in blocks that are not free."""
         if self.block == 1:
             return np.where(self.free, values[:], np.float32(0.0)).astype(np.float32)
         width, height = self.free.shape
@@ -74,9 +74,9 @@ class PlanningGrid:
         return np.where(self.free, sums, np.float32(0.0)).astype(np.float32)
 
     def shares(self, fine: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the neighbour shares of blocks, computed from `fine`, the neighbour shares of single cells.
+        """Return the neighbour shares of blocks, from `fine`, the neighbour shares of single cells.
 
-        A vehicle that crosses a block observes a strip of the block; the neighbour shares widen the strip.
+        The share is the fraction of a block that a crossing vehicle observes: a strip as in `strip_width`.
         """
         if self.block == 1:
             return fine
@@ -94,7 +94,7 @@ class PlanningGrid:
 
 
 def strip_width(shares: NDArray[np.float32]) -> float:
-    """Return the width (cells) of a strip with as much value as a long straight leg removes."""
+    """Return the width (cells) of the strip whose value is as large as the value that a long leg removes."""
     # A long leg removes this fraction of the value of a cell, by the cell's distance from the leg.
     beside = 1.0 - np.prod(1.0 - shares.astype(np.float64), axis=0)
     beside[len(shares) // 2] = 1.0
@@ -103,7 +103,7 @@ def strip_width(shares: NDArray[np.float32]) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LegCosts:
-    """Linear costs of legs, in the unit of the vehicle's budget: `turn` + slope * length in blocks."""
+    """Linear model of the costs of legs, in the budget's unit: `turn` + slope * length in blocks."""
 
     turn: float  # Constant cost of a leg.
     # Cost per block of length, by direction from the x-axis towards y, float64[directions]

@@ -1,4 +1,4 @@
-"""The policy interface, look-up of policies by name, and policies with fixed paths."""
+"""The interface of policies, policies by their names, and policies that do not search in flight."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class Triggers:
     Parameters
     ----------
     period_s : float or None
-        Ask periodically, in seconds of flight. None: no period.
+        Period between decisions, in seconds of flight. None: no such trigger.
     observations : int or None
-        Ask after this number of new observations. None: no such trigger.
+        Number of new observations after which the policy is asked. None: no such trigger.
     waypoints : bool
-        Ask whenever a vehicle reaches a waypoint.
+        Whether the policy is asked each time that a vehicle reaches a waypoint.
     least_s : float
         Least time between two triggered decisions, in seconds of flight.
     """
@@ -66,7 +66,7 @@ class Policy(Protocol):
         """The triggers of this policy's decisions in flight."""
 
     def start(self) -> None:
-        """Clear the memory before a new run."""
+        """Clear the policy's memory before a new run."""
 
     def decide(self, observation: PolicyObservation) -> Decision:
         """Return a decision within the computing time `observation.compute_s`.
@@ -85,7 +85,7 @@ class Policy(Protocol):
 
 @dataclass(slots=True, eq=False)
 class FixedPlan:
-    """A policy that lets a planner plan at the start, and then keeps the paths.
+    """A policy that flies the paths of a planner, which are planned at the start and then kept.
 
     Each vehicle of a fleet plans for a part of the land. When a vehicle is lost, the other vehicles take over
     the unflown land, as far as their budgets allow (`mission.policies.allocation`).
@@ -247,7 +247,7 @@ _TYPES = {bool: "true or false", int: "a whole number", float: "a number", str: 
 
 
 def _check_types(policy: str, given: Mapping[str, Any], factory: Any) -> None:
-    """Raise ParameterError for a plain value of another type than the factory declares."""
+    """Raise ParameterError if a number, text, bool or None has another type than the factory declares."""
     try:
         declared = get_type_hints(factory.__init__ if inspect.isclass(factory) else factory)
     except NameError:  # Types that are imported for type checkers only

@@ -107,7 +107,7 @@ def neighbour_shares(share: float, spread: float, radius: int) -> NDArray[np.flo
 
 @compiled(nogil=True)
 def add_runs(weight: Any, runs: Any, values: Any, first: int, total: Any) -> None:
-    """Add a weighted map to `total` in the cells of `runs`; `total` begins with column `first` of the map.
+    """Add `weight` times a map to `total` in the cells of `runs`; `total` begins at the map's column `first`.
 
     `runs`, int32[n, 3], has the column of each run, its first cell along y, and the end of the run.
     """

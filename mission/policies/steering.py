@@ -19,7 +19,7 @@ from mission.policies.planning_grid import LegCosts, PlanningGrid
 from mission.policies.route_search import take_leg
 
 _LEAST_LEG = 1e-3  # A leg is cut only after a piece of this length (m)
-_PRICED_TOGETHER = 4  # Paths per call of the predictor
+_PRICED_TOGETHER = 4  # Number of paths whose costs are predicted in one call.
 _STAY: Points = np.empty((0, 2))
 _KEEPS_PATH = (Status.READY, Status.CLIMBING, Status.FLYING, Status.CHANGING, Status.SILENT)
 _OUT_BY_BACK, _MOST_ONWARD = 6.0, 12
@@ -31,7 +31,7 @@ _MOST_BY_BUDGET = 200
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bid:
-    """A vehicle's best path, given the promised paths of the other vehicles."""
+    """A vehicle's best path, given the paths that are promised to the other vehicles."""
 
     points_m: Points  # Points of the path in metres of the farm frame, float64[n, 2].
     value: float  # Expected value, in the policy's own measure.
@@ -48,14 +48,14 @@ Promised: TypeAlias = Mapping[int, Points]
 Bidder: TypeAlias = Callable[[VehicleReport, Promised], Bid | None]
 """Function that finds a vehicle's best path, given the promised paths of other vehicles."""
 Coordination: TypeAlias = Callable[[Sequence[VehicleReport], Promised, Bidder], dict[int, Points]]
-"""Function that returns new paths, given all current paths; vehicles without a new path keep theirs."""
+"""Function that returns new paths, given all current paths. A vehicle without a new path keeps its path."""
 
 
 def sequential(vehicles: Sequence[VehicleReport], present: Promised, bidder: Bidder) -> dict[int, Points]:
     """Let the vehicles choose in turn, given the new or current paths of all other vehicles.
 
-    If observing a cell again has no value, the result has at least half the value of the optimum (sequential
-    allocation: Singh et al. 2009; Fisher, Nemhauser and Wolsey 1978).
+    If a second observation of a cell has no value, the result has at least half of the optimal value
+    (sequential allocation: Singh et al. 2009; Fisher, Nemhauser and Wolsey 1978).
     """
     promised, chosen = dict(present), {}
     for vehicle in vehicles:
@@ -69,9 +69,9 @@ def auction(vehicles: Sequence[VehicleReport], present: Promised, bidder: Bidder
     """Assign paths in the order of `Bid.rate`, by repeated auctions.
 
     The vehicles first release their current paths. In each auction every vehicle without a new path bids, the
-    bid with the best rate wins, and its path is promised. Bids can only fall, so only a winning bid from an
-    earlier auction is recomputed (Minoux 1978). A vehicle without a bid keeps its path. The result has the
-    same bound as with `sequential`, but the order does not depend on the system ids.
+    bid with the best rate wins, and its path is promised. Bids can only fall, so a bid from an earlier
+    auction is computed again only if it would win (Minoux 1978). A vehicle without a bid keeps its path. The
+    result has the same bound as with `sequential`, but the order does not depend on the system ids.
     """
     bidding = {vehicle.system_id: vehicle for vehicle in vehicles}
     promised = {number: path for number, path in present.items() if number not in bidding}
@@ -114,7 +114,7 @@ def make_coordination(coordination: str | Coordination) -> Coordination:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RouteProblem:
-    """The search problem for one vehicle's route. Lengths are in cells of the planning grid."""
+    """Input of a search for a vehicle's route. Lengths are in cells of the planning grid."""
 
     vehicle: VehicleReport
     planning_grid: PlanningGrid
@@ -154,7 +154,7 @@ class Steering:
     def decide(self, observation: PolicyObservation, search: Search, reason: str) -> Decision:
         """Search for new routes of all steerable vehicles.
 
-        A vehicle without an affordable route keeps its path; at the start the vehicle stays on the ground.
+        A vehicle without an affordable route keeps its path, or stays on the ground at the start.
         """
         values = self.acquisition(observation)
         found: dict[int, list[Alternative]] = {}
@@ -240,17 +240,17 @@ class Steering:
 
 
 def _joined(maps: Mapping[PlanningGrid, ValueMap]) -> AcquisitionMap | None:
-    """Return the union of the maps on the planning grid of the first vehicle, or None without maps."""
+    """Return the maps of all vehicles joined into one map, or None if there are no maps."""
     if not maps:
         return None
     cell_m = next(iter(maps)).cell_m
-    # Maps with blocks of another size, of vehicles with another footprint, cannot be joined and are left out.
+    # Maps whose blocks differ from the first map's in size (other footprints) cannot be joined.
     alike = [values for grid, values in maps.items() if grid.cell_m == cell_m]
     return AcquisitionMap(alike[0] if len(alike) == 1 else np.maximum.reduce(alike), cell_m)
 
 
 def _pays_for_change(problem: RouteProblem, points_m: Points) -> bool:
-    """Return whether a new path gains more than the current path, at equal cost including the change."""
+    """Return whether a new path gains more value than the current path at the same cost, change included."""
     vehicle, cell_m = problem.vehicle, problem.planning_grid.cell_m
     price = vehicle.travel_cost.change(points_m)
     if price <= 0.0:
@@ -278,8 +278,8 @@ def _out_and_back(problem: RouteProblem, first: Route, search: Search, contact: 
 
     Beyond contact the vehicle cannot receive a new path, so it would fly home at the end of the route.
     Further routes are therefore appended until the way back is short compared with the route; the value that
-    earlier routes observe counts as 0. If there is no contact anywhere, routes are appended until the budget
-    is used up.
+    earlier routes observe does not count again. If there is no contact anywhere, routes are appended until
+    the budget is used up.
     """
     cell_m, costs = problem.planning_grid.cell_m, problem.costs
     route, left = Route(np.array([[problem.x, problem.y]]), 0.0), problem.values.copy()
@@ -324,7 +324,7 @@ def _nearest_in(contact: ContactArea, grid: PlanningGrid, corner: NDArray[np.flo
 def far_route(problem: RouteProblem) -> list[Route]:
     """Return the straight leg to the cell with the most value per distance; no route if all values are 0.
 
-    Searches of limited range use this leg if no value is left near the vehicle.
+    Policies whose search has a limited range use this leg if no value is left near the vehicle.
     """
     x, y = np.indices(problem.values.shape) + 0.5
     rates = problem.values / (np.hypot(x - problem.x, y - problem.y) + 1.0)
@@ -339,7 +339,7 @@ def most_payable(vehicle: VehicleReport) -> float:
 
 
 def affordable(vehicle: VehicleReport, points_m: Points) -> Points:
-    """Return the part of a path that the remaining budget allows; the part may be empty or end in a leg."""
+    """Return the first part of a path that the remaining budget allows; it may be empty or end amid a leg."""
     if not len(points_m):
         return points_m
     left = most_payable(vehicle)
@@ -360,7 +360,7 @@ def affordable(vehicle: VehicleReport, points_m: Points) -> Points:
 
 def _last_payable(paths: Sequence[Points], vehicle: VehicleReport) -> int | None:
     """Return the index of the last path that the remaining budget allows; None if there is no such path."""
-    # Paths are priced in groups from the last one, since pricing takes most of a decision near the end.
+    # Costs are predicted in small groups, from the last path on, because predictions take most of the time.
     left = most_payable(vehicle)
     for end in range(len(paths), 0, -_PRICED_TOGETHER):
         first = max(0, end - _PRICED_TOGETHER)

@@ -149,7 +149,7 @@ CLIENT_TABLE: Final[dict[tuple[ClientState, ClientInput], tuple[str, ClientState
 
 _TROUBLE = frozenset({wire.ERROR, wire.INVALID_SEQUENCE, wire.DENIED})
 MORE_OPENINGS = 3
-"""On a link that loses frames, the opening message is repeated more often by this factor."""
+"""Factor by which the opening message is repeated more often on a link that loses frames."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,7 +262,7 @@ class ClientTransfer(ABC):
         return NOTHING
 
     def next_deadline(self) -> float | None:
-        """Return the time of the next effective `poll`, or None before the start and after the end."""
+        """Return the time of the next `poll` that has an effect; None before the start and after the end."""
         if self._state is READY or self.done:
             return None
         return min(self._give_up_s(), self._retry_s())
@@ -275,7 +275,7 @@ class ClientTransfer(ABC):
         return self._step(_I.CANCEL, None, now_s)
 
     def statistics(self, now_s: float | None = None) -> TransferStatistics:
-        """Return the statistics; the duration of a running transfer counts up to ``now_s``."""
+        """Return the statistics; before the end of the transfer, the duration counts up to ``now_s``."""
         end_s = self._ended_s if self._ended_s is not None else now_s
         return TransferStatistics(
             self.mission_type,
@@ -296,7 +296,7 @@ class ClientTransfer(ABC):
 
     @abstractmethod
     def _complete(self, message: Any, now_s: float) -> Output:
-        """Return the output of a successful transfer; ``message`` completed the transfer."""
+        """Return the output of a successful transfer, which ``message`` completed."""
 
     @abstractmethod
     def _item_count(self) -> int:
@@ -320,7 +320,7 @@ class ClientTransfer(ABC):
         return self._opened_s + tries * each_s
 
     def _silence_s(self) -> float:
-        """Return the timeout for the next item: on a slow link long enough for twenty requests."""
+        """Return the timeout without a new item (s), on a slow link long enough for up to twenty requests."""
         timers = self.timers
         wait_s = self.round_trip.wait(timers.item_s, timers.floor_s, timers.reply_s)
         return max(timers.silence_s, min(20.0 * wait_s, 20.0 * timers.reply_s), 6.0 * wait_s)
@@ -348,7 +348,7 @@ class ClientTransfer(ABC):
     def _step(self, found: ClientInput, message: Message | None, now_s: float) -> Output:
         """Run the action of a row of the transition table (the method of that name) and change the state.
 
-        Each input has one message type, or None for a timer, so ``message`` has the type the action expects.
+        Each input has one message type (None for timers), so ``message`` has the type the action expects.
         """
         action, following = CLIENT_TABLE[self._state, found]
         output: Output = getattr(self, "_" + action.replace(" ", "_"))(message, now_s)
@@ -383,7 +383,7 @@ class ClientTransfer(ABC):
             self.round_trip.limit(now_s - self._opened_s)
 
     def _note_trouble(self, message: wire.AckMessage, now_s: float) -> Output:
-        """Store an error ACK; the timeout counts from the first error ACK, not from later ACKs."""
+        """Store an error ACK. The timeout counts from the first error ACK, not from later error ACKs."""
         self._trouble = (message.type, now_s if self._trouble is None else self._trouble[1])
         return NOTHING
 
@@ -399,7 +399,7 @@ class ClientTransfer(ABC):
         return self._failed(FailureReason.REFUSED, text, message.type, notify=False)
 
     def _fail_given_up(self, message: wire.AckMessage, now_s: float) -> Output:
-        """Fail as refused, and cancel; a vehicle that still expects items would refuse the next COUNT."""
+        """Fail as refused, and cancel, because a vehicle that still expects items refuses the next COUNT."""
         refused = self._fail_refused(message, now_s)
         return Output((wire.ack(self.target, wire.OPERATION_CANCELLED, self.mission_type),)) + refused
 

@@ -44,7 +44,7 @@ class MissionDownload(ClientTransfer):
         super().__init__(mission_type, **options)
         self.window = window if window is not None else 10 if self.profile.stateless_download else 1
         if self.window < 1:
-            msg = f"window {self.window}: at least one item must be asked for"
+            msg = f"window {self.window}: give 1 or more pending requests"
             raise LocalTransferError(msg)
         self._items: list[MissionItem | None] = []
         self._missing = 0
@@ -132,7 +132,7 @@ class MissionDownload(ClientTransfer):
         return Output((wire.ack(self.target, wire.ACCEPTED, self.mission_type),), (*events, complete))
 
     def _again_s(self, asked_s: float, times: int) -> float:
-        """Return the time at which to repeat the request for an item after ``times`` requests."""
+        """Return the time at which to request an item again that was requested ``times`` times."""
         copies, apart_s = self.round_trip.copies(self.profile.abort_s)
         if times % copies != 0:
             return asked_s + apart_s
@@ -164,7 +164,7 @@ class MissionDownload(ClientTransfer):
         return Output(tuple(self._ask(sequence, now_s, times + 1) for sequence, times in late))
 
     def _restart(self, message: None, now_s: float) -> Output:
-        """Restart the download with a new LIST, because the vehicle has ended the transfer."""
+        """Restart the download with a new LIST, because the vehicle seems to have ended the transfer."""
         self._restarts += 1
         self._asked, self._openings = {}, 0
         return self._repeat_opening(None, now_s)

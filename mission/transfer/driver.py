@@ -1,4 +1,4 @@
-"""Blocking driver that runs transfers over a real link, with a clock and a wait function."""
+"""Driver that runs transfers over a real link, and blocks until they end."""
 
 from __future__ import annotations
 
@@ -56,9 +56,9 @@ def wait_readable(link: Link, seconds: float) -> None:
 class TransferDriver(Closing):
     """Blocking transfers of plans with one vehicle.
 
-    While waiting, the driver sends a ground station heartbeat each second. Vehicles expect heartbeats, and a
-    vehicle does not know a ``udpout`` link before the first datagram. Ctrl-C also cancels the running
-    transfer on the vehicle.
+    While waiting, the driver sends a ground station heartbeat each second: vehicles expect heartbeats, and
+    know the address of a ``udpout`` link only after the first datagram. Ctrl-C also cancels the transfer in
+    progress on the vehicle.
 
     Parameters
     ----------
@@ -75,8 +75,8 @@ class TransferDriver(Closing):
     heartbeat : bool
         Whether to send ground station heartbeats; False if the link sends them.
     on_text : callable, optional
-        Called with each STATUSTEXT of the vehicle and the time. After a failure, the driver waits briefly for
-        a text.
+        Called with each STATUSTEXT of the vehicle and the time. If it is given, the driver waits briefly for
+        a text after a failure.
     """
 
     def __init__(
@@ -112,7 +112,7 @@ class TransferDriver(Closing):
     def wait_for_vehicle(
         self, timeout_s: float = 10.0, *, system_id: int | None = None, besides: Collection[int] = ()
     ) -> Vehicle:
-        """Wait for the heartbeat of autopilot ``system_id``; without it, of any autopilot not in ``besides``.
+        """Wait for a heartbeat of autopilot ``system_id`` (None: of any autopilot not in ``besides``).
 
         Raises NoVehicleError if no such heartbeat arrives in time, LinkError if the link fails.
         """
@@ -187,7 +187,7 @@ class TransferDriver(Closing):
     def _armed_now(self) -> bool:
         """Return whether a fresh heartbeat shows the vehicle armed; a silent vehicle counts as armed.
 
-        Messages queued on the link may be minutes old, for example after a question to the operator.
+        Heartbeats that wait on the link may be minutes old, for example after a question to the operator.
         """
         end_s = self._clock() + _BEAT_WAIT_S
         fresh = False
@@ -244,9 +244,9 @@ class TransferDriver(Closing):
     ) -> tuple[TransferStatistics, ...]:
         """Upload the plans of a mission in the form that the autopilot accepts (`render`), and verify them.
 
-        Fence and rally points are sent first, so the vehicle checks the new mission against the new fence.
-        PX4 would also check the old mission against the new fence. Therefore PX4's old mission is cleared
-        first, if a fresh heartbeat shows that the vehicle is disarmed.
+        Fence and rally points are sent first, so that the vehicle checks the new mission against the new
+        fence. PX4 would check its old mission against the new fence, too. Therefore PX4's old mission is
+        cleared before, if a fresh heartbeat shows that the vehicle is disarmed.
 
         Parameters
         ----------
@@ -260,7 +260,7 @@ class TransferDriver(Closing):
         Raises
         ------
         LocalTransferError
-            If a plan cannot be sent or would be refused by the autopilot. No message has been sent in that
+            If a plan cannot be sent, or the autopilot would refuse it. No message has been sent in that
             case.
         RemoteTransferError
             If the vehicle refuses, does not answer, or holds a different plan afterwards.

@@ -1,4 +1,4 @@
-"""Transfer interface, output of one step, events and exceptions of transfers.
+"""Interface of transfers, their output, their events and their exceptions.
 
 ::
 
@@ -33,7 +33,7 @@ class PlanState(Enum):
     """Plan on the vehicle after a failed upload.
 
     ``OLD``: the previous plan. ``UNKNOWN``: the previous or the new plan, since the final ACK may be lost. A
-    vehicle that overwrites items in place (ArduPilot) may hold items of both; a download shows which.
+    vehicle that overwrites items in place (ArduPilot) may hold items of both plans; a download shows which.
     """
 
     OLD = "old"
@@ -86,7 +86,7 @@ class ClearComplete(Event):
 
 @dataclass(frozen=True, slots=True)
 class UploadVerified(Event):
-    """Client: the plan was uploaded, and the plan read back from the vehicle is equal."""
+    """Client: the plan was uploaded, and the plan read back from the vehicle equals it."""
 
     count: int
 
@@ -131,7 +131,7 @@ class PlanReplaced(Event):
     changed : bool
         False if the new plan equals the previous plan, so the vehicle keeps its progress along the mission.
     start_sequence : int or None
-        Item marked as current, or None if no item was.
+        Item marked as current, or None if no item was marked.
     complete : bool
         False if the upload was aborted on a vehicle that overwrites its plan in place.
     """
@@ -168,7 +168,7 @@ class StatusText(Event):
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """Output of one step of a state machine: messages to send, in order, and events that happened."""
+    """Output of one step of a transfer: messages to send, in this order, and events that happened."""
 
     messages: tuple[Message, ...] = ()
     events: tuple[Event, ...] = ()
@@ -187,13 +187,13 @@ class TransferStatistics:
     Parameters
     ----------
     messages_sent, messages_received : int
-        Mission messages of this transfer.
+        Number of mission messages of this transfer.
     retries : int
-        Messages repeated after a timeout, repeated answers to requests, and restarts of the transfer.
+        Number of messages repeated after a timeout, repeated answers to requests, and restarts together.
     duration_s : float
         Time from start to end (s).
     verified : bool
-        Whether the plan read back from the vehicle is equal.
+        Whether the plan read back from the vehicle equals the plan sent.
     """
 
     mission_type: MissionType
@@ -206,7 +206,7 @@ class TransferStatistics:
 
 
 class Transfer(Protocol):
-    """Interface of uploads, downloads, clears and verified uploads; each ends with one completion event."""
+    """Interface of uploads, downloads, clears and verified uploads; each ends with completion or failure."""
 
     @property
     def done(self) -> bool:

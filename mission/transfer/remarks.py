@@ -17,7 +17,7 @@ _CIRCLES = frozenset({5003, 5004})
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """Remark on an item or a whole plan: a problem for an autopilot, or a change made for it.
+    """Remark on an item or a whole plan: a problem for an autopilot, or a change made for the autopilot.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class Remark:
     text : str
         Problem, or change that is made.
     fix : str
-        Accepted alternative, empty if the user need not change anything.
+        Alternative that the autopilot accepts, or empty if the user need not change anything.
     command : int or None
         MAV_CMD of the item.
     others : tuple of int
@@ -94,7 +94,7 @@ def area_remarks(mission: Mission, profile: Profile) -> list[Remark]:
 
 
 def _problems(items: tuple[MissionItem, ...], profile: Profile) -> list[tuple[int, str, str]]:
-    """Return item number, text and fix of each problem."""
+    """Return the item number, the text and the fix of each problem in a fence or rally plan."""
     allowed = profile.frames or GLOBAL_FRAMES
     found = []
     due = 0  # index of the next polygon's first corner
@@ -139,7 +139,7 @@ def count_remarks(
 
 
 def _room(profile: Profile, parameters: Mapping[str, float]) -> tuple[int, str, bool] | None:
-    """Return the limit of mission items, the reason of the limit, and whether it may be lower still."""
+    """Return the limit of mission items, its reason, and whether the actual limit may be lower."""
     card = profile.card
     if card is None or card.parameter not in parameters:
         return None
@@ -149,7 +149,7 @@ def _room(profile: Profile, parameters: Mapping[str, float]) -> tuple[int, str, 
 
 
 def longer_plan_fix(count: int, mission_type: MissionType, profile: Profile) -> str:
-    """Return advice for a plan with more items than the vehicle can store.
+    """Return advice for the user if a plan has more items than the vehicle can store.
 
     >>> from mission.autopilots import ARDUPILOT
     >>> longer_plan_fix(700, MissionType.MISSION, ARDUPILOT)
@@ -165,7 +165,7 @@ def longer_plan_fix(count: int, mission_type: MissionType, profile: Profile) -> 
 
 
 def frame_name(frame: int) -> str:
-    """Return number and name of a MAV_FRAME.
+    """Return the number and the name of a MAV_FRAME as text.
 
     >>> frame_name(10)
     '10 (GLOBAL_TERRAIN_ALT)'

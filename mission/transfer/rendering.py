@@ -35,7 +35,7 @@ class Rendered:
         Remarks in the order of plans and items, with the item numbers of the original plan. Equal remarks on
         several items are merged into one, on the first item.
     origins : tuple of int
-        Number of the original item for each item of ``mission.items``.
+        For each item of ``mission.items``, the number of the item in the original plan.
     """
 
     mission: Mission
@@ -48,11 +48,11 @@ class Rendered:
         return tuple(remark for remark in self.remarks if remark.severity is Severity.ERROR)
 
     def origins_of(self, kind: MissionType) -> tuple[int, ...]:
-        """Return the number of the original item for each item of a plan."""
+        """Return, for each item of a plan to send, the number of the item in the original plan."""
         return self.origins if kind is MissionType.MISSION else tuple(range(len(self.mission.plan(kind))))
 
     def index_of(self, item: int) -> int:
-        """Return the new number of an original item, or of the next item if that item was removed."""
+        """Return the new number of an item of the original plan, or of the next item if it was removed."""
         return bisect_left(self.origins, item)
 
 
@@ -79,7 +79,7 @@ def render(
     parameters : mapping of str to float, optional
         Known parameters of the vehicle.
     planned : mapping of str to float, optional
-        Parameter values that the plan assumes for unknown parameters.
+        Values that the plan assumes for parameters of the vehicle that are not known.
 
     Examples
     --------
@@ -115,9 +115,9 @@ def render(
 
 
 def refuse_errors(rendered: Rendered, *, arming: bool = True) -> None:
-    """Raise LocalTransferError with the first error remark, if any.
+    """Raise LocalTransferError with the first error remark, if there is one.
 
-    Without ``arming``, errors that only prevent arming (because of vehicle parameters) do not count.
+    If ``arming`` is false, errors that only prevent arming (because of vehicle parameters) do not count.
     """
     errors = [remark for remark in rendered.errors if arming or not remark.parameter]
     if errors:
@@ -168,7 +168,7 @@ class _Writer:
         return placed is None or unplaced is None or command in placed or command in unplaced
 
     def replace_unknown(self) -> None:
-        """Replace or remove unknown commands where that does not change the flight."""
+        """Replace or remove unknown commands for which a substitute is known; add errors for the others."""
         commands = {item.command for _, item in self.entries}
         unknown = {command for command in commands if not self._knows(command)}
         written = []
@@ -181,7 +181,7 @@ class _Writer:
             if made is not None:
                 written.append((number, made))
         self.entries = written
-        # Fold after substitution: the waypoint that receives the heading may itself be a substitute.
+        # Headings are converted after the substitution, because a substitute may be the next waypoint.
         turns = any(item.command == Command.CONDITION_YAW for _, item in self.entries)
         if turns and self._dialect.yaw_in_waypoints:
             self._fold_yaw()
@@ -193,7 +193,7 @@ class _Writer:
                 self._say(number, Severity.ERROR, text, fix)
             roi = item.command == Command.DO_SET_ROI and self._dialect.roi_modes is not None
             if roi and (item.param1 or 0.0) == _ROI_NONE:
-                # PX4 accepts DO_SET_ROI of mode 0 (none) only in this form.
+                # PX4 accepts DO_SET_ROI with mode 0 (none) only as DO_SET_ROI_NONE.
                 item = MissionItem(Command.DO_SET_ROI_NONE, autocontinue=item.autocontinue)
             written.append((number, item))
         self.entries = written
@@ -239,10 +239,10 @@ class _Writer:
                 here = before or self._position_after(k)
                 if here is None:
                     text = f"{self._profile.name} would fly to latitude 0, longitude 0"
-                    self._say(number, Severity.ERROR, text, "give it a position")
+                    self._say(number, Severity.ERROR, text, "give the item a position")
                     continue
                 text = f"{self._profile.name} would fly to latitude 0, longitude 0; "
-                text += f"sent as {here[0]:.7f}, {here[1]:.7f}, where the vehicle is then"
+                text += f"sent as {here[0]:.7f}, {here[1]:.7f}, the vehicle's position at this item"
                 self._say(number, Severity.WARNING, text)
                 item = replace(item, x=here[0], y=here[1])
                 self.entries[k] = (number, item)
@@ -296,11 +296,11 @@ class _Writer:
         without = frame == Frame.MISSION and profile.unplaced is not None
         if without and command not in (profile.unplaced or ()):
             fix = "give frame 3 (above home) or 0 (above sea level)"
-            return "a position has no place in frame 2 (MISSION)", fix
+            return "a position is not possible in frame 2 (MISSION)", fix
         if frame in GLOBAL_FRAMES and profile.placed is not None and command not in profile.placed:
             return (
                 f"{profile.name} takes this command only without a position",
-                "give it in frame 2 (MISSION)",
+                "give the command in frame 2 (MISSION)",
             )
         if profile.frames is not None and frame not in profile.frames and not without:
             fix = "give altitudes above home (frame 3) or above sea level (frame 0)"
@@ -348,7 +348,7 @@ class _Writer:
             text = f"{self._profile.name} does not stop after an item (autocontinue)"
             for number, item in self.entries:
                 if not item.autocontinue:
-                    self._say(number, Severity.WARNING, text, "use NAV_LOITER_UNLIM where it has to stay")
+                    self._say(number, Severity.WARNING, text, "use NAV_LOITER_UNLIM to stop the vehicle")
 
     def check_condition(
         self, condition: ArmingCondition, parameters: Mapping[str, float], planned: Mapping[str, float]
@@ -377,7 +377,7 @@ class _Writer:
 
 
 def _without_nan(item: MissionItem, profile: Profile) -> MissionItem:
-    """Return the item with default values for unset parameters that the autopilot refuses as NaN."""
+    """Return the item with default values for those unset parameters that must not be NaN."""
     allowed = (profile.nan_parameters or {}).get(item.command, frozenset())
     defaults = profile.dialect.defaults.get(item.command, {})
     unset: dict[str, Any] = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 _GAIN = 0.125  # Smoothing factor of TCP (RFC 6298).
-_SLOW = 1.1  # Shortest timeout, as a multiple of the round trip time.
+_SLOW = 1.1  # Shortest timeout, in round trip times.
 _FAILS = 0.01  # Accepted probability that all copies of a message are lost.
 _MOST_COPIES = 4  # Limits the extra traffic.
 _SURE_LOSS = 0.02  # A smaller measured loss may be due to chance.
@@ -61,7 +61,7 @@ class RoundTrip:
         return self.loss > _SURE_LOSS
 
     def wait(self, default_s: float, floor_s: float, most_s: float) -> float:
-        """Return the timeout of a message: four round trips between ``floor_s`` and ``most_s``.
+        """Return the timeout of a message: four round trips, but at least ``floor_s`` and at most ``most_s``.
 
         The timeout is never shorter than 1.1 round trips. If the round trip time is unknown, ``default_s`` is
         returned.
@@ -75,8 +75,8 @@ class RoundTrip:
         """Return the number of copies of a message to send per round trip, and their spacing (s).
 
         The peer aborts the transfer ``patience_s`` after the last new message. If the link loses frames and
-        too few repetitions fit into that time, several copies are sent per round trip. The copies, at most
-        four, are just enough that all are lost with a probability of at most 1 %.
+        too few repetitions fit into that time, several copies are sent per round trip: as few as possible, so
+        that all are lost with a probability of at most 1 %, and at most four.
 
         >>> trip = RoundTrip()
         >>> trip.sample(4.0)

@@ -51,7 +51,7 @@ _Sender = tuple[int, int]
 
 
 class _Refusal(NamedTuple):
-    """Answer to a message that has no other effect.
+    """Refusal of a message: an ACK or a STATUSTEXT, without any other effect.
 
     ``result`` returns the MAV_MISSION_RESULT to send, or None for no ACK. ``text`` is the STATUSTEXT sent
     with the ACK, ``silent_text`` the STATUSTEXT sent without an ACK.
@@ -60,7 +60,7 @@ class _Refusal(NamedTuple):
     result: Callable[[Profile], int | None]
     text: str = ""
     silent_text: str = ""
-    prefixed: bool = True  # whether the autopilot's prefix for commands precedes the text
+    prefixed: bool = True  # whether the text begins with the autopilot's prefix (`Profile.text_prefix`)
 
 
 def _always(result: int) -> Callable[[Profile], int]:
@@ -68,7 +68,7 @@ def _always(result: int) -> Callable[[Profile], int]:
 
 
 def _where_denied(result: int) -> Callable[[Profile], int | None]:
-    """Return ``result`` for an autopilot that sends DENIED while busy, or None if it sends only a text."""
+    """Return ``result`` for an autopilot that sends DENIED while busy; None for others, which send a text."""
     return lambda profile: int(result) if profile.busy_result == wire.DENIED else None
 
 
@@ -95,7 +95,7 @@ class MissionServer(ServerInputs):
     """Mission server of a vehicle: stores its three plans, and transfers them from and to ground stations.
 
     The server has no socket and no clock. The owner passes messages and the time, sends the messages of each
-    output, and calls `poll` at `next_deadline`. No received message makes the server raise. The rules are in
+    output, and calls `poll` at `next_deadline`. The server raises no error for any message. The rules are in
     `mission.transfer.server_session`; each action is a row of ``_REFUSALS`` or a method of the same name.
 
     Parameters
@@ -105,7 +105,7 @@ class MissionServer(ServerInputs):
     profile : Profile
         Autopilot to simulate: `PX4` (atomic, strict) or `ARDUPILOT` (in place, stateless download).
     capacity : mapping of MissionType to int, optional
-        Largest number of items per plan; default that of the profile.
+        Largest number of items per plan. Default: the capacity in the profile.
     validator : callable, optional
         Returns a MAV_MISSION_RESULT for each mission item, 0 to accept.
     home : GeoPoint, optional
@@ -166,7 +166,7 @@ class MissionServer(ServerInputs):
         return self._store.plan(mission_type)
 
     def live_plan(self, mission_type: MissionType) -> tuple[MissionItem, ...]:
-        """Return the plan that the vehicle would fly now, including items received in a running upload."""
+        """Return the plan that the vehicle would fly now, with received items that are already in effect."""
         session = self._session
         if session.state is not RECEIVING or session.type is not mission_type or self.profile.atomic:
             return self._store.plan(mission_type).items
@@ -228,7 +228,7 @@ class MissionServer(ServerInputs):
         return NOTHING
 
     def restart(self, now_s: float) -> Output:
-        """Discard the current transfer without a message, for a reboot of the vehicle; the plans remain."""
+        """End the transfer in progress without a message, as at a reboot of the vehicle; the plans remain."""
         if self._session.state is IDLE:
             return NOTHING
         return Output((), self._step(_I.ABORT, None, self._session.partner, now_s).events)
@@ -248,7 +248,7 @@ class MissionServer(ServerInputs):
     ) -> Output:
         """Run the action of a row of the transition table and change the state.
 
-        Each input has one message type, or None for a timer, so ``message`` has the type the action expects.
+        Each input has one message type (None for timers), so ``message`` has the type the action expects.
         """
         action, following = SERVER_TABLE[self._session.state, found]
         refusal = _REFUSALS.get(action)
@@ -421,7 +421,7 @@ class MissionServer(ServerInputs):
         return () if texts is None else (StatusText(self._session.type, _INFO, texts[self._session.type]),)
 
     def _merged(self) -> tuple[MissionItem, ...]:
-        """Return the stored plan, in which received items replace the old items of the same numbers."""
+        """Return the stored plan with the received items in place of the old items with the same numbers."""
         session = self._session
         came = tuple(session.items)
         if session.first or session.part or len(came) < session.count:

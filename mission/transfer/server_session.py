@@ -151,7 +151,7 @@ class StoredPlan:
 
 
 class PlanStore:
-    """Stores the vehicle's three plans; knows their capacities and their form on the wire."""
+    """Stores the vehicle's three plans, their capacities, and home, which may be item 0 on the wire."""
 
     def __init__(
         self,
@@ -163,7 +163,7 @@ class PlanStore:
         self.capacity = dict(zip(MissionType, profile.capacity, strict=True)) | dict(capacity or {})
         self._profile = profile
         self._plans = {kind: StoredPlan() for kind in MissionType}
-        # A cleared mission has no home item in a download.
+        # The download of a cleared mission has no home item.
         self._cleared = home is None
         self._with_home: tuple[tuple[MissionItem, ...], GeoPoint | None, tuple[MissionItem, ...]] | None = (
             None
@@ -202,7 +202,7 @@ class PlanStore:
         return self.capacity[mission_type] + self.home_items(mission_type)
 
     def wire_items(self, mission_type: MissionType) -> tuple[MissionItem, ...]:
-        """Return the items of a download."""
+        """Return the items that a download of the plan contains, with the home item if there is one."""
         items = self._plans[mission_type].items
         if not self.home_items(mission_type):
             return items
@@ -251,12 +251,12 @@ class ServerSession:
 
     @property
     def expected(self) -> int:
-        """Number of the item that the vehicle requests (upload)."""
+        """Upload: number of the item that the vehicle requests next."""
         return self.first + len(self.items)
 
     @property
     def all_sent(self) -> bool:
-        """Whether every item was requested (download)."""
+        """Download: whether every item was requested."""
         return self.next >= len(self.outgoing)
 
     def is_with(self, sender: tuple[int, int], mission_type: int) -> bool:
@@ -270,7 +270,7 @@ _POLYGON = frozenset({Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION, Command.NAV_FE
 
 
 class ServerInputs:
-    """Base class of the server that classifies messages as inputs of the transition table."""
+    """Base class of the server, which classifies messages as inputs of the transition table."""
 
     def __init__(self, profile: Profile, store: PlanStore, validator: Validator | None) -> None:
         self.profile = profile
@@ -425,7 +425,7 @@ class ServerInputs:
         return as_stored(item, self.profile), verdict
 
     def _item_of(self, message: wire.ItemMessage) -> MissionItem | None:
-        """Return the item of a message, or None if its numbers are invalid and the autopilot checks them."""
+        """Return the item of a message, or None if a number is invalid and the autopilot checks numbers."""
         try:
             return wire.item_from_message(message)
         except MissionError:

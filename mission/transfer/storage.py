@@ -19,7 +19,7 @@ _INT_FRAMES = {0: 5, 3: 6, 10: 11}
 
 
 class UncheckedItem(MissionItem):
-    """Item with invalid numbers, stored unchanged as in PX4; no vehicle can fly such an item."""
+    """Item with invalid numbers, which PX4 stores unchanged; no vehicle can fly such an item."""
 
     __slots__ = ()
 
@@ -43,7 +43,7 @@ class UncheckedItem(MissionItem):
 
 
 def validate_numbers(message: wire.ItemMessage, profile: Profile) -> int:
-    """Return the MAV_MISSION_RESULT for the parameters of a received item (some must not be NaN)."""
+    """Return the MAV_MISSION_RESULT for the parameters of a received item, some of which must not be NaN."""
     if profile.nan_parameters is None:
         return int(wire.ACCEPTED)
     allowed = profile.nan_parameters.get(message.command, frozenset())

@@ -46,7 +46,7 @@ whichever is longer."""
 
 @dataclass(slots=True)
 class _Answers:
-    """Times at which an item was first and last sent within a round trip, and the number of copies sent."""
+    """Copies of an item sent within a round trip: number of copies, times of the first and the last copy."""
 
     first_s: float
     last_s: float
@@ -62,15 +62,15 @@ def check_plan(items: Sequence[MissionItem], mission_type: MissionType) -> None:
     >>> check_plan([MissionItem(5100, 3, x=28.0, y=-82.0)], MissionType.MISSION)
     Traceback (most recent call last):
         ...
-    mission.transfer.events.LocalTransferError: item 1: command 5100 does not belong into a mission plan
+    mission.transfer.events.LocalTransferError: item 1: command 5100 does not belong in a mission plan
     """
     if len(items) >= wire.MAX_ITEMS:
-        msg = f"{len(items)} items: MAVLink counts to {wire.MAX_ITEMS}; send a shorter plan"
+        msg = f"{len(items)} items: MAVLink needs fewer than {wire.MAX_ITEMS}; send a shorter plan"
         raise LocalTransferError(msg)
     for sequence, item in enumerate(items):
         if plan_of(item.command) != mission_type:
             plan = mission_type.name.lower()
-            msg = f"item {sequence + 1}: command {item.command} does not belong into a {plan} plan"
+            msg = f"item {sequence + 1}: command {item.command} does not belong in a {plan} plan"
             raise LocalTransferError(msg)
 
 
@@ -162,7 +162,7 @@ class MissionUpload(ClientTransfer):
         return max(self.round_trip.known_s or 0.0, _SHORTEST_TRIP_S)
 
     def _was_lost(self, answers: _Answers, now_s: float) -> bool:
-        """Return whether a repeated request means that the item was lost, rather than still in transit."""
+        """Return whether a repeated request means that the item was lost, and is not still in transit."""
         if now_s >= answers.first_s + self._trip_s:
             return True
         copies, apart_s = self.round_trip.copies(self.profile.abort_s)
@@ -215,11 +215,11 @@ class MissionUpload(ClientTransfer):
         )
 
     def item_messages(self) -> list[wire.ItemMessage]:
-        """Return the item messages of the plan, for transports other than this transfer."""
+        """Return the item messages of the plan, for programs that send them in another way."""
         return [self._item_message(sequence) for sequence in range(len(self._wire))]
 
     def _repeat_item(self, message: None, now_s: float) -> Output:
-        """Repeat the last item: the item, or the vehicle's next request, was lost."""
+        """Repeat the last item, because the item or the vehicle's next request was lost."""
         self._retries += 1
         return self._item(self._last, now_s)
 
@@ -258,7 +258,7 @@ class MissionUpload(ClientTransfer):
     def _plan_state(self, reason: FailureReason, result: int | None) -> PlanState:
         if self._state is CONFIRMING or self._state is CLEARING:
             return PlanState.UNKNOWN
-        # A vehicle that overwrites in place truncates its plan at a smaller COUNT; its answer may be lost.
+        # At a smaller COUNT, a vehicle that overwrites in place truncates its plan; its answer may be lost.
         refused = reason is FailureReason.REFUSED and result != wire.OPERATION_CANCELLED
         untouched = not self._openings or (self._highest < 0 and refused)
         return PlanState.OLD if self.profile.atomic or untouched else PlanState.UNKNOWN
@@ -276,8 +276,7 @@ class MissionUpload(ClientTransfer):
             return super()._fail_refused(message, now_s)
         fix = longer_plan_fix(len(self.items), self.mission_type, self.profile)
         text = (
-            f"{self._what()} was refused: it has no space for {len(self._wire)} items (MAV_MISSION_NO_SPACE):"
-            f" {fix}"
+            f"{self._what()} was refused: no space for {len(self._wire)} items (MAV_MISSION_NO_SPACE): {fix}"
         )
         return self._failed(FailureReason.REFUSED, text, message.type, notify=False)
 
@@ -329,8 +328,8 @@ def gives_up_mission(
 ) -> bool:
     """Return whether to clear a vehicle's old mission before new plans of these types are uploaded.
 
-    True only for a disarmed vehicle that would check the old mission against the new fence. If the upload is
-    then aborted, the vehicle has no mission to fly.
+    This is necessary only for a disarmed vehicle that would check the old mission against the new fence. If
+    the upload is aborted afterwards, the vehicle has no mission to fly.
     """
     both = {MissionType.MISSION, MissionType.FENCE} <= set(kinds)
     return profile.checks_stored_mission and both and bool(mission.fence) and not armed

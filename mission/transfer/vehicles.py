@@ -47,7 +47,7 @@ def vehicle_of(message: Message) -> Vehicle | None:
 
 
 class VehicleSearch:
-    """Search for the vehicle ``system_id``, or else for the first vehicle that is not in ``besides``."""
+    """Search for the vehicle ``system_id`` (None: the first vehicle that is not in ``besides``)."""
 
     def __init__(self, system_id: int | None = None, besides: Collection[int] = ()) -> None:
         self.found: Vehicle | None = None
@@ -55,7 +55,7 @@ class VehicleSearch:
         self._wanted, self._besides = system_id, besides
 
     def take(self, message: Message) -> Vehicle | None:
-        """Handle a message; return the vehicle if the message is its first heartbeat."""
+        """Handle a message; return the vehicle that is searched for if this is its first heartbeat."""
         heard = None if self.found is not None else vehicle_of(message)
         if heard is None:
             return None
@@ -79,7 +79,7 @@ give the system id of a vehicle that was heard
         who = "no vehicle" if self._wanted is None else f"no vehicle with system id {self._wanted}"
         if self._wanted is None and self._besides:
             who = f"no vehicle besides system {', '.join(map(str, sorted(self._besides)))}"
-            return NoVehicleError(f"{link}: {who} was heard in {wait_s:g} s; start one, or fly fewer")
+            return NoVehicleError(f"{link}: {who} was heard in {wait_s:g} s; start it, or use fewer vehicles")
         text, advice = f"{link}: {who} was heard in {wait_s:g} s", "start the vehicle, or check the address"
         if self.others:
             text += ", only " + ", ".join(str(vehicle) for _, vehicle in sorted(self.others.items()))

@@ -10,8 +10,8 @@ The last ACK of an upload can be lost, and then the client cannot know whether t
   place (ArduPilot) refused an item; the text names the items that the vehicle holds.
 - `TransferFailed` with reason DIFFERENT: the plan read back differs from the plan that was sent.
 - `TransferFailed` with ``vehicle_plan`` UNKNOWN: the vehicle stopped answering after the last item or while
-  the plan was read back. A vehicle that overwrites in place may do so after the first message already, which
-  truncates the old plan.
+  the plan was read back; or, if it overwrites its plan in place, at any time after the first message, which
+  may truncate the old plan.
 """
 
 from __future__ import annotations
@@ -159,7 +159,7 @@ class VerifiedUpload:
     start_sequence : int, None, or callable
         Item to mark as current, or None for none. A callable is called for each attempt.
     readings : int
-        Number of downloads before a difference counts; an echo of an older transfer can spoil a download.
+        Number of downloads that must show a difference; an echo of an older transfer can spoil a download.
     send, read : callable
         Factories of the transfers, with the parameters of `MissionUpload` and `MissionDownload`.
     **options
@@ -230,7 +230,7 @@ class VerifiedUpload:
         return self._continue(self._part.poll(now_s), now_s)
 
     def next_deadline(self) -> float | None:
-        """Return the time of the next effective `poll`, or None before the start and after the end."""
+        """Return the time of the next `poll` that has an effect; None before the start and after the end."""
         return self._part.next_deadline()
 
     def cancel(self, now_s: float) -> Output:
@@ -255,7 +255,7 @@ class VerifiedUpload:
         )
 
     def _continue(self, output: Output, now_s: float) -> Output:
-        """Replace the last event of an ended upload or download by the output of the next step."""
+        """Begin the next step if an upload or download has ended; its output replaces their last event."""
         for event in output.events:
             if isinstance(event, Progress) and self._part is self._upload:
                 self._sent = event.done
@@ -314,8 +314,8 @@ class VerifiedUpload:
     def _is_given_up(self, failed: TransferFailed, now_s: float) -> bool:
         """Whether the vehicle aborted the upload and a retry makes sense.
 
-        PX4 sends the same result for an invalid item, but refuses such an item twice without repeated
-        messages.
+        PX4 sends the same result for an invalid item. The item counts as invalid if PX4 refuses it twice in
+        uploads without repeated messages.
         """
         # A vehicle sends ERROR before the first item if it is busy.
         gave_up = failed.result == wire.OPERATION_CANCELLED or (failed.result == wire.ERROR and self._sent)
@@ -377,13 +377,13 @@ class VerifiedUpload:
         return Output(events=(failed,))
 
     def _refused(self, refusal: TransferFailed, received: DownloadComplete) -> Output:
-        """Fail with the vehicle's refusal, and add the plan that the vehicle holds now to the text."""
+        """Fail with the vehicle's refusal; the text also tells which plan the vehicle holds now."""
         text = f"{refusal.text}; {_held_text(self.items, received.items, self._profile)}"
         return Output(events=(replace(refusal, text=text),))
 
 
 def _held_text(sent: Sequence[MissionItem], held: Sequence[MissionItem], profile: Profile) -> str:
-    """Describe the plan of a vehicle that overwrites items in place, after a refusal."""
+    """Return a text about the plan that a vehicle holds after a refusal, if it overwrites items in place."""
     new = 0
     for sent_item, held_item in zip(sent, held, strict=False):
         if compare_plans((sent_item,), (held_item,), profile):
@@ -396,9 +396,9 @@ def _held_text(sent: Sequence[MissionItem], held: Sequence[MissionItem], profile
 
 
 class TransferMaker(NamedTuple):
-    """Factory of verified uploads and of downloads.
+    """Factories of verified uploads and of downloads.
 
-    Takes the parameters of `VerifiedUpload` and `MissionDownload`; a factory ignores unsupported options.
+    They take the parameters of `VerifiedUpload` and `MissionDownload`; unsupported options are ignored.
     """
 
     upload: Callable[..., VerifiedUpload]

@@ -83,11 +83,11 @@ OPERATION_CANCELLED = mavlink.MAV_MISSION_OPERATION_CANCELLED
 
 _MEANINGS = {
     ACCEPTED: "accepted",
-    ERROR: "it reports an error; it may be busy with another transfer, try again",
-    UNSUPPORTED_FRAME: "it does not support the item's coordinate frame; use relative altitudes",
-    UNSUPPORTED: "it does not support the item's command or this kind of plan",
-    NO_SPACE: "it has no space for so many items; send a shorter plan",
-    INVALID: "it finds a value or the kind of plan invalid",
+    ERROR: "error, perhaps because of another transfer; try again",
+    UNSUPPORTED_FRAME: "the item's coordinate frame is not supported; use relative altitudes",
+    UNSUPPORTED: "the item's command or this kind of plan is not supported",
+    NO_SPACE: "no space for so many items; send a shorter plan",
+    INVALID: "a value or the kind of plan is invalid",
     6: "parameter 1 of an item is invalid",
     7: "parameter 2 of an item is invalid",
     8: "parameter 3 of an item is invalid",
@@ -96,8 +96,8 @@ _MEANINGS = {
     11: "the longitude (y, parameter 6) of an item is invalid",
     12: "the altitude (z, parameter 7) of an item is invalid",
     INVALID_SEQUENCE: "an item came out of order",
-    DENIED: "it takes no commands from here; another ground station may be transferring",
-    OPERATION_CANCELLED: "it broke the transfer off",
+    DENIED: "commands from here are not accepted; another ground station may be transferring",
+    OPERATION_CANCELLED: "the transfer was cancelled",
 }
 
 
@@ -152,7 +152,7 @@ def result_text(result: int) -> str:
     'an item came out of order (MAV_MISSION_INVALID_SEQUENCE)'
     """
     name = enum_name("MAV_MISSION_RESULT", result, f"result {result}")
-    return f"{_MEANINGS.get(result, 'it answers with an unknown result')} ({name})"
+    return f"{_MEANINGS.get(result, 'unknown result')} ({name})"
 
 
 def command_name(command: int) -> str:
@@ -322,7 +322,7 @@ def home_items(home: GeoPoint) -> tuple[MissionItem]:
 def to_wire_order(
     items: tuple[MissionItem, ...], mission_type: MissionType, profile: Profile, home: GeoPoint | None = None
 ) -> tuple[MissionItem, ...]:
-    """Return the items as the autopilot numbers them: some have home as item 0, which shifts jump targets."""
+    """Return the items in the autopilot's numbering, which may have home as item 0 and shift jump targets."""
     if not profile.home_at_zero or mission_type != MissionType.MISSION or not items:
         return items
     first = home_items(GeoPoint(0.0, 0.0, 0.0) if home is None else home)
@@ -332,7 +332,7 @@ def to_wire_order(
 def from_wire_order(
     items: tuple[MissionItem, ...], mission_type: MissionType, profile: Profile
 ) -> tuple[tuple[MissionItem, ...], GeoPoint | None]:
-    """Return the items without home, and home (or None), from the autopilot's numbering (`to_wire_order`)."""
+    """Return the items without home, and home (or None), from items in the autopilot's numbering."""
     if not profile.home_at_zero or mission_type != MissionType.MISSION or not items:
         return items, None
     home = GeoPoint(items[0].x, items[0].y, items[0].z) if items[0].has_position else None

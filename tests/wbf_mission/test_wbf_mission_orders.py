@@ -182,7 +182,7 @@ def test_a_simulated_vehicle_holds_goes_on_and_finishes_its_mission(autopilot):
 def test_a_simulated_vehicle_comes_down_when_it_is_told_to(order, autopilot):
     result = Watcher((at_item(3), order, "")).fly(autopilot=autopilot)
     assert result.outcome is Outcome.INTERRUPTED
-    assert result.reason == f"the operator ordered it to {order}"
+    assert result.reason == f"the operator ordered the vehicle to {order}"
     assert len(result.observations), "what was seen until then is kept"
 
 

@@ -319,7 +319,7 @@ def test_a_survey_beyond_a_battery_is_planned_with_an_unlimited_budget() -> None
     assert whole.batteries >= 1
     assert whole.spacing_m == 200.0
     small = {"farm": "waterberry", "planner": "survey:spacing_m=40,angle=0"}
-    with pytest.raises(PlanningError, match="with an unlimited budget it is planned for several flights"):
+    with pytest.raises(PlanningError, match="the survey is planned for several flights"):
         plan(Scenario(**small))
     with pytest.raises(ScenarioError, match="planner spiral uses up any budget"):
         Scenario(planner="spiral", budget="unlimited")

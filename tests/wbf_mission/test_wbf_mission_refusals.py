@@ -98,10 +98,7 @@ def test_a_mission_for_which_there_is_no_room_is_refused_before_it_is_sent(tmp_p
         # Some boards have room without a card, so that it is asked: by the number of items alone.
         assert upload(path, mission, url) == 5
         err = capsys.readouterr().err.splitlines()[-1]
-        assert (
-            "it has no space for 701 items (MAV_MISSION_NO_SPACE): set BRD_SD_MISSION to 11 and restart"
-            in err
-        )
+        assert "no space for 701 items (MAV_MISSION_NO_SPACE): set BRD_SD_MISSION to 11 and restart" in err
         assert err.endswith("the vehicle says: Only 650 items are supported")
         set_card(made, 10.0)
         assert upload(path, mission, url) == 2

@@ -54,7 +54,7 @@ class Field:
 
     @property
     def size(self) -> int:
-        """Size of one element (bytes), which decides the order of the fields on the wire."""
+        """Size of one element (bytes); on the wire, fields are ordered by this size."""
         return struct.calcsize(_CODES[self.kind])
 
     @property
@@ -140,7 +140,7 @@ def _wire_order(fields: tuple[Field, ...]) -> tuple[Field, ...]:
 
 
 def crc_extra(definition: Definition) -> int:
-    """Return CRC_EXTRA, the checksum byte that differs between incompatible definitions of a message.
+    """Return CRC_EXTRA, a checksum of a message's definition; incompatible definitions have other values.
 
     >>> crc_extra(Definition.of(0, "HEARTBEAT", "uint8_t type", "uint8_t autopilot", "uint8_t base_mode",
     ...     "uint32_t custom_mode", "uint8_t system_status", "uint8_t mavlink_version"))

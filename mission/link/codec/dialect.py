@@ -13,7 +13,7 @@ from mission.link.codec.additions import extend
 
 
 class _Header:
-    """Descriptor of ``_header``: builds a message's header from its frame on first access, and caches it."""
+    """Attribute ``_header`` of messages: built from the frame on first access, then cached."""
 
     def __init__(self, header_type: Any) -> None:
         self._type = header_type
@@ -34,9 +34,9 @@ class _Header:
 def lighten(dialect: Any) -> None:
     """Make the messages of a generated dialect build their headers on first access.
 
-    pymavlink creates a header object and eight frame attributes with each message. `FrameWriter` does not
-    need these objects, and the headers of most received messages are never read. Creating a message without a
-    header takes little more than half the time. The values of the attributes do not change.
+    pymavlink creates a header object and eight frame attributes for each message. `FrameWriter` does not need
+    them, and the headers of most received messages are never read. Without a header, a message is created in
+    little more than half the time. The values of the attributes stay the same.
     """
     base = dialect.MAVLink_message
     if isinstance(vars(base).get("_header"), _Header):

@@ -198,8 +198,7 @@ class SourceStatistics:
 class FrameReader:
     """Decoder that finds the frames in a byte stream or in datagrams.
 
-    Bytes outside valid frames are skipped. Whatever the input, the reader never raises and buffers less than
-    one frame.
+    Bytes outside valid frames are skipped. No input makes the reader raise an error or buffer a whole frame.
 
     Parameters
     ----------
@@ -288,7 +287,7 @@ class FrameReader:
         number = data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16 if newer else data[at + 5]
         kind = _KINDS[number]
         if kind is None:
-            # Without CRC_EXTRA the checksum cannot be verified, so any further data must begin with a frame.
+            # Without CRC_EXTRA the checksum cannot be verified; instead, a frame must follow, or the end.
             if after < len(data) and data[after] not in (_V1, _V2):
                 return False
             self.unknown += 1
@@ -329,7 +328,7 @@ class FrameReader:
 def decode_frame(frame: bytes) -> Message | None:
     """Return the message of a complete frame without checking the checksum.
 
-    The frame must come from a `FrameWriter` or the tap of a `FrameReader`, or be checked by
+    The frame must come from a `FrameWriter` or the tap of a `FrameReader`, or must have passed
     `valid_frame_end`. The result is None if the dialect lacks the message or the codec refuses the payload.
 
     >>> frame = FrameWriter(1, 1).encode(mavlink.MAVLink_mission_ack_message(255, 190, 0))
@@ -359,7 +358,7 @@ def _decode(frame: bytes, kind: _Kind, codec: Any) -> Message | None:
 
 
 def _frame_end(data: bytes, at: int) -> int:
-    """Return the end index of the frame at ``at``: 0 if it is no frame, past the data if incomplete."""
+    """Return the index after the frame at ``at``, beyond the data if it is incomplete, or 0 if it is none."""
     end = len(data)
     if data[at] == _V1:
         return at + _V1_OVERHEAD + data[at + 1] if at + 1 < end else end + 1
@@ -372,7 +371,7 @@ def _frame_end(data: bytes, at: int) -> int:
 
 
 def valid_frame_end(data: bytes, at: int = 0) -> int:
-    """Return the end index of the frame at ``at``; 0 if it is incomplete, unknown, or damaged."""
+    """Return the index after the valid frame at ``at``; 0 if a frame is incomplete, unknown or damaged."""
     if at >= len(data) or data[at] not in (_V1, _V2):
         return 0
     after = _frame_end(data, at)

@@ -45,7 +45,7 @@ def key_from_text(text: str) -> bytes:
     """
     text = text.strip()
     if not text:
-        msg = "signing key: it is empty; give 64 hexadecimal digits or a phrase"
+        msg = "signing key: the text is empty; give 64 hexadecimal digits or a passphrase"
         raise LinkError(msg)
     if len(text) == 2 * KEY_BYTES:
         try:

@@ -154,7 +154,7 @@ def test_a_structure_that_turns_the_other_way_is_flown_around_too():
         (SCAN, {"version": 2}, "StructureScan of version 2, not 3; save it with QGroundControl 4"),
         (SCAN, {"CameraCalc": None}, "CameraCalc is missing"),
         (SCAN, {"CameraCalc": {}}, "AdjustedFootprintSide is missing"),
-        (SCAN, {"Layers": 0}, "Layers 0 of AdjustedFootprintFrontal 10; give numbers above 0"),
+        (SCAN, {"Layers": 0}, "Layers is 0, AdjustedFootprintFrontal is 10; give numbers above 0"),
         (SCAN, {"Layers": 1e12}, "more than 65535 items"),
         (SCAN, {"polygon": [[1, 2], [3, 4]]}, "polygon has 2 vertices"),
         (SCAN, {"polygon": [[1, 2], [3, 400], [5, 6]]}, "polygon, vertex 2: longitude 400"),

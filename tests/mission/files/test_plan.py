@@ -226,11 +226,11 @@ def vertex(command=5001, count=3.0):
 @pytest.mark.parametrize(
     ("fence", "part"),
     [
-        ([vertex()] * 2, "fence item 1: a polygon of 3 vertices, but 2"),
-        ([vertex(), vertex(), vertex(5002)], "but 2 of them"),
+        ([vertex()] * 2, "fence item 1: a polygon of 3 vertices, but only 2"),
+        ([vertex(), vertex(), vertex(5002)], "but only 2"),
         ([vertex(count=2.0)] * 2, "param1 is 2.0"),
         ([vertex(count=None)] * 3, "param1 is None"),
-        ([vertex(count=1e30)] * 3, "but 3 of them"),
+        ([vertex(count=1e30)] * 3, "but only 3 are listed"),
         ([vertex(5003, 0.0)], "radius 0.0"),
         ([vertex(5003, None)], "radius None"),
         ([vertex(16)], "command 16 is not a fence command"),
@@ -268,10 +268,10 @@ ITEM = ("mission", "items", 0)
     [
         (("fileType",), "Parameters", 'fileType "Parameters", not a QGroundControl plan'),
         (("fileType",), KeyError, "not a QGroundControl plan"),
-        (("version",), 2, "version is 2, only 1"),
+        (("version",), 2, "version is 2, but must be 1"),
         (("mission",), KeyError, "mission"),
         (("mission",), [], "mission: it is a list; give a table of names and values"),
-        (("mission", "version"), 1, "mission, version is 1, only 2"),
+        (("mission", "version"), 1, "mission, version is 1, but must be 2"),
         (("mission", "items"), KeyError, "items"),
         (("mission", "items"), {}, "mission, items: it is a table of names and values; give a list"),
         (("mission", "plannedHomePosition"), [91, 0, 0], "plannedHomePosition: home: point: latitude 91"),
@@ -352,5 +352,5 @@ def test_too_many_items():
 
 def test_too_large_a_fence():
     text = json.dumps(document() | {"geoFence": {"polygons": [{"polygon": ["VERTICES"]}]}})
-    with pytest.raises(MissionFileError, match="geoFence: 9 MiB, at most 8"):
+    with pytest.raises(MissionFileError, match="geoFence: 9 MiB, but at most 8"):
         plan.loads(text.replace('"VERTICES"', ",".join(["[1,2]"] * 1_572_864)).encode())

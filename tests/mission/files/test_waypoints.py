@@ -187,7 +187,7 @@ def test_too_many_rows(monkeypatch):
         monkeypatch.setattr(f"{module}.MAX_ITEMS", 20)
     row = "5 0 2 20 0 0 0 0 0 0 0 1\n"
     assert len(read(HOME, row * 20).items) == 20
-    for text, says in ((HOME + row * 21, "more than 20 items"), (row * 21, "can number 20;")):
+    for text, says in ((HOME + row * 21, "more than 20 items"), (row * 21, "the maximum is 20;")):
         with pytest.raises(MissionFileError, match=says):
             read(text)
 

@@ -410,7 +410,7 @@ def test_a_failsafe_that_is_not_told_of_or_stays_as_it_is_is_missing():
     assert stubborn.receive(told("FS_OPTIONS", 18.0)) == []
     [setting] = stubborn.receive(told("FS_GCS_ENABLE", 0.0))
     assert setting.get_type() == "PARAM_SET" and setting.param_value == 1.0
-    assert stubborn.receive(told("FS_GCS_ENABLE", 0.0)) == [] and "stays 0, 1 is needed" in stubborn.refused
+    assert stubborn.receive(told("FS_GCS_ENABLE", 0.0)) == [] and "stays 0, but must be 1" in stubborn.refused
     # Asked for again with the next change.
     [again] = stubborn.begin(10.0)
     assert again.get_type() == "PARAM_REQUEST_READ" and not stubborn.refused
@@ -514,7 +514,7 @@ def test_a_change_that_the_vehicle_gives_up_is_sent_anew(autopilot, after):
     assert flight.misses(NEW) < 2.5
     told = [text for _, _, text in flight.station.texts if text.startswith("change not accepted")]
     if autopilot == "px4":
-        assert told == ["change not accepted, the old path is flown, trying again"]
+        assert told == ["change not accepted, the vehicle flies the old path, trying again"]
     else:
         assert len(told) <= 1
     assert record.retries >= max(1, len(told))
@@ -535,7 +535,7 @@ def test_a_mission_that_cannot_be_put_back_is_flown_home_from():
     flight.fly()
     [record] = flight.station.changes
     assert record.outcome is ChangeOutcome.GIVEN_UP
-    assert "could not be put back: it returns home" in record.text
+    assert "could not be restored: the vehicle returns home" in record.text
     assert flight.lists == {keys(planned())}
     assert flight.modes[-1][1] is Mode.RTL
     check_safe(flight)

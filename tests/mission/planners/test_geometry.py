@@ -233,7 +233,7 @@ def test_a_budget_that_is_too_small_tells_also_what_the_vehicle_cannot_fly():
     with pytest.raises(PlanningError) as caught:
         make_planner("lawnmower")(PlanningRequest(area, (0, 0), Empties(40.0, flown=50.0)))
     told = "budget of 40 m is too small: lawnmower with 2 rows needs at least 50.1 m with approach and return"
-    assert str(caught.value) == f"{told}; the vehicle cannot fly it: the wings fall off after 50 m"
+    assert str(caught.value) == f"{told}; the vehicle cannot fly this path: the wings fall off after 50 m"
 
 
 @pytest.mark.parametrize("name", ["lawnmower", "spiral", "random-waypoint"])

@@ -196,7 +196,7 @@ def test_misuse_is_a_local_error():
         start(start(MissionDownload()))
     with pytest.raises(LocalTransferError, match="send a shorter plan"):
         check_plan([A] * 65535, MISSION)
-    with pytest.raises(LocalTransferError, match="item 2: command 16 does not belong into a fence plan"):
+    with pytest.raises(LocalTransferError, match="item 2: command 16 does not belong in a fence plan"):
         MissionUpload((MissionItem(5003, 3, 5.0), A), FENCE)
     with pytest.raises(LocalTransferError, match="window"):
         MissionDownload(window=0)

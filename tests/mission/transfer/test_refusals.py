@@ -85,7 +85,7 @@ def test_a_plan_that_is_too_long_is_refused_before_any_item():
     assert failed.result == mavlink.MAV_MISSION_NO_SPACE
     assert failed.item is None
     assert failed.text == (
-        "upload of the mission was refused: it has no space for 9 items (MAV_MISSION_NO_SPACE):"
+        "upload of the mission was refused: no space for 9 items (MAV_MISSION_NO_SPACE):"
         " set BRD_SD_MISSION to 1 and restart the vehicle, or fly the mission in parts"
     )
     assert [text.text for text in texts] == ["Only 6 items are supported"]

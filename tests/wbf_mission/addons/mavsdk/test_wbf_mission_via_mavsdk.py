@@ -347,7 +347,7 @@ def test_the_operator_orders_a_return_by_mavsdk():
         result = fly(scenario(), by=LiveLink(url, operator, via=via_named("mavsdk")))
         assert not made.vehicle.pilot.armed
     assert result.outcome is Outcome.INTERRUPTED
-    assert result.reason == "the operator ordered it to return"
+    assert result.reason == "the operator ordered the vehicle to return"
 
 
 @pytest.mark.slow

@@ -154,7 +154,7 @@ def test_the_operator_ends_the_mission(quick_stand_in):
         result = fly(scenario(budget="150s"), by=LiveLink(url, watcher))
     assert watcher.acted
     assert result.outcome is Outcome.INTERRUPTED
-    assert result.reason == "the operator ordered it to land"
+    assert result.reason == "the operator ordered the vehicle to land"
     assert 0 < len(result.observations) < 90
 
 
@@ -306,7 +306,7 @@ def test_at_the_terminal_all_are_asked_for_and_one_comes_back(quick_stand_in, tm
     assert flights[1]["outcome"] == "completed"
     assert (flights[2]["outcome"], flights[2]["reason"]) == (
         "interrupted",
-        "the operator ordered it to return",
+        "the operator ordered the vehicle to return",
     )
     assert (code, summary["outcome"]) == (130, "interrupted")
     assert "vehicle 2 returns (mode RTL)" in shown

@@ -163,10 +163,10 @@ def plan_for_batteries(
             sorties = cut(whole) if whole.is_too_long else None
         except UncutError as error:
             raise ScenarioError(f"budget {text}: no number is enough for the survey: {error}") from error
-        needed = 1 if sorties is None else len(sorties.sorties)
-        if needed > count:
+        takes = 1 if sorties is None else len(sorties.sorties)
+        if takes > count:
             msg = (
-                f"budget {text}: {needed} are needed for the survey; give {needed} batteries, or rows that"
+                f"budget {text}: {takes} are needed for the survey; give {takes} batteries, or rows that"
                 " are farther apart"
             )
             raise ScenarioError(msg)

@@ -343,7 +343,10 @@ def check_degrees(longitude_deg: float, latitude_deg: float, where: str) -> None
         msg = f"{where}: latitude {latitude_deg:g} is outside -90..90; positions are [longitude, latitude]"
         raise FarmError(msg)
     if abs(longitude_deg) > 180.0:
-        raise FarmError(f"{where}: longitude {longitude_deg:g} is outside -180..180")
+        msg = f"{where}: longitude {longitude_deg:g} is outside -180..180"
+        if abs(longitude_deg) <= 360.0:  # Some GIS programs count on across the date line
+            msg += f"; write it as {longitude_deg - math.copysign(360.0, longitude_deg):g}"
+        raise FarmError(msg)
     if abs(latitude_deg) > MAX_LATITUDE_DEG:
         raise FarmError(
             f"{where}: nothing grows at latitude {latitude_deg:g}; "

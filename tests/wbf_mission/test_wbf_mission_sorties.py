@@ -12,7 +12,7 @@ from sweeps import slow
 from geo import Obstacle, get_farm, save_farm
 from mission.course import Course, Place
 from mission.files import read_mission, write_mission
-from mission.model import GeoPoint, MissionItem
+from mission.model import GeoPoint, Mission, MissionItem
 from mission.outcome import Outcome
 from sim_vehicle.prediction.predict import predict_flight
 from wbf_mission import Scenario, Simulated, fly, load_result
@@ -21,7 +21,7 @@ from wbf_mission.cli.app import main
 from wbf_mission.events import EventStream
 from wbf_mission.planning import MissionBuilder
 from wbf_mission.planning.coverage import image_places
-from wbf_mission.planning.sorties import SortieCosts, cut_plan, overlap_of, sorties_of
+from wbf_mission.planning.sorties import SortieCosts, UncutError, cut_plan, overlap_of, sorties_of
 from wbf_mission.preflight.run import check_plans
 from wbf_mission.run.plan import plan
 
@@ -147,10 +147,43 @@ def test_nothing_is_cut_that_no_battery_is_enough_for(small, calm):
             *whole.mission.items[-2:],
         ),
     )
-    assert sorties_of(replace(whole, mission=far), one) is None
-    assert (
-        sorties_of(plan(scenario("ideal", budget="300steps")), scenario("ideal", budget="300steps")) is None
+    with pytest.raises(UncutError, match="no sorties: the vehicle cannot fly the mission"):
+        sorties_of(replace(whole, mission=far), one)
+    ideal = scenario("ideal", budget="300steps")
+    with pytest.raises(UncutError, match="vehicle ideal has no battery"):
+        sorties_of(plan(ideal), ideal)
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--vehicle", "quad", "--home", "28.5,-82.1"], "--home 28.5,-82.1: no sorties: to fly 51"),
+        (["--vehicle", "ideal", "--resume", "3"], "--resume 3: vehicle ideal has no battery"),
+    ],
+)
+def test_another_start_that_cannot_be_flown_is_an_error(tmp_path, capsys, options, reason):
+    rows, out = tmp_path / "rows.plan", tmp_path / "new.plan"
+    assert main(["plan", "--farm", "miniberry-10", "--budget", "2min", "--out", str(rows)]) == 0
+    farm = ["--farm", "miniberry-10", "--mission", str(rows)]
+    assert main(["plan", *farm, *options, "--out", str(out)]) == 2
+    assert reason in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_a_mission_that_cannot_be_cut_says_why(small, tmp_path, capsys):
+    far = tmp_path / "far.plan"
+    items = (
+        MissionItem(22, 3, z=10.0),
+        MissionItem.waypoint(28.06, -82.15, 10.0),
+        MissionItem.waypoint(28.061, -82.15, 10.0),
+        MissionItem(20, 2),
     )
+    write_mission(Mission(items, home=GeoPoint(28.038, -82.15, 30.0)), far)
+    out = tmp_path / "out.plan"
+    farm = ["--farm", "miniberry-10", "--vehicle", str(small)]
+    assert main(["plan", *farm, "--mission", str(far), "--out", str(out)]) == 2
+    assert "warning: no sorties: to fly " in capsys.readouterr().err
+    assert not out.exists()
 
 
 def test_obstacles_are_flown_round_on_the_ways(small, tmp_path):

@@ -135,7 +135,7 @@ class SortieOptions:
     def cut(self, whole: PlanResult, vehicle: SingleVehicle) -> SortiePlan | None:
         """Cut a vehicle's mission into sorties; return None if the mission stays whole.
 
-        Raise WbfMissionError if the mission cannot be resumed.
+        Raise WbfMissionError if the mission cannot be cut, or cannot be resumed.
         """
         from wbf_mission.planning.sorties import sorties_of
 
@@ -155,6 +155,25 @@ class SortieOptions:
             overlap_m=self.overlap,
             change_s=self.change_time,
         )
+
+    def cut_or_warn(self, whole: PlanResult, vehicle: SingleVehicle, output: Output) -> SortiePlan | None:
+        """Cut a vehicle's mission as `cut` does, but warn if a mission stays whole that cannot be cut.
+
+        Raise ScenarioError if options ask for another start or end than the whole mission has.
+        """
+        from wbf_mission.planning.sorties import UncutError
+
+        try:
+            return self.cut(whole, vehicle)
+        except UncutError as error:
+            if self.resume is not None:
+                msg = f"--resume {self.resume}: {error}"
+            elif self.home:
+                msg = f"--home {' '.join(self.home)}: {error}"
+            else:
+                output.warn(str(error))
+                return None
+            raise ScenarioError(msg) from error
 
 
 @options.scenario_options(
@@ -222,7 +241,10 @@ def plan_command(
         vehicles = single_vehicles(chosen)
         if batteries is None:
             results = plan_fleet(chosen, progress=progress)
-            cuts = [sorties.cut(result, vehicle) for result, vehicle in zip(results, vehicles, strict=True)]
+            cuts = [
+                sorties.cut_or_warn(result, vehicle, output)
+                for result, vehicle in zip(results, vehicles, strict=True)
+            ]
         else:
             whole, cut = plan_for_batteries(
                 chosen, batteries, lambda whole: sorties.cut(whole, vehicles[0]), progress=progress

@@ -10,7 +10,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from geo.texts import distance
 from mission.course import Course, Place, unrolled
+from mission.errors import PlanningError
 from mission.model import GeoPoint, Mission
 from mission.planners.path import Points
 from mission.sorties import Way, image_spacing_m, part_of, resumed_at
@@ -27,6 +29,7 @@ __all__ = [
     "PlannedSortie",
     "SortieCosts",
     "SortiePlan",
+    "UncutError",
     "cut_plan",
     "overlap_of",
     "rest_of",
@@ -46,6 +49,10 @@ _CLOSEST_M = 5.0
 # Least saving (s) for which a leg is cut, because images of one row are better taken in one flight.
 _MIDST_S = 1.0
 _MOST_SORTIES = 200
+
+
+class UncutError(PlanningError):
+    """A mission that cannot be cut into sorties, with the reason: no number of batteries is enough."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +148,7 @@ def cut_plan(
     overlap_m: float | None = None,
     change_s: float = CHANGE_S,
     full: float = 1.0,
-) -> SortiePlan | None:
+) -> SortiePlan:
     """Cut a mission into as few sorties as batteries allow; of such cuts, return the fastest.
 
     A quick model estimates the cost of each part of the mission, from one prediction of the whole mission and
@@ -168,13 +175,10 @@ def cut_plan(
     full : float
         Charge of an inserted battery, as a fraction of its capacity.
 
-    Returns
-    -------
-    SortiePlan or None
-        None if no number of batteries is enough: a position is too far away or unreachable.
-
     Raises
     ------
+    UncutError
+        If no number of batteries is enough: a position is too far away or unreachable.
     MissionError
         If the mission cannot be cut, or nothing remains to be flown.
     """
@@ -184,8 +188,7 @@ def cut_plan(
     overlap = overlap_of(builder, whole) if overlap_m is None else overlap_m
     homes = homes or [home_of(placed, builder.farm)]
     cutter = _Cutter(whole, builder, course, begin or course.start, homes, overlap, footprint, full)
-    sorties = cutter.cut()
-    return None if sorties is None else SortiePlan(whole, course, sorties, change_s, overlap, full)
+    return SortiePlan(whole, course, cutter.cut(), change_s, overlap, full)
 
 
 def rest_of(cut: SortiePlan, builder: MissionBuilder, begin: Place) -> Mission:
@@ -195,7 +198,7 @@ def rest_of(cut: SortiePlan, builder: MissionBuilder, begin: Place) -> Mission:
     return cutter.mission((begin, None, 0))
 
 
-def sorties_of(whole: PlanResult, one: VehicleParts, **how: Any) -> SortiePlan | None:
+def sorties_of(whole: PlanResult, one: VehicleParts, **how: Any) -> SortiePlan:
     """Cut the mission of one vehicle of a run; `how` goes to `cut_plan`."""
     return cut_plan(whole, MissionBuilder.of(one, whole.farm), footprint=one.camera.footprint, **how)
 
@@ -245,23 +248,25 @@ class _Cutter:
     full: float = 1.0
     _predicted: dict[Flown, tuple[Mission, Prediction]] = field(default_factory=dict)
 
-    def cut(self) -> tuple[PlannedSortie, ...] | None:
-        """Return the sorties, or None if no number of batteries is enough."""
+    def cut(self) -> tuple[PlannedSortie, ...]:
+        """Return the sorties; raise UncutError if no number of batteries is enough."""
         battery = self.builder.vehicle.battery
-        costs = None
-        if battery is not None:
-            costs = SortieCosts.of(
-                self.course, self.builder, begin=self.begin, homes=self.homes, overlap_m=self.overlap_m
-            )
-        if battery is None or costs is None:
-            return None
+        if battery is None:
+            name = self.builder.vehicle.name
+            msg = f"vehicle {name} has no battery, so its missions are not cut into sorties"
+            raise UncutError(msg)
+        costs = SortieCosts.of(
+            self.course, self.builder, begin=self.begin, homes=self.homes, overlap_m=self.overlap_m
+        )
+        if costs is None:
+            msg = "no sorties: the vehicle cannot fly the mission, or not home from all of its places"
+            raise UncutError(msg)
         usable_wh = battery.capacity_wh * (self.full - battery.reserve_fraction)
-        best: list[Flown] | None = None
         charge = np.ones(len(costs.places))
         for number in range(_TRIES):
             choice = costs.cheapest(usable_wh, charge)
             if choice is None:
-                break
+                raise UncutError(self._too_dear(costs, charge, usable_wh))
             flown = [
                 (costs.places[first] or self.begin, costs.places[last], home)
                 for (first, last), home in zip(pairwise(choice.ends), choice.homes, strict=True)
@@ -271,10 +276,30 @@ class _Cutter:
                 self._full(one).feasible and most <= usable_wh
                 for one, most in zip(flown, takes_wh, strict=True)
             ):
-                best = flown
-                break
+                return tuple(map(self._planned, flown))
             charge = _charge(costs, choice, takes_wh) * _SPARE**number
-        return None if best is None else tuple(map(self._planned, best))
+        msg = f"no sorties: {_TRIES} cuts were tried, each with a sortie that takes more than a battery"
+        raise UncutError(msg)
+
+    def _too_dear(self, costs: SortieCosts, charge: NDArray[np.float64], usable_wh: float) -> str:
+        """Return why `costs` allow no cut: the dearest of the shortest sorties, if it exceeds a battery."""
+        shortest = np.arange(len(costs.places) - 1)
+        takes_wh = costs.charged(charge)[:, shortest, shortest + 1].min(axis=0)
+        dearest = int(takes_wh.argmax())
+        if takes_wh[dearest] <= usable_wh:
+            return f"no sorties: the mission takes more than {_MOST_SORTIES} batteries"
+        place = costs.places[dearest] or self.begin
+        frame = self.builder.farm.frame
+        degrees = np.array([self.course.position(place)[:2]])
+        stands = np.array([(home.latitude_deg, home.longitude_deg) for home in self.homes])
+        (x,), (y,) = frame.from_wgs84(*degrees.T)
+        home_x, home_y = frame.from_wgs84(*stands.T)
+        away_m = float(np.hypot(home_x - x, home_y - y).min())
+        return (
+            f"no sorties: to fly {distance(away_m)} from the take-off place to {place}, and back takes"
+            f" {takes_wh[dearest]:.1f} Wh, but a battery has {usable_wh:.1f} Wh above its reserve; take off"
+            " nearer to this place"
+        )
 
     def _priced(self, flown: Sequence[Flown]) -> list[float]:
         """Return each sortie's approximate energy bound: its price, scaled by one full prediction."""

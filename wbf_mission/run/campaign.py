@@ -22,12 +22,12 @@ from sensors.estimators import advance_estimator
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import RunningScore
 from sim_vehicle.execution.state import EPOCH_UNIX_S
-from wbf_mission.events import DayBegun, Decided, Estimated, EventStream, FlightEnded, VehicleMoved
+from wbf_mission.events import DayBegun, Decided, Estimated, EventStream, FlightEnded, Noted, VehicleMoved
 from wbf_mission.maps.field_maps import FieldMap, field_maps
 from wbf_mission.maps.report import report_of_maps
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.fleet import Vehicle
-from wbf_mission.planning.sorties import SortiePlan, cut_plan
+from wbf_mission.planning.sorties import SortiePlan, UncutError, cut_plan
 from wbf_mission.progress import Stopwatch
 from wbf_mission.replanning.record import DecisionRecord
 from wbf_mission.run.flight import FlightInterrupted, PlannedFlight, fly_once, leaf_camera, plan_flight
@@ -129,14 +129,16 @@ class Campaign:
         ((_, vehicle, whole),) = planned.sorties
         if not whole.is_too_long:
             return planned
-        cut = cut_plan(
-            whole,
-            vehicle.task.builder,
-            footprint=run.looks.footprint,
-            change_s=change_s,
-            full=self._full,
-        )
-        if cut is None:
+        try:
+            cut = cut_plan(
+                whole,
+                vehicle.task.builder,
+                footprint=run.looks.footprint,
+                change_s=change_s,
+                full=self._full,
+            )
+        except UncutError as error:
+            self._events.tell(Noted(str(error), warns=True))
             return planned
         self._fly_in(cut, run.flights_per_day)
         return plan_flight(self.run, planned.day, planned.flight, self.evidence, self.decisions, self._gone)

@@ -11,7 +11,7 @@ from mission.errors import PlanningError
 from sensors.estimation import Evidence
 from wbf_mission.events import EventStream, Progressed
 from wbf_mission.planning import PlanResult
-from wbf_mission.planning.sorties import SortiePlan
+from wbf_mission.planning.sorties import SortiePlan, UncutError
 from wbf_mission.progress import Progress, silent
 from wbf_mission.replanning.loop import DecisionLoop, Knowledge
 from wbf_mission.run.resolve import Run, resolve
@@ -159,12 +159,17 @@ def plan_for_batteries(
     progress("planning", 0, _TRIES + 1)
     if scenario.mission.planner.chosen == _SURVEY:
         whole = planned(UNLIMITED)
-        sorties = cut(whole) if whole.is_too_long else None
-        needed = _needed(whole, sorties)
-        if needed is None or needed > count:
-            takes = "no number is enough for" if needed is None else f"{needed} are needed for"
-            more = "" if needed is None else f"{needed} batteries, or "
-            raise ScenarioError(f"budget {text}: {takes} the survey; give {more}rows that are farther apart")
+        try:
+            sorties = cut(whole) if whole.is_too_long else None
+        except UncutError as error:
+            raise ScenarioError(f"budget {text}: no number is enough for the survey: {error}") from error
+        takes = 1 if sorties is None else len(sorties.sorties)
+        if takes > count:
+            msg = (
+                f"budget {text}: {takes} are needed for the survey; give {takes} batteries, or rows that"
+                " are farther apart"
+            )
+            raise ScenarioError(msg)
         return whole, sorties
     best = planned(None)
     battery = best.vehicle.battery
@@ -180,7 +185,7 @@ def plan_for_batteries(
         whole = planned(f"{guess:.1f}m")
         # Nearly equal budgets often give the same mission, which need not be cut again.
         known = next((one for one in tried if one[0].mission == whole.mission), None)
-        sorties = known[1] if known else cut(whole) if whole.is_too_long else None
+        sorties = known[1] if known else _cut_if_too_long(whole, cut)
         tried.append((whole, sorties))
         needed = _needed(whole, sorties)
         takes_wh = 0.0 if sorties is None else sum(plan.prediction.most_wh for plan in sorties.plans)
@@ -196,6 +201,14 @@ def plan_for_batteries(
         guess = aimed if _CLOSE * low < aimed < high / _CLOSE else 0.5 * (low + high)
     progress("planning", _TRIES + 1, _TRIES + 1)
     return found
+
+
+def _cut_if_too_long(whole: PlanResult, cut: Callable[[PlanResult], SortiePlan | None]) -> SortiePlan | None:
+    """Return a mission's sorties; None if one battery is enough, or no number is."""
+    try:
+        return cut(whole) if whole.is_too_long else None
+    except UncutError:
+        return None
 
 
 def _needed(whole: PlanResult, sorties: SortiePlan | None) -> int | None:

@@ -15,7 +15,7 @@ from wbf_mission.addons.base.links import LinkHost
 from wbf_mission.addons.operate.watching import FleetWatch, WatchedVehicle
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.fleet import Vehicle
-from wbf_mission.planning.sorties import SortiePlan, cut_plan, rest_of
+from wbf_mission.planning.sorties import SortiePlan, UncutError, cut_plan, rest_of
 from wbf_mission.run.record import FlightRecord
 
 _MOST_IN_VAIN = 2
@@ -68,8 +68,10 @@ class RealSorties:
             if lost or self._in_vain == _MOST_IN_VAIN:
                 self.stopped = early + (record.reason or in_words(record.outcome))
                 return False
-            if not self._cut_again(flight, self._reached):
-                self.stopped = early + "no number of batteries is enough for the rest of the mission"
+            try:
+                self._cut_again(flight, self._reached)
+            except UncutError as error:
+                self.stopped = early + f"the rest of the mission cannot be flown: {error}"
                 return False
         count = len(self.cut.sorties)
         self.stopped = f"stopped after flight {flight} of {count}"
@@ -89,12 +91,12 @@ class RealSorties:
             return None
         return rest_of(self.cut, self._vehicle.task.builder, self._reached)
 
-    def _cut_again(self, flight: int, reached: Place) -> bool:
-        """Divide the rest of the mission into new sorties after an early end; return False if impossible."""
+    def _cut_again(self, flight: int, reached: Place) -> None:
+        """Divide the rest of the mission into new sorties after an early end, or raise UncutError."""
         cut = self.cut
         ended = cut.sorties[flight - 1]
         if reached == ended.end:
-            return True
+            return
         again = cut_plan(
             cut.whole,
             self._vehicle.task.builder,
@@ -104,11 +106,8 @@ class RealSorties:
             change_s=cut.change_s,
             full=cut.full,
         )
-        if again is None:
-            return False
         flown = (*cut.sorties[: flight - 1], replace(ended, end=reached))
         self.cut = replace(cut, sorties=(*flown, *again.sorties))
-        return True
 
 
 def reached_place(cut: SortiePlan, number: int, place: Place | None) -> Place | None:

@@ -29,7 +29,7 @@ from sensors.field_files import field_names
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.builder import coverage_together
 from wbf_mission.planning.fleet import SingleVehicle, single_vehicles
-from wbf_mission.planning.sorties import SortiePlan, sorties_of
+from wbf_mission.planning.sorties import SortiePlan, UncutError, sorties_of
 from wbf_mission.preflight.finding import Finding, Report
 from wbf_mission.preflight.run import check_plan
 from wbf_mission.progress import Progress
@@ -310,7 +310,10 @@ def planned(draft: Draft, progress: Progress) -> PlannedDraft:
     scenario, vehicles = draft.scenario, single_vehicles(draft.scenario)
 
     def cut(plan: PlanResult, vehicle: SingleVehicle = vehicles[0]) -> SortiePlan | None:
-        return sorties_of(plan, vehicle) if plan.is_too_long else None
+        try:
+            return sorties_of(plan, vehicle) if plan.is_too_long else None
+        except UncutError:  # The check of the whole mission finds that a battery is not enough
+            return None
 
     results: tuple[PlanResult, ...]
     batteries = batteries_in(scenario.mission.budget)
@@ -318,7 +321,9 @@ def planned(draft: Draft, progress: Progress) -> PlannedDraft:
         results = plan_fleet(scenario, farm=draft.farm, progress=progress)
         cuts = tuple(cut(plan, vehicle) for plan, vehicle in zip(results, vehicles, strict=True))
     else:
-        whole, sorties = plan_for_batteries(without_budget(scenario), batteries, cut)
+        whole, sorties = plan_for_batteries(
+            without_budget(scenario), batteries, lambda plan: sorties_of(plan, vehicles[0])
+        )
         results, cuts = (whole,), (sorties,)
     planned_s, missions = time.perf_counter(), []
     coverage = coverage_together(results, scenario.camera.footprint)

@@ -55,7 +55,7 @@ _COLUMNS = ("truth", "estimate", "uncertainty")
 _TAIL_S = 30.0
 _MARGIN = 0.02
 _UNCERTAIN = "viridis"
-# Number of cell columns in a strip of the truth: reading strips saves memory on a large farm.
+# Number of cell columns that are read at a time: on a large farm, the whole truth would take much memory.
 _STRIP_CELLS = 500
 _VEHICLES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#000000")
 
@@ -178,7 +178,7 @@ def _truth(
     masks: NDArray[np.bool_],
     day: int,
 ) -> list[_Floats]:
-    """Return the pixel means of a day's truth: from the record, or else from strips of the environment."""
+    """Return the pixel means of a day's truth, from the record or, strip by strip, from the environment."""
     values = kept_truths(record).get(day)
     if values is not None:
         return [pixel_means(grid, mask, values[k]) for k, mask in enumerate(masks)]
@@ -300,7 +300,7 @@ def _shown_m(record: RunRecord) -> tuple[tuple[float, float], tuple[float, float
 
 
 def _flown(track: Track | None, since_s: float, until_s: float) -> tuple[_Floats, _Floats]:
-    """Return x and y of a track from `since_s` to `until_s`, or else its last position before `until_s`."""
+    """Return x and y of a track from `since_s` to `until_s`; if empty, the last position before `until_s`."""
     if track is None:
         return np.empty(0), np.empty(0)
     until = int(np.searchsorted(track.time_s, until_s, "right"))

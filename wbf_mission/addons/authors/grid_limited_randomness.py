@@ -36,8 +36,8 @@ _NAME = "grid-limited-randomness"
 class GridLimitedRandomness:
     """Draw a random place in each cell of a grid, round by round, and visit as many as the budget allows.
 
-    A grid of one cell gives a random walk; more cells give a more systematic path. The path is not changed in
-    flight. Each vehicle draws separate places.
+    With a grid of one cell the path is a random walk; the more cells, the more systematic is the path. The
+    path is not changed in flight. Each vehicle draws separate places.
 
     Parameters
     ----------
@@ -209,7 +209,7 @@ def _two_opt(points: Any, near: Any, tour: Any, returns: bool) -> None:
         better = False
         for node in range(count):
             for other in near[node]:
-                # One new leg joins node and other; the second joins their successors, or their predecessors.
+                # One new leg joins `node` and `other`, the second their successors or their predecessors.
                 for before in range(2):
                     first, last = min(at[node], at[other]) - before, max(at[node], at[other]) - before
                     if first < 0 or last <= first + 1:

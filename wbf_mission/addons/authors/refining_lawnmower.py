@@ -39,7 +39,7 @@ class _Rows:
     begin: NDArray[np.float64]  # Start of the unflown part, float64[2], metres.
 
     def resumed(self, from_m: NDArray[np.float64]) -> Points:
-        """Return the unflown points, starting at the point of the interrupted row nearest to `from_m`."""
+        """Return the unflown points; the first is the point nearest to `from_m` on the interrupted row."""
         if not len(self.rest):
             return self.rest
         leg = self.rest[0] - self.begin
@@ -102,7 +102,7 @@ class RefiningLawnmower:
         self._after.start()
 
     def decide(self, observation: PolicyObservation) -> Decision:
-        """Return rows at the start, then detours and resumed rows, and after the rows other routes."""
+        """Return paths along the rows, detours from them, and after the rows routes of `RollingHorizon`."""
         if observation.event is Event.START:
             return self._begin(observation)
         paths: dict[int, Points] = {}
@@ -157,7 +157,8 @@ class RefiningLawnmower:
             gap_m = max(self._gaps[min(number, 1)] * cell_m, request.footprint_m)
             planner = make_planner("lawnmower")
             budget = _PartOf(request.budget, left)
-            # With a footprint as wide as the gap, the first row lies half a gap from the border.
+            # Half a gap from the border, the footprint of the first row (as wide as a gap) reaches the
+            # border.
             task = replace(
                 request, area=land, start_xy_m=here, budget=budget, crop_areas=(), footprint_m=gap_m
             )

@@ -142,7 +142,7 @@ def _weights(draw: np.random.Generator) -> NDArray[np.float64]:
 def _fieller(
     values: NDArray[np.float64], others: NDArray[np.float64], least: float, most: float
 ) -> tuple[float, float]:
-    """Return the lowest and highest r for which the t of ``values - r * others`` is in `least` to `most`."""
+    """Return the lowest and highest r for which ``values - r * others`` has a t from `least` to `most`."""
     count = len(values)
     above, below = math.fsum(values) / count, math.fsum(others) / count
     up, down = values - above, others - below

@@ -111,7 +111,7 @@ def is_frozen(path: Path, digest: str) -> bool:
 
 
 def packs_of(sources: Iterable[Path]) -> list[tuple[Path, bool]]:
-    """Return each pack and whether it is a baseline: packs in folders are, packs named directly are not.
+    """Return each pack and whether it is a baseline; the baselines are the packs that are found in a folder.
 
     Raises ResultError if a folder has no pack.
     """

@@ -116,7 +116,7 @@ def _draw_choice(
 
 
 def _draw_outcome(axes: Axes, record: RunRecord, counts: tuple[int, int, int]) -> None:
-    """Draw the readings; `counts`: their numbers before this decision, the next decision, the next column."""
+    """Draw the readings; `counts` are their numbers at this decision, the next one, and the next column."""
     _frame(axes, record)
     begin, until, end = counts
     seen, grid = record.observations, record.farm.grid()
@@ -137,7 +137,7 @@ def _draw_outcome(axes: Axes, record: RunRecord, counts: tuple[int, int, int]) -
         axes.scatter(
             *at, s=size * (1.0 if marker == "o" else 2.4), color=colour, marker=marker, linewidths=0, zorder=4
         )
-    lines = [f"then {until - begin} read, {np.count_nonzero(sick[begin:until])} sick"]
+    lines = [f"then {until - begin} readings, {np.count_nonzero(sick[begin:until])} sick"]
     if end > until:
         lines.append(f"by the next column {end - begin}, {np.count_nonzero(sick[new])} sick")
     losses = [_loss_after(record, count) for count in counts]

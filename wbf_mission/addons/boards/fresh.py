@@ -32,7 +32,7 @@ _CHANCE = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """Scores of a method: on open environments (from its rows), and on fresh environments."""
+    """Scores of a method on the environments of its rows (open), and on fresh environments."""
 
     method: Method
     open_scores: tuple[float, ...]
@@ -48,7 +48,7 @@ class Gap:
         """Meaning of the gap, in words."""
         if self.gap.high < 0.0:
             return "worse on unknown environments"
-        return "no difference can be told"
+        return "no significant difference"
 
 
 @dataclass(frozen=True, slots=True)

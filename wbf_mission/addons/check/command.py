@@ -46,7 +46,7 @@ def check_command(
         keys = ("id", "required_of", "text", "suffers")
         rows = [[getattr(check, key) for key in keys] for check in all_checks()]
         values = [dict(zip(keys, row, strict=True)) for row in rows]
-        headings = ["check", "required of", "what must hold", "otherwise trouble for"]
+        headings = ["check", "required of", "requirement", "affected if it fails"]
         output.table(values, headings, rows, title="Checks", left=True)
         return
     if url is None:
@@ -70,7 +70,7 @@ def check_command(
     ]
     vehicle = report.vehicle
     title = f"{vehicle.profile.name}, system {vehicle.system_id} on {report.name}"
-    output.table(report.summary(), ["check", "", "what must hold", "seen"], rows, title=title, left=True)
+    output.table(report.summary(), ["check", "", "requirement", "seen"], rows, title=title, left=True)
     if not report.passed:
         raise typer.Exit(1)
 

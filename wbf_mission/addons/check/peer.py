@@ -195,7 +195,7 @@ class Peer:
         kinds: type[M] | tuple[type[M], ...],
         where: Callable[[M], bool] = lambda answer: not (is_a(answer, ACK) and answer.type == wire.ERROR),
     ) -> M | None:
-        """Repeat `question` until `where` holds for the answer: an earlier transfer may have to end first.
+        """Repeat `question` until `where` holds for the answer, since an earlier transfer may still be open.
 
         After `BUSY_S` the last answer is returned, even if `where` does not hold for it.
         """
@@ -360,7 +360,7 @@ _SETTLE_S = 1.0  # A slow radio may still deliver messages of the previous check
 
 
 class Sender:
-    """A mission upload in which a check can send, omit or alter each message."""
+    """A mission upload in which a check decides about each message: send, omit or alter it."""
 
     def __init__(self, peer: Peer, items: Sequence[MissionItem]) -> None:
         self.peer = peer

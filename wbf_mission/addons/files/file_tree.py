@@ -133,7 +133,7 @@ class FileTree:
         kept[offset:end] = data
 
     def close(self, path: Path) -> None:
-        """Close a written file and pass an upload to the vehicle; FileError if the vehicle refuses it."""
+        """Close a written file; pass an upload to the vehicle, with FileError if the vehicle refuses it."""
         if path in self._taken and not self._taken[path](bytes(self._files.pop(path, b""))):
             raise FileError(FtpError.FAIL)
 

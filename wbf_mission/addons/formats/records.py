@@ -11,8 +11,8 @@ rally        as an item
 ===========  ======================================================================================
 
 A record with a place has altitude_m; a record without a place has param5 to param7. An empty parameter is the
-vehicle's default, and a missing parameter is 0. Names, and records of role ``path``, are for people; they are
-ignored when a file is read.
+vehicle's default, and a missing parameter is 0. Names, and records of role ``path``, are for human readers;
+the program ignores them.
 """
 
 from __future__ import annotations

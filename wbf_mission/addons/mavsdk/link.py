@@ -293,7 +293,7 @@ class _Transfer(ABC):
         return self._finish(now_s, TransferFailed(self.mission_type, FailureReason.CANCELLED, text))
 
     def statistics(self, now_s: float | None = None) -> TransferStatistics:
-        """Return the statistics that MAVSDK provides."""
+        """Return the transfer's statistics, as far as MAVSDK provides them."""
         end_s = self._ended_s if self.done or now_s is None else now_s
         return TransferStatistics(self.mission_type, self._count, 0, 0, 0, end_s - self._began_s)
 

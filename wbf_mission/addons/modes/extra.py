@@ -187,7 +187,7 @@ class ModesExtra(VehicleExtra):
         return pilot.sticks is None or abs(pilot.sticks.right) < _MAX_FLIP_STICK
 
     def start(self, mode: Mode) -> None:
-        """Begin to fly the latest setpoint in a mode that needs a stream of setpoints."""
+        """In a mode that needs a stream of setpoints, begin to fly the latest setpoint."""
         if mode is Mode.GUIDED:
             self._pilot.order(self.guided.setpoints.begin)
 

@@ -228,7 +228,7 @@ class AttitudePilot:
 
     @property
     def flown_for_s(self) -> float:
-        """Time of flight since the last order."""
+        """Time (s) for which the attitude has been flown since the last order."""
         return self._flown_s - self._taken_s
 
     def check(self) -> bool:

@@ -111,7 +111,7 @@ def _draw_changes(axes: Axes, decisions: Sequence[DecisionRecord]) -> None:
     )
     if len(flown) > MOST_ABANDONED:
         return
-    label = "left unflown"
+    label = "path given up"
     for change, before in flown:
         rest = rest_of_path(before, change.position_m)
         if len(rest) > 1:
@@ -120,7 +120,7 @@ def _draw_changes(axes: Axes, decisions: Sequence[DecisionRecord]) -> None:
 
 
 def changes_flown(decisions: Sequence[DecisionRecord]) -> list[tuple[PathChange, _Points]]:
-    """Return the path changes that were flown, each with the vehicle's path before the change."""
+    """Return the path changes that vehicles flew, each with the vehicle's path before the change."""
     present: dict[tuple[int, int, int], _Points] = {}
     found = []
     for record in decisions:

@@ -150,7 +150,7 @@ class _Style(NamedTuple):
 
 
 def _styles(of: FieldMap) -> tuple[_Style, _Style, _Style]:
-    """Return the styles of a field's panels: fraction of sick plants or mean, minimum, deviation."""
+    """Return the styles of a field's panels: mean (for a disease: fraction sick), minimum, deviation."""
     from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
     field, deviation = of.field, of.deviation

@@ -138,7 +138,7 @@ def studio_command(
     port: Annotated[
         int | None,
         option(
-            f"Port of the page; 0 takes any free port. Browsers keep drafts for each port. [default: "
+            f"Port of the page; 0 takes any free port. A browser keeps drafts for each port. [default: "
             f"{_USUAL_PORT}, or any free port if {_USUAL_PORT} is taken]",
             panel=_PAGE,
             parser=options.whole_number_in(0, 65_535),

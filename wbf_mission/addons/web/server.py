@@ -210,7 +210,7 @@ class LiveServer:
             await asyncio.sleep(INTERVAL_S - now_s() % INTERVAL_S)  # All viewers wake at once
 
     async def _tell_beats(self, visit: _Visit) -> None:
-        """Send only beats, to a page that does not show a view."""
+        """Send only beats: this page shows no view."""
         while not self._ending:
             await visit.beat(self._view)
             await asyncio.sleep(INTERVAL_S)
@@ -269,7 +269,7 @@ class LiveServer:
 
 
 def _is_ours(record: logging.LogRecord) -> bool:
-    """Return whether a log line is for the user; lines about malformed input from clients are not."""
+    """Return whether a log line is shown to the user; lines about malformed input from clients are not."""
     return not record.getMessage().startswith("Invalid UTF-8")
 
 
@@ -334,7 +334,7 @@ def live_page(
 
 @dataclass(frozen=True, slots=True)
 class _Shared:
-    """An update shared by all viewers with the same cursor."""
+    """An update that all viewers with the same cursor share."""
 
     view: View
     until_s: float

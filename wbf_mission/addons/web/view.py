@@ -62,7 +62,7 @@ _Scored: TypeAlias = tuple[float, int, int, Score | None]
 
 
 class _Rows(Generic[T]):
-    """Rows with their versions; if there are too many, the older half is thinned or dropped."""
+    """Rows with their versions; above the limit, the older half of the rows is thinned or dropped."""
 
     def __init__(self, name: str, limit: int, *, thins: bool = False) -> None:
         self.name, self.limit, self.step = name, limit, 2 if thins else 1

@@ -247,7 +247,7 @@ def test_several_vehicles_are_brought_down_only_after_a_second_word(browser: Bro
         for name in ("Return", "Land"):
             order(page, name).click()
             dialog = page.get_by_role("dialog")
-            expect(dialog).to_contain_text("It goes to 2 vehicles: drone-1, drone-2.")
+            expect(dialog).to_contain_text("The order goes to 2 vehicles: drone-1, drone-2.")
             expect(page.locator(".became")).to_be_empty()
             if name == "Return":
                 dialog.get_by_role("button", name="Cancel").click()
@@ -491,13 +491,13 @@ def test_the_page_says_why_no_order_can_be_given(browser: Browser) -> None:
         why = page.locator(".why")
         expect(why).to_have_text("No vehicle has been heard yet: orders have nowhere to go.")
         two(view, "hold", "land", simulated=True)
-        expect(why).to_have_text("Choose a vehicle: until then orders go to none.")
+        expect(why).to_have_text("Choose a vehicle: until then, orders go to no vehicle.")
         assert order(page, "Hold").get_attribute("aria-describedby") == why.get_attribute("id")
         for target in ("drone-2", "All 2 vehicles"):
             page.get_by_label("Orders go to").select_option(target)
             expect(why).to_be_empty()
         page.get_by_label("Orders go to").select_option("")
-        expect(why).to_have_text("Choose a vehicle: until then orders go to none.")
+        expect(why).to_have_text("Choose a vehicle: until then, orders go to no vehicle.")
         view.take(Orderable(()))
         expect(why).to_have_text("The program takes no orders now.")
         view.take(RunEnded(9.0, "completed", ""))

@@ -683,7 +683,7 @@ def test_a_flight_that_fails_is_told_beside_the_button(page: Page) -> None:
     expect(page.locator(".told.bad")).to_contain_text("'Fields'")
 
 
-LOST = re.compile("The connection to the program is lost: it plans, saves and flies nothing")
+LOST = re.compile("The connection to the program is lost: nothing can be planned, saved or flown")
 
 
 def test_an_idle_studio_says_that_its_program_is_gone_and_goes_on_when_it_is_back(browser: Browser) -> None:

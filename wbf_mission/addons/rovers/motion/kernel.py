@@ -140,7 +140,7 @@ def _bearing(state: Record, row: Record, limits: Record, pace: float) -> float:
 
 @compiled(allocates=False)
 def _may_turn(state: Record, row: Record, sense: float, radius: float) -> bool:
-    """Return whether a waypoint is outside the tightest turn; the vehicle would circle an inner waypoint."""
+    """Return whether a waypoint is outside the tightest turn; otherwise the vehicle would circle round it."""
     cx = state.position_x + sense * radius * cos(state.heading)
     cy = state.position_y - sense * radius * sin(state.heading)
     dx, dy = row.x - cx, row.y - cy

@@ -87,7 +87,7 @@ Simulated = IntEnum(
     "Simulated",
     "THROTTLE_SPEED SPEED_P SPEED_I "  # Controller of the speed by the throttle: m/s and s/m.
     "WHEEL_BASE STEER_MAX "  # Wheel base in metres; maximum wheel angle.
-    "STEER_STEP "  # Maximum change of steering per step, as a share of full steering.
+    "STEER_STEP "  # Maximum change of steering per step, as a fraction of full steering.
     # Gains of the wheel angle over turn rate: feed-forward, s; proportional, s; integral, 1.
     "RATE_FF RATE_P RATE_I "
     "FORCE FRICTION "  # Per mass: force of full throttle, and rolling friction, m/s^2.

@@ -235,7 +235,7 @@ def take_off(state: Record, limits: Record, wx: float, wy: float) -> None:
     rate = limits.launch * throttle
     if limits.launch <= 0.0:
         v = state.airspeed
-        # On the level ground, drag is computed for zero angle of attack.
+        # On the ground the vehicle is level, so drag is computed for an angle of attack of 0.
         load = limits.lift_level * v * v / GRAVITY_M_S2
         rate = limits.thrust * throttle - drag(limits, v, load) - limits.ground_drag * v
     roll_on_ground(state, limits, rate, wx, wy)

@@ -1,6 +1,6 @@
 """Compiled height, airspeed and bank control of ArduPlane along a route.
 
-Behaviour as published for ArduPlane 4.5 to 4.7: slopes between waypoints, climb-out, approach, flare
+The behaviour is that of ArduPlane 4.5 to 4.7: slopes between waypoints, climb-out, approach, flare
 (``altitude.cpp``, ``takeoff.cpp``, ``Attitude.cpp``, ``AP_Landing_Slope.cpp``), and total energy control, a
 controller of pitch and throttle for a height and an airspeed (``AP_TECS``, P. Riseborough, 2013), with the
 parameters ``TECS_*``, after A. A. Lambregts, "Vertical flight path and speed control autopilot design using

@@ -54,7 +54,7 @@ THROTTLE_S = 0.4
 
 @compiled(allocates=False)
 def _near_ground(state: Record, limits: Record, level: bool) -> float:
-    """Return the bank limit near the ground, which keeps the wing tips clear, and a climb-out level."""
+    """Return the bank limit near the ground: the wing tips stay clear of it, and a climb-out stays level."""
     bank = limits.bank_limit
     height = state.position_z
     if level and height < limits.level_height:
@@ -84,7 +84,7 @@ def _climb(state: Record, limits: Record, height: float, full: bool) -> float:
 
 @compiled(allocates=False)
 def _height_along(state: Record, row: Record, limits: Record) -> float:
-    """Return the height along a leg; the waypoint's height is reached one circle radius before it."""
+    """Return the height along a leg, which reaches the waypoint's height one circle radius before its end."""
     dx, dy = row.x - state.begin_x, row.y - state.begin_y
     gx, gy = row.x - state.position_x, row.y - state.position_y
     before = abs(limits.loiter_radius)

@@ -51,7 +51,7 @@ _FRAMES = 150
 _FRAMES_A_SECOND = 12
 _LARGEST_SHARE = 0.02  # Minimum for the top of the colour scale of sick plants, on large farms.
 _COLUMNS = ("truth", "estimate", "uncertainty")
-# Duration (s), at least one frame, of the path drawn over the maps: a whole path would hide the maps.
+# The path of this duration (s), at least of one frame, is drawn: a whole path would hide the maps.
 _TAIL_S = 30.0
 _MARGIN = 0.02
 _UNCERTAIN = "viridis"
@@ -166,7 +166,7 @@ def _estimates(
                 for whole in (model.value, model.uncertainty)
             )
             known = value, uncertainty
-            del model  # Models of large farms take much memory.
+            del model  # This frees much memory on a large farm.
         assert known is not None
         yield moment, (truth, *known)
 

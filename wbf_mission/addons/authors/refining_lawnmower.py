@@ -229,7 +229,7 @@ class RefiningLawnmower:
     def _joined(self, vehicle: VehicleReport, pieces: list[Points]) -> Points:
         """Join the parts of `pieces` inside the area into one path, as long as the vehicle's budget lasts.
 
-        Points outside are dropped: a detour may begin, or the budget end, in transit between two parts.
+        Points outside the area are dropped: a detour may begin, or the budget end, between two parts of it.
         """
         area = shapely.buffer(vehicle.request.room, TOLERANCE_M)
         kept = [piece[shapely.covers(area, shapely.points(piece))] for piece in pieces if len(piece)]
@@ -304,7 +304,7 @@ def window_of(vehicle: VehicleReport, observation: PolicyObservation, promised: 
 def detour(
     vehicle: VehicleReport, observation: PolicyObservation, window: Window, least_rate: float
 ) -> Points:
-    """Return a route that soon passes many plants beside sick plants; empty if no detour is worth it."""
+    """Return a route that soon passes many plants beside sick plants; empty if no route passes enough."""
     if not window.values.any():
         return _NOTHING
     cell_m = observation.farm.cell_size_m

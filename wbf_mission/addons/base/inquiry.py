@@ -161,7 +161,7 @@ def _changes(message: Message) -> dict[str, Any]:
 
 
 def _point(message: m.MAVLink_global_position_int_message) -> GeoPoint | None:
-    """Return a message's position; None if it is unset or invalid."""
+    """Return a message's position; None if the position is unset or invalid."""
     if message.lat == 0 and message.lon == 0:
         return None
     try:
@@ -202,7 +202,7 @@ class Inquiry:
 
     def __init__(self, *, system_id: int | None = None, placed: bool = False) -> None:
         self.done = False
-        self.waits_for_place = False  # Whether only the vehicle's position is missing
+        self.waits_for_place = False  # Whether all answers have arrived but the position
         self._placed = placed
         self.search = VehicleSearch(system_id)
         self._contact = Contact()
@@ -219,7 +219,7 @@ class Inquiry:
 
     @property
     def vehicle(self) -> tuple[int, int] | None:
-        """System and component id of the vehicle; None before its first heartbeat."""
+        """System and component id of the vehicle; None before the vehicle's first heartbeat."""
         found = self.search.found
         return None if found is None else (found.system_id, found.component_id)
 
@@ -358,7 +358,7 @@ class Inquiry:
 
 
 def decoded(value: float, kind: int, *, bytewise: bool) -> float | None:
-    """Return the number in a PARAM_VALUE of MAV_PARAM_TYPE `kind`; None if it is not finite.
+    """Return the number in a PARAM_VALUE of MAV_PARAM_TYPE `kind`; None if the number is not finite.
 
     If `bytewise`, integers are encoded as the bytes of the float (PX4), otherwise as numbers (ArduPilot).
 

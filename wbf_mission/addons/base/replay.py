@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 def fresh_estimator(record: RunRecord, progress: Progress, estimator: Estimator | None = None) -> Estimator:
     """Return an estimator that is fitted to the farm, without observations.
 
-    This is `estimator` if it is given. Otherwise it is the estimator named in the run's scenario, or a copy
-    of the scenario's estimator object.
+    The estimator is `estimator`; by default, the one that the run's scenario names, or a copy of the
+    scenario's estimator object.
     """
     if estimator is None:
         choice = record.scenario.estimate.estimator
@@ -377,7 +377,7 @@ class StateLog:
 
 
 def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], StateLog]:
-    """Return the states in a .tlog, keyed by (system id, part); ResultError if it cannot be read.
+    """Return the states in a .tlog, keyed by (system id, part); ResultError if the file cannot be read.
 
     Part k begins `begins_s[k]` seconds after the start of the log; telemetry before a part does not count.
     """

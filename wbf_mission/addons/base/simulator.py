@@ -83,7 +83,7 @@ def compile_all(progress: Callable[[str, int, int], None] | None = None) -> None
 
 
 def _dynamics() -> list[tuple[str, VehicleSpec]]:
-    """Return one vehicle, with a title, for each motion class that the installed autopilots use."""
+    """Return a vehicle, and a title to announce it, for each motion class of the installed autopilots."""
     found: dict[type, tuple[str, VehicleSpec]] = {}
     for bare in [get_vehicle(get_kind(kind).typical) for kind in kind_names()]:
         if bare.is_ideal:

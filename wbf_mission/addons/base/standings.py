@@ -93,7 +93,7 @@ _SHOWN = 3
 
 @dataclass(frozen=True, slots=True)
 class Scored:
-    """Rows of one scenario that count, as arrays float64[pairs, seeds]; nan if a field has no loss."""
+    """The counted rows of one scenario, as arrays float64[pairs, seeds]; nan if a field has no loss."""
 
     scenario: str
     pairs: tuple[Pair, ...]
@@ -208,7 +208,7 @@ def _seeds(seeds: Sequence[int]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """Result of a planner with an estimator, over the environments of a scenario that count (`scored`)."""
+    """Result of a planner with an estimator, over the counted environments of a scenario (`scored`)."""
 
     scenario: str
     planner: str
@@ -221,7 +221,7 @@ class Standing:
     final_score: Interval
     """Mean over the environments of the score at a run's end; 0 is perfect."""
     behind: Interval
-    """Score of the scenario's best pair minus this score, on the same environments.
+    """Score of the scenario's best pair minus the score of this pair, on the same environments.
 
     The intervals of a scenario are simultaneous. The best pair has 0 and no interval."""
     losses: dict[str, float]

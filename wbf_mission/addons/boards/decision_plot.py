@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from wbf_mission.run.record import RunRecord
 
 MOST_DECISIONS = 6
-"""Maximum number of decisions in the picture: first, last, and others that are evenly spread between."""
+"""Maximum number of decisions in the picture: the first, the last, and decisions evenly spread between."""
 _MOST_CANDIDATES = 12
 _SICK, _HEALTHY = "#8e1f1c", "#1d91c0"
 _SICK_BEFORE, _BEFORE = "#d9a09e", "#a8a59d"

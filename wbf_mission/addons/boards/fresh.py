@@ -118,7 +118,7 @@ def _apart(folder: Path, kind: str, label: str, digest: str) -> Apart:
 
 
 def _row_of(run: BenchRun) -> BenchRow:
-    """Fly a run without caches: these contain environments, and submitted code could read them."""
+    """Fly a run without caches, in which submitted code could read the environments."""
     try:
         return flown(run, use_cache=False)[0]
     except WbfMissionError as error:

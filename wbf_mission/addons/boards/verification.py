@@ -148,7 +148,7 @@ def _compared(row: BenchRow, again: BenchRow | None) -> FlownAgain:
 
 
 def _run_of(row: BenchRow, own: Mapping[str, Choice]) -> BenchRun:
-    """Return the run of a row; WbfMissionError if it cannot be flown here."""
+    """Return the run of a row; WbfMissionError if this program cannot fly the run."""
     if row.codes.get("code") != behaviour():
         raise ResultError(OTHER_CODE)
     for kind in ("planner", "estimator"):

@@ -121,7 +121,7 @@ def _add_endurance(spec: VehicleSpec, values: dict[str, Any], rows: dict[str, st
 
 
 def _least_airspeed_m_s(spec: VehicleSpec) -> float | None:
-    """Return the minimum airspeed in a fixed wing's parameters (default autopilot); None if it is not set."""
+    """Return the minimum airspeed in a fixed wing's parameters (default autopilot); None if unset."""
     from sim_vehicle.airframe.kind import DEFAULT_AUTOPILOT
     from sim_vehicle.autopilot import fixed_wing_procedures
 

@@ -71,7 +71,7 @@ class CheckReport:
         return not any(result.bad for result in self.results)
 
     def result(self, check_id: str) -> CheckResult:
-        """Return the result of a check by id; CheckError if it was not run."""
+        """Return the result of a check by id; CheckError if the check was not run."""
         for result in self.results:
             if result.check.id == check_id:
                 return result

@@ -202,7 +202,7 @@ class EpidemicEstimator(BaseEstimator):
         return self._beliefs[self.fields.index(disease)].probabilities
 
     def _expected_loss(self, uncertainty: NDArray[np.float32], basis: _Basis) -> NDArray[np.float32]:
-        """Return the expected loss of the model made in state `basis`; EstimatorError if it is outdated."""
+        """Return the expected loss of the model made in state `basis`; EstimatorError if that is outdated."""
         self._check_present("expected_loss", basis)
         loss = np.empty_like(uncertainty)
         for k, belief in enumerate(self._beliefs):

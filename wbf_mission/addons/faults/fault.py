@@ -249,7 +249,7 @@ def _message_id(value: float | str | None) -> float:
 
 
 def parse_fault(text: str) -> Fault:
-    """Read a fault from ``KIND[=VALUE][,OPTION=VALUE...]``; FaultError if it cannot be read.
+    """Read a fault from ``KIND[=VALUE][,OPTION=VALUE...]``; FaultError if the text is invalid.
 
     The options are from, for (seconds), at (trigger), vehicle, direction, link and times; see `Fault`.
 

@@ -190,7 +190,7 @@ class FaultyComponent:
 
     def __init__(self, component: Component, faults: Sequence[Fault], session: FaultSession) -> None:
         self.inner = component
-        # This is cached: an isinstance check of a Protocol takes longer than forwarding a message.
+        # The result is kept: an isinstance check of a Protocol takes longer than forwarding a message.
         self._streams = component if isinstance(component, Streams) else None
         self.system_id = component.system_id
         self.component_id = component.component_id
@@ -288,7 +288,7 @@ class FaultyComponent:
         return None
 
     def _refusal(self, message: Message, now_s: float) -> Message | None:
-        """Return the COMMAND_ACK by which a fault denies a command; None if no fault denies it."""
+        """Return the COMMAND_ACK by which a fault denies a command; None if no fault denies the command."""
         commands = (m.MAVLink_command_long_message, m.MAVLink_command_int_message)
         if not isinstance(message, commands) or message.target_system not in (0, self.system_id):
             return None

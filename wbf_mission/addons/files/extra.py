@@ -185,7 +185,7 @@ def packed(parameters: ParameterSet, query: str, read_size: int) -> bytes | None
 
 
 def unpacked(data: bytes) -> list[tuple[str, float]] | None:
-    """Parse an upload into names and values; None if it is damaged.
+    """Parse an upload into names and values; None if the upload is damaged.
 
     The header of an upload has the file's length in the field that otherwise has the number of parameters.
 
@@ -264,7 +264,7 @@ def pack_plan(mission_type: MissionType, items: Sequence[m.MAVLink_mission_item_
 
 
 def unpack_plan(data: bytes, mission_type: MissionType) -> PackedPlan | None:
-    """Parse an uploaded plan; None if it is of another type, or an item is missing.
+    """Parse an uploaded plan; None if the plan is of another type, or an item is missing.
 
     Only missions can be replaced in part, as in ArduPilot.
     """

@@ -185,7 +185,7 @@ class FileTree:
         }
 
     def _place(self, text: str) -> Path:
-        """Return the parts of a path in a writable directory; FileError if it is not writable."""
+        """Return the parts of a path; FileError unless the path is in a writable directory."""
         path = path_of(text)
         if any(path in kept for kept in (self._made, self._taken, self._mounted_files())):
             raise FileError(FtpError.PROTECTED)

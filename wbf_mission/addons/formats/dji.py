@@ -206,7 +206,7 @@ _STEPS: Mapping[int, Callable[[_Route, MissionItem], bool]] = {
 
 
 def _route(mission: Mission) -> _Route:
-    """Convert a mission to a route; MissionFileError if it has no waypoint, or a height is unknown."""
+    """Convert a mission to a route; MissionFileError if there is no waypoint, or a height is unknown."""
     route = _Route(mission, float(mission.hover_speed_m_s) or _USUAL_SPEED_M_S)
     for number, item in enumerate(mission.items, 1):
         step = _STEPS.get(item.command)

@@ -315,7 +315,7 @@ def _coordinates(
 
 
 def read_poly(path: Path, layer: str | None = None, crs: str | None = None) -> Document:
-    """Return the polygons of a ``.poly`` file of Mission Planner; FarmError if it cannot be read.
+    """Return the polygons of a ``.poly`` file of Mission Planner; FarmError if the file cannot be read.
 
     Each line has the latitude and longitude of a corner; the last corner repeats the first; ``#`` begins a
     comment. Files of regions have lines ``Name:...`` and ``Color:...`` above each polygon. Source:

@@ -251,7 +251,7 @@ class Market:
             contract = self._contracts.get(vehicle.system_id)
             if contract is None or vehicle.status in _KEEP:
                 continue
-            # A lost vehicle may report no remaining path; its last known progress then counts.
+            # A lost vehicle may report no remaining path; then the progress that was last known counts.
             silent = vehicle.status is Status.LOST and not len(vehicle.rest_m)
             follows = silent or contract.follow(vehicle.rest_m)
             if vehicle.status is Status.FLYING and follows:
@@ -322,7 +322,7 @@ class Market:
         kept: list[Stretch],
         awarded: list[tuple[Segment, int]],
     ) -> Points | None:
-        """Return the path for the awarded segments; None if the vehicle already flies it.
+        """Return the path for the awarded segments; None if the vehicle already flies this path.
 
         Segments that turn out to exceed the budget are offered again.
         """

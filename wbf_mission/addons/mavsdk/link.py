@@ -137,7 +137,7 @@ class MavsdkLink:
     def _system(self, system_id: int) -> System:
         """Return a vehicle, waiting until MAVSDK has connected to it.
 
-        Before it is connected, MAVSDK does not know the autopilot, and would not answer an ArduPilot.
+        Before that, MAVSDK does not know the vehicle's autopilot, and would not answer an ArduPilot.
         """
         if system_id in self._systems:
             return self._systems[system_id]

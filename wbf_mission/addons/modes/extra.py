@@ -394,7 +394,7 @@ class ModesExtra(VehicleExtra):
         pilot.goto(*pilot.frame.to_wgs84(x, y), altitude, mode=mode, heading=KEEP)
 
     def _go_around(self, command: VehicleCommand) -> None:
-        """Handle DO_GO_AROUND (ArduPlane): abort the landing and climb; 0 is the landing item's height."""
+        """Handle DO_GO_AROUND (ArduPlane): abort the landing and climb; 0 means the landing item's height."""
         height = command.params[0]
         self._pilot.go_around(height if math.isfinite(height) and height > 0.0 else None)
 

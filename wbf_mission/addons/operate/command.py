@@ -142,7 +142,7 @@ def _named(heard: Contact) -> tuple[str, str]:
 
 
 class _Printer:
-    """Printer of a watched fleet: one header, then a line for each report of a vehicle, and its texts.
+    """Prints a watched fleet: one header, then a line for each report of a vehicle, and the vehicle's texts.
 
     A repeated text is printed at most every 30 s, with the number of times.
     """
@@ -302,4 +302,4 @@ def _give(wanted: OperatorCommand, url: str, system_id: int | None, wait: float,
 
 
 MONITOR = Command(monitor_command, MONITOR_EXAMPLES)
-COMMAND = Command(command_command, COMMAND_EXAMPLES, ignore_unknown_options=True)  # so that -5 is a height
+COMMAND = Command(command_command, COMMAND_EXAMPLES, ignore_unknown_options=True)  # -5 may be a height

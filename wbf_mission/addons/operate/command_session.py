@@ -149,7 +149,7 @@ class CommandSession:
 
     @property
     def vehicle(self) -> tuple[int, int] | None:
-        """System and component id of the vehicle; None before it is heard."""
+        """System and component id of the vehicle; None before the vehicle is heard."""
         if self._heartbeat is None:
             return self._contact.vehicle
         found = self.search.found

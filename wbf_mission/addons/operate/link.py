@@ -245,7 +245,7 @@ class LiveLink:
         return ask_vehicle(url, wait_s=self.wait_s, system_id=number, note=note, placed=placed)
 
     def check(self, campaign: Campaign, events: EventStream) -> None:
-        """Check all plans before take-off, also those of later sorties; refuse plans with errors."""
+        """Check all plans before take-off, including plans of later sorties; refuse plans with errors."""
         planned, cut = campaign.planned, campaign.cut
         if cut is not None:
             self.note(cut.told())

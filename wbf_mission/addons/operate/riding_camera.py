@@ -31,7 +31,7 @@ class MissionShots:
     If the autopilot commands the camera, the mission's command applies after a short delay, since the
     autopilot's command may still arrive; otherwise it applies at once. A lost, late or reordered command
     therefore has an effect only until the end of this delay. A ground station's command holds until the
-    mission's command changes. An autopilot that triggers single images needs no comparison.
+    mission's command changes. If the autopilot triggers single images, no command of the mission applies.
     """
 
     def __init__(self) -> None:

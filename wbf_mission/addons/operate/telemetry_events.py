@@ -1,4 +1,4 @@
-"""Events of watched vehicles, from the telemetry of real and of simulated ones."""
+"""Events of watched vehicles, real or simulated, from their telemetry."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of the vehicle behind a link: its state, and its settings against the plan's assumptions."""
+"""Checks of a vehicle on a link: its state, and whether its settings are those that the plan assumes."""
 
 from __future__ import annotations
 

@@ -138,7 +138,7 @@ def _show_health(axes: Axes, farm: Farm, fields: FieldSet, values: NDArray[np.fl
 
 
 def _score(axes: Axes, planner: str, rows: Sequence[BenchRow], colour: str, lowest: float) -> None:
-    """Draw the score of one planner over time, and the other planners as thin lines behind it."""
+    """Draw the score of one planner over time; thin lines behind it are the other planners' scores."""
     for row in sorted(rows, key=lambda one: one.planner == planner):
         mine = row.planner == planner
         axes.plot(
@@ -168,7 +168,7 @@ def early_table(rows: Sequence[BenchRow]) -> Table:
 
 
 def lead_table(rows: Sequence[BenchRow]) -> Table:
-    """Return the planner with the best mean score at fractions of the time, and its lead over the others.
+    """Return a table of the planner that leads by mean score at fractions of the time, and of its lead.
 
     Leads are mean differences of pairs of runs in the same environment, with simultaneous 95 % intervals.
     """

@@ -33,7 +33,7 @@ _SHARE_RANGE = 50.0
 _MARGIN = 0.04
 _MOST_DAYS_NAMED = 12
 _TITLES = {
-    "disease": ("plants expected sick", "worst plant expected", "how sure: deviation of the share", "truth"),
+    "disease": ("plants expected sick", "worst plant expected", "how sure: standard deviation", "truth"),
     "continuous": ("expected mean", "lowest value expected", "how sure: standard deviation", "truth"),
 }
 

@@ -38,7 +38,7 @@ class OneEpisode:
         self.shown = Shown(task, block)
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Return a frame, uint8[height, width, 3]; None if a window shows it, or without a render mode."""
+        """Return a frame, uint8[height, width, 3]; None without a render mode, or with a window."""
         return self._rendering.frame(self._begun().scene())
 
     def close(self) -> None:

@@ -247,7 +247,7 @@ class Rendering:
 
 
 class Window:
-    """Window for at most `FRAMES_A_SECOND`; the first frame opens it. A copy opens another window."""
+    """Window of at most `FRAMES_A_SECOND` frames a second, opened by the first; a copy opens its own."""
 
     def __init__(self) -> None:
         try:

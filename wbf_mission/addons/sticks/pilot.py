@@ -308,7 +308,7 @@ class StickPilot:
 
     @property
     def _action(self) -> Action:
-        """Action that a loss of the sticks has in the present mode."""
+        """Action that a loss of the sticks triggers in the present mode."""
         loss = self._rules.loss
         action = loss.actions.get(int(loss.action.of(self._parameters)), Action.NONE)
         return max(action, loss.in_stick_modes, key=_severity) if self._flies else action

@@ -60,7 +60,7 @@ def read_readings(path: Path, fields: FieldSet) -> Readings:
     key = next((names for names in _KEY_READERS if set(names) <= set(header)), None)
     if key is None:
         wanted = "latitude and longitude, name, image, or time"
-        if len(header) == 1 and re.search("[;\t]", header[0]):  # Many spreadsheets write such files
+        if len(header) == 1 and re.search("[;\t]", header[0]):  # Spreadsheets often use these separators
             wanted += "; separate the columns by commas, and write decimals with a point"
         raise ObservationError(f"{path}: no column gives the place of a reading; give {wanted}")
     columns = [header.index(name) if name in header else None for name in fields.names]

@@ -78,7 +78,7 @@ def report_command(
 
 
 def _bench(folder: Path, path: Path) -> dict[str, Any]:
-    """Write the page of a benchmark; return its properties for the output."""
+    """Write the page of a benchmark; return the page's properties, which the command prints."""
     from wbf_mission.addons.web.bench_page import write_bench_page
     from wbf_mission.bench.requests import read_asked
     from wbf_mission.bench.rows import read_rows
@@ -93,7 +93,7 @@ def _bench(folder: Path, path: Path) -> dict[str, Any]:
 
 
 def _runs(folders: list[Path], path: Path, progress: Progress) -> dict[str, Any]:
-    """Write the page of one or two runs; return its properties for the output."""
+    """Write the page of one or two runs; return the page's properties, which the command prints."""
     from wbf_mission.addons.web.report import write_report
     from wbf_mission.results.result import load_result
 

@@ -85,7 +85,7 @@ class PlannedMission:
     report: Report
 
     def place_of(self, finding: Finding) -> tuple[float, float] | None:
-        """Return the place on the farm (m) that a finding is about; None if it is about the whole plan."""
+        """Return a finding's place on the farm (m); None if the finding is about the whole plan."""
         if finding.item is None:
             return None
         farm, mission = self.plan.farm, self.plan.mission
@@ -264,7 +264,7 @@ class Drafts:
             raise DraftError(f"{key!r:.60} is not an option of a draft")
         if known.kind or key in NAMED:
             if given == str(self.start[key]):
-                return self.start[key]  # This may be an object from a user's file
+                return self.start[key]  # The value may be an object from a user's file
             self._check_name(key, given)
         return known.read(given) if known.read is not None and isinstance(given, str) else given
 

@@ -108,7 +108,7 @@ class RunPage:
                 self._left -= 1
                 due = self._left % self._every == 0
                 self._last = event.time_s, event.day, event.observations
-                # Events replayed from results have a model only if it is drawn; do the same here.
+                # Events replayed from results have a model only if the model is drawn; do the same here.
                 self.recorder.take(event if due or self._draws_all else replaced(event, model=None))
                 if due:
                     self.recorder.keep(*self._last)
@@ -217,7 +217,7 @@ MOST_BYTES = 5_000_000
 
 
 class ReportError(WbfMissionError, ValueError):
-    """Runs that cannot be shown in a report."""
+    """The runs cannot be shown in a report."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -154,7 +154,7 @@ def _notice_underspeed(state: Record, slowest: float, v: float, stage: float) ->
 
 @compiled(allocates=False)
 def _speed_weight(state: Record, limits: Record, stage: float, portion: float, sinking: bool) -> float:
-    """Return the airspeed's weight in pitch control, 0 to 2; the height's weight is the rest up to 2."""
+    """Return the airspeed's weight w in pitch control, 0 to 2; the height's weight is 2 - w."""
     if state.underspeed > 0.0 or stage == CLIMB_OUT or sinking:
         return 2.0
     weight = _clip(limits.speed_weight, 0.0, 2.0)

@@ -36,8 +36,8 @@ _NAME = "grid-limited-randomness"
 class GridLimitedRandomness:
     """Draw a random place in each cell of a grid, round by round, and visit as many as the budget allows.
 
-    With a grid of one cell the path is a random walk; the more cells, the more systematic is the path. The
-    path is not changed in flight. Each vehicle draws separate places.
+    With a grid of one cell, the path is a random walk; more cells make the path more systematic. The path is
+    not changed in flight. Each vehicle draws separate places.
 
     Parameters
     ----------

@@ -157,8 +157,7 @@ class RefiningLawnmower:
             gap_m = max(self._gaps[min(number, 1)] * cell_m, request.footprint_m)
             planner = make_planner("lawnmower")
             budget = _PartOf(request.budget, left)
-            # Half a gap from the border, the footprint of the first row (as wide as a gap) reaches the
-            # border.
+            # A footprint as wide as the gap puts the first row half a gap from the border.
             task = replace(
                 request, area=land, start_xy_m=here, budget=budget, crop_areas=(), footprint_m=gap_m
             )

@@ -91,9 +91,9 @@ def upload_checked(
 ) -> tuple[TransferReport, Report]:
     """Query a vehicle, then check, upload and read back a mission; return the transfer and the findings.
 
-    `around` is called with the vehicle's answers, and returns the circumstances for the check. The other
-    parameters, and the errors, are described at `mission.ground.link.upload`. If the check finds errors, this
-    raises PreflightError unless `force` is set.
+    `around` receives the vehicle's answers, and returns the circumstances under which the mission is checked.
+    The other parameters, and the errors, are described at `mission.ground.link.upload`. If the check finds
+    errors, this raises PreflightError unless `force` is set.
     """
     snapshot = ask_vehicle(link, wait_s=wait_s, system_id=system_id, note=events.note)
     # Findings about the vehicle's present state are left out, since they matter only before a take-off.

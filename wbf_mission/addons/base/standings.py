@@ -173,7 +173,7 @@ def _scored(scenario: str, rows: Sequence[BenchRow]) -> Scored:
 
 
 _SCORE = ""
-"""Key of the score, beside the names of fields; the loss of the score is its negative."""
+"""Key of the score in mappings by field; the loss under this key is the negative score."""
 
 
 def _value(row: BenchRow, name: str, over_run: bool) -> float:

@@ -299,7 +299,7 @@ def held_by(files: Iterable[Path], kind: str, label: str, digest: str) -> Choice
         if (found := own_digest(choice.made)) == digest:
             return choice
         differs = f"the digest of this file and the files beside it is {found}, not {digest}"
-        why = f"{path.name} defines another {label} than the one that flew the rows: {differs}"
+        why = f"{path.name} defines a {label} that differs from the one that flew the rows: {differs}"
     raise ResultError(f"{kind} {label}: {why}")
 
 

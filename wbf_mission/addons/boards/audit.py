@@ -136,7 +136,7 @@ def _require_methods(scenario: str, rows: Sequence[BenchRow]) -> None:
             if code is not None and not _DIGEST.fullmatch(code):
                 why = "its code digest is malformed"
             elif code is not None and label.partition(":")[0].lower() in _built_in(kind):
-                why = "your own code has the name of a built-in method: rename your code"
+                why = "it is your own code with the name of a built-in method: rename your code"
             if why:
                 msg = f"{kind} {one_line(label, 60) or 'without a name'}: {why}"
                 raise ResultError(f"{msg}; use a {kind} that everybody can fly")

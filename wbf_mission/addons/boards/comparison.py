@@ -90,7 +90,7 @@ def doubt_in_words(count: int) -> str:
     'Events in fewer than 7 % of environments may be missing from these 40, and no interval covers them.'
     """
     if count < 2:
-        return "One environment has no interval." if count else ""
+        return "With one environment, there is no interval." if count else ""
     rare = 100.0 * (1.0 - MISSED ** (1.0 / count))
     unseen = f"Events in fewer than {rare:.0f} % of environments may be missing from these {count}"
     texts = [f"{unseen}, and no interval covers them."]
@@ -98,7 +98,7 @@ def doubt_in_words(count: int) -> str:
     if held is not None:
         texts.append(f"If rare events decide a mean, its 95 % interval may hold in only {held} of 100 cases.")
     if count < FEWEST_FOR_A_RATIO:
-        texts.append(f"Ratios over fewer than {FEWEST_FOR_A_RATIO} have no interval.")
+        texts.append(f"Ratios over fewer than {FEWEST_FOR_A_RATIO} environments have no interval.")
     return " ".join(texts)
 
 

@@ -55,7 +55,7 @@ def plot_decisions(
     for (above, below), k, column in zip(panels.T, shown, [*shown[1:], len(record.decisions)], strict=True):
         decision = record.decisions[k]
         image = _draw_choice(above, record, decision, acquisitions[k], norm) or image
-        # Number of observations at the next decision that has more observations than this decision.
+        # Several decisions may have equally many observations: take the next decision with more.
         later = next((count for count in counts[k + 1 :] if count > counts[k]), counts[-1])
         _draw_outcome(below, record, (counts[k], later, counts[column]))
         day = f"day {decision.day}, " if len(record.days) > 1 else ""
@@ -139,7 +139,7 @@ def _draw_outcome(axes: Axes, record: RunRecord, counts: tuple[int, int, int]) -
         )
     lines = [f"then {until - begin} readings, {np.count_nonzero(sick[begin:until])} sick"]
     if end > until:
-        lines.append(f"by the next column {end - begin}, {np.count_nonzero(sick[new])} sick")
+        lines.append(f"until the next column {end - begin}, {np.count_nonzero(sick[new])} sick")
     losses = [_loss_after(record, count) for count in counts]
     lines.append("loss " + " → ".join(f"{loss:.3f}" for loss in losses if loss is not None))
     axes.set_xlabel("\n".join(lines), fontsize=7.5)

@@ -119,7 +119,7 @@ def _repeat(asked: AskedFor, rows: Sequence[BenchRow]) -> Iterator[Section]:
         listings = []
         for request in asked.asked:
             command = request.command or "(from Python)"
-            listings.append(Listing(f"Asked for at {request.when}", command, "text"))
+            listings.append(Listing(f"Requested at {request.when}", command, "text"))
             listings.append(Listing("The request as a file for bench run", request.specification, "toml"))
         yield Section("To repeat the benchmark", listings=tuple(listings))
     others = {row.scenario for row in rows} - {card.scenario for card in asked.cards}
@@ -276,7 +276,7 @@ class Ratio:
     fixed: bool
     """Whether `planner` is fixed: it decides only once, before the flight."""
     ratios: dict[str, Interval]
-    """Ratio for `WHOLE` and each field; below 1 is better. The intervals of an estimator are simultaneous."""
+    """Ratio for `WHOLE` and each field; below 1 is better. Intervals with one estimator are simultaneous."""
     best: dict[str, str]
     """Best fixed planner, whose loss is the divisor, for `WHOLE` and for each field."""
 
@@ -287,7 +287,7 @@ class Ratio:
 
 
 def by_fixed(group: Scored, *, over_run: bool) -> list[Ratio]:
-    """Return, for each planner and estimator, the ratios of losses to the best fixed planner, lowest first.
+    """Return each planner's losses divided by those of the best fixed planner, lowest ratio first.
 
     Each field has its own best fixed planner. Estimators without a fixed planner are skipped.
     """

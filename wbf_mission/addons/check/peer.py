@@ -23,7 +23,7 @@ from mission.transfer.vehicles import Vehicle
 
 
 class CheckError(WbfMissionError, ValueError):
-    """An unknown check is named, or the vehicle is armed before the checks."""
+    """A check that does not exist is requested, or the vehicle is armed before the checks."""
 
 
 class FailedError(WbfMissionError):

@@ -37,7 +37,7 @@ def all_checks() -> tuple[Check, ...]:
 
 
 def chosen_checks(only: tuple[str, ...], *, fly: bool) -> tuple[Check, ...]:
-    """Return the checks with an id or group in `only` (empty: all); CheckError for an unknown name."""
+    """Return the checks that `only` names by id or group (empty: all); CheckError for an unknown name."""
     checks = all_checks()
     known = {check.id for check in checks} | {check.group for check in checks}
     for name in only:

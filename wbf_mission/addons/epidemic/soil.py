@@ -321,8 +321,8 @@ class SoilField:
 class _Posterior:
     """Mean and covariance of the functions' weights on a day, for a fixed noise variance `noise`.
 
-    `shown` is the noise variance estimated from `noise_from` readings; unlike `noise`, it has no lower bound
-    from the misfit.
+    `shown` is the noise variance estimated from `noise_from` readings, without the lower bound that `noise`
+    has.
     """
 
     day: int

@@ -77,7 +77,7 @@ def read_vector(path: Path, layer: str | None = None, crs: str | None = None) ->
             is_coding = isinstance(error, UnicodeError)
             text = "it has bytes that are not text" if is_coding else str(error) or type(error).__name__
             reason = one_line(text.replace(str(plain), path.name), 200)
-            raise FarmError(f"cannot be read: {reason}; save it again in its program") from error
+            raise FarmError(f"cannot be read: {reason}; save the file again") from error
     return document
 
 

@@ -51,7 +51,7 @@ class Record:
     """One record of a mission file: an item, home, a fence or rally item, or the header."""
 
     fields: Mapping[str, Any]  # Numbers, bools, texts of numbers or bools, or None, keyed by the names above.
-    places: Sequence[LatLon] = ()  # No place, one place, or the vertices of a polygon that is not closed.
+    places: Sequence[LatLon] = ()  # No place, one place, or a polygon's vertices (the first is not repeated).
     where: str = ""  # Position of the record in the file, for error messages.
 
     @property

@@ -35,7 +35,7 @@ class Step:
 def is_ready(wanted: OperatorCommand, heard: VehicleMonitor) -> bool:
     """Return whether the telemetry that `step_of` needs was received."""
     if wanted.order == "takeoff":
-        # This order is not given to a disarmed vehicle, so its position does not matter.
+        # A disarmed vehicle gets an error in place of this order, which needs no position.
         return not heard.state.armed or (heard.position_heard_s > -math.inf and heard.flies is not None)
     return wanted.order != "set-item" or heard.item_heard_s > -math.inf
 
@@ -141,7 +141,7 @@ class CommandSession:
         self._step: Step | None = None
         self._order: Order | None = None
         self._accepted = False
-        self._before = StateBefore.of(self._contact.monitor, -math.inf)  # when the order was given
+        self._before = StateBefore.of(self._contact.monitor, -math.inf)  # State when the order was given
         self._shown_before = self._obeyed = False
         self._refusal: tuple[str, float] | None = None
         self._begun_s = self._message_s = math.inf
@@ -263,8 +263,7 @@ class CommandSession:
     def _ask_for_streams(self, vehicle: tuple[int, int], now_s: float) -> list[Message]:
         """Request the telemetry that confirms the order; requests are repeated, since they may be lost.
 
-        A message that the contact's owner receives already is not requested, because that would change its
-        rate.
+        A message that the contact's owner receives already is not requested: a request would change its rate.
         """
         comes: tuple[bool, ...] = (False,) * len(_STREAMED)
         if self._heartbeat is None:

@@ -49,7 +49,7 @@ def plot_run(record: RunRecord, path: Path) -> Path:
     axes.legend(loc="upper right", bbox_to_anchor=(1.0, -0.1), ncols=3, fontsize=7, frameon=False)
     if crops is not None:
         axes.add_artist(crops)
-        crops.set_clip_on(False)  # The layout leaves no room for clipped artists
+        crops.set_clip_on(False)  # The layout makes room only for artists that are not clipped
     how = "mission file" if record.plan.planner is None else record.plan.planner
     axes.set_title(f"{record.farm.name}: {how}, {record.plan.vehicle.name}")
     return save_figure(figure, path)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 FINDS = "#0072b2"
 PATH = "#3b3b3b"
-_LARGEST_SHARE = 0.02  # Lowest end of the colour scale of sick plants on a large farm
+_LARGEST_SHARE = 0.02  # Minimum for the top of the colour scale of sick plants on a large farm
 _SHARE_RANGE = 50.0
 _MARGIN = 0.04
 _MOST_DAYS_NAMED = 12

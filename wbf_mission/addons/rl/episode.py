@@ -34,10 +34,9 @@ from wbf_mission.progress import silent
 class Episode:
     """A run of a task on the environment of a seed.
 
-    As in a flight, an image arrives after the robot has moved on: the image taken at home arrives together
-    with the image taken after the first move. The images of a robot come after the images of the previous
-    robot. Equal seeds give the same environment and the same camera errors. `seen`, float32[W, H], is 1 in
-    observed cells.
+    As in a flight, an image arrives after the robot has moved on: the image at home arrives together with the
+    image after the first move. The images of a robot come after the images of the previous robot. Equal seeds
+    give the same environment and the same camera errors. `seen`, float32[W, H], is 1 in observed cells.
     """
 
     cells: NDArray[np.int64]

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 _SKID = 73.0
 # Largest acceptance radius. The vehicle stays this near to its S-curve target, which rounds corners.
 _FOLLOWS_M = 0.3
-# Rover stays armed at home, so this is the longest possible delay.
+# ArduPilot's Rover stays armed at home, so its delay until disarming is the longest possible.
 _NEVER_DISARM_S = 3599.0
 # Maximum snap of the S-curves, m/s^4 (AR_WPNAV_SNAP_MAX); acceleration limit if no parameter sets a limit.
 _SNAP = 15.0

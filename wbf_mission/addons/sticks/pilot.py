@@ -195,7 +195,7 @@ _DOWN = -0.94
 
 
 class StickPilot:
-    """Manual flight while stick messages arrive; `lost` is true if they have stopped."""
+    """Manual flight while stick messages arrive; `lost` is true if the messages have stopped."""
 
     def __init__(self, controls: Controls, rules: StickRules) -> None:
         self._controls = controls

@@ -219,7 +219,7 @@ _LISTED = 3  # Maximum number of zones of each kind in a table
 _PAGE_MM = 250.0
 _MAP_MM = 88.0
 _MAP_WIDTH, _WIDE_MM, _NARROW_MM, _NARROW_FROM = "MAP", 84, 68, 3
-_LEAST_SHARE = 1e-3  # Smaller fractions are written as "below" this one
+_LEAST_SHARE = 1e-3  # Smaller fractions are written as "under" this fraction
 
 _STYLE = """
 @page { size: A4 portrait; margin: 10mm 12mm; }

@@ -101,7 +101,7 @@ class Layers:
         return partial(self._means, value, np.array(wanted))
 
     def of_blocks(self, value: Floats, block_m: float) -> Pixels:
-        """Return pixels of the positive values of blocks, float32[w, h], that begin at the frame's origin."""
+        """Return the pixels of a map of blocks, float32[w, h]; NaN where the value is not positive."""
         pixel_m = self.raster.pixel_m
 
         def pixels(window: Window) -> Floats:

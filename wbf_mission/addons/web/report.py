@@ -65,7 +65,7 @@ class Recorder:
         self.decisions: list[bool] = []  # Whether each moment is the time of a decision
 
     def take(self, event: Event) -> None:
-        """Draw the layers of an event."""
+        """Draw the layers that an event changes."""
         for view in self.views.values():
             view.take(event)
 
@@ -327,7 +327,7 @@ class _Kept:
         raster, finest = self.rasters[reduced.longest], self.rasters[LONGEST]
         moments = len(self.layers.decisions)
         if self.lost:
-            yield f"Layers are shown only for the end of the run: {self.lost}"
+            yield f"Layers show only the end of the run: {self.lost}"
         if reduced.light and any(self.layers.decisions):
             yield f"Between about {MOMENTS} of the scored times, only acquisition maps are kept"
         if reduced.every > 1 and moments > 1:

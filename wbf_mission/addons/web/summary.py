@@ -21,7 +21,7 @@ from wbf_mission.run.record import RunRecord
 
 _BEGIN = '<section id="summary" aria-label="Summary">'
 _STEPS = 100
-_LEAST_SCALE = 0.02  # Minimum colour scale, as a share of sick plants
+_LEAST_SCALE = 0.02  # Minimum for the top of the colour scale, as a fraction of sick plants
 _MOST_PIXELS = 0.995
 _SICK = ("#e3ecd2", "#f6c66a", "#e2711d", "#8e1f1c", "#4a0b16")
 _PATH_M = 0.002  # Minimum step of a drawn path, as a fraction of the farm's side
@@ -187,7 +187,7 @@ def _about(report: FieldReport) -> str:
     sure = "the estimator gives no uncertainty"
     if report.low is not None and report.high is not None:
         sure = f"90 % sure: {write(report.low)} to {write(report.high)}"
-    what = "of the plants are expected sick" if disease else "on average"
+    what = "of the plants are expected to be sick" if disease else "on average"
     if report.is_of_seen:
         what = "of the plants that were looked at are sick" if disease else "on average in the cells seen"
         sure = "nothing is known of the rest"

@@ -75,4 +75,4 @@ def test_few_environments_are_said_to_be_few():
     assert "may hold" not in doubt_in_words(40)
     assert "Ratios" in doubt_in_words(7)
     assert "Ratios" not in doubt_in_words(8)
-    assert doubt_in_words(1) == "One environment has no interval."
+    assert doubt_in_words(1) == "With one environment, there is no interval."

@@ -199,9 +199,7 @@ def test_an_estimator_that_is_gone_is_said(
     monkeypatch.setattr("wbf_mission.addons.base.replay.fresh_estimator", gone)
     made = write_report(tmp_path / "r.html", [result])
     assert made.moments == (1,)
-    assert made.notes == (
-        "Layers are shown only for the end of the run: estimator Mine: it was given as an object",
-    )
+    assert made.notes == ("Layers show only the end of the run: estimator Mine: it was given as an object",)
 
 
 def test_the_summary_tells_what_the_result_tells(file: Path, result: Result) -> None:

@@ -658,7 +658,7 @@ def test_a_plan_for_a_survey_camera_is_flown(page: Page) -> None:
     page.locator("#choice-camera_model").select_option("dji-p1-35")
     page.locator("#choice-gsd_cm").fill("0.1")
     planned(page)
-    expect(page.locator(".how")).to_contain_text("survey camera's image positions")
+    expect(page.locator(".how")).to_contain_text("where the survey camera would take them")
     page.get_by_label("Speed", exact=True).select_option("")
     page.get_by_role("button", name="Fly it in the simulator").click()
     expect(page.locator(".told")).to_have_text("The flight: completed", timeout=SLOW_MS)

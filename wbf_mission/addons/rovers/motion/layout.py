@@ -95,7 +95,7 @@ Simulated = IntEnum(
     "GRIP TURN_GRIP TURN_DAMPING "
     "ACTUATOR_SHARE "  # Fraction of an output's change that the actuator follows per step.
     "DRAG "  # Drag per mass and squared speed along each axis of the Earth, 1/m.
-    "NORTH_1 NORTH_2 NORTH_3 EAST_1 EAST_2 EAST_3",  # North and east vectors in the axes of the Earth.
+    "NORTH_1 NORTH_2 NORTH_3 EAST_1 EAST_2 EAST_3",  # The vectors north and east, in the axes of the Earth.
     start=0,
 )
 # Columns: energy at which the drive ends, time step, limits, and values of PX4's simulated rover.

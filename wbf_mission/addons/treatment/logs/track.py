@@ -72,7 +72,7 @@ class LogTrack:
 
         Times of at least `LEAST_UTC_S` are UTC; smaller times count from the boot. Positions are NaN before
         the first fix, after the last fix, and in gaps of more than `LONGEST_GAP_S`. Raises LogError if the
-        log lacks the clock of the times, or the vehicle was rebooted within the log.
+        log has no times by the clock of `time_s`, or the vehicle was rebooted within the log.
         """
         found = np.full((2, len(time_s)), np.nan)
         is_utc = time_s >= LEAST_UTC_S

@@ -126,7 +126,7 @@ def fly(
     v = max(v, SHORT)
     w = min(max(w, -STEEPEST * v), STEEPEST * v)
     forward = sqrt(v * v - w * w)
-    # Lift that bends the path upward also turns it.
+    # If the vehicle is banked, lift that bends the path upward also turns the path.
     lift = max(GRAVITY_M_S2 + v * state.path_rate, 0.0)
     # The side force of a slip grows as the slip builds up.
     against = 1.0 / limits.turn_share - 1.0

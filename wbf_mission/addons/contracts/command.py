@@ -22,7 +22,7 @@ wbf-mission check-policy greedy:least_weight=0.35
 wbf-mission check-policy my_policy.py:MyPolicy
 wbf-mission check-estimator my_estimator.py:Mine
 """
-_Name = Annotated[str, typer.Argument(help="Name with any parameters, or FILE.py:NAME of your own code.")]
+_Name = Annotated[str, typer.Argument(help="Name, and parameters if any, or FILE.py:NAME of your own code.")]
 
 
 @options.speaks(quiet=False)

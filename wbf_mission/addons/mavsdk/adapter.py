@@ -188,7 +188,7 @@ class _GroundByMavsdk:
         return out + self.hand_on(self._ground.poll(now_s), now_s)
 
     def next_deadline(self) -> float:
-        """Return the time (s) of the next `poll` with something to do; infinite if there is none."""
+        """Return the time (s) at which the next `poll` is due; infinite if there is nothing to do."""
         return min(self._ground.next_deadline(), self._due_s if self._orders.waiting else math.inf)
 
     def goodbye(self) -> list[Message]:

@@ -281,7 +281,7 @@ class _Transfer(ABC):
         return TransferFailed(self.mission_type, reason, text, code, state)
 
     def next_deadline(self) -> float | None:
-        """Return the time of the next `poll` with something to do; None before the start or after the end."""
+        """Return the time at which the next `poll` is due; None before the start or after the end."""
         return None if self._call is None else self._due_s
 
     def cancel(self, now_s: float) -> Output:

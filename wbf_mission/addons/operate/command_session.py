@@ -213,7 +213,7 @@ class CommandSession:
         return out
 
     def next_deadline(self) -> float:
-        """Time (s) of the next `poll` with something to do."""
+        """Time (s) at which the next `poll` is due."""
         if self.done:
             return math.inf
         due_s = [self._end_s, self._message_s, self._contact.link.next_deadline()]

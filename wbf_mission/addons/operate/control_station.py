@@ -100,7 +100,7 @@ class ControlStation:
         return out
 
     def next_deadline(self) -> float:
-        """Time (s) of the next `poll` with something to do."""
+        """Time (s) at which the next `poll` is due."""
         sessions = (vehicle.session for vehicle in self._vehicles.values())
         return min([self._look_s, *(session.next_deadline() for session in sessions if session is not None)])
 

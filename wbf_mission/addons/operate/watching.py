@@ -243,7 +243,7 @@ class FleetWatch:
         return out
 
     def next_deadline(self) -> float:
-        """Time (s) of the next `poll` with something to do."""
+        """Time (s) at which the next `poll` is due."""
         return min([self._heartbeat.due_s, *(reader.next_deadline() for reader in self._readers.values())])
 
     @property

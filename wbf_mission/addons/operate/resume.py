@@ -54,8 +54,8 @@ def _at_item(text: str, number: int, metres: float, course: Course) -> Place:
         raise ScenarioError(msg)
     length_m = float(course.lengths_m[leg])
     if metres >= length_m and metres > 0.0:
-        leg = f"the leg to item {number} is {length_m:.1f} m long"
-        raise ScenarioError(f"--resume {text}: {leg}; give fewer metres")
+        length = f"the leg to item {number} is {length_m:.1f} m long"
+        raise ScenarioError(f"--resume {text}: {length}; give fewer metres")
     return Place(course.legs[leg].item, metres / length_m if metres else 0.0)
 
 

@@ -438,7 +438,7 @@ def test_on_large_farms_probabilities_and_loss_are_made_when_asked_for(cache, mo
     tomorrow = EpidemicEstimator(**SMALL, cache=cache / "large").fit(grid, seen[:5])
     old = tomorrow.predict()
     tomorrow.advance(tomorrow.day_ + 1)
-    with pytest.raises(EstimatorError, match=r"of day 6 and 5 observations are lost.* at day 7 and 5"):
+    with pytest.raises(EstimatorError, match=r"of day 6 with 5 observations.* on to day 7 with 5"):
         old.probabilities["tylcv"]
     tomorrow.predict().expected_loss  # noqa: B018
     again = EpidemicEstimator(**SMALL, cache=cache / "large").fit(grid, seen[:5])

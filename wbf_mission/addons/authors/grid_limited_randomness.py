@@ -44,8 +44,8 @@ class GridLimitedRandomness:
     h_cells, v_cells : int
         Number of cells along x and y, over the bounds of the area.
     order : str
-        Order of the places. ``end``: as drawn, boustrophedon (the authors' GLR-EOP). ``detour``: each place
-        is inserted where it lengthens the path least (GLR-SD). ``tour``: a short tour of all (GLR-CA).
+        Order of the places. ``end``: row by row of cells, to and fro (the authors' GLR-EOP). ``detour``: each
+        place is inserted where it lengthens the path least (GLR-SD). ``tour``: a short tour of all (GLR-CA).
 
     Raises
     ------

@@ -117,7 +117,7 @@ class Layers:
     def put(
         self, name: str, pixels: Pixels, *, changed: Bools | None = None, scale: float | None = None
     ) -> Drawing:
-        """Draw a layer's new values; return the drawing, which `draw` or `show` then displays.
+        """Draw a layer's new values; return the drawing, which `draw` then displays.
 
         `pixels` returns the values of a window, NaN where there is no value. Tiles outside `changed`,
         bool[tiles along x, y] (`sensors.scoring.information`), keep their values. Byte 254 stands for

@@ -35,7 +35,7 @@ class Component(Protocol):
 
     @property
     def wanted(self) -> frozenset[int] | None:
-        """IDs of the messages that the host parses for `receive`; None for all. The host reads this once."""
+        """IDs of the messages that the host parses for `receive`; None for all. The host reads them once."""
         ...
 
     def receive(self, message: mavlink.MAVLink_message, now_s: float) -> list[mavlink.MAVLink_message]:

@@ -1,4 +1,4 @@
-"""Vehicle files, which are TOML: fields of `VehicleSpec`, and a table for each part of the vehicle.
+"""Vehicle files: TOML files with the fields of `VehicleSpec` and a table for each part of the vehicle.
 
 The files of the built-in vehicles are in ``sim_vehicle/airframe/vehicles``.
 """
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["forget_vehicles", "get_vehicle", "load_vehicle", "vehicle_names"]
 
 _DEFAULT = "quad"
-# Fields that a vehicle file cannot set. The name is the file name; a scenario sets the other fields.
+# Fields that a vehicle file cannot set. The file name is the vehicle's name; a scenario sets the rest.
 _NOT_IN_FILES = ("name", "autopilot", "parameters", "return_margin_m", "autopilot_parameters")
 _PARAMETER = re.compile(r"[A-Z][A-Z0-9_]{0,15}")
 
@@ -48,7 +48,7 @@ def _files() -> dict[str, Traversable]:
 
 
 def forget_vehicles() -> None:
-    """Clear the caches of kinds and vehicle files, as needed after a package was installed at run time."""
+    """Clear the caches of kinds and vehicle files, so that a package installed at run time is found."""
     forget_kinds()
     for known in (vehicle_names, _files, _packaged):
         known.cache_clear()
@@ -90,8 +90,8 @@ def load_vehicle(path: Path) -> VehicleSpec:
     """Return the vehicle that a vehicle file describes.
 
     The keys are fields of `VehicleSpec`. The tables are ``[battery]``, ``[power]``, ``[airframe]``,
-    ``[published]``, and a table of parameters for each autopilot (``[px4]``, ``[ardupilot]``). Missing values
-    come from the vehicle that the key ``base`` names; without this key, from the base vehicle of the kind.
+    ``[published]``, and a table of parameters for each autopilot (``[px4]``, ``[ardupilot]``). Values missing
+    from the file are those of the vehicle that the key ``base`` names, by default the kind's base vehicle.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def load_vehicle(path: Path) -> VehicleSpec:
         raise VehicleError(msg)
     base = replace(_packaged(name), published=None, description="")
     if kind is not None and kind != base.kind:
-        msg = f"{where}: kind {kind} does not fit base {name}, which is a {base.kind}: leave one of them out"
+        msg = f"{where}: kind {kind} does not fit base {name}, which is a {base.kind}: leave out kind or base"
         raise VehicleError(msg)
     return _build(where, path.stem, data, base)
 
@@ -179,7 +179,7 @@ def _parameters(
         raise VehicleError(f"{key} must be a table of parameters")
     for name, number in value.items():
         if not _PARAMETER.fullmatch(name):
-            msg = f"[{key}] {name!r} is not a parameter name: use capitals, digits and _, at most 16"
+            msg = f"[{key}] {name!r} is not a parameter name: use a capital, then 0 to 15 capitals, digits, _"
             raise VehicleError(msg)
         if isinstance(number, bool) or not isinstance(number, int | float) or not abs(number) < 1e9:
             raise VehicleError(f"[{key}] {name} {number!r} is not a number")

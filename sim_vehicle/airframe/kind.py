@@ -41,7 +41,7 @@ AUTOPILOT_GROUP = "wbf_mission.autopilots"
 """Entry point group of autopilots; each entry is a `sim_vehicle.autopilot.Autopilot`."""
 DEFAULT_AUTOPILOT = "px4"
 NO_AUTOPILOT = "generic"
-"""Autopilot name of a vehicle with the generic motion, which no autopilot controls."""
+"""Autopilot name of a vehicle that no autopilot controls; it has the generic motion."""
 KIND_GROUP = "wbf_mission.vehicle_kinds"
 """Entry point group of kinds; each entry is a `VehicleKind` that has the entry's name."""
 # Kinds that the add-ons of this package provide, with their add-on and MAV_TYPE.
@@ -86,14 +86,14 @@ class VehicleKind:
     airframe: type | None = None
     """Dataclass of ``[airframe]`` in vehicle files; None if the kind has no such table."""
     procedures: str = ""
-    """``module:NAME`` of the `FlightProcedures` of vehicles without an autopilot. The first motion imports
-    them. If this is empty, the procedures of the default autopilot are used."""
+    """``module:NAME`` of the `FlightProcedures` of vehicles without an autopilot; the module is imported when
+    a vehicle first needs it. If this is empty, the procedures of the default autopilot are used."""
     firmwares: Mapping[str, str] = field(default_factory=dict)
-    """``module:NAME`` of the `Firmware` for this kind, by autopilot name, for autopilots that do not
-    themselves support the kind."""
+    """``module:NAME`` of the `Firmware` that the kind provides for an autopilot which does not itself support
+    the kind, by autopilot name."""
     shown_as: str = ""
-    """Kind whose firmware MAVLink peers see if the autopilot has no firmware for this kind; the procedures of
-    this kind still move the vehicle. If this is empty, such an autopilot is refused."""
+    """Kind as which the vehicle appears on MAVLink if the autopilot has no firmware for the vehicle's kind;
+    the procedures of its own kind still move the vehicle. If this is empty, the autopilot is refused."""
     mav_types: tuple[int, ...] = ()
     """MAV_TYPEs in heartbeats of this kind; a vehicle with a MAV_TYPE of no kind counts as a multirotor."""
 
@@ -176,7 +176,7 @@ def not_installed() -> str:
 
 
 def forget_kinds() -> None:
-    """Clear the caches of kinds, as needed after a package was installed at run time."""
+    """Clear the caches of kinds, so that a package installed at run time is found."""
     kind_names.cache_clear()
     _registered.cache_clear()
 

@@ -5,13 +5,13 @@ axis is the sum of a first-order Gauss-Markov process (atmosphere, orbits) and w
 Rankin, *An error model for sensor simulation: GPS and differential GPS*, IEEE PLANS 1994. Beard and McLain
 (*Small Unmanned Aircraft*, 2012, section 7.5) use Rankin's numbers. The process has a standard deviation of
 4.7 m along a horizontal axis and 9.2 m upwards, and a time constant of 1100 s. The white noise has a
-deviation of 0.4 m horizontally and 0.7 m upwards. The dilutions of precision are 1.3 (horizontal) and 1.8.
+deviation of 0.4 m horizontally and 0.7 m upwards. Dilutions of precision: 1.3 horizontal, 1.8 vertical.
 `SensorNoise` sets the size of the errors; the ratios are fixed.
 
-The error of a barometer has the same two parts (Sabatini and Genovese, *Sensors* 13(11), 2013). The autopilot
-measures heights from the barometer's reading at power-up. The estimate follows the sensors with a time
-constant of 2 s. The autopilot flies by the estimate: the estimated position follows the plan, and the true
-position differs from it by the error (docs/decisions/0011).
+The error of a barometer has the same two parts (Sabatini and Genovese, *Sensors* 13(11), 2013). Height 0 of
+the autopilot is the barometer's reading at power-up. The estimate follows the sensors with a time constant of
+2 s. The autopilot flies by the estimate: the estimated position follows the plan, and the true position
+differs from the estimated position by the error (docs/decisions/0011).
 
 Errors are drawn on a fixed grid of 0.1 s from one random stream per sensor. The errors of one sensor depend
 neither on the time step of the simulation nor on the other sensor.
@@ -25,13 +25,13 @@ controller corrects the resulting position error. A part of the velocity error, 
 vehicle: tilt errors move the vehicle and not the estimate, and corrections move the estimate and not the
 vehicle.
 
-The numbers are measured on eight flights of quadrotors, a rover and an aeroplane. The velocity error is the
-difference between the estimated velocity and the rate of change of the estimated position; it is measured on
-the six flights of quadrotors. The push is measured on the two of them that recorded attitudes:
+The numbers are measured on eight flights: six of quadrotors, one of a rover and one of an aeroplane. The
+velocity error is the difference between the estimated velocity and the rate of change of the estimated
+position, on the six flights of quadrotors. The push is measured on the two of these with recorded attitudes:
 
 ============================  ===================================================================
-jumps of the height           90 % to the other side; size 1.0 m (tenth percentile 1.05 m,
-                              median 1.24 m, ninetieth 1.76 m); the last after 117 to 121 s
+jumps of the height           90 % change the error's sign; size 1.0 m or more (tenth percentile
+                              1.05 m, median 1.24 m, ninetieth 1.76 m); the last after 117 to 121 s
 time between jumps            median 0.2 to 0.4 s, mean 0.8 to 1.1 s, ninetieth percentile 2.2 s
 drift of the height           deviation 0.29 m; correlation 0.96 over 1 s, 0.63 over 5 s, 0.3 over 10 s
 horizontal velocity           deviation per axis 0.214 m/s (0.14 to 0.28 in parts of flights), normally
@@ -74,7 +74,7 @@ __all__ = [
 
 GRID_S = 0.1
 """Interval between two errors."""
-# Times in a block of sensor errors, and number of blocks kept.
+# Number of grid times in a block of sensor errors, and number of blocks kept.
 BLOCK, _KEPT = 1024, 4
 TIME_CONSTANT_S = 1100.0
 """Time constant of the receiver's slow error."""
@@ -110,7 +110,7 @@ VELOCITY_M_S, VELOCITY_S, VELOCITY_DAMPING = 0.214, 2.25, 0.73
 PUSH_1_S, UNSEEN = 0.5, 0.3
 """Gains of the push: on the velocity error (1/s), and on the rate of change of the velocity error."""
 CLIMB_M_S, CLIMB_S = 0.1, 2.3
-"""Standard deviation and time constant of the vertical velocity error beyond the height drift's rate."""
+"""Standard deviation and time constant of the vertical velocity error, drawn independently of the drift."""
 
 
 def carried_aside_m(gain_1_s: float) -> float:
@@ -283,7 +283,7 @@ class SensorNoise:
         return VERTICAL * self.gps_m
 
     def of_vehicle(self, system_id: int) -> SensorNoise:
-        """Return this noise with a seed for one vehicle of a fleet; vehicle 1 keeps the present seed."""
+        """Return this noise with a seed of its own for each vehicle of a fleet; vehicle 1 keeps this seed."""
         if system_id == 1:
             return self
         return replace(self, seed=child_seed(self.seed, f"vehicle-{system_id}"))
@@ -324,7 +324,7 @@ class NavigationErrors:
         )
 
     def sense(self, position_m: tuple[float, float, float], time_s: float) -> Sensed:
-        """Return the true position and the sensor readings of a vehicle, from its planned position."""
+        """Return true position and sensor readings of a vehicle whose estimate is at the planned position."""
         x, y, z = position_m
         now = self.at(time_s)
         before = self.at(time_s - GRID_S) if time_s >= GRID_S else now
@@ -366,14 +366,14 @@ class NavigationErrors:
         return row
 
     def _normal(self, count: int) -> NDArray[np.float64]:
-        """Return standard normal numbers: 4 for slow errors (GPS 3, barometer 1), then 4 for white noise."""
+        """Return rows of standard normals: 4 for slow errors (GPS 3, barometer 1), then 4 for white noise."""
         gps, barometer = (
             random.standard_normal((count, 2, n)) for random, n in zip(self._random, (3, 1), strict=True)
         )
         return np.concatenate((gps, barometer), axis=2).reshape(count, 8)
 
     def _draw(self) -> NDArray[np.float64]:
-        """Return the next block: 4 errors of the estimate (GPS 3, barometer 1), then 4 of the sensors."""
+        """Return the next block: rows of 4 estimate errors (GPS 3, barometer 1), then 4 sensor errors."""
         noise = self._normal(BLOCK)
         block = np.empty((BLOCK, 8))
         keep = math.exp(-GRID_S / FILTER_S)

@@ -166,7 +166,7 @@ def _is_number(value: object) -> bool:
 
 
 def positive(what: str, spec: object, *names: str) -> None:
-    """Raise VehicleError with the name of the first attribute that is not a positive number, if any."""
+    """Raise VehicleError if an attribute is not a positive number; the error names the attribute."""
     for name in names:
         value = getattr(spec, name)
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < 1e9:
@@ -175,7 +175,7 @@ def positive(what: str, spec: object, *names: str) -> None:
 
 
 def within(what: str, spec: object, *ranges: tuple[str, float, float]) -> None:
-    """Raise VehicleError with the name of the first attribute that is neither None nor in range, if any."""
+    """Raise VehicleError if an attribute is neither None nor in its range; the error names the attribute."""
     for name, low, high in ranges:
         value = getattr(spec, name)
         if value is not None and (not _is_number(value) or not low <= value <= high):

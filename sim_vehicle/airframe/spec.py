@@ -174,7 +174,7 @@ class VehicleSpec:
 
     @property
     def circles(self) -> bool:
-        """Whether the vehicle must circle to hold."""
+        """Whether the vehicle must circle to hold its position."""
         return self.vehicle_kind.movement is Movement.CIRCLES
 
     @property

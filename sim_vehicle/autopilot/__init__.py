@@ -72,7 +72,7 @@ class Firmware:
     profile: Profile
     """Behaviour in the mission protocol."""
     parameter_table: Callable[[VehicleSpec, int], Sequence[MavParameter]]
-    """Function that returns the parameters of a vehicle with a system id, without those of `procedures`."""
+    """Function that returns the parameters of a vehicle with a system id, except those in `procedures`."""
     procedures: FlightProcedures
     """Motion, take-off, return and landing, with their parameters."""
     takes_off: bool = False
@@ -97,8 +97,8 @@ class Firmware:
     def parameters(self, spec: VehicleSpec, system_id: int) -> tuple[MavParameter, ...]:
         """Return the parameters of a vehicle on MAVLink, sorted by name.
 
-        Parameters of the flight procedures have an effect only if the vehicle moves by these procedures.
-        Otherwise they are stored, like the other parameters of the real firmware.
+        Parameters of the flight procedures have an effect only if the vehicle moves by these procedures. For
+        other vehicles these parameters are only stored, like the other parameters of the real firmware.
         """
         table = {parameter.name: parameter for parameter in self.reference()}
         units = {name: parameter.unit for name, parameter in table.items()}
@@ -132,10 +132,10 @@ class Autopilot:
     """Function that takes a vehicle number (from 0), and returns the URLs of the links of the autopilot's own
     simulator."""
     link_names: tuple[str, ...] = ()
-    """Names of these links, if the messages differ between links (`MavlinkProfile.link_rates_hz`)."""
+    """Names of the simulator's links, if messages differ between links (`MavlinkProfile.link_rates_hz`)."""
 
     def for_vehicle(self, kind: str) -> Firmware:
-        """Return the firmware for a kind of vehicle or, if it has none, for its `VehicleKind.shown_as`.
+        """Return the firmware for a kind of vehicle, or else the firmware for `VehicleKind.shown_as`.
 
         Raises
         ------
@@ -156,7 +156,7 @@ class Autopilot:
 
 
 def get_autopilot(name: str = DEFAULT_AUTOPILOT) -> Autopilot:
-    """Return the autopilot with this name, in which case does not matter.
+    """Return the autopilot with this name, in upper or lower case.
 
     Raises
     ------
@@ -209,7 +209,7 @@ def name_of_number(mav_autopilot: int) -> str | None:
 
 
 def forget_autopilots() -> None:
-    """Clear the caches of autopilots, as needed after a package was installed at run time."""
+    """Clear the caches of autopilots, so that a package installed at run time is found."""
     autopilot_names.cache_clear()
     _load.cache_clear()
     _load_object.cache_clear()
@@ -218,7 +218,7 @@ def forget_autopilots() -> None:
 def firmware_of(spec: VehicleSpec) -> Firmware | None:
     """Return the firmware with the procedures that move a vehicle; None for the generic motion.
 
-    The default autopilot moves a vehicle without an autopilot whose kind has no procedures, such as a rover.
+    Without an autopilot, a kind that has no procedures, such as a rover, is moved by the default autopilot.
     """
     kind = spec.vehicle_kind
     if spec.autopilot == NO_AUTOPILOT:
@@ -265,10 +265,10 @@ def estimate_errs(spec: VehicleSpec) -> bool:
 def with_return_margin(spec: VehicleSpec) -> VehicleSpec:
     """Return a vehicle with the return margin that predictions need because of estimate errors.
 
-    PX4 returns at ``RTL_RETURN_ALT`` if the distance from home exceeds ``RTL_MIN_DIST``, otherwise lower. A
-    vehicle that drifts beyond this distance climbs and descends 20 m more, so predictions assume the higher
-    altitude even for distances shorter by the margin. ArduCopter needs no margin: its return altitude
-    (``RTL_CONE_SLOPE``, ``RTL_CLIMB_MIN``) varies continuously with the distance, and its estimate is exact.
+    PX4 returns at ``RTL_RETURN_ALT`` if the distance from home exceeds ``RTL_MIN_DIST``, otherwise lower. If
+    drift carries a vehicle beyond this distance, it climbs and descends 20 m more. Predictions therefore add
+    the margin to each distance. ArduCopter needs no margin: its return altitude (``RTL_CONE_SLOPE``,
+    ``RTL_CLIMB_MIN``) varies continuously with the distance, and its estimate is exact.
 
     Examples
     --------
@@ -293,7 +293,7 @@ def fixed_wing_procedures(spec: VehicleSpec) -> FixedWingProcedures:
     """
     procedures = flight_procedures(spec)
     if not isinstance(procedures, FixedWingProcedures):
-        msg = f"vehicle {spec.name}: {procedures.name} has no procedures of a fixed wing for kind {spec.kind}"
+        msg = f"vehicle {spec.name}: {procedures.name} has no fixed-wing procedures for kind {spec.kind}"
         raise VehicleError(msg)
     return procedures
 

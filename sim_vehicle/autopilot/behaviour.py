@@ -103,7 +103,7 @@ class ModeTable:
     flips_from: frozenset[int] = frozenset()
     """Custom modes from which FLIP can be entered."""
     unready: Mapping[int, tuple[str, str]] = field(default_factory=dict)
-    """Custom modes that cannot be entered, by number: name, and a notice before the refusal (or empty)."""
+    """Names of custom modes that cannot be entered, by number, and the notice before a refusal (or empty)."""
     not_armable: frozenset[int] = frozenset()
     """Custom modes in which the vehicle does not arm."""
     not_armable_text: str = "{name} mode not armable"
@@ -224,21 +224,21 @@ class FailsafeRules:
     watches_voltage: bool
     """Whether a voltage that stays too low counts as a low battery (ArduPilot)."""
     any_inclusion: bool
-    """Whether a position in any inclusion zone is inside the fence; otherwise it must be in all of them."""
+    """Whether a position in one inclusion zone is allowed (PX4); otherwise it must be in all (ArduPilot)."""
     needs_stream: bool
-    """Whether setpoints must arrive before the setpoint mode can be entered, and the vehicle returns home
-    when they stop (PX4). Otherwise only velocity setpoints time out (ArduPilot)."""
+    """Whether the setpoint mode can be entered only while setpoints arrive, and the vehicle returns home when
+    setpoints stop (PX4). Otherwise only velocity setpoints time out (ArduPilot)."""
     pauses_in_mode: bool
     """Whether a pause stops the vehicle in its mode (ArduPilot); otherwise the vehicle enters the hold
     mode."""
     yaws_to_setpoint: bool
-    """Whether the vehicle yaws towards a position setpoint without a heading."""
+    """Whether the vehicle yaws towards the position of a setpoint that gives no heading."""
     fences_setpoints: bool
     """Whether setpoints outside the fence are refused."""
     tells_link_loss: bool
     """Whether the loss of the ground station is reported even if no action follows."""
     preflight: str
-    """Prefix of the notice about a preflight check that fails without a request to arm."""
+    """Prefix of notices about preflight checks that fail before anybody has requested arming."""
     arming_texts: tuple[str, ...]
     """Notices of a refused arming request; ``{}`` in the first notice is the reason."""
     fence_text: str
@@ -255,7 +255,7 @@ class FailsafeRules:
     """Rule that disarms an idle vehicle; None for no rule."""
     any_mode_disarmed: bool = False
     """Whether a disarmed vehicle may enter a mode that it cannot fly, which then prevents arming. Otherwise
-    the vehicle refuses such a mode."""
+    the vehicle refuses to enter the mode."""
     restores_mode: bool = False
     """Whether disarming restores the last requested mode in which the vehicle can arm (PX4)."""
     fence_refusal: str = ""
@@ -334,13 +334,13 @@ class MissionBehaviour:
     return_text: str = ""
     """Further notice if a mission ends in the return mode."""
     forgets_speed_in: frozenset[Mode] = frozenset()
-    """Modes in which the vehicle starts with its default speed (ArduPilot)."""
+    """Modes in which the vehicle forgets a changed speed and flies at its default speed (ArduPilot)."""
     replays_speed: bool = False
     """Whether a resumed mission uses the speed set by items before the current item, and a single command
     without a speed uses the cruise speed (PX4)."""
     rewinds_survey: bool = False
-    """Whether a mission that was left during a camera series resumes one position before the last position
-    that was passed (PX4)."""
+    """Whether a mission that the vehicle left during a camera series resumes one position before the last
+    position that the vehicle passed (PX4)."""
     pauses_shots: bool = True
     """Whether a camera series pauses outside the mission mode and continues at the next position reached in
     the mission mode (PX4). Otherwise the series continues in any mode until the vehicle disarms
@@ -380,7 +380,7 @@ class BootStage:
     begins_s: float
     """Start of the stage (s since boot)."""
     problem: str = ""
-    """Reason why the vehicle does not arm in any mode; empty if it arms."""
+    """Reason that prevents arming in every mode; empty if the vehicle arms."""
     fix: int = 0
     """GPS_FIX_TYPE during the stage."""
     tells_place: bool = False

@@ -72,12 +72,12 @@ class LogBehaviour:
     refusal_armed: str = ""
     """Reason why an armed vehicle refuses a download; empty if it allows downloads."""
     busy_text: str = ""
-    """Reason why a second download is refused during the first; empty if it replaces the first."""
+    """Reason why a second download is refused during the first; empty if the second replaces the first."""
 
 
 @dataclass(frozen=True, slots=True)
 class RefusalTexts:
-    """Notices of a firmware for refused commands; empty for none.
+    """Notices that a firmware sends when it refuses a command; empty for no notice.
 
     Sources: PX4's ``Commander.cpp`` and ``mavlink_mission.cpp``; ArduPilot's ``GCS_Common.cpp`` and
     ``AP_Mission.cpp``.
@@ -88,9 +88,9 @@ class RefusalTexts:
     interval: str = ""
     """Notice if the interval of an unknown message is requested; ``{}`` is the message id."""
     current_item: str = ""
-    """Notice for MISSION_SET_CURRENT."""
+    """Notice if MISSION_SET_CURRENT is refused."""
     landing: str = ""
-    """Notice for DO_LAND_START."""
+    """Notice if DO_LAND_START is refused."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,8 +114,8 @@ class MavlinkProfile:
     stream_parameters: Mapping[str, str] = field(default_factory=dict)
     """Rate parameters by MAV_DATA_STREAM in the autopilot's own simulator (ArduPilot)."""
     motor_us: Callable[[float | None, bool], float] = _motor_us
-    """Function that returns the motor pulse (us). Its arguments are thrust over maximum thrust (None on the
-    ground), and whether the vehicle is armed."""
+    """Function that returns the motor pulse (us), from thrust over maximum thrust (None on the ground), and
+    whether the vehicle is armed."""
     hover_share: float = 0.49
     """Hover thrust over maximum thrust; in PX4's simulator, the weight of SIH_MASS over 4 SIH_T_MAX."""
     gps_fix: int = _FIX_3D
@@ -150,7 +150,7 @@ class MavlinkProfile:
     reposition_turns: bool = False
     """Whether the yaw of DO_REPOSITION is used (PX4)."""
     camera_by_default: bool = True
-    """Whether simulated vehicles have a camera component by default. With ArduPilot they have none, because
+    """Whether simulated vehicles have a camera component by default. ArduPilot's vehicles have none, because
     DroneKit mistakes the camera's heartbeat for the heartbeat of the autopilot."""
     hover_thrust: Setting | None = None
     """Hover thrust of SET_ATTITUDE_TARGET (0 to 1); None if attitude setpoints are not supported."""

@@ -1,8 +1,8 @@
 """Parameters of a firmware: metadata on MAVLink, values at run time, and tables of the real firmware.
 
 The tables are CSV files in ``lists/`` with name, type, default, documented range and unit of each parameter.
-Comments at the top of a table name its sources. ``*-motion`` tables also have a short description, and a
-constant of the law of motion. Parameter editors show the ``*-details`` and ``*-choices`` tables.
+Comments at the top of a table name its sources. ``*-motion`` tables also have a description and, if there is
+one, the constant of the law of motion. Parameter editors show the ``*-details`` and ``*-choices`` tables.
 """
 
 from __future__ import annotations
@@ -159,14 +159,14 @@ class FailsafeDefaults:
     fence_ceiling_m: float = 0.0
     fence_radius_m: float = 0.0
     link_timeout_s: float = 10.0
-    """Timeout of the ground station's heartbeat."""
+    """Time without a heartbeat of the ground station after which the link counts as lost."""
     failsafe_options: int = 0
     """Bits of FS_OPTIONS."""
     setpoint_timeout_s: float = 1.0
-    """Timeout of a setpoint."""
+    """Time without a setpoint after which setpoints count as lost."""
     low_voltage_v: float = 0.0
-    """Low voltage of the whole pack, for batteries of three or more cells; 0 for no limit. With fewer cells
-    ArduCopter's default would prevent arming."""
+    """Voltage of the whole pack below which the battery is low; 0 for no limit. The limit is for batteries of
+    three or more cells, because ArduCopter's default would prevent arming with fewer cells."""
     mission_requirement: int = 0
     """Required take-off and landing items of a mission, in the firmware's own encoding; 0 for none."""
 

@@ -56,7 +56,7 @@ class FlightProcedures(ABC):
         return {name: own.get(name, known.default) for name, known in self.parameters.items()}
 
     def numbers(self, spec: VehicleSpec, law: type | None = None) -> dict[str, float]:
-        """Return the constants of motion that parameters set (SI units); with `law`, only fields of `law`."""
+        """Return the constants of motion set by parameters (SI units); with `law`, only its fields."""
         value = self.values(spec)
         wanted = None if law is None else {field.name for field in fields(law)}
         return {
@@ -89,8 +89,8 @@ class FlightProcedures(ABC):
     ) -> list[Leg]:
         """Return the legs to the return point and down to the ground.
 
-        ``return_point`` is home or another position, with the minimum height of the return. The vehicle's
-        return altitude has precedence if it is higher.
+        ``return_point`` is home or another position, with the minimum height of the return. If the vehicle's
+        return altitude is higher, the vehicle returns at this altitude.
         """
 
 
@@ -133,7 +133,7 @@ class GenericProcedures(FlightProcedures):
     def takeoff_legs(
         self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
     ) -> list[Leg]:
-        """Return a vertical climb, and a leg to the item's position if this is not above the start."""
+        """Return a vertical climb, and a leg to the item's position unless this is above the start."""
         x, y, z = target
         radius = spec.acceptance_radius_m
         keep = KEEP if heading == ALONG else heading
@@ -202,11 +202,11 @@ class FixedWingProcedures(FlightProcedures):
     climbs_ahead: bool
     """Whether a take-off climbs straight ahead, not towards its position."""
     turns_to_zero: bool
-    """Whether the firmware takes a return item without coordinates for the position 0 N, 0 E."""
+    """Whether the firmware reads a return item without coordinates as the position 0 N, 0 E."""
 
     @abstractmethod
     def limits(self, spec: VehicleSpec) -> FixedWingBounds:
-        """Return the limits of a vehicle."""
+        """Return the limits within which missions for a vehicle are planned."""
 
     @abstractmethod
     def lands_as_mission(self, spec: VehicleSpec) -> bool:

@@ -43,7 +43,7 @@ class CameraComponent:
     """A MAVLink camera that takes images on mission commands and sends the readings of the images.
 
     The camera takes its position from the autopilot's GLOBAL_POSITION_INT messages, best at 10 Hz, at least
-    at 1 Hz. It requests them if they do not arrive, because ArduPilot sends only requested messages.
+    at 1 Hz. If none arrive, the camera requests them, because ArduPilot sends only requested messages.
 
     Images are triggered by DO_SET_CAM_TRIGG_DIST, DO_SET_CAM_TRIGG_INTERVAL, IMAGE_START_CAPTURE and the
     autopilot's CAMERA_TRIGGER. The camera stops when the vehicle disarms or the autopilot restarts.
@@ -265,7 +265,7 @@ class CameraComponent:
         return self._by_interval(p[0] / 1000.0, 0)
 
     def _mine(self, camera_id: float) -> bool:
-        """Return whether this camera obeys a camera id; it also acts as the autopilot's cameras (1 to 6)."""
+        """Return whether this camera obeys a camera id: 0 (all), 1 to 6 (autopilot's cameras), or its own."""
         return camera_id < 7.0 or camera_id == self.component_id
 
     def _shoot_by_distance(self, message: CommandMessage, p: Parameters) -> _Obeyed:
@@ -284,7 +284,7 @@ class CameraComponent:
         return self._take([here]) if here is not None else []
 
     def _by_interval(self, interval_s: float, count: int) -> _Obeyed:
-        """Start exposures at an interval; 0 s stops the exposures, and -1 ms stands for the default, 1 s."""
+        """Start exposures at an interval; 0 s stops exposures, and -1 ms selects the default, 1 s."""
         if interval_s == 0.0:
             self.trigger.stop()
             return []
@@ -420,7 +420,7 @@ class LeafCameraComponent(CameraComponent):
         return messages
 
     def _cell_under(self, exposure: Exposure) -> tuple[int, int]:
-        """Return the cell that the camera faces on flat ground; off the farm if the camera faces the sky."""
+        """Return the cell that the camera faces on flat ground; if it faces the sky, a cell off the farm."""
         farm = self._farm
         x_m, y_m = farm.frame.from_wgs84(exposure.latitude_e7 / _E7, exposure.longitude_e7 / _E7)
         if self._position_error is not None:
@@ -437,7 +437,7 @@ class LeafCameraComponent(CameraComponent):
 
 
 def _turned(exposure: Exposure, attitude: tuple[float, float, float] | None) -> Exposure:
-    """Return an exposure with a camera attitude (roll, pitch, heading; rad); None for straight down."""
+    """Return an exposure with this camera attitude (roll, pitch, heading; rad), or unchanged for None."""
     if attitude is None:
         return exposure
     roll, pitch, heading = (round(100.0 * math.degrees(angle)) for angle in attitude)
@@ -445,12 +445,12 @@ def _turned(exposure: Exposure, attitude: tuple[float, float, float] | None) -> 
 
 
 def _is_repeated(message: CommandMessage) -> bool:
-    """Return whether a command repeats an unanswered command; such a command must not restart the trigger."""
+    """Return whether a command repeats an unanswered command; a repeat must not restart the trigger."""
     return getattr(message, "confirmation", 0) > 0
 
 
 def _microseconds(seconds: float) -> int:
-    """Return a time in microseconds; if it is not finite, return -1, which no interval has."""
+    """Return a time in microseconds; -1, which equals no interval, if the time is not finite."""
     return round(seconds * 1e6) if math.isfinite(seconds) else -1
 
 
@@ -484,4 +484,4 @@ _OLD_REQUESTS = {
     mavlink.MAV_CMD_REQUEST_STORAGE_INFORMATION: mavlink.MAVLINK_MSG_ID_STORAGE_INFORMATION,
     mavlink.MAV_CMD_REQUEST_CAMERA_CAPTURE_STATUS: mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS,
 }
-"""Commands from before REQUEST_MESSAGE and the messages they request; MAVSDK and QGroundControl send them."""
+"""Commands older than REQUEST_MESSAGE, each with its message; MAVSDK and QGroundControl still send them."""

@@ -24,7 +24,7 @@ _MIB_PER_IMAGE = 1e-4
 _PADDING = [0.0] * 58
 _SINGLE = Struct("<4f")
 _UNKNOWN = 65535
-_TAKEN = Struct("<9q")  # Images are stored as these numbers, then the readings.
+_TAKEN = Struct("<9q")  # An image is stored as these numbers, followed by its readings.
 
 
 class Image(NamedTuple):
@@ -61,7 +61,7 @@ class ImageMemory:
         return Image(number, exposure, values.tolist())
 
     def find(self, index: float) -> Image | None:
-        """Return the image with a number, which comes from a command; None if no such image is stored."""
+        """Return the image whose number a command gives; None if no such image is stored."""
         if not (0.0 <= index < 2**31 and index % 1.0 == 0.0):
             return None
         kept = self._ring[int(index) % RING_IMAGES]

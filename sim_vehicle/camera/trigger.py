@@ -59,7 +59,7 @@ class CameraTrigger:
 
     A new distance or interval trigger replaces the active one. Distances are horizontal lengths along the
     path. In a gap of the telemetry (more than 1.5 s, or a jump faster than 150 m/s) there are no exposures,
-    because the position is unknown. After the gap, the distance is measured from 0. Late or repeated reports
+    because the position is unknown. After the gap, the distance begins again at 0. Late or repeated reports
     are ignored. A clock that jumps back stops the trigger, because the autopilot has rebooted.
     """
 
@@ -168,14 +168,14 @@ class CameraTrigger:
         )
 
     def _start_at(self, fix: Fix) -> None:
-        """After a gap, move the next timed exposure to the next multiple of the interval."""
+        """Skip timed exposures that were due before this position report."""
         if self.interval_us > 0:
             late = fix.time_ms * 1000 - self._due_us
             if late > 0:
                 self._due_us += math.ceil(late / self.interval_us) * self.interval_us
 
     def _scale(self, latitude_e7: int) -> tuple[int, float, float]:
-        """Return a latitude, and the metres per 1e-7 degree north and east near it (on WGS84's ellipsoid)."""
+        """Return a latitude close to this one, and the metres per 1e-7 degree north and east there."""
         if abs(latitude_e7 - self._metres[0]) > _REFRESH_E7 or not self._metres[1]:
             latitude = math.radians(latitude_e7 / _E7)
             w = 1.0 - _WGS84_E2 * math.sin(latitude) ** 2

@@ -1,6 +1,6 @@
 """Battery model with the readings of a battery monitor.
 
-The model is a Thevenin equivalent circuit with one time constant. Its open-circuit voltage depends on the
+The model is a Thevenin equivalent circuit with one time constant. The open-circuit voltage depends on the
 remaining energy. The circuit has a series resistance and an RC element. The voltage of the RC element builds
 up under load and recovers at rest. Bauersfeld and Scaramuzza, "Range, endurance, and optimal speed estimates
 for multicopters", IEEE Robot. Autom. Lett. 7(2), 2022, use the same model for drone batteries. Values and
@@ -96,7 +96,7 @@ class BatteryMeter:
         """Advance to `time_s` and return the state of the battery.
 
         `used_j` is the energy drawn from the cells since they were full. `power_w` is the present power from
-        the cells. Both include losses in the battery. A second reading at the same time gives the same state.
+        the cells. Both include the battery's losses. A second reading at the same time gives the same state.
         """
         battery = self.battery
         fraction = remaining_fraction(battery, used_j)
@@ -107,7 +107,7 @@ class BatteryMeter:
         left_ah = self._charge_ah[upper - 1] + battery.capacity_wh * _charge(fraction - low, low_v, open_v)
         elapsed = time_s - self._time_s
         if elapsed > 0.0:
-            # The load between two readings is taken as the mean of the loads at both.
+            # The load between two readings is assumed to be the mean of the loads at these readings.
             mean_w = 0.5 * (self._power_w + power_w)
             kept = math.exp(-elapsed / battery.relaxation_s)
             target_v = battery.polarization_ohm * mean_w / open_v

@@ -38,7 +38,7 @@ _MAX_CHORDS = 64
 # Limit of a plan's length, needed because jumps can make a mission endless.
 _MAX_LEGS = 4096
 _LOOK_AHEAD = 20
-# Distance at which a point stands for a direction.
+# Distance of a far point that stands for a direction.
 _FAR_M = 1e6
 _NOWHERE = (0.0, 0.0, 0.0)
 # These are plain integers, because comparing enumeration members is too slow for thousands of items.
@@ -119,7 +119,7 @@ class _Planner:
             if not 0 <= following < len(items) or items[following].command not in CONDITIONS:
                 break
             plan.unsure = True
-            # Conditions can be met only in flight; the legs are then planned again.
+            # The plan passes over conditions; when one is met in flight, the legs are planned again.
             following = condition_items(items, following)[-1] + 1
         passes = 0 <= following < len(items) and items[following].command in PASSED_COMMANDS
         return following if passes else None
@@ -236,8 +236,8 @@ class _Planner:
         """Return the position to which the vehicle leaves a circle, and a far point in direction 0° N 0° E.
 
         The position is None if a jump or an item without a position comes first. The far point is None unless
-        the autopilot turns towards the zero coordinates of a return item. Its bearing is computed on a plane
-        with scaled longitudes, as in ArduPilot's ``Location::get_bearing_to``.
+        the autopilot turns towards the zero coordinates of a return item. The direction is computed with
+        scaled longitudes, as in ArduPilot's ``Location::get_bearing_to``.
         """
         items = self._items
         for following in range(seq + 1, min(seq + 1 + _LOOK_AHEAD, len(items))):
@@ -339,8 +339,8 @@ def spline_legs(
     parallel to the line from the previous to the next position. Both tangents have the length of the straight
     path, which prevents loops.
 
-    `path` holds the start, the end, and the position after the end; without the latter, the curve ends along
-    the straight line. `tangent` is the direction at the start; a zero vector stands for the straight line.
+    `path` holds the start, the end, and the position after the end. If this last position is None, the curve
+    ends along the straight line. `tangent` is the direction at the start, a zero vector for a straight start.
     """
     begin, end, ahead = path
     straight = (end[0] - begin[0], end[1] - begin[1], end[2] - begin[2])

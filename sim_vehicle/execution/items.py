@@ -192,7 +192,7 @@ def climb_leg(
 ) -> Leg:
     """Return the straight climb of a go-around (ArduPlane's ``do_land``).
 
-    The climb ends at `height_m`, else at parameter 1 of the landing item, else at the take-off height.
+    The climb ends at `height_m`, parameter 1 of the landing item or the take-off height: the first above 0.
     """
     takeoffs = [item for item in items[:seq] if item.command == Command.NAV_TAKEOFF]
     top = height_m or 0.0
@@ -399,7 +399,7 @@ def _landing_problems(
 ) -> list[ItemProblem]:
     """List the problems of a fixed wing's landings; PX4 rejects an approach that is too steep.
 
-    Only approaches from waypoints are checked, because a vehicle leaves a circle towards the landing anyway.
+    Only approaches from waypoints are checked: from a circle, the vehicle flies to the landing at any slope.
     """
     bound = fixed_wing_procedures(spec).steepest_approach(spec)
     if bound is None:
@@ -411,7 +411,7 @@ def _landing_problems(
         reason = ""
         if item.command == Command.NAV_LAND:
             if before is None:
-                reason = "no position before the landing, from which to approach"
+                reason = "no position before the landing: add a waypoint from which to approach"
             elif before[0] == _WAYPOINT and not math.isnan(position[0] + before[1][0]):
                 distance = math.hypot(position[0] - before[1][0], position[1] - before[1][1])
                 slope = math.degrees(math.atan2(before[1][2], max(distance, 1e-3)))

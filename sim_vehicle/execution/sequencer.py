@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Position
 
-# A plan that was cut short is extended when this many legs are left, so that the vehicle never brakes there.
+# Legs left when a plan that was cut short is extended, so that the vehicle never brakes at the cut.
 _REPLAN_BEFORE = 64
 _CANNOT_FLY = -2
 _LANDING_COMMANDS = frozenset({16, 18, 19, 21, 31})
@@ -140,10 +140,10 @@ class MissionSequencer:
     ) -> bool:
         """Replace the mission in flight, go on at item `seq`, and return whether the vehicle turns at once.
 
-        The vehicle keeps its speeds. It completes the climb of a take-off item first. It completes a return
-        item, which ends the mission. The mission also ends if it has no item `seq`. With `at_waypoints`, the
-        vehicle turns at once only if the old item is a waypoint and item `seq` exists; otherwise it completes
-        the old item, then the next item. With `keeps_jumps`, jump counters keep their values.
+        The vehicle keeps its speeds. A vehicle in a take-off item completes the climb first. A vehicle in a
+        return item completes the return, and the mission ends. A mission without item `seq` ends, too. With
+        `at_waypoints`, the vehicle turns at once only if the old item is a waypoint and item `seq` exists;
+        otherwise it completes the old item, then the next. With `keeps_jumps`, jump counters stay unchanged.
         """
         self.flight.ready("change the mission")
         flown = self.items[self.current_seq].command if self.current_seq < len(self.items) else _WAYPOINT
@@ -174,7 +174,7 @@ class MissionSequencer:
         return item_positions(self.items, self.frame, self.return_points.home_m[2])
 
     def move_home(self, home_m: Position) -> None:
-        """Move home; items with altitudes above home have other positions from the next leg."""
+        """Move home; from the next leg on, altitudes above home count from the new home."""
         moves = home_m[2] != self.return_points.home_m[2]
         self.return_points.home_m = home_m
         if moves:
@@ -259,7 +259,7 @@ class MissionSequencer:
         return on_mission and self.items[self.current_seq].command == Command.NAV_RETURN_TO_LAUNCH
 
     def leave_to_return(self) -> None:
-        """Leave the mission, and go on with its return item as a return outside the mission."""
+        """Leave the mission during its return item, and continue this return outside the mission."""
         self.flight.phase = (
             FlightPhase.LAND if self.flight.landed is LandedState.LANDING else FlightPhase.RETURN
         )
@@ -279,7 +279,7 @@ class MissionSequencer:
     def go_around(self, height_m: float | None = None) -> float:
         """Abort the landing: climb straight ahead, then restart the landing; return the height of the climb.
 
-        The default height is the height of the landing item, or of the take-off.
+        By default the climb ends at the height in parameter 1 of the landing item, or at the take-off height.
         """
         self.flight.ready("go around")
         able = self.lands and self.flight.landed is not LandedState.ON_GROUND
@@ -435,7 +435,7 @@ class MissionSequencer:
         self._continue(at)
 
     def _next_leg(self, plan: LegPlan, leg: int, time_s: float) -> None:
-        """Continue with the next item of the plan, or plan again if commands before it require this."""
+        """Continue with the next item of the plan, or plan again if commands before that item require it."""
         self.flight.emit(ItemReached(time_s, plan.seqs[leg]))
         following = self._between(self._following(plan.seqs[leg]), time_s)
         nearly_out = plan.open and leg >= len(plan.legs) - _REPLAN_BEFORE
@@ -452,7 +452,7 @@ class MissionSequencer:
         self._fly_from(self._between(self._following(seq), self.flight.time_s), self.flight.time_s)
 
     def _following(self, seq: int) -> int:
-        """Return the item after `seq`, or the item at which a mission changed in flight goes on."""
+        """Return the item after `seq` or, if the mission changed in flight, the item at which to go on."""
         at, self._resume_at = self._resume_at, None
         if at is None:
             return seq + 1

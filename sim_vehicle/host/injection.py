@@ -82,7 +82,7 @@ class Injection:
         """Return the radio of a link; None if nothing disturbs the link.
 
         `number` counts the links of the host, from 1. `client` counts the clients of the link. Each client
-        has its own random streams. `always` are the disturbances of the link even without faults.
+        has its own random streams. `always` are the disturbances that the link has even without faults.
         """
         return None if always is None else Radio(self.seed, f"{number}.{client}", always)
 

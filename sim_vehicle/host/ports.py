@@ -34,7 +34,7 @@ _AT_ONCE_FILES = 6
 
 @dataclass(frozen=True, slots=True)
 class ServerUrl:
-    """Address of a port of the server (`open_port`), with the vehicles and the link name there.
+    """Address of a port of the server (`open_port`), with the vehicles and the link that the port serves.
 
     `systems` are the system ids of the vehicles at this address, for example of one autopilot. An empty
     set means all vehicles.
@@ -213,7 +213,7 @@ class _LinkPort:
         self._socket: tuple[int, object] = (-1, None)
 
     def _owner(self) -> object:
-        """Return an object that is replaced at each reconnection."""
+        """Return the owner of the descriptor, a new object after each reconnection."""
         made = getattr(self._link, "connections", 1)
         if self._socket[0] != made:
             self._socket = (made, object())
@@ -252,7 +252,7 @@ def open_port(url: str, *, at_once: bool = False) -> ServerPort:
     connections. ``tcp:HOST:PORT`` connects, and reconnects after a loss. ``serial:DEVICE:BAUD`` opens a
     serial line, and reopens it if it was lost. `at_once` is passed to `mission.link.sockets.UdpSocket`.
 
-    Raises LinkError if the address is invalid, in use or unreachable, VehicleError for an invalid local port.
+    Raises LinkError if the address is invalid, in use or unreachable, and VehicleError for a bad local port.
     """
     text, comma, local = url.partition(",")
     if text.strip().lower().startswith(SERIAL):
@@ -287,7 +287,7 @@ def _address_of(address: LinkAddress) -> str:
 class PortSelector:
     """Selector over all ports of a server and their clients.
 
-    `links` are links that are open already; they are numbered after the URLs. `injection` makes the radios of
+    `links` are open links, which get the numbers after the links of the URLs. `injection` makes the radios of
     the clients.
 
     ``clients`` is a new list after each change of clients. ``urls`` are the addresses with the actual port

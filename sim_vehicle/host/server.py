@@ -86,7 +86,7 @@ class Server(Closing):
     links : sequence of Link
         Open links in addition to the URLs; the server closes them.
     at_once : bool
-        Receive datagrams also between calls of `run` (`mission.link.sockets.UdpSocket`).
+        Whether datagrams are received between calls of `run`, too (`mission.link.sockets.UdpSocket`).
 
     Attributes
     ----------
@@ -255,8 +255,8 @@ class Server(Closing):
             if self.speed == NEVER:
                 return
             if time.monotonic() - began_s > _BURST_S:
-                # A simulation behind the wall clock still polls the sockets, and stretches time to limit the
-                # lag.
+                # A simulation that lags behind the wall clock must still poll the sockets; slowing the clock
+                # limits the lag.
                 lag_s = clock_s - self.now_s - _LARGEST_LAG_S * self.speed
                 self._origin_s -= max(0.0, lag_s)
                 return
@@ -306,7 +306,7 @@ class Server(Closing):
                 client.send(frame)
 
     def _meet_clients(self) -> None:
-        """Route to the clients that are now connected."""
+        """Update the routing for the clients that are now connected."""
         clients = self._selector.clients
         if clients is self._clients:
             return

@@ -87,7 +87,7 @@ class VirtualLink:
             self._arrived.append(frame)
 
     def wait(self, link: Link, seconds: float) -> None:  # noqa: ARG002
-        """Advance the clock to the next frame, at most by `seconds`; only ``TransferDriver`` needs `link`."""
+        """Advance the clock to the next frame, at most by `seconds`; ``TransferDriver`` passes `link`."""
         if not self._arrived:
             self._pass_time(max(0.0, seconds), lambda: bool(self._arrived))
 
@@ -120,7 +120,7 @@ class StopReason(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Impairment:
-    """A bad radio between the `remote` components and all others; faults strike each frame separately.
+    """A bad radio between the `remote` components and the others; faults strike each frame separately.
 
     Parameters
     ----------
@@ -332,7 +332,7 @@ class Simulation:
                     self._send(port, messages)
 
     def _arrive(self, port: int, radio: Radio) -> None:
-        """Forward the frames that arrive over a radio; only links get damaged frames."""
+        """Forward the frames that arrive over a radio; components never get damaged frames, links do."""
         for frame in radio.receive("up", self.now_s):
             if valid_frame_end(frame) == len(frame):
                 ports = self._ports(port, frame_id(frame), frame_target(frame))

@@ -64,7 +64,7 @@ class CommandedVehicle(Protocol):
         """Return the message with this id for the present state; empty if the id is unknown."""
 
     def is_ready(self, message_id: int) -> bool:
-        """Return whether the vehicle knows a message, even if it has none to send now."""
+        """Return whether the vehicle knows a message and no extra holds it back, even if none is due now."""
 
     def metadata(self) -> tuple[Message, ...]:
         """Return COMPONENT_METADATA messages; empty if there are none."""
@@ -126,7 +126,7 @@ def _acknowledgement(command: VehicleCommand, result: int) -> Message:
 
 
 def set_custom_mode(vehicle: CommandedVehicle, number: int) -> None:
-    """Enter a mode by its custom mode number; raises RefusedError if it is unknown or now impossible."""
+    """Enter the mode with this custom mode number; raises RefusedError if the vehicle cannot enter it now."""
     modes = vehicle.state.mavlink.modes
     mode = modes.mode_of(number)
     if mode is Mode.FLIP and vehicle.state.custom_mode not in modes.flips_from:
@@ -175,7 +175,7 @@ def _mode(mode: Mode) -> Handler:
 
 def _set_mode(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
     if not command.number(1) & m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
-        raise RefusedError("Mode refused: only custom modes are known", denied=True)
+        raise RefusedError("Mode refused: only custom modes are supported", denied=True)
     modes = vehicle.state.mavlink.modes
     set_custom_mode(vehicle, modes.custom_mode_of(command.number(2), command.number(3)))
 
@@ -230,7 +230,7 @@ def _takeoff(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
 def _reposition(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
     position = command.position
     if position is None or command.frame not in (0, 3):
-        raise RefusedError("Reposition refused: no position", denied=True)
+        raise RefusedError("Reposition refused: the command has no global position", denied=True)
     pilot = vehicle.pilot
     altitude = vehicle.state.above_start(command.params[6], command.frame)
     if math.isnan(altitude):
@@ -256,7 +256,7 @@ def _change_speed(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
 
 
 def _region(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """Execute DO_SET_ROI_LOCATION etc.: point the nose at a position; without a position, stop this."""
+    """Execute DO_SET_ROI_LOCATION etc.: point the nose at a position, or stop pointing if there is none."""
     known = command.id != Command.DO_SET_ROI_NONE and command.frame in (0, *RELATIVE_FRAMES)
     if known and command.position is not None:
         vehicle.pilot.look_at(*command.position)
@@ -275,7 +275,7 @@ def _fence_enable(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
     """Execute ArduPilot's DO_FENCE_ENABLE: 0 disables the fence, 1 and 2 (without the floor) enable it."""
     kind = command.number(1, -1)
     if kind not in (0, 1, 2):
-        raise RefusedError(f"Fence refused: parameter 1 is {command.params[0]:g}", denied=True)
+        raise RefusedError(f"Fence refused: parameter 1 is {command.params[0]:g}, not 0 to 2", denied=True)
     vehicle.pilot.parameters.fence_enable = int(kind > 0)
     vehicle.pilot.apply_parameters()
 
@@ -286,7 +286,7 @@ def _terminate(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
 
 
 def _set_home(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """Execute DO_SET_HOME: here if parameter 1 is 1, else at a position; PX4 takes altitudes as AMSL."""
+    """Execute DO_SET_HOME: set home here if parameter 1 is 1, else at a position; PX4's altitude is AMSL."""
     pilot, state = vehicle.pilot, vehicle.state
     x, y, up = pilot.state.position_m
     position = pilot.frame.to_wgs84(x, y)
@@ -294,7 +294,7 @@ def _set_home(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
     here = command.params[0] == 1.0 or not (state.mavlink.home_above_sea or any(command.params[4:6]))
     if not here:
         if command.position is None or not math.isfinite(command.params[6]):
-            raise RefusedError("Home refused: no position", denied=True)
+            raise RefusedError("Home refused: the command has no position", denied=True)
         position = command.position
         frame = int(m.MAV_FRAME_GLOBAL) if state.mavlink.home_above_sea else command.frame
         up = state.above_start(command.params[6], frame)
@@ -326,7 +326,7 @@ def _land_start(vehicle: CommandedVehicle, _command: VehicleCommand) -> None:
 
 def _pause_continue(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
     if command.params[0] not in (0.0, 1.0):
-        raise RefusedError(f"Pause refused: parameter 1 is {command.params[0]:g}", denied=True)
+        raise RefusedError(f"Pause refused: parameter 1 is {command.params[0]:g}, not 0 or 1", denied=True)
     if command.params[0]:
         vehicle.pilot.resume()
     else:

@@ -54,7 +54,7 @@ class VehicleExtra(PilotExtra):
         self.plans = plans
         # Handlers by message id; they get the message and the time, after the vehicle's handler has run.
         self.handlers: Mapping[int, Callable[[Any, float], Iterable[Message] | None]] = {}
-        # Handlers by MAV_CMD; if the vehicle also has a handler, the command has the vehicle's result.
+        # Handlers by MAV_CMD; a handler of the vehicle for the same command runs last and gives the result.
         self.commands: Mapping[int, Callable[[VehicleCommand], Result]] = {}
         # Telemetry builders by message id; a builder returns None if there is nothing to send.
         self.builders: Mapping[int, Callable[[WireState], Message | None]] = {}
@@ -76,7 +76,7 @@ class VehicleExtra(PilotExtra):
         """Prepare for a message that a client has requested, once or at an interval."""
 
     def is_ready(self, message_id: int) -> bool:
-        """Whether the extra can send a message; until then, an interval that a data stream sets waits."""
+        """Whether the extra can send a message; an interval set by a data stream takes effect only then."""
         return True
 
     def camera_attitude(self, boot_us: float) -> tuple[float, float, float] | None:

@@ -152,7 +152,7 @@ class ParameterSet:
         self._values.stored[parameter.name] = value
 
     def _take(self, parameter: MavParameter, value: float) -> None:
-        """Apply a value. If it is out of range, store it as given, but use the nearest valid value."""
+        """Apply a value. A value out of range is stored as given, but the nearest valid value is used."""
         holds = min(max(value, parameter.low), parameter.high)
         if parameter.field is None:
             self._values.settings[parameter.name] = holds

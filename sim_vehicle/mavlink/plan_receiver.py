@@ -80,7 +80,7 @@ class PlanReceiver:
     ) -> bool:
         """Load a plan from a file by the rules of the mission protocol; return whether it was accepted.
 
-        The items are numbered from 0. If `start` is given, they replace the items from `start` on.
+        The items are numbered from 0. If `start` is given, the new items replace the items from `start` on.
         """
         now_s = self._state.now_us / 1e6
         if self.server.busy:
@@ -147,7 +147,7 @@ class PlanReceiver:
         }
 
     def _load_part(self, now_s: float) -> None:
-        """Load the items already received if a mission takes effect item by item, once per time step."""
+        """If a mission takes effect item by item, load the items received so far, once per time step."""
         if now_s <= self._part_received_s or not self._flies:
             return
         self._part_received_s = NEVER
@@ -216,8 +216,8 @@ class PlanReceiver:
         bad = next((i for i, item in enumerate(event.items) if isinstance(item, UncheckedItem)), None)
         if bad is not None:
             pilot.load(())
-            pilot.reject_mission(f"item {bad + 1}: its position or its numbers make no sense")
-            pilot.note(Severity.CRITICAL, f"Mission rejected: item {bad + 1} makes no sense")
+            pilot.reject_mission(f"item {bad + 1}: its position or one of its parameters is invalid")
+            pilot.note(Severity.CRITICAL, f"Mission rejected: item {bad + 1} is invalid")
             return
         self._reports.restart()
         self._announce_change(pilot.load(event.items, marked=marked))

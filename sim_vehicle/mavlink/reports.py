@@ -137,7 +137,7 @@ class ItemReports:
     def merged(self, events: list[FlightEvent], items: Sequence[MissionItem]) -> list[FlightEvent]:
         """If the autopilot merges reports, keep only the last report of items that end at the same time.
 
-        If a return to launch follows a reached item, it counts as reached, too.
+        If a return to launch follows the reached item, the return is reported in its place, and only then.
         """
         if not self._merges:
             return events

@@ -57,7 +57,7 @@ _Handler: TypeAlias = Callable[[Any], Iterable[Message] | None]
 
 
 def _each(kinds: Any, handle: _Handler) -> dict[int, _Handler]:
-    """Return table entries with a handler for each message type of a union."""
+    """Return the same handler for each message type of a union, by message id."""
     return {kind.id: handle for kind in get_args(kinds)}
 
 
@@ -162,7 +162,7 @@ class SimVehicle:
         self._heard_ids: frozenset[int] | None = None
         self.has_camera = False
         self._contacted = False
-        # Intervals (us) set by a data stream, by message id, for messages that extras cannot yet send.
+        # Intervals (us) set by a data stream for messages that extras cannot send yet, by message id.
         self._later_us: dict[int, int] = {}
         self._signing = signing
         self._tick_s = 0.0
@@ -212,7 +212,7 @@ class SimVehicle:
             handler(m.MAVLink_mission_set_current_message, self._on_set_current),
             handler(m.MAVLink_ping_message, self._on_ping),
             handler(m.MAVLink_request_data_stream_message, self._on_data_stream),
-            # A vehicle that has a position keeps its origin.
+            # The vehicle has an origin and keeps it; the answer is this origin.
             handler(
                 m.MAVLink_set_gps_global_origin_message,
                 lambda _: self.built(m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN),
@@ -476,8 +476,8 @@ class SimVehicle:
     def reboot(self) -> None:
         """Reboot: reset the time since boot, plan ids, message rates and transfers, but keep the plans.
 
-        On the ground, the vehicle comes up in its boot mode. In flight, it keeps its mode; this simplified
-        watchdog reboot suffices for tests of ground stations.
+        On the ground, the vehicle comes up in its boot mode. In flight, the vehicle keeps its mode; this
+        simplified watchdog reboot suffices for tests of ground stations.
         """
         self._restart()
         self._plans.reboot(self._now_s)
@@ -591,5 +591,5 @@ class SimVehicle:
                 self._later_us[message_id] = interval_us
 
     def is_ready(self, message_id: int) -> bool:
-        """Return whether the vehicle knows a message, even if it has none to send now."""
+        """Return whether the vehicle knows a message and no extra holds it back, even if none is due now."""
         return message_id in self.builders and all(extra.is_ready(message_id) for extra in self.extras)

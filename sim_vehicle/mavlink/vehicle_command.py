@@ -121,7 +121,7 @@ class CameraCommands:
         return self._stop is not None
 
     def command(self, command: int, params: tuple[float, ...], now_s: float) -> Message:
-        """Return the message of a command with 7 parameters; `poll` repeats it until it is acknowledged."""
+        """Return the message of a camera command; `poll` repeats the message until it is acknowledged."""
         if command == Command.IMAGE_STOP_CAPTURE:
             self._stop = None
         elif command in _STOPPED_BY:
@@ -140,7 +140,7 @@ class CameraCommands:
         return [] if self._stop is None else [self.command(self._stop, (0.0,) * 7, now_s)]
 
     def watch(self, now_s: float) -> list[Message]:
-        """Stop a series of images if the autopilot would: when it disarms or leaves the mission mode."""
+        """Stop a series of images after disarming and, with PX4, when the vehicle leaves the mission mode."""
         pilot = self._state.pilot
         left = self._was_in_mission and pilot.mode is not Mode.MISSION
         self._was_in_mission = pilot.mode is Mode.MISSION

@@ -1,4 +1,4 @@
-"""Telemetry state of a vehicle that the pilot does not have: clocks, estimated position, plan ids."""
+"""State for telemetry besides the state of the pilot: clocks, estimated position, plan ids."""
 
 from __future__ import annotations
 
@@ -216,11 +216,11 @@ class WireState:
         self.plan_ids = (0, 0, 0)
 
     def wire_seq(self, seq: int) -> int:
-        """Return the number of a mission item in MAVLink messages, where ArduPilot counts home as item 0."""
+        """Return the number of a mission item in MAVLink messages; ArduPilot counts home as item 0."""
         return seq + self.firmware.profile.home_at_zero
 
     def own_seq(self, seq: int) -> int:
-        """Return the mission item with a number in MAVLink messages; home stands for the first item."""
+        """Return the item index of a number in MAVLink messages; home's number gives the first item."""
         return max(0, seq - 1) if self.firmware.profile.home_at_zero else seq
 
     def position_error(self, boot_us: float) -> tuple[float, float]:

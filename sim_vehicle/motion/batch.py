@@ -1,7 +1,7 @@
 """Batches of vehicles: one compiled call advances each vehicle along its route as if it were alone.
 
 Arrays ``[vehicle, number]`` hold one row of numbers for each vehicle. Each vehicle keeps views of its rows,
-so its routes, parameters and positions are used as without a batch. Loops call single vehicles' kernels.
+so its routes, parameters and positions are used as without a batch. A loop calls each vehicle's kernel.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Integers = NDArray[np.int64]
 Tables = tuple[Record, ...]
 
 # Columns of a call of a vehicle's kernel. The arguments are steps, whether to stop at each leg, steps between
-# track points, number of wind rows, and index of the first. The last column is the returned event.
+# track points, and number and first index of the wind rows. The last column is the returned event.
 STEPS, STOPS, EVERY, WIND_ROWS, FIRST, EVENT = range(6)
 CALL = 6
 
@@ -116,8 +116,8 @@ class VehicleBatch:
     ----------
     vehicles : sequence of MotionModel
         One or more vehicles of the same class; their arrays become views of the batch's arrays. Each vehicle
-        is advanced by a call of its own if the class has no loop here (`IdealRobot`), if a vehicle has
-        estimate errors, or while a multirotor is flown by the generic dynamics.
+        is advanced by a call of its own if the class has no loop here (`IdealRobot`), if any of the vehicles
+        has estimate errors, or while the generic dynamics fly a multirotor.
     parallel : bool
         Whether threads share the work; the results do not depend on the threads.
 
@@ -147,7 +147,7 @@ class VehicleBatch:
             raise VehicleError(msg)
         self.vehicles = tuple(vehicles)
         self._parallel = parallel
-        # Vehicles with estimate errors are advanced alone, because each draws its errors during the flight.
+        # With estimate errors each vehicle is advanced alone, because it draws the errors during the flight.
         together = all(
             isinstance(vehicle, CompiledMotion) and not vehicle.draws_errors for vehicle in vehicles
         )

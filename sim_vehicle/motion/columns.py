@@ -79,13 +79,13 @@ LOOK = slice(State.LOOK_EAST, State.LOOK_NORTH + 1)
 (
     STEP,  # Steps flown.
     LEG_INDEX,
-    MOVED_STEP,  # Step of the last motion.
-    ARRIVED,  # Whether the end was reached.
-    NEAR_SENT,  # Whether NEAR was returned.
+    MOVED_STEP,  # Step at which the vehicle last moved.
+    ARRIVED,  # Whether the vehicle has reached the end of the route.
+    NEAR_SENT,  # Whether NEAR was returned on this leg.
     TRACK_POINTS,  # Number of points in the track.
 ) = range(6)
 COUNTERS = 6
-# Reasons why a kernel returns; WIND means that the wind block ends.
+# Reasons why a kernel returns; WIND means that the kernel needs the next wind block.
 RAN, REACHED, WIND, STALLED, ENERGY, NEAR = range(6)
 # Number of steps between two points of the grid on which wind values and track points lie.
 GRID = 5

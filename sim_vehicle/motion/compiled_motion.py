@@ -191,7 +191,7 @@ class CompiledMotion(MotionModel):
     def _records(self, name: str, kind: np.dtype[Any] | None) -> Record:
         """Return an array of the model as records that share its memory, or unchanged if `kind` is None.
 
-        The records are cached until the array is replaced, because it takes longer to make them than to step.
+        The records are cached until the array is replaced, because making records takes longer than a step.
         """
         array = getattr(self, name)
         if kind is None:

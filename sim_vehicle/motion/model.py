@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position, Route
 
-# Tolerance, so that no step is lost if a link has rounded a waypoint to 1e-7 degree (1.1 cm).
+# Excess over whole cells (in cells) that costs no time step; links round waypoints to 1e-7 degree (1.1 cm).
 _SLACK = 0.04
 
 
@@ -65,7 +65,7 @@ def attitude_of(east: float, north: float, up: float, heading_rad: float) -> tup
 class MotionModel(ABC):
     """Motion of one vehicle, such as `Multirotor` or `IdealRobot`.
 
-    By default, methods that only some models need do nothing.
+    By default, a method that only some models need does nothing.
     """
 
     spec: VehicleSpec

@@ -72,7 +72,7 @@ def stop(state: Record) -> None:
 
 @compiled(inline="always")
 def take_velocity(state: Record, east: float, north: float, up: float, dt: float) -> None:
-    """Set the velocity after a step, and the constant acceleration that leads to it."""
+    """Set the velocity after a step, and the constant acceleration that causes this velocity."""
     state.acceleration_x = (east - state.velocity_x) / dt
     state.acceleration_y = (north - state.velocity_y) / dt
     state.acceleration_z = (up - state.velocity_z) / dt
@@ -88,8 +88,8 @@ def kernel_of(
 ) -> Callable[..., int]:
     """Return a vehicle's kernel: the compiled loop over time steps.
 
-    The arguments are compiled functions. They get the state STATE, the limits LIMITS and ``own``, a tuple of
-    the arrays that only this kind of vehicle has.
+    The arguments are compiled functions. The functions get the state STATE, the limits LIMITS and ``own``, a
+    tuple of the arrays that only this kind of vehicle has.
 
     Parameters
     ----------
@@ -99,9 +99,9 @@ def kernel_of(
         Called before a step, to begin a leg that is due. Arguments: state, counters, route LEG[n], limits,
         own.
     feel : callable
-        Called on the wind grid. Sets the wind (tuple: east, north, up) and the power in the state, and
-        returns whether the vehicle has stalled. Arguments: state, counters, the leg's row, the wind, limits,
-        power, own.
+        Called at each point of the wind grid. Sets the wind (tuple: east, north, up) and the power in the
+        state, and returns whether the vehicle has stalled. Arguments: state, counters, the leg's row, the
+        wind, limits, power, own.
     move : callable
         Moves the vehicle by one step and returns whether the leg is complete. Arguments as for ``enter``.
     leave : callable

@@ -128,7 +128,7 @@ class Controls:
         return taken
 
     def refresh(self) -> None:
-        """Update the state from the executor."""
+        """Set the state to the executor's present state."""
         state = self.executor.state()
         if self.flown_attitude is not None:
             roll_rad, pitch_rad = self.flown_attitude

@@ -31,8 +31,8 @@ _ALMOST_EMPTY = 3
 class BatteryWatch:
     """Watch over the battery level: 0 normal, 1 low, 2 critical, 3 almost empty.
 
-    With `by_voltage`, a voltage that is too low for some time also makes the level low or critical; the level
-    then stays even if the voltage recovers (ArduPilot). `reported` is the highest level since arming.
+    With `by_voltage`, a voltage that is too low for some time also makes the level low or critical, and the
+    level never falls again before the next arming (ArduPilot). `reported` is the highest level since arming.
     """
 
     def __init__(self, controls: Controls, *, by_voltage: bool) -> None:
@@ -52,7 +52,7 @@ class BatteryWatch:
         self.reported = _ALMOST_EMPTY
 
     def check(self) -> int:
-        """Return the battery level if it has not been as high since arming, else 0."""
+        """Return the battery level if it is higher than all levels since arming, else 0."""
         battery = self._controls.state.battery
         if battery is None:
             return 0
@@ -87,7 +87,7 @@ class BatteryWatch:
         return f"{_LEVEL_NAMES[level]} ({amount})"
 
     def _voltage_level(self) -> int:
-        """Return the level (0 to 2), given by the time for which the voltage was below its thresholds."""
+        """Return the level (0 to 2) that follows from the time with the voltage below each threshold."""
         now_s, patience_s = self._controls.now_s, self._parameters.low_voltage_timer_s
         if patience_s <= 0.0:
             return 0
@@ -298,8 +298,8 @@ class Failsafe:
 class ArmingChecks:
     """Pre-arm checks.
 
-    The owner may assign two attributes: `block` is a further reason against arming, and `custom_mode` is a
-    function that returns the custom mode number.
+    The owner of the object may assign two attributes: `block` is a further reason against arming, and
+    `custom_mode` is a function that returns the custom mode number.
     """
 
     def __init__(self, controls: Controls, failsafe: Failsafe) -> None:
@@ -309,7 +309,7 @@ class ArmingChecks:
         self._failsafe = failsafe
 
     def health_problem(self) -> str | None:
-        """Return the reason why the vehicle must not arm in any mode, or None."""
+        """Return the reason that prevents arming in every mode, or None."""
         controls = self._controls
         if not controls.position_ok:
             return "no position"
@@ -321,7 +321,7 @@ class ArmingChecks:
         )
 
     def why_not(self, mode: Mode, mission_problem: str | None) -> str | None:
-        """Return the reason why the vehicle must not arm in a mode, or None.
+        """Return the reason that prevents arming in this mode, or None.
 
         `mission_problem` is the reason why the mission cannot be flown, or None.
         """

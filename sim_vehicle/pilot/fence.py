@@ -76,7 +76,7 @@ class Fence:
     return_point_m: tuple[float, float, float] | None = None
     """Return point: east, north, height."""
     any_inclusion: bool = True
-    """Whether a position is inside if any inclusion zone contains it (PX4), or only if all do (ArduPilot)."""
+    """Whether a position in one inclusion zone is allowed (PX4); otherwise it must be in all (ArduPilot)."""
 
     @classmethod
     def of(cls, items: Sequence[MissionItem], frame: LocalFrame, *, any_inclusion: bool = True) -> Fence:

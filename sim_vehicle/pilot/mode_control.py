@@ -51,7 +51,7 @@ class MissionStatus:
 
     @property
     def waits(self) -> bool:
-        """Whether the mission is complete; this remains True if an item is chosen at which it may restart."""
+        """Whether the mission is complete, or was complete when a client chose the item for its restart."""
         return self.complete or self._chosen
 
     def choose(self) -> None:
@@ -87,7 +87,7 @@ class MissionStatus:
         return str(self.problems[0]) if self.problems else None
 
     def check(self, items: Sequence[MissionItem], *, in_air: bool = False) -> None:
-        """Update the problems of a mission; with `in_air`, it needs no take-off."""
+        """Update the problems of a mission; with `in_air`, the mission needs no take-off item."""
         self.problems = ()
         self._in_air = in_air
         if items:
@@ -107,7 +107,7 @@ class MissionStatus:
                 self.problems += (ItemProblem(None, 0, "firmware", refusal),)
 
     def why_not_begin(self) -> str | None:
-        """Return the reason why the mission cannot begin now, or None; in the air it needs no take-off."""
+        """Return the reason why the mission cannot begin now; in the air it needs no take-off item."""
         controls = self._controls
         in_air = controls.landed is not LandedState.ON_GROUND
         if self.problems and in_air and not self._in_air:
@@ -163,7 +163,7 @@ class PilotExtra:
         return None
 
     def why_not_arm(self, mode: Mode) -> str | None:
-        """Return the reason why the vehicle must not arm in a mode, or None."""
+        """Return the reason that prevents arming in this mode, or None."""
         return None
 
     def on_armed(self) -> None:
@@ -229,14 +229,14 @@ class ModeControl:
                 raise RefusedError(f"Mode {mode.value} refused: {reason}")
 
     def why_not_arm(self) -> str | None:
-        """Return the reason why an extra prevents arming, or None."""
+        """Return the first reason for which an extra prevents arming, or None."""
         reasons = (extra.why_not_arm(self._controls.mode) for extra in self._extras)
         return next((reason for reason in reasons if reason is not None), None)
 
     def change(self, mode: Mode) -> bool:
         """Change the mode and, if armed, begin the mode's flight; a refusal restores the old mode.
 
-        Return whether the vehicle must be disarmed; this is the effect of an order to land or return on the
+        Return whether the vehicle must be disarmed, because it was ordered to land or return while on the
         ground.
         """
         before, intended = self._controls.mode, self.intended
@@ -275,7 +275,7 @@ class ModeControl:
 
     @property
     def _present_item(self) -> tuple[tuple[MissionItem, ...], int]:
-        """Mission and current item, by which a mission that is resumed is recognised."""
+        """Mission and current item, for a later check whether the vehicle resumes the same mission."""
         return self._mission.items, self._controls.executor.mission.current_seq
 
     def on_target_reached(self) -> None:

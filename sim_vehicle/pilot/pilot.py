@@ -209,7 +209,7 @@ class Pilot(Controls):
                 f"Home refused: more than {self.spec.max_distance_m:.0f} m from the start", denied=True
             )
         if not abs(up_m) <= self.spec.max_altitude_m:
-            raise RefusedError(f"Home refused: {up_m:.0f} m above the start", denied=True)
+            raise RefusedError(f"Home refused: {up_m:.0f} m above the start is out of range", denied=True)
         self.executor.mission.move_home((x_m, y_m, up_m))
         self._place_rally()
         self.failsafe.apply_parameters()
@@ -240,7 +240,7 @@ class Pilot(Controls):
         """Start the motors; in the mission and take-off modes, the flight begins.
 
         `force` skips the pre-arm checks. `text` is the notice to the operator; by default, this is the notice
-        of an arm command. If the vehicle has not begun a mission, a refusal also becomes its outcome.
+        of an arm command. If no mission has begun, a refusal is also the outcome of the run.
         """
         if self.armed:
             return
@@ -300,7 +300,7 @@ class Pilot(Controls):
         if self.spec.drives:
             raise RefusedError("Takeoff refused: a rover stays on the ground", denied=True)
         if not 0.0 < altitude_m <= self.spec.max_altitude_m:
-            raise RefusedError(f"Takeoff refused: altitude {altitude_m:g} m", denied=True)
+            raise RefusedError(f"Takeoff refused: altitude {altitude_m:g} m is out of range", denied=True)
         self.modes.takeoff_altitude_m = altitude_m
         self.set_mode(Mode.TAKEOFF)
 
@@ -320,7 +320,7 @@ class Pilot(Controls):
         distance_m = math.hypot(x_m, y_m)
         if not (distance_m <= self.spec.max_distance_m and self.spec.reaches(altitude_m)):
             raise RefusedError(
-                f"Reposition refused: {distance_m:.0f} m from the start, {altitude_m:.0f} m high", denied=True
+                f"Reposition out of range: {distance_m:.0f} m away, {altitude_m:.0f} m high", denied=True
             )
         outside = self.failsafe.outside((x_m, y_m, altitude_m))
         if outside is not None:
@@ -358,7 +358,7 @@ class Pilot(Controls):
             self.set_mode(Mode.HOLD)
             return
         if not self.armed or self.mode not in (Mode.MISSION, Mode.GUIDED):
-            raise RefusedError(f"Pause refused: mode {self.mode.value}")
+            raise RefusedError("Pause refused: not flying in mission or guided mode")
         for extra in self.extras:
             extra.forget()
             extra.stop()
@@ -369,7 +369,7 @@ class Pilot(Controls):
         if self.rules.pauses_in_mode and self.mode is Mode.GUIDED:
             return
         if self.rules.pauses_in_mode and self.mode is not Mode.MISSION:
-            raise RefusedError(f"Resume refused: mode {self.mode.value}")
+            raise RefusedError(f"Resume refused: not possible in mode {self.mode.value}")
         self.start_mission()
 
     def start_mission(self, first: int | None = None) -> None:
@@ -388,7 +388,7 @@ class Pilot(Controls):
         """Continue at this mission item; raises RefusedError if the item does not exist."""
         size = self.mission.size
         if not 0 <= seq < size:
-            raise RefusedError(f"Mission item {seq + 1} refused: the mission has {size}", denied=True)
+            raise RefusedError(f"Mission item {seq + 1} refused: the mission has {size} items", denied=True)
         self.mission.choose()
         self.order(lambda: self.executor.mission.set_current(seq))
 
@@ -466,7 +466,7 @@ class Pilot(Controls):
         return events
 
     def _end_in_return(self, lag_s: float) -> None:
-        """Enter the return mode if the vehicle flies a final return item; its path does not change."""
+        """Enter the return mode if the vehicle flies a final return item; the vehicle keeps its path."""
         executor, mission, now_s = self.executor, self.mission, self.executor.time_s
         if not (self.armed and self.mode is Mode.MISSION and self.landed is not LandedState.ON_GROUND):
             self._return_mode_s = math.inf

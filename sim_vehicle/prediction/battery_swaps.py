@@ -44,9 +44,9 @@ class BatteryChange:
     """Interruption of a mission for a battery change."""
 
     time_s: float
-    """Time of the change in the mission without interruptions."""
+    """Time at which the uninterrupted mission is at the place of the change."""
     place_m: tuple[float, float, float]
-    """East, north, up relative to home; the next battery continues here."""
+    """Position at which the next battery continues: east, north, up relative to home."""
     seq: int
     """Index of the item in flight."""
     energy_wh: float
@@ -65,8 +65,8 @@ def batteries_needed(
 
     If one battery is too little, the vehicle interrupts the mission when the remaining charge just suffices
     for the return; the next battery continues there (see `battery_changes`). The result is 0 for a vehicle
-    without a battery. It is None if no number suffices, because the mission cannot be flown, or because one
-    battery cannot reach a position and return.
+    without a battery, and None if no number suffices, because the mission cannot be flown, or because a full
+    battery does not suffice to reach a position and return.
 
     Examples
     --------
@@ -94,8 +94,8 @@ def battery_changes(
     """Return the battery changes of a mission, or None if no number of changes suffices.
 
     The mission is flown once with an unlimited battery. Trial flights to a place and home, with the mission's
-    take-off, return and wind, find the place of each change. The flight out, a part of the mission and the
-    return use the battery's capacity minus its reserve. A gusty wind is flown with one sample of gusts.
+    take-off, return and wind, find the place of each change. Each battery, without its reserve, lasts for the
+    flight out, a part of the mission and the return. In a gusty wind all flights meet one sample of gusts.
     """
     battery = spec.battery
     if battery is None:
@@ -184,7 +184,7 @@ class Transit:
 class TrialFlights:
     """Trial flights of a mission, and of transits to and from its positions, with an unlimited battery.
 
-    A gusty wind is flown with one sample of its gusts.
+    In a gusty wind all flights meet the same sample of gusts.
     """
 
     def __init__(self, mission: Mission, spec: VehicleSpec, home: LocalFrame, wind: Wind | None) -> None:
@@ -200,7 +200,7 @@ class TrialFlights:
         self._end = mission.items[landing[0] :] if landing else (MissionItem(20, 2),)
 
     def there_and_back(self, place_m: NDArray[np.float64], seq: int) -> Transit | None:
-        """Return time and energy of transits to and from a position on an item; None if impossible.
+        """Return time and energy of the transits to a position in the mission and back; None if impossible.
 
         `place_m` is east, north, up relative to home.
         """

@@ -36,10 +36,10 @@ if TYPE_CHECKING:
 __all__ = ["PredictedFlight", "Prediction", "climbs_by_itself", "fly_all", "home_frame", "without_end"]
 
 _LONGEST_S = 86_400.0
-# Time limit for the ideal vehicle, whose time steps are equally cheap to compute at any length.
+# Time limit for the ideal vehicle: a long time step takes no more computing than a short time step.
 _LONGEST_IDEAL_S = 3e8
 _TRACK_POINTS = 20_000
-# Grid on which kernels record tracks; the ideal vehicle has no kernel.
+# Number of time steps between track points of a kernel; the ideal vehicle has no kernel.
 _GRID_STEPS = 5
 _ENDLESS_WH = 1e6
 Air: TypeAlias = "tuple[Wind | None, EstimateErrors | None]"
@@ -69,7 +69,7 @@ class Prediction:
     reason: str
     """Reason why the mission is infeasible; empty if feasible."""
     duration_interval_s: tuple[float, float] | None = None
-    """Interval with 90 % of all flights' durations, if disturbances are known only statistically."""
+    """Interval that contains the durations of 90 % of the flights, if disturbances are random."""
     energy_interval_wh: tuple[float, float] | None = None
     energy_bound_wh: float | None = None
     """Energy that suffices for one flight with `sim_vehicle.prediction.predict.BOUND_PROBABILITY`."""
@@ -82,8 +82,8 @@ class Prediction:
     def ground_length_m(self) -> float:
         """Length over ground from take-off to landing, as plans state their length.
 
-        It is the flown length times the ratio of the track's length over ground to its length in space. The
-        track's length alone would be wrong, because the track cuts corners and may be truncated.
+        It is the flown length times the ratio of the track's horizontal length to its length in space. The
+        length of the track alone would be wrong, because the track cuts corners and may be truncated.
         """
         steps = np.diff(self.track_m, axis=0, prepend=np.zeros((1, 3)))
         flown_m = float(np.sqrt((steps**2).sum(axis=1)).sum())
@@ -97,7 +97,7 @@ class Prediction:
 
 
 class PredictedFlight:
-    """One flight of a mission from home that is to be predicted.
+    """Flight to be predicted: one mission, flown once from home.
 
     The track has at most `track_points` positions; the track of a longer flight is truncated.
     """

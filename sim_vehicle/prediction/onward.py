@@ -1,4 +1,4 @@
-"""Time and energy that remaining missions of a vehicle in flight take, for many paths in one batch."""
+"""Time and energy of the remaining mission of a vehicle in flight, for many paths in one batch."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ __all__ = [
 ]
 
 _TRACK_STEP_S = 1.0
-_TRACK_POINTS = 600  # Minimum number of steps in a plan's track; it resolves the corners of short plans.
+_TRACK_POINTS = 600  # Minimum number of steps in a plan's track, so that it shows the corners of short plans.
 _FINEST_STEP_S = 0.1
 _REHEARSAL_SEED = 0x1D8F
 _ERROR_SEED = 0x4A7C
@@ -43,7 +43,7 @@ ERROR_REHEARSALS = 8
 REHEARSAL_PAIRS = 2
 """Number of pairs of opposite gusts with which candidate flights are compared."""
 PREDICTION_PAIRS = 8
-"""Number of pairs for the chosen flight; the gusts' effect on power does not cancel in a pair."""
+"""Number of pairs for the chosen flight: more, as effects of gusts on power do not cancel in a pair."""
 BOUND_PROBABILITY = 0.995
 """Probability that one flight needs at most `Prediction.energy_bound_wh`."""
 
@@ -60,8 +60,8 @@ def predict_flight(
 ) -> Prediction:
     """Predict a flight of the mission from home.
 
-    The prediction uses the simulated vehicle, so it has the duration, energy and length of an undisturbed
-    flight in the same wind. It does not include failsafes that end a flight early.
+    The prediction uses the simulated vehicle, so duration, energy and length are those of an undisturbed
+    flight in the same wind. The prediction does not include failsafes that end a flight early.
 
     Parameters
     ----------
@@ -259,7 +259,7 @@ def _mean_prediction(flights: Sequence[PredictedFlight]) -> Prediction:
 
 
 def _interval(mean: float, values: Sequence[float], side: float = 0.95) -> tuple[float, float] | None:
-    """Return bounds that a further value exceeds with probability ``1 - side`` each (Student's t)."""
+    """Return the two bounds of a further value, each violated with probability ``1 - side`` (Student's t)."""
     from scipy.special import stdtrit
 
     count = len(values)

@@ -66,8 +66,8 @@ class Wind:
     turbulence: Turbulence | None = None
     """Dryden's gusts, in place of ``gust_m_s``."""
     mirrored: bool = False
-    """Whether all gusts are reversed. A reversed gust is as likely as the gust, and the mean over two flights
-    with opposite gusts varies little (antithetic variates)."""
+    """Whether all gusts are reversed. A reversed gust is as likely as its original, and the mean over two
+    flights with opposite gusts varies little (antithetic variates)."""
 
     def __post_init__(self) -> None:
         names = ("east_m_s", "north_m_s", "gust_m_s", "correlation_s")
@@ -159,7 +159,7 @@ class WindSeries:
     def __init__(self, wind: Wind) -> None:
         seed = wind.seed
         if isinstance(seed, np.random.SeedSequence):
-            # A SeedSequence changes when it spawns. The copy of it makes all series of one wind equal.
+            # A SeedSequence changes when it spawns; with a copy, all series of one wind are equal.
             seed = np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key, pool_size=seed.pool_size)
         self._gusts: _GaussMarkov | _Dryden | None = None
         if wind.is_gusty:

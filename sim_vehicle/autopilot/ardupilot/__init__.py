@@ -62,7 +62,7 @@ class ArduCopterProcedures(FlightProcedures):
     parameters = motion_parameters("arducopter-motion")
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
-        """Return the vehicle with the values that parameters set."""
+        """Return the vehicle with speeds, limits, radius and altitudes from its parameters."""
         value = self.values(spec)
         return replace(
             spec,

@@ -107,7 +107,7 @@ COPTER_MAVLINK = MavlinkProfile(
             (27, Mode.RTL, "AUTO RTL"),
         ),
         own_hold=17,
-        # STABILIZE, ACRO, ALT_HOLD.
+        # FLIP can be entered from STABILIZE, ACRO and ALT_HOLD.
         flips_from=frozenset({0, 1, 2}),
         unready={15: ("AUTOTUNE", ""), 22: ("FLOWHOLD", ""), 23: ("FOLLOW", "Set FOLL_ENABLE = 1")},
         # AUTO, RTL, CIRCLE, LAND, BRAKE, SMART_RTL, AUTO RTL forbid arming (``Mode::allows_arming``, SITL).
@@ -359,7 +359,7 @@ COPTER_RULES = FailsafeRules(
 PLAIN_RULES = replace(
     COPTER_RULES,
     mission_goes_on_bit=0,
-    # Action numbers differ from ArduCopter's; the actions at a low and a critical battery are the same.
+    # Unlike in ArduCopter, action 1 is a return, and action 2 is a landing (ArduPlane) or a hold (Rover).
     defaults=replace(
         COPTER_RULES.defaults, low_battery_action=1, critical_battery_action=2, low_voltage_v=0.0
     ),
@@ -374,7 +374,7 @@ RELEASE = Setting("RC_OVERRIDE_TIME", 3.0)
 # RCn_DZ of ArduPlane and Rover: 30 us out of 400 us on each side.
 DEADZONE = Axis(0.075)
 COPTER_STICKS = StickRules(
-    # In modes other than LOITER sticks set the lean angle, so only the vehicle limits the speed.
+    # In modes other than LOITER, sticks set the lean angle, so the vehicle's maximum speed applies.
     speeds={
         Mode.HOLD: Setting("LOIT_SPEED", 1250.0, 0.01),
         Mode.POSITION: None,

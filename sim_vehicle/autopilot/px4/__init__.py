@@ -1,6 +1,6 @@
 """PX4 1.17 for multirotors: take-off, landing and return, and the autopilot.
 
-Add-ons derive the firmwares of fixed wings and rovers from it.
+Add-ons derive PX4's firmwares for fixed wings and rovers from the firmware of this module.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Px4MultirotorProcedures(FlightProcedures):
 
     name = "px4"
     parameters = motion_parameters("px4-multirotor-motion")
-    orbit_within_m = 2.0  # _horizontal_acceptance_radius of FlightTaskOrbit
+    orbit_within_m = 2.0  # This is _horizontal_acceptance_radius of FlightTaskOrbit.
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
         """Return the vehicle with speeds, heights and limits from its parameters."""
@@ -199,7 +199,7 @@ PX4 = Autopilot(
             procedures=PX4_MULTIROTOR,
             takes_off=True,
             behaviour=MISSION,
-            # Default of NAV_ACC_RAD; PX4 misses a smaller radius, because its height error is 0.55 m.
+            # Default of NAV_ACC_RAD. PX4 misses smaller radii, because its estimated height is 0.55 m off.
             cornering=Cornering(2.0, overshoots=True),
             reference=partial(reference_parameters, "px4"),
             sticks=COPTER_STICKS,

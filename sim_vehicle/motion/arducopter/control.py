@@ -83,13 +83,13 @@ LEAST_WAY = 0.01
 SHAKE = 0.04
 """Noise of the estimated speed (m/s); it affects how the target waits for a vehicle at rest."""
 SIDE = 0.7071067811865476
-"""Largest fraction of the acceleration limit for motion across the path in guided position control, if the
-part along the path needs more."""
+"""Limit of the acceleration across the path in guided position control, as a fraction of the total limit,
+while the acceleration along the path is larger."""
 
 
 @compiled(inline="always")
 def rooted(error: float, gain: float, limit: float) -> float:
-    """Return the rate at which to reduce an error: linear near 0, else the most that `limit` can stop."""
+    """Return the rate at which to reduce an error: linear near 0; beyond, the deceleration is `limit`."""
     straight = limit / (gain * gain)
     if error > straight:
         return sqrt(2.0 * limit * (error - 0.5 * straight))
@@ -196,7 +196,7 @@ def move(state: Record, guide: Record, law: Record, rising: float) -> float:
     guide.target_y += law.target_filter * (guide.asked_y - guide.target_y)
     guide.lean_y += law.lean_filter * (guide.target_y - guide.lean_y)
     share = 1.0 + guide.thrust / GRAVITY_M_S2
-    # The drag acts in the rotor plane, and normal to it, where it has no part from the rotors' momentum.
+    # The rotors' momentum drag acts in the rotor plane; the other drag also acts normal to the plane.
     lx, ly = guide.lean_x, guide.lean_y
     stretch = sqrt(lx * lx + ly * ly + GRAVITY_M_S2 * GRAVITY_M_S2)
     nx, ny, nz = lx / stretch, ly / stretch, GRAVITY_M_S2 / stretch

@@ -110,7 +110,7 @@ def take_next(
 ) -> None:
     """Continue with the next leg, from the end of the present leg or from the target at rest.
 
-    A leg from rest is made at least `least` long, because an estimated position is never exact.
+    A leg from rest gets a length of at least `least`, because an estimated position is never exact.
     """
     if before == at.LEGS:
         copy_leg(heads, curves, 0, 1)
@@ -331,7 +331,7 @@ def _accelerate(guide: Record, ax: float, ay: float, most: float) -> None:
 
 @compiled(allocates=False)
 def _lead_up(guide: Record, law: Record) -> bool:
-    """Move the target up to the take-off height; return whether it is there and climbs slowly."""
+    """Move the target up to the take-off height; return whether the target is there and climbs slowly."""
     dt, limit, jerk = law.dt, law.accel_z, law.shape_jerk_z
     _move_up(guide, dt)
     gain = jerk / limit
@@ -353,8 +353,8 @@ def _lead_to(guide: Record, law: Record) -> bool:
 
     Source: `AC_PosControl::input_pos_NEU_m`. The target can always stop at the position with half of the
     acceleration and jerk limits. The velocity correction has a part along the wanted velocity and a part
-    across it. If the correction is within 45 degrees of the wanted direction or of its opposite, the
-    first part gets most of the acceleration; otherwise the target brakes and turns at the same time.
+    across it. If the correction is within 45 degrees of the wanted direction or of its opposite, the part
+    along has precedence; otherwise the target brakes and turns at the same time.
     """
     dt, limit, jerk = law.dt, law.accel, law.shape_jerk
     _move_level(guide, dt)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 # A vehicle placed in flight joins its first leg if at least this fraction of its speed points along the leg.
-# The leg began at most `_FAR_M` behind it, and the profile's speed may differ by `_SAME_M_S`.
+# The leg began at most `_FAR_M` behind the vehicle; the leg's profile may be faster by `_SAME_M_S`.
 _STEADY = 0.2
 _FAR_M = 200.0
 _SAME_M_S = 0.3
@@ -45,7 +45,7 @@ _ARMING_DELAY_S = 2.0
 
 
 class AlongCurves(CompiledMotion):
-    """Vehicle that ArduPilot guides along S-curves; generic dynamics fly commanded velocities."""
+    """Vehicle that ArduPilot guides along S-curves; the generic dynamics fly the commanded velocities."""
 
     generic: ClassVar[Dynamics]
     """Dynamics of the same vehicle without an autopilot."""
@@ -70,7 +70,7 @@ class AlongCurves(CompiledMotion):
 
     @property
     def _continues_leg(self) -> bool:
-        """Whether the vehicle was placed in flight, and its first leg began behind it."""
+        """Whether the vehicle was placed in flight on a leg that began behind the vehicle."""
         return self._under_way and not self._interrupted
 
     def _set_out(
@@ -92,7 +92,7 @@ class AlongCurves(CompiledMotion):
         self._begin(self._rows)
 
     def _join(self, row: Floats, law: Floats) -> int:
-        """Place the vehicle on a leg that began behind it, and return the transition to this leg."""
+        """Place the vehicle in the middle of a leg, and return the transition to this leg."""
         guide, head, curve = self.guide, self.heads[1], self.curves[1]
         here, velocity = self.state[col.POSITION], self.state[col.VELOCITY]
         end = row[: Leg.Z + 1]
@@ -108,7 +108,7 @@ class AlongCurves(CompiledMotion):
         at_s = _time_of(head, curve, _POSITION, _FAR_M, scurve.end_time(head, curve))
         behind = _FAR_M
         if scurve.state_at(head, curve, at_s)[1] > along + _SAME_M_S:
-            # The vehicle is still accelerating, so the leg began behind it by the distance flown since.
+            # The vehicle is still accelerating, so the leg began where the profile was still at rest.
             at_s = _time_of(head, curve, _SPEED, along, 0.5 * scurve.end_time(head, curve))
             behind = scurve.state_at(head, curve, at_s)[0]
             _make_leg(guide, law, head, curve, ahead * (behind + left))

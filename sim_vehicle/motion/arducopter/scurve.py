@@ -25,7 +25,7 @@ HEAD = 13
 TIME, MADE, LENGTH, UX, UY, UZ, FLAT, RISE, SNAP, JERK, SPEED, ACCEL, ACCEL_Z = range(HEAD)
 SEGMENTS, COLUMNS = 23, 6
 (
-    SEGMENT_TIME,  # Like acceleration, speed and position, this is the value at the end of the segment.
+    SEGMENT_TIME,  # Time, acceleration, speed and position are values at the end of the segment.
     SEGMENT_SHAPE,  # Shape of the jerk: 0 constant, 1 rising, -1 falling.
     SEGMENT_JERK,
     SEGMENT_ACCELERATION,

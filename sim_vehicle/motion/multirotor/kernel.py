@@ -57,8 +57,8 @@ LEG, LIMITS = record_type(Leg), record_type(Limits)
 
 STOP_RADIUS = 0.05
 STOP_SPEED = 0.1
-# A leg has stalled when the vehicle stands still for this long, or when the leg takes longer than its length
-# and its initial detour at the slowest speed.
+# A leg has stalled when the vehicle stands still for this long, or when the leg takes this long in excess of
+# 1.5 times the time for its length and initial detour at the slowest speed.
 STALL_S = 30.0
 SLOWEST = 0.3
 # Distance to the region of interest (m) below which the nose keeps its direction.
@@ -99,10 +99,10 @@ def stopping_distance(v: float, a: float, v_end: float, limit: float, jerk: floa
 
 @compiled(inline="late", allocates=False)
 def _gentle_acceleration(room: float, jerk: float, dt: float) -> float:
-    """Return the acceleration that raises a speed, `room` below its limit, exactly to the limit.
+    """Return the acceleration that brings a speed exactly to its limit, from `room` below the limit.
 
     Releasing an acceleration in whole steps changes the speed by up to ``jerk dt^2 / 8`` more than in the
-    continuous law. The last part takes two steps, which leaves no remainder to oscillate about.
+    continuous law. The speed reaches its limit in two last steps without a remainder, which would oscillate.
     """
     change = jerk * dt
     last = change * dt
@@ -166,7 +166,7 @@ def axis_acceleration(
 
 @compiled(allocates=False)
 def velocity_acceleration(v: float, a: float, wanted: float, limit: float, jerk: float, dt: float) -> float:
-    """Return the acceleration at the end of the step, on the way to the speed `wanted`; no overshoot."""
+    """Return the acceleration at the end of the step that leads to the speed `wanted` without overshoot."""
     change = jerk * dt
     low = max(a - change, min(-limit, a + change))
     high = min(a + change, max(limit, a - change))
@@ -232,10 +232,10 @@ def axes_of(row: Record) -> tuple[Axis, Axis, Axis]:
 
 @compiled(allocates=False)
 def _detour(row: Record, velocity: Vector, acceleration: Vector) -> float:
-    """Return the approximate detour at the start of a leg, until the motion off the leg has stopped.
+    """Return the approximate extra path at the start of a leg until the motion off the leg has stopped.
 
     A leg may begin while the vehicle moves across or against it, as with a climb ordered in fast flight. The
-    leg's axes then brake within their small limits.
+    vehicle then brakes across the leg, within the small limits of these axes.
     """
     detour = 0.0
     axes = axes_of(row)
@@ -254,7 +254,7 @@ def _detour(row: Record, velocity: Vector, acceleration: Vector) -> float:
 
 @compiled(allocates=False)
 def turn_at(yaw: float, rate: float, wanted: float, most: float, change: float, dt: float) -> Turn:
-    """Return heading and heading rate after a step at the wanted rate; `change` limits the rate's change."""
+    """Return heading and heading rate after a step; the rate approaches `wanted` by at most `change`."""
     wanted = min(max(wanted, -most), most)
     rate += min(max(wanted - rate, -change), change)
     return (yaw + rate * dt) % (2.0 * pi), rate
@@ -361,7 +361,7 @@ def _move(state: Record, counters: Integers, route: Record, limits: Record, own:
             side = state.wind_east * ey - state.wind_north * ex
             free = limits.airspeed_max * limits.airspeed_max - side * side
             most = (tail + sqrt(free)) / horizontal if free > 0.0 else 0.0
-            # Without this exception a vehicle that brakes against a storm could never stop.
+            # Near the target a limit below SLOWEST does not apply, or a vehicle could never stop in a storm.
             if most < speed and (most > SLOWEST or ds > CREEP):
                 speed = most if most > SLOWEST else 0.0
     if abs(vw) > row.speed_normal and uz != 0.0:

@@ -42,7 +42,7 @@ Leg = IntEnum(
     "X Y Z BEFORE_X BEFORE_Y BEFORE_Z AFTER_X AFTER_Y AFTER_Z "
     "RADIUS "  # Acceptance radius.
     "SPEED "
-    "HEADING "  # NaN: to the target; infinity: no turn; minus infinity: to the centre of the orbit.
+    "HEADING "  # NaN faces the target, infinity means no turn, minus infinity faces the orbit's centre.
     "NEAR "  # Distance at which NEAR is reported.
     "KIND "  # `LegKind`.
     "PAUSE "
@@ -97,10 +97,10 @@ MOTOR_S = 0.05
 DERIVATIVE_S = 1.0 / (2.0 * pi * 5.0)
 LOOKAHEAD_M = 5.0
 LEAST_TRACK_M = 1.0
-# With estimate errors, a vehicle that has missed its target follows the line on until its estimate brings it
-# back. This takes 15 s in recordings, and up to a minute with simulated errors.
+# With estimate errors, a vehicle that has missed its target flies on along the line until its estimate brings
+# it back. This takes 15 s in recordings, and up to a minute with simulated errors.
 LONG_STALL_S = 120.0
-# Smallest change of the estimate that is a jump, after PX4 switched estimators, and not drift.
+# Smallest change of the height error that counts as a jump (PX4 has switched estimators), not as drift.
 RESET_M = 0.5
 # Fraction of the thrust that vertical control leaves for horizontal control, MPC_THR_XY_MARG.
 MARGIN = 0.3
@@ -256,8 +256,8 @@ def _guide(g: Record, row: Record, law: Record, px: float, py: float, pz: float,
     fastest = law.xy_vel_max
     wx, wy = min(max(wx, -fastest), fastest), min(max(wy, -fastest), fastest)
     wz = min(max(wz, -top), top)
-    # The trajectory waits for a vehicle that is behind it. With an exact estimate, it waits half as much for
-    # a vehicle beside it; this is the average with a noisy estimate.
+    # The trajectory waits for a vehicle that is behind it. For a vehicle beside it, the trajectory waits half
+    # as much if the estimate is exact; with a noisy estimate, half is the average.
     ex, ey = g.x - px, g.y - py
     speed2 = g.vx * g.vx + g.vy * g.vy
     lead = (ex * g.vx + ey * g.vy) / sqrt(speed2) if speed2 > 0.0 else 0.0
@@ -318,7 +318,7 @@ def _control(
     if level > room:
         tx, ty = tx * room / level, ty * room / level
     # By tracking anti-windup, the integrators give back the acceleration that the vehicle does not deliver.
-    # PX4 does this below hover thrust, and so, on average, also if the vertical speed is noisy.
+    # PX4 does this below hover thrust. On average, noise of the vertical speed has the same effect.
     noise = NOISE_M_S * law.z_vel_p
     missing = 0.5 * (sqrt(az * az + noise * noise) - az) / GRAVITY_M_S2
     lostx, losty = missing * ax, missing * ay
@@ -483,7 +483,7 @@ def _feel(
 
 @compiled(allocates=False)
 def _wait_on_ground(g: Record, state: Record) -> None:
-    """Wait for the motors; as in PX4, the trajectory stays on the ground with 0.7 m/s downwards."""
+    """Wait for the motors; as in PX4, the trajectory stays on the ground, at a speed of 0.7 m/s downwards."""
     g.x, g.y, g.z = state.position_x, state.position_y, state.position_z + g.error
     g.vx = g.vy = g.ax = g.ay = g.az = 0.0
     g.integral_x = g.integral_y = g.integral_z = 0.0
@@ -522,8 +522,8 @@ def _move(state: Record, counters: Integers, route: Record, limits: Record, own:
                 low = -GRAVITY_M_S2 / law.z_vel_p
                 climb_limit = low + (g.clock - law.spoolup) / ramp * (climb_limit - low)
             believed = state.position_z + g.error
-            # In wind, a vehicle with an exact estimate could alternate between two choices of waypoints; this
-            # minimum radius prevents it. PX4 has no minimum, so a vehicle with estimate errors has none.
+            # In wind, without this minimum radius, a vehicle with an exact estimate could alternate between
+            # two choices of waypoints. PX4 has no minimum, so a vehicle with estimate errors has none.
             least_track = 0.0 if errs else LEAST_TRACK_M
             _guide(g, row, law, state.position_x, state.position_y, believed, least_track)
             wanted = _control(g, law, state, climb_limit, flying)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 # Delay between the navigator's order to return and the mode change.
 MODE_SWITCH_S = 0.2
-# Allowance for the limited jerk, in the braking time with which PX4 starts a hold.
+# Time that the limited jerk adds to the braking time at the start of a hold.
 BRAKE_DELAY_S = 0.6
 _SAME_M = 1e-3
 # Number of estimate errors that are drawn at a time.
@@ -111,7 +111,7 @@ class Px4Multirotor(Multirotor):
         return self._estimate_errors is not None
 
     def _draw_errors(self, count: int) -> None:
-        """Draw estimate errors until the first `count` from the first take-off on are available."""
+        """Draw estimate errors, so that at least `count` errors since the first take-off are available."""
         assert self._estimate_errors is not None
         if len(self._errors) <= count:
             drawn = self._estimate_errors.first(2 * count + _ERRORS)
@@ -178,7 +178,7 @@ class Px4Multirotor(Multirotor):
             self._adopt()
         first = 0
         if len(table) > 1 and kinds[0] == LegKind.STAY:
-            # PX4 does not brake before it turns home.
+            # PX4 does not brake before it turns home, so this leg ends at once.
             table[0, Leg.X : Leg.BEFORE_X] = state[col.POSITION]
             table[0, Leg.RADIUS] = math.inf
             first = 1

@@ -11,7 +11,7 @@ from math import sqrt
 
 from geo.compiled import compiled
 
-# Sign of the speed change, and durations of its phases: with jerk, without, with opposite jerk.
+# Sign of the speed change, and durations of its phases: with jerk, without jerk, with opposite jerk.
 Profile = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
 
@@ -22,7 +22,7 @@ _TINY = 1e-7
 def brakeable_speed(jerk: float, accel: float, distance: float, final: float) -> float:
     """Return the highest speed that can be reduced to `final` within a distance.
 
-    PX4's formula assumes full speed for ``2 accel / jerk`` before the deceleration, longer than needed.
+    PX4's formula assumes full speed for ``2 accel / jerk`` before the braking, which is longer than needed.
     """
     b = 4.0 * accel * accel / jerk
     v = 0.5 * (sqrt(b * b + 8.0 * accel * distance + 4.0 * final * final) - b)
@@ -134,7 +134,7 @@ def level_speed(
     jerk: float,
     gain: float,
 ) -> float:
-    """Return the horizontal speed that still allows the corner ahead, and a stop at the waypoint after it.
+    """Return the horizontal speed that allows the turn at the target ahead, and a stop at the next waypoint.
 
     `gain` is the fraction of the acceleration that is used in corners.
     """
@@ -153,7 +153,7 @@ def level_speed(
 def climb_speed(
     place: Vector, target: Vector, after: Vector, radius: float, top: float, accel: float, jerk: float
 ) -> float:
-    """Return the vertical speed that still allows the heights of the target and the next waypoint.
+    """Return the vertical speed that allows the vehicle to keep the heights of target and next waypoint.
 
     As in PX4, the angle between both legs is measured in the plane of height and distance from the origin.
     """
@@ -168,7 +168,7 @@ def climb_speed(
 
 @compiled(allocates=False)
 def clamped(v: Vector, level: float, climb: float) -> Vector:
-    """Return a velocity scaled down to a horizontal and then to a vertical speed limit.
+    """Return a velocity scaled down to the horizontal speed limit, and then to the vertical speed limit.
 
     If a component and its limit are below 0.5 m/s, only this component is scaled.
     """
@@ -190,7 +190,7 @@ def clamped(v: Vector, level: float, climb: float) -> Vector:
 
 @compiled(allocates=False)
 def lookahead(place: Vector, begin: Vector, target: Vector, reach: float, endless: bool) -> Vector:
-    """Return the point on the line from `begin` to `target` that is ahead at distance `reach`.
+    """Return the point ahead on the line from `begin` to `target`, at the distance `reach` from the vehicle.
 
     This is PX4's L1 guidance in three dimensions. In PX4, the line goes on beyond the target (`endless`). A
     vehicle with an exact estimate would follow such a line forever, so its line ends at the target.

@@ -160,7 +160,7 @@ def test_px4_stores_what_makes_no_sense_and_does_not_fly_it():
     message = wire.item_to_message(THERE, 1, MissionType.MISSION, (1, 1))
     message.x = 950_000_000
     assert [a.type for a in peer.tell(message) if a.get_type() == "MISSION_ACK"] == [0]
-    assert "Mission rejected: item 2 makes no sense" in peer.texts()
+    assert "Mission rejected: item 2 is invalid" in peer.texts()
     assert peer.asked(42).mission_state == m.MISSION_STATE_NO_MISSION
     assert peer.result(300) == 1
     peer.tell(m.MAVLink_mission_request_list_message(1, 1, 0))

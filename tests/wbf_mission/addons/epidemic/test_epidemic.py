@@ -426,7 +426,7 @@ def test_on_large_farms_probabilities_and_loss_are_made_when_asked_for(cache, mo
     assert early.expected_loss is not None
     estimator.partial_fit(seen[5:])
     for what in (lambda: early.probabilities["tylcv"], lambda: early.expected_loss):
-        with pytest.raises(EstimatorError, match=r"are lost.*model\.copy\(\)"):
+        with pytest.raises(EstimatorError, match=r"can no longer be computed.*model\.copy\(\)"):
             what()
     late = estimator.predict()
     found = late.expected_loss

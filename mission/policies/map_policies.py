@@ -50,7 +50,7 @@ _MOST_STOPS = 40
 _BOUNDS = {
     "share": (0.0, 1.0), "spread": (0.01, 1000.0), "every": (1, 1_000_000), "least_s": (0.0, 86_400.0),
     "caution": (0.0, 1000.0), "reach": (0.01, 1000.0), "least_weight": (0.0, 1.0),
-    "longest": (1.0, 1000.0), "ahead": (1.0, 10_000.0), "horizon": (1.0, 1000.0), "patience": (0.1, 1e6),
+    "longest": (1.0, 1000.0), "ahead": (1.0, 1e6), "horizon": (1.0, 1e6), "patience": (0.1, 1e6),
     "places": (1, 1000), "near": (1, 1000), "rounds": (0, 100), "beam": (1, 1000), "interval": (0.1, 1000.0),
 }  # fmt: skip
 CELLS_A_LEG = 8.0

@@ -444,7 +444,7 @@ def test_on_large_farms_probabilities_and_loss_are_made_when_asked_for(cache, mo
     again = EpidemicEstimator(**SMALL, cache=cache / "large").fit(grid, seen[:5])
     old = again.predict()
     again.fit(grid, seen[5:10])
-    with pytest.raises(EstimatorError, match=r"are lost.* fitted again"):
+    with pytest.raises(EstimatorError, match=r"can no longer be computed.* fitted again"):
         old.expected_loss  # noqa: B018
 
 

@@ -67,7 +67,7 @@ def _checks() -> Iterator[str]:
     from wbf_mission.addons.check.runner import all_checks  # the other tables need no add-on
 
     rows = ((f"`{check.id}`", check.text, check.required_of, check.suffers) for check in all_checks())
-    return _table(("id", "requirement", "required of", "otherwise trouble for"), rows)
+    return _table(("id", "requirement", "required of", "affected if it fails"), rows)
 
 
 def _training() -> Iterator[str]:

@@ -50,7 +50,7 @@ _MOST_STOPS = 40
 _BOUNDS = {
     "share": (0.0, 1.0), "spread": (0.01, 1000.0), "every": (1, 1_000_000), "least_s": (0.0, 86_400.0),
     "caution": (0.0, 1000.0), "reach": (0.01, 1000.0), "least_weight": (0.0, 1.0),
-    "longest": (1.0, 1000.0), "ahead": (1.0, 10_000.0), "horizon": (1.0, 1000.0), "patience": (0.1, 1e6),
+    "longest": (1.0, 1000.0), "ahead": (1.0, 1e6), "horizon": (1.0, 1000.0), "patience": (0.1, 1e6),
     "places": (1, 1000), "near": (1, 1000), "rounds": (0, 100), "beam": (1, 1000), "interval": (0.1, 1000.0),
 }  # fmt: skip
 CELLS_A_LEG = 8.0
@@ -87,6 +87,7 @@ class MapPolicy(ABC):
 
     reason: ClassVar[str]
     """Reason shown in the record of each decision."""
+    _wider: ClassVar[dict[str, tuple[float, float]]] = {}  # Bounds that replace those in `_BOUNDS`
 
     acquisition: str | Acquisition = "expected-loss"
     share: float = 0.12
@@ -99,7 +100,7 @@ class MapPolicy(ABC):
     coordination: str | Coordination = "sequential"
 
     def __post_init__(self) -> None:
-        for name, (least, most) in _BOUNDS.items():
+        for name, (least, most) in (_BOUNDS | self._wider).items():
             if not least <= (value := getattr(self, name, least)) <= most:
                 msg = f"{type(self).__name__}: {name}={value}: give a number from {least:g} to {most:g}"
                 raise ParameterError(msg)
@@ -214,6 +215,7 @@ class Orienteering(MapPolicy):
     """
 
     reason: ClassVar[str] = "tour"
+    _wider: ClassVar[dict[str, tuple[float, float]]] = {"horizon": (1.0, 1e6)}
 
     places: int = 49
     near: int = 14

@@ -48,7 +48,7 @@ def test_an_ensemble_is_generated_once(capsys: pytest.CaptureFixture[str], tmp_p
 def test_a_table_says_what_was_done(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     code, out, err = run(capsys, *GENERATE, "--keep", "1,3", "--out", str(tmp_path / "e"), "-q")
     assert (code, err) == (0, "")
-    assert "1: 1 generated now, 0 were there" in out
+    assert "1: 1 generated now, 0 existed already" in out
     assert Ensemble.load(tmp_path / "e")[0].days == (1, 3)
 
 

@@ -315,7 +315,7 @@ def test_what_makes_no_sense_is_told_in_a_line(small, tmp_path, capsys, options,
     [
         ("99999", "give 1 to"),
         ("0", "give 1 to"),
-        ("4+900m", "m long; give less"),
+        ("4+900m", "m long; give fewer metres"),
         ("nothing.tlog", "there is no such file"),
         (".", "has no flight.tlog"),
     ],

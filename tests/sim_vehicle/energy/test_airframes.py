@@ -98,7 +98,7 @@ def test_the_command_lists_and_shows_them(capsys):
     for name in vehicle_names():
         assert main(["vehicle", "show", name]) == 0
     shown = capsys.readouterr().out
-    assert "the model then" in shown and "31.0 min" in shown
+    assert "as modelled" in shown and "31.0 min" in shown
     assert main(["vehicle", "show", "mini-quad", "--json"]) == 0
     assert '"published_endurance_min": 31.0' in capsys.readouterr().out
     assert main(["vehicle", "show", "hovercraft"]) == 2

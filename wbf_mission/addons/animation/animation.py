@@ -51,11 +51,11 @@ _FRAMES = 150
 _FRAMES_A_SECOND = 12
 _LARGEST_SHARE = 0.02  # Minimum for the top of the colour scale of sick plants, on large farms.
 _COLUMNS = ("truth", "estimate", "uncertainty")
-# Duration (s), at least one frame, of the path drawn over the maps: a whole path would hide the maps.
+# The path of this duration (s), at least of one frame, is drawn: a whole path would hide the maps.
 _TAIL_S = 30.0
 _MARGIN = 0.02
 _UNCERTAIN = "viridis"
-# Number of cell columns in a strip of the truth: reading strips saves memory on a large farm.
+# Number of cell columns that are read at a time: on a large farm, the whole truth would take much memory.
 _STRIP_CELLS = 500
 _VEHICLES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#000000")
 
@@ -166,7 +166,7 @@ def _estimates(
                 for whole in (model.value, model.uncertainty)
             )
             known = value, uncertainty
-            del model  # Models of large farms take much memory.
+            del model  # This frees much memory on a large farm.
         assert known is not None
         yield moment, (truth, *known)
 
@@ -178,7 +178,7 @@ def _truth(
     masks: NDArray[np.bool_],
     day: int,
 ) -> list[_Floats]:
-    """Return the pixel means of a day's truth: from the record, or else from strips of the environment."""
+    """Return the pixel means of a day's truth, from the record or, strip by strip, from the environment."""
     values = kept_truths(record).get(day)
     if values is not None:
         return [pixel_means(grid, mask, values[k]) for k, mask in enumerate(masks)]
@@ -300,7 +300,7 @@ def _shown_m(record: RunRecord) -> tuple[tuple[float, float], tuple[float, float
 
 
 def _flown(track: Track | None, since_s: float, until_s: float) -> tuple[_Floats, _Floats]:
-    """Return x and y of a track from `since_s` to `until_s`, or else its last position before `until_s`."""
+    """Return x and y of a track from `since_s` to `until_s`; if empty, the last position before `until_s`."""
     if track is None:
         return np.empty(0), np.empty(0)
     until = int(np.searchsorted(track.time_s, until_s, "right"))

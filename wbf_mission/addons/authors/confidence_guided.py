@@ -26,8 +26,8 @@ ALL = "all"
 _NAME = "confidence-guided"
 _MOST_SPAN = 1000
 # The authors' Gaussian process has a lengthscale of 2 cells: at a distance of d cells, an observation reduces
-# the variance by the fraction exp(-d^2 / 4). These fractions do not affect the choice of the next waypoint,
-# only the choice of the waypoints after it.
+# the variance by the fraction exp(-d^2 / 4). These fractions affect only the waypoints that are planned after
+# the next waypoint.
 _SHARES = neighbour_shares(1.0, 4.0, 3)
 _SAME_CELLS = 0.5
 
@@ -114,7 +114,7 @@ class ConfidenceGuided:
         return [Route(np.array(corners), found[0])] if found else []
 
     def _on_its_way(self, problem: RouteProblem) -> bool:
-        """Return whether the vehicle is still on its way to the waypoint chosen for it."""
+        """Return whether the vehicle has not yet reached the waypoint that was chosen for it."""
         vehicle = problem.vehicle
         target = self._targets.get(vehicle.system_id)
         if target is None or not len(vehicle.rest_m):

@@ -36,16 +36,16 @@ _NAME = "grid-limited-randomness"
 class GridLimitedRandomness:
     """Draw a random place in each cell of a grid, round by round, and visit as many as the budget allows.
 
-    A grid of one cell gives a random walk; more cells give a more systematic path. The path is not changed in
-    flight. Each vehicle draws separate places.
+    With a grid of one cell, the path is a random walk; more cells make the path more systematic. The path is
+    not changed in flight. Each vehicle draws separate places.
 
     Parameters
     ----------
     h_cells, v_cells : int
         Number of cells along x and y, over the bounds of the area.
     order : str
-        Order of the places. ``end``: as drawn, boustrophedon (the authors' GLR-EOP). ``detour``: each place
-        is inserted where it lengthens the path least (GLR-SD). ``tour``: a short tour of all (GLR-CA).
+        Order of the places. ``end``: row by row of cells, to and fro (the authors' GLR-EOP). ``detour``: each
+        place is inserted where it lengthens the path least (GLR-SD). ``tour``: a short tour of all (GLR-CA).
 
     Raises
     ------
@@ -209,7 +209,7 @@ def _two_opt(points: Any, near: Any, tour: Any, returns: bool) -> None:
         better = False
         for node in range(count):
             for other in near[node]:
-                # One new leg joins node and other; the second joins their successors, or their predecessors.
+                # One new leg joins `node` and `other`, the second their successors or their predecessors.
                 for before in range(2):
                     first, last = min(at[node], at[other]) - before, max(at[node], at[other]) - before
                     if first < 0 or last <= first + 1:

@@ -39,7 +39,7 @@ class _Rows:
     begin: NDArray[np.float64]  # Start of the unflown part, float64[2], metres.
 
     def resumed(self, from_m: NDArray[np.float64]) -> Points:
-        """Return the unflown points, starting at the point of the interrupted row nearest to `from_m`."""
+        """Return the unflown points; the first is the point nearest to `from_m` on the interrupted row."""
         if not len(self.rest):
             return self.rest
         leg = self.rest[0] - self.begin
@@ -102,7 +102,7 @@ class RefiningLawnmower:
         self._after.start()
 
     def decide(self, observation: PolicyObservation) -> Decision:
-        """Return rows at the start, then detours and resumed rows, and after the rows other routes."""
+        """Return paths along the rows, detours from them, and after the rows routes of `RollingHorizon`."""
         if observation.event is Event.START:
             return self._begin(observation)
         paths: dict[int, Points] = {}
@@ -157,7 +157,7 @@ class RefiningLawnmower:
             gap_m = max(self._gaps[min(number, 1)] * cell_m, request.footprint_m)
             planner = make_planner("lawnmower")
             budget = _PartOf(request.budget, left)
-            # With a footprint as wide as the gap, the first row lies half a gap from the border.
+            # A footprint as wide as the gap puts the first row half a gap from the border.
             task = replace(
                 request, area=land, start_xy_m=here, budget=budget, crop_areas=(), footprint_m=gap_m
             )
@@ -228,7 +228,7 @@ class RefiningLawnmower:
     def _joined(self, vehicle: VehicleReport, pieces: list[Points]) -> Points:
         """Join the parts of `pieces` inside the area into one path, as long as the vehicle's budget lasts.
 
-        Points outside are dropped: a detour may begin, or the budget end, in transit between two parts.
+        Points outside the area are dropped: a detour may begin, or the budget end, between two parts of it.
         """
         area = shapely.buffer(vehicle.request.room, TOLERANCE_M)
         kept = [piece[shapely.covers(area, shapely.points(piece))] for piece in pieces if len(piece)]
@@ -303,7 +303,7 @@ def window_of(vehicle: VehicleReport, observation: PolicyObservation, promised: 
 def detour(
     vehicle: VehicleReport, observation: PolicyObservation, window: Window, least_rate: float
 ) -> Points:
-    """Return a route that soon passes many plants beside sick plants; empty if no detour is worth it."""
+    """Return a route that soon passes many plants beside sick plants; empty if no route passes enough."""
     if not window.values.any():
         return _NOTHING
     cell_m = observation.farm.cell_size_m

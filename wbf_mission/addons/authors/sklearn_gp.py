@@ -1,4 +1,4 @@
-"""The paper's Gaussian process, by scikit-learn: it is fitted from scratch for every estimate."""
+"""The paper's Gaussian process, computed by scikit-learn, which fits the kernel anew for every estimate."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ class Archive(Closing):
 
 
 def _is_of_macos(name: str) -> bool:
-    """Return whether macOS added this member, in which it stores attributes of another member.
+    """Return whether macOS added this member, to store attributes of another member.
 
     >>> [_is_of_macos(name) for name in ("__MACOSX/My Farm/._a.shp", "My Farm/._a.shp", "My Farm/a.shp")]
     [True, True, False]

@@ -88,7 +88,7 @@ class FarmDrawing:
         )
 
     def _edges(self) -> str:
-        """Return the names of blocks along the edges of the map; the sentences of reports use these names."""
+        """Return labels along the edges of the map: the names by which reports refer to blocks."""
         grid, unit = MapGrid.of(self.farm), self.unit
         side = grid.block * grid.cell_size_m
         label = partial(self.text, size=2.3, text_anchor="middle", fill="#55534f")

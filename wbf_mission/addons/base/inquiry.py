@@ -1,4 +1,4 @@
-"""Queries the parameters and the state of a vehicle over MAVLink."""
+"""Queries a vehicle's parameters and state over MAVLink."""
 
 from __future__ import annotations
 
@@ -91,15 +91,15 @@ class VehicleSnapshot:
 
     @property
     def questions(self) -> Questions:
-        """Parameters on which plans depend, keyed by meaning."""
+        """Names of the parameters on which plans depend, with units, keyed by meaning."""
         return profile_for(self.autopilot).settings.asked_of(self.vehicle_type)
 
     def told(self, meaning: Meaning) -> tuple[str, float] | None:
-        """Return name and value (SI units) of the parameter with a meaning; None if it was not received."""
+        """Return name and value (SI units) of the parameter with this meaning; None if it did not arrive."""
         return self._first(self.questions.get(meaning, {}))
 
     def _first(self, units: Mapping[str, float]) -> tuple[str, float] | None:
-        """Return name and value (SI units) of the first parameter that was received, if any."""
+        """Return name and value (SI units) of the first parameter in `units` that was received, if any."""
         known = self.parameters
         return next(((name, known[name] * unit) for name, unit in units.items() if name in known), None)
 
@@ -161,7 +161,7 @@ def _changes(message: Message) -> dict[str, Any]:
 
 
 def _point(message: m.MAVLink_global_position_int_message) -> GeoPoint | None:
-    """Return a message's position; None if it is unset or invalid."""
+    """Return a message's position; None if the position is unset or invalid."""
     if message.lat == 0 and message.lon == 0:
         return None
     try:
@@ -202,7 +202,7 @@ class Inquiry:
 
     def __init__(self, *, system_id: int | None = None, placed: bool = False) -> None:
         self.done = False
-        self.waits_for_place = False  # Whether only the vehicle's position is missing
+        self.waits_for_place = False  # Whether all answers have arrived but the position
         self._placed = placed
         self.search = VehicleSearch(system_id)
         self._contact = Contact()
@@ -219,7 +219,7 @@ class Inquiry:
 
     @property
     def vehicle(self) -> tuple[int, int] | None:
-        """System and component id of the vehicle; None before its first heartbeat."""
+        """System and component id of the vehicle; None before the vehicle's first heartbeat."""
         found = self.search.found
         return None if found is None else (found.system_id, found.component_id)
 
@@ -240,7 +240,7 @@ class Inquiry:
             self._ids.add(type(message).id)
             self._told |= _changes(message)
             if not self._alternatives:
-                # A parameter measures the delay better, because this message may be streamed, not an answer.
+                # Parameters measure the delay better: this message may be streamed, and not an answer.
                 self._measure_pace(now_s)
         self._settle(now_s)
         return []
@@ -316,7 +316,7 @@ class Inquiry:
                 out.append(command_long(self.vehicle, m.MAV_CMD_REQUEST_MESSAGE, float(key)))
         if self.waits_for_place:
             self._due_s = now_s + max(_PLACE_AGAIN_S, self._pace_s)
-            # Earlier answers about the position are outdated: request them again.
+            # Earlier messages about the position are outdated: request them again.
             old = (*_PLACE_MESSAGES, self._contact.profile.estimator_message)
             out += [command_long(self.vehicle, m.MAV_CMD_REQUEST_MESSAGE, float(kind)) for kind in old]
         return out
@@ -358,7 +358,7 @@ class Inquiry:
 
 
 def decoded(value: float, kind: int, *, bytewise: bool) -> float | None:
-    """Return the number in a PARAM_VALUE of MAV_PARAM_TYPE `kind`; None if it is not finite.
+    """Return the number in a PARAM_VALUE of MAV_PARAM_TYPE `kind`; None if the number is not finite.
 
     If `bytewise`, integers are encoded as the bytes of the float (PX4), otherwise as numbers (ArduPilot).
 

@@ -67,7 +67,7 @@ def ratio_intervals(pairs: Sequence[Pair], *, together: bool = False) -> list[In
 
     The ratio is the mean of the first array divided by the mean of the second. Both arrays have one value per
     environment, in the same order. Below eight environments there is no interval. If the second mean is not
-    positive, there is no ratio. `high` is infinite if it may be 0. `together` is as for `mean_intervals`.
+    positive, there is no ratio; if it may be 0, `high` is infinite. `together` is as for `mean_intervals`.
     """
     return _intervals(pairs, fewest=FEWEST_FOR_A_RATIO, together=together)
 
@@ -142,7 +142,7 @@ def _weights(draw: np.random.Generator) -> NDArray[np.float64]:
 def _fieller(
     values: NDArray[np.float64], others: NDArray[np.float64], least: float, most: float
 ) -> tuple[float, float]:
-    """Return the lowest and highest r for which the t of ``values - r * others`` is in `least` to `most`."""
+    """Return the lowest and highest r for which ``values - r * others`` has a t from `least` to `most`."""
     count = len(values)
     above, below = math.fsum(values) / count, math.fsum(others) / count
     up, down = values - above, others - below

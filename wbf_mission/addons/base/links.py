@@ -91,12 +91,12 @@ def upload_checked(
 ) -> tuple[TransferReport, Report]:
     """Query a vehicle, then check, upload and read back a mission; return the transfer and the findings.
 
-    `around` is called with the vehicle's answers, and returns the circumstances for the check. The other
-    parameters, and the errors, are described at `mission.ground.link.upload`. If the check finds errors, this
-    raises PreflightError unless `force` is set.
+    `around` receives the vehicle's answers, and returns the circumstances under which the mission is checked.
+    The other parameters, and the errors, are described at `mission.ground.link.upload`. If the check finds
+    errors, this raises PreflightError unless `force` is set.
     """
     snapshot = ask_vehicle(link, wait_s=wait_s, system_id=system_id, note=events.note)
-    # The findings leave out the vehicle's present state, which matters only before a take-off.
+    # Findings about the vehicle's present state are left out, since they matter only before a take-off.
     found = check_mission(mission, around(snapshot)).report.about(Concern.PLAN, Concern.PARAMETERS)
     found.require_no_errors("nothing was sent", events, force=force)
     report = upload(
@@ -114,7 +114,7 @@ def upload_checked(
 
 
 def links_of(heard: Iterable[Heard]) -> tuple[ServerUrl, ...]:
-    """Return the links of the vehicles that were heard; each of several links accepts only its vehicles."""
+    """Return the links of the vehicles that were heard; if several, each accepts only its own vehicles."""
     systems: dict[str, set[int]] = {}
     for url, vehicle in heard:
         systems.setdefault(url, set()).add(vehicle.system_id)
@@ -126,8 +126,8 @@ def links_of(heard: Iterable[Heard]) -> tuple[ServerUrl, ...]:
 class LinkHost(Server):
     """Server of real links; Ctrl-C raises KeyboardInterrupt in the caller.
 
-    ``through`` filters the messages that a component sends by `send`: its arguments are the messages and the
-    time, and it returns the messages to send.
+    ``through`` is a function that filters the messages of a component before `send` sends them: it receives
+    the messages and the time, and returns the messages to send.
     """
 
     def __init__(
@@ -163,7 +163,7 @@ class LinkHost(Server):
 
 
 class Via:
-    """Access to vehicles by this program's MAVLink; add-ons override it for other MAVLink libraries."""
+    """Access to vehicles by this program's MAVLink code; subclasses in add-ons use other libraries."""
 
     @property
     def transfers(self) -> TransferMaker:
@@ -178,7 +178,7 @@ class Via:
         tap: Tap | None,
         note: Note,
     ) -> LinkHost:
-        """Open the links of ground stations and their cameras; LinkError if a link cannot be opened."""
+        """Open the links that ground stations and their cameras use; LinkError if a link cannot be opened."""
         pairs = zip(cameras, grounds, strict=True)
         components: list[Component] = [part for pair in pairs for part in pair]
         return LinkHost(components, links_of(heard), tap=tap, at_once=True, note=note)

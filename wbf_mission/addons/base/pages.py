@@ -1,6 +1,6 @@
-"""Pages of captions, pictures and tables, written as Markdown; pages that add-ons provide to each other.
+"""Pages of captions, pictures and tables, written as Markdown; entry points for pages of other add-ons.
 
-The latter are entry points of the group `wbf_mission.pages` (`wbf_mission.cli.command.provided`):
+Entry points of the group `wbf_mission.pages` (`wbf_mission.cli.command.provided`):
 
 - ``live.simulation``: `FollowedSimulation`; ``run``: `RunPage`.
 - ``bench.report``: makes a benchmark's report, a `Page`. Its arguments are the rows, the folder for pictures,
@@ -113,7 +113,7 @@ def _markdown_table(table: Table) -> Iterator[str]:
 
 
 class FollowedSimulation(Protocol):
-    """Entry point ``live.simulation``: shows simulated vehicles on the live page, and obeys its orders."""
+    """Entry point ``live.simulation``: shows simulated vehicles on the live page, which can order them."""
 
     components: Sequence[Component]
     """Components that run beside the vehicles."""
@@ -124,7 +124,7 @@ class FollowedSimulation(Protocol):
         """Follow the vehicles; without `orders`, the page cannot command them."""
 
     def begin(self) -> Callable[[float], bool]:
-        """Publish the first events; call this when the page listens. Return the callback for later steps."""
+        """Publish the first events, once the page listens. Return the callback for each later step."""
 
 
 class RunPage(Protocol):

@@ -101,7 +101,7 @@ def save_sheet(figure: Figure, paths: Sequence[Path]) -> None:
 
 
 def shown_every(shape: Sequence[int]) -> int:
-    """Return the stride that thins the cells of a crop map for drawing."""
+    """Return the step between the cells of a crop map that are drawn; 1 draws all cells."""
     return max(1, -(-max(shape) // MAX_PIXELS))
 
 
@@ -147,7 +147,7 @@ def draw_farm(axes: Axes, farm: Farm, *, legend: bool = True) -> None:
             (shown["rally point"],) = axes.plot(
                 *np.transpose(farm.rally_m), linestyle="none", zorder=5, clip_on=False, **_RALLY
             )
-        # Explicit handles keep the farm's artists out of the legend that a caller adds for paths.
+        # Handles are given so that a caller's legend of paths does not repeat the farm's artists.
         axes.legend(
             list(shown.values()),
             list(shown),

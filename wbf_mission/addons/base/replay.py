@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 def fresh_estimator(record: RunRecord, progress: Progress, estimator: Estimator | None = None) -> Estimator:
     """Return an estimator that is fitted to the farm, without observations.
 
-    This is `estimator` if it is given. Otherwise it is the estimator named in the run's scenario, or a copy
-    of the scenario's estimator object.
+    The estimator is `estimator`; by default, the one that the run's scenario names, or a copy of the
+    scenario's estimator object.
     """
     if estimator is None:
         choice = record.scenario.estimate.estimator
@@ -181,7 +181,7 @@ def _flights(result: RunRecord) -> list[_Flight]:
     firsts = [flight[0].seen_before for flight in together] + [len(result.observations)]
     found, end_s = list[_Flight](), 0.0
     for number, each in enumerate(together):
-        # Results of earlier versions lack the starts of flights: each flight then begins after the last.
+        # Results of earlier versions lack the starts of flights: then a flight begins after the previous one.
         begun_s = max(each[0].begun_s, end_s)
         found.append(_Flight(each, begun_s, slice(firsts[number], firsts[number + 1])))
         ends = [float(one.track.time_s[-1]) for one in each if len(one.track.time_s)]
@@ -267,7 +267,7 @@ def _changed(record: FlightRecord, change: PathChange) -> Mission:
 def _moved(flight: _Flight, record: FlightRecord, step: int, told: StateLog | None) -> Iterator[_Timed]:
     """Yield a vehicle's positions with its logged states, or with speeds from its track.
 
-    The last position gets the last logged state, in which the vehicle is disarmed.
+    The last position is given with the last logged state, in which the vehicle is disarmed.
     """
     track, last = record.track, len(record.track.time_s) - 1
     if last < 0:
@@ -377,7 +377,7 @@ class StateLog:
 
 
 def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], StateLog]:
-    """Return the states in a .tlog, keyed by (system id, part); ResultError if it cannot be read.
+    """Return the states in a .tlog, keyed by (system id, part); ResultError if the file cannot be read.
 
     Part k begins `begins_s[k]` seconds after the start of the log; telemetry before a part does not count.
     """

@@ -83,7 +83,7 @@ def compile_all(progress: Callable[[str, int, int], None] | None = None) -> None
 
 
 def _dynamics() -> list[tuple[str, VehicleSpec]]:
-    """Return one vehicle, with a title, for each motion class that the installed autopilots use."""
+    """Return a vehicle, and a title to announce it, for each motion class of the installed autopilots."""
     found: dict[type, tuple[str, VehicleSpec]] = {}
     for bare in [get_vehicle(get_kind(kind).typical) for kind in kind_names()]:
         if bare.is_ideal:
@@ -164,9 +164,9 @@ def make_components(
 
     `homes` are pairs of position and heading in degrees (default: the farm's home). `count` is the number of
     vehicles (default: one for each home). Vehicles that share a home stand `spacing_m` apart. If
-    `with_camera` is None, there are cameras if the autopilot supports them; without cameras no environment is
-    made. With `cold`, an autopilot boots when a client first contacts it. With `sitl_rates`, vehicles stream
-    the same messages at the same rates as the autopilot's SITL simulator.
+    `with_camera` is None, vehicles carry cameras if the autopilot supports them; without cameras no
+    environment is made. With `cold`, an autopilot boots when a client first contacts it. With `sitl_rates`,
+    vehicles stream the same messages at the same rates as the autopilot's SITL simulator.
 
     Raises WbfMissionError if a name is unknown or an option is out of range.
     """

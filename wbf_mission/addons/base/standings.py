@@ -30,7 +30,7 @@ _NAMED = (("scenario", "code"), ("scenario", "scenario"), ("planner", "planner")
 
 
 def _of_old(row: BenchRow, key: str) -> str:
-    """Return the digest of a row's code, scenario, planner or estimator, or words for a missing digest."""
+    """Return the digest of a row's code, scenario, planner or estimator; if there is none, words for that."""
     unknown = f"unknown {build_of(row)}" if key == "code" else "unknown"
     return row.codes.get(key, "") or ("built in" if row.codes else unknown)
 
@@ -72,7 +72,7 @@ def _labels(name: str, words: dict[str, str]) -> dict[str, str]:
 
 
 def builds_in_words(rows: Iterable[BenchRow]) -> str:
-    """Return, in words, the builds that flew the rows and their behaviours; empty for a single build."""
+    """Return, in words, the versions that flew the rows, with numbers of rows; empty for one version."""
     count = Counter((build_of(row), _of_old(row, "code")) for row in rows)
     if len(count) <= 1:
         return ""
@@ -93,7 +93,7 @@ _SHOWN = 3
 
 @dataclass(frozen=True, slots=True)
 class Scored:
-    """Rows of one scenario that count, as arrays float64[pairs, seeds]; nan if a field has no loss."""
+    """The counted rows of one scenario, as arrays float64[pairs, seeds]; nan if a field has no loss."""
 
     scenario: str
     pairs: tuple[Pair, ...]
@@ -112,7 +112,7 @@ class Scored:
     """Seeds that do not count, each with the pairs that have no row on it; no pairs if all runs failed."""
 
     def environments_in_words(self) -> str:
-        """Return, in words, which environments count, and which pairs have no row on the others."""
+        """Return, in words, which environments count, and which pairs lack rows on the other environments."""
         count = f"{len(self.seeds)} environments count" + (f" ({_seeds(self.seeds)})" if self.seeds else "")
         if not self.left_out:
             return f"{count}."
@@ -173,7 +173,7 @@ def _scored(scenario: str, rows: Sequence[BenchRow]) -> Scored:
 
 
 _SCORE = ""
-"""Key of the score, beside the names of fields; the loss of the score is its negative."""
+"""Key of the score in mappings by field; the loss under this key is the negative score."""
 
 
 def _value(row: BenchRow, name: str, over_run: bool) -> float:
@@ -208,7 +208,7 @@ def _seeds(seeds: Sequence[int]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """Result of a planner with an estimator, over the environments of a scenario that count (`scored`)."""
+    """Result of a planner with an estimator, over the counted environments of a scenario (`scored`)."""
 
     scenario: str
     planner: str
@@ -221,7 +221,7 @@ class Standing:
     final_score: Interval
     """Mean over the environments of the score at a run's end; 0 is perfect."""
     behind: Interval
-    """Score of the scenario's best pair minus this score, on the same environments.
+    """Score of the scenario's best pair minus the score of this pair, on the same environments.
 
     The intervals of a scenario are simultaneous. The best pair has 0 and no interval."""
     losses: dict[str, float]
@@ -377,7 +377,7 @@ def score_over_time(rows: Sequence[BenchRow]) -> tuple[NDArray[np.float64], NDAr
 
 
 def scores_at(row: BenchRow, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the latest score of a run at each time, or the first score before the first scored time."""
+    """Return a run's latest score at each time; before the first scored time, the first score."""
     at = np.searchsorted(row.times_s, times_s, side="right") - 1
     scores: NDArray[np.float64] = np.array(row.scores)[np.maximum(at, 0)]
     return scores

@@ -253,7 +253,7 @@ def _nobody(_done: int, _total: int) -> None:
 
 
 def _sent_cost(vehicle: VehicleReport) -> Any:
-    """Return a vehicle's cost function, without a progress callback so that it can be sent."""
+    """Return a vehicle's cost function without its progress callback, which cannot be sent."""
     cost: Any = vehicle.travel_cost
     return replace(cost, request=_alone(cost.request)) if hasattr(cost, "request") else cost
 
@@ -298,7 +298,7 @@ def held_by(files: Iterable[Path], kind: str, label: str, digest: str) -> Choice
             continue
         if (found := own_digest(choice.made)) == digest:
             return choice
-        differs = f"its digest, computed with the files beside it, is {found}, not {digest}"
+        differs = f"the digest of this file and the files beside it is {found}, not {digest}"
         why = f"{path.name} defines a {label} that differs from the one that flew the rows: {differs}"
     raise ResultError(f"{kind} {label}: {why}")
 

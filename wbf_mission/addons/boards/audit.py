@@ -49,7 +49,7 @@ def require_asked(rows: Sequence[BenchRow], folder: Path) -> None:
     there = {(row.scenario, row.planner, row.estimator, row.seed) for row in rows}
     for one in read_asked(folder).asked:
         table = tomllib.loads(one.specification)
-        # The lists leave out Python objects: the specification names these only in a comment.
+        # Planners and estimators that are Python objects are not in these lists, only in comments.
         names = [table.get(key, []) for key in ("scenarios", "planners", "estimators")]
         missing = [
             run for run in itertools.product(*names, seeds_of(str(table["seeds"]))) if run not in there
@@ -62,7 +62,7 @@ def require_asked(rows: Sequence[BenchRow], folder: Path) -> None:
 
 
 def require_whole(rows: Sequence[BenchRow], *, sealed: bool = False) -> None:
-    """Raise ResultError unless rows are complete, consistent, possible and share their behaviour numbers.
+    """Raise ResultError unless rows are complete, consistent and possible, and have equal behaviour numbers.
 
     The seeds of each scenario must have no gap, except in a `sealed` round. The error message is one line,
     which names the fault and then the remedy. Rows of failed runs pass: boards show them as failed.
@@ -136,10 +136,10 @@ def _require_methods(scenario: str, rows: Sequence[BenchRow]) -> None:
             if code is not None and not _DIGEST.fullmatch(code):
                 why = "its code digest is malformed"
             elif code is not None and label.partition(":")[0].lower() in _built_in(kind):
-                why = "it is your own code with the name of a built-in method; rename it"
+                why = "it is your own code with the name of a built-in method: rename your code"
             if why:
-                msg = f"{kind} {one_line(label, 60) or 'without a name'}: {why}; use one that all can fly"
-                raise ResultError(msg)
+                msg = f"{kind} {one_line(label, 60) or 'without a name'}: {why}"
+                raise ResultError(f"{msg}; use a {kind} that everybody can fly")
 
 
 def names_files(choice: Choice) -> bool:
@@ -174,7 +174,8 @@ def _require_complete(scenario: str, rows: Sequence[BenchRow]) -> None:
             raise ResultError(f"{label}: two rows have the same seed; fly them again into a new folder")
         if missing:
             which = one_line(seed_ranges(missing), 60)
-            raise ResultError(f"{label}: no rows for seeds {which}, which other methods have; fly them, too")
+            msg = f"{label}: no rows for seeds {which}, which other methods have; fly these seeds, too"
+            raise ResultError(msg)
 
 
 def _require_all_seeds(scenario: str, seeds: set[int]) -> None:
@@ -248,7 +249,7 @@ class Limits:
         first, camera, text = builders[0], scenario.camera, scenario.mission.budget
         ideal = all(builder.vehicle.is_ideal for builder in builders)
         self.flights = scenario.farm.days * scenario.farm.flights_per_day
-        # The budget of one flight, as rows state it for a planner and for a policy.
+        # Texts for the budget of one flight, in rows of a planner and in rows of a policy.
         self.budgets = {make_budget(text, first, steered=steered)[1] for steered in (False, True)}
         value, unit = math.inf, ""
         if text is None and ideal:
@@ -300,7 +301,7 @@ _limits_of = functools.cache(Limits)
 
 
 def _impossible(row: BenchRow, limits: Limits) -> Iterator[str]:
-    """Yield the impossible values of a row; none if a run of its scenario can have all values."""
+    """Yield the values of a row that no run of its scenario can have."""
     for name in _NUMBERS:
         value = getattr(row, name)
         if value is not None and not (math.isfinite(value) and value >= 0.0):

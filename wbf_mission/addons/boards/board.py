@@ -111,7 +111,7 @@ def is_frozen(path: Path, digest: str) -> bool:
 
 
 def packs_of(sources: Iterable[Path]) -> list[tuple[Path, bool]]:
-    """Return each pack and whether it is a baseline: packs in folders are, packs named directly are not.
+    """Return each pack and whether it is a baseline; the baselines are the packs that are found in a folder.
 
     Raises ResultError if a folder has no pack.
     """
@@ -139,10 +139,10 @@ def board_of(
 ) -> Board:
     """Read and check the packs of `packs_of`, and compare their methods.
 
-    A pack that fails a check is listed in `Board.refused`; the others are compared. `verify` is the number of
-    rows of each method that are flown again. By default it is 0 for frozen baselines known by their SHA-256,
-    and `VERIFIED` for all other packs. Submitted code is never run. If the `secret` of a finished round is
-    given, the tables on the environments of this round are marked as held out.
+    A pack that fails a check is listed in `Board.refused`; the other packs are compared. `verify` is the
+    number of rows of each method that are flown again. By default it is 0 for frozen baselines known by their
+    SHA-256, and `VERIFIED` for all other packs. Submitted code is never run. If the `secret` of a finished
+    round is given, the tables on the environments of this round are marked as held out.
     """
     entries: list[Entry] = []
     refused: dict[str, str] = {}
@@ -167,7 +167,7 @@ def _entry(path: Path, *, frozen: bool, verify: int | None, progress: Progress) 
         require_whole(pack.rows, sealed=bool(pack.submission.seal))
     except ResultError as error:
         raise ResultError(f"{path}: {error}") from None
-    # A pack from a folder is a baseline even if `frozen.json` does not list it; it is then verified.
+    # A pack from a folder is a baseline even if `frozen.json` does not list it, but then it is verified.
     listed = frozen and is_frozen(path, pack.digest)
     count = verify if verify is not None else 0 if listed else VERIFIED
     verification = fly_again(pack.rows, count, progress=progress)

@@ -48,7 +48,7 @@ def board_page(board: Board, pictures: Mapping[int, Picture] | None = None) -> P
     sections.append(Section("Submissions", tables=(_submissions(board.entries),)))
     if board.refused:
         refused = Table("Files that are left out", ("file", "why"), tuple(board.refused.items()))
-        sections.append(Section("What was refused", tables=(refused,)))
+        sections.append(Section("Refused files", tables=(refused,)))
     return Page("Leaderboard", _ABOUT, tuple(sections))
 
 
@@ -173,7 +173,7 @@ def _submissions(entries: Sequence[Entry]) -> Table:
         for entry in entries
     )
     header = ("submission", "kind", "by", "about", "flown again", "flown until", "SHA-256")
-    return Table("Whose they are", header, rows, texts=5)
+    return Table("Authors and files", header, rows, texts=5)
 
 
 def board_values(board: Board) -> dict[str, Any]:

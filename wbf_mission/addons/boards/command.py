@@ -222,7 +222,7 @@ def board_command(
 
     opened = _secret(seal, secret)
     if out is not None:
-        provided("bench")  # Without a web add-on, this fails before the flights
+        provided("bench")  # If no add-on writes pages, the command fails here, before the flights
     with output.progress() as progress:
         board = board_of(packs_of(packs), verify=verify, secret=opened, progress=progress)
     if not board.entries:

@@ -90,15 +90,15 @@ def doubt_in_words(count: int) -> str:
     'Events in fewer than 7 % of environments may be missing from these 40, and no interval covers them.'
     """
     if count < 2:
-        return "One environment has no interval." if count else ""
+        return "With one environment, there is no interval." if count else ""
     rare = 100.0 * (1.0 - MISSED ** (1.0 / count))
     unseen = f"Events in fewer than {rare:.0f} % of environments may be missing from these {count}"
     texts = [f"{unseen}, and no interval covers them."]
     held = next((held for fewest, held in _HELD_WITH_RARE if count >= fewest), None)
     if held is not None:
-        texts.append(f"If few of them decide a mean, its 95 % interval may hold in only {held} of 100 cases.")
+        texts.append(f"If rare events decide a mean, its 95 % interval may hold in only {held} of 100 cases.")
     if count < FEWEST_FOR_A_RATIO:
-        texts.append(f"Ratios over fewer than {FEWEST_FOR_A_RATIO} have no interval.")
+        texts.append(f"Ratios over fewer than {FEWEST_FOR_A_RATIO} environments have no interval.")
     return " ".join(texts)
 
 
@@ -106,10 +106,10 @@ def verdict(difference: Interval) -> str:
     """Return the verdict of an interval of differences, in words.
 
     >>> verdict(Interval(0.2, 0.1, 0.3)), verdict(Interval(0.2, -0.1, 0.5))
-    ('better', 'cannot be told')
+    ('better', 'undecided')
     """
     if difference.low > 0.0:
         return "better"
     if difference.high < 0.0:
         return "worse"
-    return "equal" if difference.low == difference.high == 0.0 else "cannot be told"
+    return "equal" if difference.low == difference.high == 0.0 else "undecided"

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from wbf_mission.run.record import RunRecord
 
 MOST_DECISIONS = 6
-"""Maximum number of decisions in the picture: first, last, and others that are evenly spread between."""
+"""Maximum number of decisions in the picture: the first, the last, and decisions evenly spread between."""
 _MOST_CANDIDATES = 12
 _SICK, _HEALTHY = "#8e1f1c", "#1d91c0"
 _SICK_BEFORE, _BEFORE = "#d9a09e", "#a8a59d"
@@ -55,7 +55,7 @@ def plot_decisions(
     for (above, below), k, column in zip(panels.T, shown, [*shown[1:], len(record.decisions)], strict=True):
         decision = record.decisions[k]
         image = _draw_choice(above, record, decision, acquisitions[k], norm) or image
-        # Number of observations at the next decision that has more observations than this decision.
+        # Several decisions may have equally many observations: take the next decision with more.
         later = next((count for count in counts[k + 1 :] if count > counts[k]), counts[-1])
         _draw_outcome(below, record, (counts[k], later, counts[column]))
         day = f"day {decision.day}, " if len(record.days) > 1 else ""
@@ -116,7 +116,7 @@ def _draw_choice(
 
 
 def _draw_outcome(axes: Axes, record: RunRecord, counts: tuple[int, int, int]) -> None:
-    """Draw the readings; `counts`: their numbers before this decision, the next decision, the next column."""
+    """Draw the readings; `counts` are their numbers at this decision, the next one, and the next column."""
     _frame(axes, record)
     begin, until, end = counts
     seen, grid = record.observations, record.farm.grid()
@@ -137,9 +137,9 @@ def _draw_outcome(axes: Axes, record: RunRecord, counts: tuple[int, int, int]) -
         axes.scatter(
             *at, s=size * (1.0 if marker == "o" else 2.4), color=colour, marker=marker, linewidths=0, zorder=4
         )
-    lines = [f"then {until - begin} read, {np.count_nonzero(sick[begin:until])} sick"]
+    lines = [f"then {until - begin} readings, {np.count_nonzero(sick[begin:until])} sick"]
     if end > until:
-        lines.append(f"by the next column {end - begin}, {np.count_nonzero(sick[new])} sick")
+        lines.append(f"until the next column {end - begin}, {np.count_nonzero(sick[new])} sick")
     losses = [_loss_after(record, count) for count in counts]
     lines.append("loss " + " → ".join(f"{loss:.3f}" for loss in losses if loss is not None))
     axes.set_xlabel("\n".join(lines), fontsize=7.5)

@@ -32,7 +32,7 @@ _CHANCE = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """Scores of a method: on open environments (from its rows), and on fresh environments."""
+    """Scores of a method on the environments of its rows (open), and on fresh environments."""
 
     method: Method
     open_scores: tuple[float, ...]
@@ -48,7 +48,7 @@ class Gap:
         """Meaning of the gap, in words."""
         if self.gap.high < 0.0:
             return "worse on unknown environments"
-        return "no difference can be told"
+        return "no significant difference"
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +118,7 @@ def _apart(folder: Path, kind: str, label: str, digest: str) -> Apart:
 
 
 def _row_of(run: BenchRun) -> BenchRow:
-    """Fly a run without caches: these contain environments, and submitted code could read them."""
+    """Fly a run without caches, in which submitted code could read the environments."""
     try:
         return flown(run, use_cache=False)[0]
     except WbfMissionError as error:

@@ -73,7 +73,7 @@ class Replay:
             text = f"equal to the bit: score, final score and history ({points} scored times)"
             return f"{text}, though there is {' and '.join(self.causes)}" if self.causes else text
         why = " and ".join(self.causes) or "unknown: code, versions, scenario and seed are the same"
-        return f"differs in {'; '.join(self.differences)}. Why: {why}"
+        return f"differs in {'; '.join(self.differences)}. Possible causes: {why}"
 
 
 def row_named(rows: Sequence[BenchRow], key: str, folder: Path) -> BenchRow:
@@ -180,7 +180,7 @@ def _near(old: float | Sequence[float], new: float | Sequence[float], near: floa
 
 
 def _where(old: Sequence[float], new: Sequence[float]) -> str:
-    """Return where two histories begin to differ, and by how much, in words."""
+    """Return, in words, where two histories begin to differ, and their largest difference."""
     if len(old) != len(new):
         return f"{len(old)} values then, {len(new)} now"
     apart = [k for k, (then, now) in enumerate(zip(old, new, strict=True)) if then != now]

@@ -35,7 +35,7 @@ from wbf_mission.scenario import load_scenario, scenario_ids
 READING = (
     "Scores: 0 is perfect; a table has the mean over the run and the score at its end, each with a 95 %"
     " interval over the environments. The intervals of a table of differences are simultaneous: all hold"
-    " together in 95 of 100 cases. So do the intervals of ratios with one estimator. An environment counts"
+    " together in 95 of 100 cases. So are the intervals of ratios with one estimator. An environment counts"
     " only if every planner and estimator has a row on it. A failed run counts as the worst score and the"
     " worst losses of any row on its environment. Losses are means per cell. Rank: the mean rank among all"
     " rows on the same environment. Wins: the number of environments on which a row was the best; ties are"
@@ -51,7 +51,7 @@ def _behind(found: Sequence[Standing]) -> Table:
     """Return a table of the differences from the best score of a scenario."""
     known = (standing for standing in found if math.isfinite(standing.behind.low))
     rows = tuple((standing.named, *interval_cells(standing.behind)) for standing in known)
-    return Table("Score behind the best score on the same environment", ("run", "mean", "95 %"), rows)
+    return Table("Difference from the best score on the same environment", ("run", "mean", "95 %"), rows)
 
 
 def _bad_answers(found: Sequence[Standing]) -> Table:
@@ -119,9 +119,9 @@ def _repeat(asked: AskedFor, rows: Sequence[BenchRow]) -> Iterator[Section]:
         listings = []
         for request in asked.asked:
             command = request.command or "(from Python)"
-            listings.append(Listing(f"Asked for at {request.when}", command, "text"))
+            listings.append(Listing(f"Requested at {request.when}", command, "text"))
             listings.append(Listing("The request as a file for bench run", request.specification, "toml"))
-        yield Section("To repeat it", listings=tuple(listings))
+        yield Section("To repeat the benchmark", listings=tuple(listings))
     others = {row.scenario for row in rows} - {card.scenario for card in asked.cards}
     known = sorted(others.intersection(scenario_ids()))
     cards = [*asked.cards, *(card_of(name, load_scenario(name)) for name in known)]
@@ -276,7 +276,7 @@ class Ratio:
     fixed: bool
     """Whether `planner` is fixed: it decides only once, before the flight."""
     ratios: dict[str, Interval]
-    """Ratio for `WHOLE` and each field; below 1 is better. The intervals of an estimator are simultaneous."""
+    """Ratio for `WHOLE` and each field; below 1 is better. Intervals with one estimator are simultaneous."""
     best: dict[str, str]
     """Best fixed planner, whose loss is the divisor, for `WHOLE` and for each field."""
 
@@ -287,7 +287,7 @@ class Ratio:
 
 
 def by_fixed(group: Scored, *, over_run: bool) -> list[Ratio]:
-    """Return, for each planner and estimator, the ratios of losses to the best fixed planner, lowest first.
+    """Return each planner's losses divided by those of the best fixed planner, lowest ratio first.
 
     Each field has its own best fixed planner. Estimators without a fixed planner are skipped.
     """

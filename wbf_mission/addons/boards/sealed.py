@@ -105,7 +105,7 @@ def write_round(secret: Secret, stem: Path) -> tuple[Path, Path]:
     for path in paths:
         if path.exists():
             raise ScenarioError(f"{path}: already exists, from an older round; give another name")
-    # Created with mode 0600, because a later chmod would leave a moment in which others could read the file.
+    # The file is created with mode 0600: before a later chmod, other users could read it.
     with open(os.open(paths[0], os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:  # noqa: PTH123
         file.write(_document(secret))
     with atomic_write(paths[1], "wb") as file:
@@ -165,7 +165,8 @@ def require_seeds(secret: Secret, rows: Iterable[BenchRow]) -> None:
             raise ResultError(f"{scenario} is not in the round; pack its rows separately")
         if own != seeds:
             known = len(own & seeds)
-            msg = f"{scenario} has {known} of the {len(seeds)} environments, and {len(own) - known} others"
+            others = f"{len(own) - known} other environments"
+            msg = f"{scenario} has {known} of the round's {len(seeds)} environments, and {others}"
             raise ResultError(f"{msg}; fly it with 'bench run --sealed'")
 
 

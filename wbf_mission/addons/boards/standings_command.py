@@ -166,7 +166,7 @@ def _warn_of_uncounted(output: Output, rows: Sequence[BenchRow]) -> None:
     from wbf_mission.addons.base.standings import apart, builds_in_words, scored
 
     if builds := builds_in_words(rows):
-        output.warn(f"{builds}; tables keep different behaviours apart, and 'bench report --out' lists them")
+        output.warn(f"{builds}; tables separate these behaviours, and 'bench report --out' lists them")
     for group in scored(apart(rows)):
         if group.left_out:
             output.warn(f"{group.scenario}: {group.environments_in_words()}")

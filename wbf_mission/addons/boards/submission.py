@@ -293,4 +293,5 @@ def _require_labels(path: Path, rows: Iterable[BenchRow]) -> None:
         values = (str(text) for one in given for text in (*one.keys(), *one.values()))
         for text in (*names, *values, (row.error or "")[:_MAX_LABEL]):
             if len(text) > _MAX_LABEL or not text.isprintable():
-                raise ResultError(f"{path}: {text[:40]!r} in {TABLE} is no line of {_MAX_LABEL} characters")
+                why = f"is not a printable line of at most {_MAX_LABEL} characters"
+                raise ResultError(f"{path}: {text[:40]!r} in {TABLE} {why}")

@@ -76,7 +76,7 @@ class Verification:
             flown = len({row.method for row in self.rows})
             of = f" ({len(self.left_out)} of {flown + len(self.left_out)} methods)" if flown else ""
             told.append(f"not flown again{of}: {reasons}")
-        return "; ".join(told) or "not asked"
+        return "; ".join(told) or "not requested"
 
 
 def fly_again(
@@ -148,7 +148,7 @@ def _compared(row: BenchRow, again: BenchRow | None) -> FlownAgain:
 
 
 def _run_of(row: BenchRow, own: Mapping[str, Choice]) -> BenchRun:
-    """Return the run of a row; WbfMissionError if it cannot be flown here."""
+    """Return the run of a row; WbfMissionError if this program cannot fly the run."""
     if row.codes.get("code") != behaviour():
         raise ResultError(OTHER_CODE)
     for kind in ("planner", "estimator"):
@@ -160,5 +160,5 @@ def _run_of(row: BenchRow, own: Mapping[str, Choice]) -> BenchRun:
     planner, estimator = (own.get(row.codes.get(kind, "")) for kind in ("planner", "estimator"))
     run = run_of(row, planner=planner, estimator=estimator)
     if run.codes != row.codes:
-        raise ResultError("it is other code here")
+        raise ResultError("its code here is not the code that flew the row")
     return run

@@ -67,7 +67,7 @@ def list_command(
 
 
 def _meaning(scenario: Scenario) -> str | None:
-    """Return the digest of a scenario's settings; None if its kind of vehicle is not installed."""
+    """Return the digest of a scenario's settings; None if the kind of its vehicle is not installed."""
     from sim_vehicle.errors import VehicleError
     from wbf_mission.bench.digests import meaning_of
 

@@ -70,7 +70,7 @@ def show_command(output: Output, vehicle: VehicleArgument) -> None:
 
 
 def _by_autopilot(spec: VehicleSpec, speed: Callable[[VehicleSpec], float]) -> str:
-    """Return, in words, a speed that the vehicle has with each autopilot."""
+    """Return a speed in words: one value, or the value with each autopilot if they differ."""
     from sim_vehicle.autopilot import autopilot_names, with_autopilot
 
     speeds: dict[str, list[str]] = {}
@@ -82,7 +82,7 @@ def _by_autopilot(spec: VehicleSpec, speed: Callable[[VehicleSpec], float]) -> s
 
 
 def _add_endurance(spec: VehicleSpec, values: dict[str, Any], rows: dict[str, str]) -> None:
-    """Add the predicted endurance and range on one battery, and the manufacturer's stated endurance."""
+    """Add endurance and range on one battery to `values` and `rows`: predicted, and as published."""
     from sim_vehicle.energy.power import best_speeds, endurance_s, flight_power_w
 
     battery, power = spec.battery, spec.power
@@ -117,11 +117,11 @@ def _add_endurance(spec: VehicleSpec, values: dict[str, Any], rows: dict[str, st
             "model_endurance_min": model_s / 60.0,
         }
         rows["published"] = f"{maker.endurance_min:g} min ({maker.condition}; {maker.source})"
-        rows["the model then"] = f"{model_s / 60.0:.1f} min"
+        rows["as modelled"] = f"{model_s / 60.0:.1f} min"
 
 
 def _least_airspeed_m_s(spec: VehicleSpec) -> float | None:
-    """Return the minimum airspeed in a fixed wing's parameters (default autopilot); None if it is not set."""
+    """Return the minimum airspeed in a fixed wing's parameters (default autopilot); None if unset."""
     from sim_vehicle.airframe.kind import DEFAULT_AUTOPILOT
     from sim_vehicle.autopilot import fixed_wing_procedures
 

@@ -29,8 +29,8 @@ def check_command(
         str | None,
         typer.Argument(help=f"The link: {options.LINKS}"),
     ] = None,
-    fly: Annotated[bool, option("Also run the checks that arm and fly.", "--fly")] = False,
-    only: Annotated[list[str] | None, option("Only this check or group of checks; may be repeated.")] = None,
+    fly: Annotated[bool, option("Also run checks that arm the vehicle or fly it.", "--fly")] = False,
+    only: Annotated[list[str] | None, option("Run only this check or group; may be repeated.")] = None,
     system_id: options.SystemId = None,
     wait: options.Wait = 10.0,
     list_checks: Annotated[bool, option("List the checks.", "--list")] = False,
@@ -46,7 +46,7 @@ def check_command(
         keys = ("id", "required_of", "text", "suffers")
         rows = [[getattr(check, key) for key in keys] for check in all_checks()]
         values = [dict(zip(keys, row, strict=True)) for row in rows]
-        headings = ["check", "required of", "what must hold", "otherwise trouble for"]
+        headings = ["check", "required of", "requirement", "affected if it fails"]
         output.table(values, headings, rows, title="Checks", left=True)
         return
     if url is None:
@@ -70,7 +70,7 @@ def check_command(
     ]
     vehicle = report.vehicle
     title = f"{vehicle.profile.name}, system {vehicle.system_id} on {report.name}"
-    output.table(report.summary(), ["check", "", "what must hold", "seen"], rows, title=title, left=True)
+    output.table(report.summary(), ["check", "", "requirement", "seen"], rows, title=title, left=True)
     if not report.passed:
         raise typer.Exit(1)
 

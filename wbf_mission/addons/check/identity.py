@@ -73,7 +73,7 @@ def version(peer: Peer) -> str:
     return f"firmware {number >> 24}.{number >> 16 & 255}.{number >> 8 & 255}"
 
 
-@check("identity.version-old", required=False, suffers="older clients; every second request of MAVSDK")
+@check("identity.version-old", required=False, suffers="older clients, and every second attempt of MAVSDK")
 def version_old(peer: Peer) -> None:
     """AUTOPILOT_VERSION is sent on REQUEST_AUTOPILOT_CAPABILITIES."""
     peer.forget()
@@ -241,7 +241,7 @@ def timesync(peer: Peer) -> None:
     kind = m.MAVLink_timesync_message
     answer = needed(
         peer.ask(m.MAVLink_timesync_message(0, own), kind, where=lambda a: a.ts1 == own),
-        "no answer with our time",
+        "no answer that repeats the time of the request",
     )
     if answer.tc1 == 0:
         raise FailedError("the vehicle's time is 0")

@@ -23,7 +23,7 @@ from mission.transfer.vehicles import Vehicle
 
 
 class CheckError(WbfMissionError, ValueError):
-    """An unknown check is named, or the vehicle is armed before the checks."""
+    """A check that does not exist is requested, or the vehicle is armed before the checks."""
 
 
 class FailedError(WbfMissionError):
@@ -195,7 +195,7 @@ class Peer:
         kinds: type[M] | tuple[type[M], ...],
         where: Callable[[M], bool] = lambda answer: not (is_a(answer, ACK) and answer.type == wire.ERROR),
     ) -> M | None:
-        """Repeat `question` until `where` holds for the answer: an earlier transfer may have to end first.
+        """Repeat `question` until `where` holds for the answer, since an earlier transfer may still be open.
 
         After `BUSY_S` the last answer is returned, even if `where` does not hold for it.
         """
@@ -231,7 +231,7 @@ class Peer:
         return self.ask(question, Ack, where=lambda answer: answer.command == question.command, tries=tries)
 
     def must(self, command: int, *params: float) -> Ack:
-        """Send a command; FailedError unless it is accepted."""
+        """Send a command; FailedError unless the vehicle accepts the command."""
         answer = self.command(command, *params)
         name = wire.command_name(command)
         if answer is None:
@@ -241,7 +241,7 @@ class Peer:
         return answer
 
     def request(self, kind: type[M]) -> M | None:
-        """Request a message by REQUEST_MESSAGE and return it; None if it does not arrive."""
+        """Request a message by REQUEST_MESSAGE and return it; None if no such message arrives."""
         return self.ask(wire.command_long(self.address, m.MAV_CMD_REQUEST_MESSAGE, float(kind.id)), kind)
 
     def said(self) -> str:
@@ -290,7 +290,7 @@ class Peer:
         return self.driver.download(types=[kind])[0].plan(kind)
 
     def require_equal(self, items: tuple[MissionItem, ...]) -> None:
-        """Download the mission; FailedError if it differs from `items`."""
+        """Download the mission; FailedError if the mission differs from `items`."""
         differences = compare_plans(items, self.download(), self.profile)
         if differences:
             raise FailedError(f"the mission differs: {differences[0]}")
@@ -325,7 +325,7 @@ class Peer:
 
 
 def needed(answer: T | None, otherwise: str) -> T:
-    """Return `answer`; FailedError with the text `otherwise` if it is None."""
+    """Return `answer`; if `answer` is None, FailedError with the text `otherwise`."""
     if answer is None:
         raise FailedError(otherwise)
     return answer
@@ -360,7 +360,7 @@ _SETTLE_S = 1.0  # A slow radio may still deliver messages of the previous check
 
 
 class Sender:
-    """A mission upload in which a check can send, omit or alter each message."""
+    """A mission upload in which a check decides about each message: send, omit or alter it."""
 
     def __init__(self, peer: Peer, items: Sequence[MissionItem]) -> None:
         self.peer = peer
@@ -374,7 +374,7 @@ class Sender:
         return sender
 
     def begin(self, kind: int = MISSION) -> None:
-        """Send MISSION_COUNT until the vehicle requests item 0; FailedError if it does not."""
+        """Send MISSION_COUNT until the vehicle requests item 0; FailedError if item 0 is not requested."""
         question = m.MAVLink_mission_count_message(*self.peer.address, len(self.items), kind)
         answer = self.peer.opened(question, ANSWERS, _asks_for_the_first)
         if answer is None:
@@ -397,7 +397,7 @@ class Sender:
             self.peer.expect(REQUESTS, RE_REQUEST_S, lambda a, number=number: a.seq == number + 1)  # type: ignore[misc]
 
     def complete(self, first: int = 0) -> None:
-        """Finish the upload; FailedError unless the vehicle accepts it."""
+        """Finish the upload; FailedError unless the vehicle accepts the mission."""
         require_accepted(self.finish(first))
 
     def finish(self, first: int = 0) -> wire.AckMessage:

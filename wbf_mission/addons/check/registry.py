@@ -30,8 +30,8 @@ class Check:
 
     id: str  # ``group.name``
     text: str  # The requirement in one line
-    # Returns whether an autopilot with a given profile must pass: ground software relies on the behaviour,
-    # and real autopilots have it. A check that is not required gives only advice.
+    # Returns whether an autopilot with a given profile must pass, because ground software relies on the
+    # behaviour and real autopilots show it. A check that is not required gives only advice.
     requirement: Requirement
     flies: bool  # Whether the check arms the vehicle
     suffers: str  # Software that has trouble with a failing vehicle; empty if all autopilots must pass.
@@ -66,7 +66,7 @@ class CheckResult:
 
     @property
     def told(self) -> str:
-        """The observation; if the check failed and is only advice, also the affected software."""
+        """The observation; if a check that gives only advice failed, also the affected software."""
         if self.verdict is Verdict.FAILED and not self.required and self.check.suffers:
             return f"{self.detail} (trouble for {self.check.suffers})"
         return self.detail

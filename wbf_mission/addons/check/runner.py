@@ -37,7 +37,7 @@ def all_checks() -> tuple[Check, ...]:
 
 
 def chosen_checks(only: tuple[str, ...], *, fly: bool) -> tuple[Check, ...]:
-    """Return the checks with an id or group in `only` (empty: all); CheckError for an unknown name."""
+    """Return the checks that `only` names by id or group (empty: all); CheckError for an unknown name."""
     checks = all_checks()
     known = {check.id for check in checks} | {check.group for check in checks}
     for name in only:
@@ -71,7 +71,7 @@ class CheckReport:
         return not any(result.bad for result in self.results)
 
     def result(self, check_id: str) -> CheckResult:
-        """Return the result of a check by id; CheckError if it was not run."""
+        """Return the result of a check by id; CheckError if the check was not run."""
         for result in self.results:
             if result.check.id == check_id:
                 return result

@@ -268,7 +268,7 @@ def too_many(peer: Peer) -> str:
 
 
 def _opened_and_cancelled(peer: Peer, question: Message) -> wire.RequestMessage | wire.AckMessage:
-    """Return the answer to the start of an upload, which is then cancelled."""
+    """Start an upload, cancel it, and return the vehicle's answer to its start."""
     answer = peer.opened(question, ANSWERS)
     Sender(peer, ()).cancel()
     if answer is None:

@@ -46,7 +46,7 @@ class DaskCluster:
             raise
 
     def submit(self, function: Callable[..., _T], /, *arguments: Any) -> Future[_T]:
-        """Submit a call to the workers, to which only the function's name is sent."""
+        """Submit a call to the workers; only the name of the function is sent, not its code."""
         future: Future[_T] = self._executor.submit(function, *arguments)
         return future
 

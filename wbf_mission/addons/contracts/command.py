@@ -22,7 +22,7 @@ wbf-mission check-policy greedy:least_weight=0.35
 wbf-mission check-policy my_policy.py:MyPolicy
 wbf-mission check-estimator my_estimator.py:Mine
 """
-_Name = Annotated[str, typer.Argument(help="Name with any parameters, or FILE.py:NAME of your own code.")]
+_Name = Annotated[str, typer.Argument(help="Name, and parameters if any, or FILE.py:NAME of your own code.")]
 
 
 @options.speaks(quiet=False)
@@ -40,7 +40,7 @@ def check_planner_command(
         ),
     ] = None,
 ) -> int:
-    """Check that a planner fulfils its contract: paths within the budget and the area, and repeatable."""
+    """Check that a planner fulfils its contract: repeatable paths within the budget and the area."""
     from wbf_mission.addons.contracts.planners import LANDS, check_planner
 
     lands = LANDS if land is None else tuple(kind.strip() for kind in land.split(","))
@@ -62,7 +62,7 @@ def check_policy_command(output: Output, name: _Name) -> int:
 
 @options.speaks(quiet=False)
 def check_estimator_command(output: Output, name: _Name) -> int:
-    """Check that an estimator fulfils its contract: scikit-learn's conventions; valid, repeatable maps."""
+    """Check that an estimator fulfils its contract: valid, repeatable maps, scikit-learn's conventions."""
     from sensors.fields import PAPER_FIELDS
     from wbf_mission.addons.contracts.estimators import check_estimator
     from wbf_mission.run.estimation import estimator_of

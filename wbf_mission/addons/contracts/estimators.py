@@ -72,7 +72,7 @@ class _Subject:
         )
 
     def readings(self, *of_fields: float) -> list[float]:
-        """Return a reading for each field, repeating the given values cyclically."""
+        """Return a reading for each field; with fewer values than fields, the values repeat cyclically."""
         return [of_fields[k % len(of_fields)] for k in range(len(self.fields))]
 
     def fresh(self) -> Estimator:

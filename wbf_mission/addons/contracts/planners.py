@@ -135,7 +135,7 @@ def _check_one(planner: Planner, what: str, request: PlanningRequest) -> None:
     after = np.random.get_state(legacy=False)  # noqa: NPY002
     _require(str(state) == str(after), what, "the planner drew from numpy's global generator")
     _require(shapely.to_wkb(request.area) == before, what, "the planner changed the area")
-    _require((path is None) == (again is None), what, "equal requests gave a path and an error")
+    _require((path is None) == (again is None), what, "of two equal requests, only one gave a path")
     if path is None or again is None:
         return
     same = np.array_equal(path.points_m, again.points_m) and path.spacing_m == again.spacing_m

@@ -124,11 +124,11 @@ def _cases() -> Iterator[_Case]:
     home = farm.home_m
     yield _Case("whole farm, 150 steps", whole, home, StepBudget(150.0, cell))
     metres = LengthBudget(190.0 * cell, return_to=home)
-    yield _Case("farm with a pond, metres including the return", whole - pond, home, metres)
+    yield _Case("farm with a pond, budget in metres with the return", whole - pond, home, metres)
     yield _Case("two fields, 190 steps", parts, home, StepBudget(190.0, cell))
     outside = (-4.0 * cell, -3.0 * cell)
     away = LengthBudget(190.0 * cell, return_to=outside)
-    yield _Case("start outside, metres including the return", whole, outside, away)
+    yield _Case("start outside, budget in metres with the return", whole, outside, away)
     yield _Case("three vehicles, 130 steps each", whole, home, StepBudget(130.0, cell), 3)
     yield _Case("three vehicles, one is lost", whole, home, StepBudget(130.0, cell), 3, loses_one=True)
 
@@ -303,16 +303,15 @@ def _check_all_known(policy: Policy, truth: NDArray[np.float32], times: list[flo
     observation = PolicyObservation(
         Event.OBSERVATIONS, 30.0, _DAY, farm, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, reports, _COMPUTE_S
     )
-    _answer(policy, observation, "all is known", times)
+    _answer(policy, observation, "all cells are observed", times)
     nothing_left = replace(reports[0], spent=case.budget.limit)
     _answer(policy, replace(observation, vehicles=(nothing_left,)), "nothing left of the budget", times)
     waiting = _Vehicle(1, _request(farm, case), farm.cell_size_m).report(started=False)
     later = replace(observation, event=Event.START, time_s=0.0, vehicles=(waiting,))
-    answer = _answer(policy, later, "all is known before a later flight", times)
+    observed = "all cells are observed before a later flight"
+    answer = _answer(policy, later, observed, times)
     named = waiting.system_id in answer.paths
-    _require(
-        named, "all is known before a later flight", "vehicle 1 gets no path, not even one without points"
-    )
+    _require(named, observed, "vehicle 1 gets no path, not even one without points")
 
 
 def _request(farm: Farm, case: _Case) -> PlanningRequest:
@@ -337,7 +336,7 @@ def _some_truth() -> NDArray[np.float32]:
 
 
 def _model(truth: NDArray[np.float32], seen: Observations) -> InformationModel:
-    """Return a simple estimate in read-only arrays: the truth in observed cells, nearly healthy elsewhere."""
+    """Return an estimate in read-only arrays: the truth in observed cells, else nearly healthy plants."""
     value = np.empty_like(truth)
     value[:] = np.array([0.9, 0.9, 0.4], np.float32)[:, None, None]
     uncertainty = np.full_like(value, 0.3)

@@ -92,7 +92,7 @@ def generate_command(
     }
     rows = {
         "folder": str(folder),
-        "environments": f"{count}: {made} generated now, {found} were there",
+        "environments": f"{count}: {made} generated now, {found} existed already",
         "days": seed_ranges(days_kept).replace("..", "-").replace(",", ", "),
         "size": f"{size / 1e6:.1f} MB",
         "wall time": duration(seconds),

@@ -128,7 +128,7 @@ class DiseaseBelief:
             self._add_maps()
 
     def _add_maps(self) -> None:
-        """Add maps of class probabilities, float32[3, W, H], and of expected loss; all plants are healthy."""
+        """Add maps of class probabilities, float32[3, W, H], and expected loss, with all plants healthy."""
         self._probabilities = np.zeros((len(CLASS_VALUES), *self._hosts.shape), np.float32)
         self._probabilities[0] = 1.0
         self._loss = np.zeros(self._hosts.shape, np.float32)

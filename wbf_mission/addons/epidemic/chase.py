@@ -32,7 +32,7 @@ def chasing_path(begun: Cells, sick: NDArray[np.bool_], longest: int, rng: Gener
     stride = int(rng.integers(3, 13))
     decisions = -(-(longest - count) // stride)
     draws = rng.random((max(decisions, 1), _CANDIDATES + _NEAR_SICK, 2))
-    # Other diseases would attract the vehicle, too: random spots of higher value represent them.
+    # Random spots of higher value stand for other diseases, which would also attract the vehicle.
     worth = np.full(sick.shape, 1.0)
     attraction = float(10.0 ** rng.uniform(0.3, 1.7))
     for spot in rng.random((int(rng.integers(0, 4)), 2)):

@@ -202,7 +202,7 @@ class EpidemicEstimator(BaseEstimator):
         return self._beliefs[self.fields.index(disease)].probabilities
 
     def _expected_loss(self, uncertainty: NDArray[np.float32], basis: _Basis) -> NDArray[np.float32]:
-        """Return the expected loss of the model made in state `basis`; EstimatorError if it is outdated."""
+        """Return the expected loss of the model made in state `basis`; EstimatorError if that is outdated."""
         self._check_present("expected_loss", basis)
         loss = np.empty_like(uncertainty)
         for k, belief in enumerate(self._beliefs):
@@ -217,9 +217,9 @@ class EpidemicEstimator(BaseEstimator):
     def _check_present(self, what: str, basis: _Basis) -> None:
         if basis != self._basis:
             raise EstimatorError(
-                f"epidemic: the {what} of a model of day {basis[1]} and {basis[2]} observations are lost: the"
-                f" estimator is now at day {self.day_} and {self.n_observations_}, or was fitted again;"
-                " call model.copy() before"
+                f"epidemic: the {what} of the model of day {basis[1]} with {basis[2]} observations can no"
+                f" longer be computed: the estimator was fitted again, or went on to day {self.day_} with"
+                f" {self.n_observations_} observations; call model.copy() before the estimator changes"
             )
 
     def _check_parameters(self) -> None:

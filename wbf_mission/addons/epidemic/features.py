@@ -10,8 +10,8 @@ of outbreaks. Refinement networks therefore also see the previous network's prob
 (auto-context; Tu & Bai 2010, "Auto-context and its application to high-level vision tasks and 3D brain image
 segmentation").
 
-Sums over rings are compiled. Cells are in C order. Runs of neighbouring cells along y share work, so that
-computing the features of all cells of a crop takes little more time than for single rows.
+Sums over rings are compiled. Cells are in C order. Runs of neighbouring cells along y share work, so that the
+features of all cells of a crop take little more time than the features of a few rows.
 """
 
 from __future__ import annotations

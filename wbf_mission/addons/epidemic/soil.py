@@ -2,8 +2,8 @@
 
 A shower is a sum of normal densities (humps) at random positions. Such a field has a squared exponential
 covariance with a lengthscale of sqrt(2) standard deviations of a hump. The mean at each position, and the
-variances of level and shape on a day, are computed from simulated weather. Outside the farm, there are humps
-only beyond two of its sides, so the land near the other sides is drier.
+variances of level and shape on a day, are computed from simulated weather. Humps outside the farm lie only
+beyond two of its sides, so the land near the other sides is drier.
 
 The process is approximated by a few sine functions of x and of y (Solin & Särkkä 2020, "Hilbert space methods
 for reduced-rank Gaussian process regression"). Observations then add to the sums of a linear regression, and
@@ -257,7 +257,7 @@ class SoilField:
         )
 
     def _least_noise(self, day: int) -> float:
-        """Return a lower bound of the noise variance for a day's readings."""
+        """Return the lower bound of the noise variance for a day's readings, which the misfit sets."""
         # After the first day, `Crowding` already reduces the weight of nearby readings.
         return _MISFIT * float(np.sqrt(self._cells_alike)) if self._is_first(day) else _MISFIT
 
@@ -321,8 +321,8 @@ class SoilField:
 class _Posterior:
     """Mean and covariance of the functions' weights on a day, for a fixed noise variance `noise`.
 
-    `shown` is the noise variance estimated from `noise_from` readings; unlike `noise`, it has no lower bound
-    from the misfit.
+    `shown` is the noise variance estimated from `noise_from` readings, without the lower bound that `noise`
+    has.
     """
 
     day: int
@@ -354,7 +354,7 @@ class _Posterior:
 
 @dataclass(slots=True, eq=False)
 class _Sums:
-    """Weighted sums of a day's linear regression: X'X, X'y, y'y, total weight, and number of readings.
+    """Weighted sums of the linear regression of one day: X'X, X'y, y'y, total weight, and number of readings.
 
     `due` has the sums at the last noise estimate. The noise is estimated after 30, 36, 43, 51, ... readings,
     so that the result does not depend on the batches in which readings arrive.

@@ -52,7 +52,7 @@ def learn_all(
         return
     step(0.0)
     with contextlib.ExitStack() as stack:
-        # All processes take the locks in the same order, which avoids deadlocks.
+        # All processes take the locks in the same order, so that no two wait for each other.
         for path in sorted({network_file(task, folder) for task in tasks}):
             stack.enter_context(made_by_one(path))
         missing = {task.key: task for task in tasks if not _is_known(task, folder)}
@@ -86,7 +86,7 @@ def _in_processes(tasks: Sequence[TrainingTask]) -> Iterator[Network]:
 
     calls = CallsAhead(learn, [(task,) for task in tasks])
     try:
-        # If a process is killed for its memory, the caller trains the remaining networks one by one.
+        # If a process is killed for lack of memory, the caller trains the remaining networks one by one.
         with contextlib.suppress(BrokenProcessPool):
             for number in range(len(tasks)):
                 yield calls.result(number)

@@ -174,7 +174,7 @@ class Look:
 
 
 def draw_looks(task: TrainingTask, rng: Generator) -> list[Look]:
-    """Return random looks at simulated fields.
+    """Return partly observed simulated fields (looks).
 
     Refinement networks evaluate all cells of each look. To save time, a training with such networks has fewer
     looks, and more samples in each look.
@@ -245,7 +245,7 @@ def _with_context(
 ) -> NDArray[np.float32]:
     """Return the features of the samples, followed by the context features from network `last`.
 
-    `found` has, for each look, probabilities of all cells; those of `last` replace the previous network's.
+    `found` has each look's probabilities of all cells by the previous network, and on return by `last`.
     """
     x, y = np.nonzero(task.hosts)
     row = np.zeros(task.hosts.shape, np.intp)

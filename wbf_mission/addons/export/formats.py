@@ -30,10 +30,10 @@ class ExportFormat:
     what: str
     writer: str
     shows_estimates: bool = False
-    beside: str = ""  # Suffix of a second file that is written, too.
+    beside: str = ""  # Suffix of a second file; empty if only one file is written.
 
     def files(self, path: Path) -> tuple[Path, ...]:
-        """Return the paths of all files that an export to `path` writes."""
+        """Return the paths of all files that an export writes: `path`, and any second file."""
         return (path, path.with_suffix(self.beside)) if self.beside else (path,)
 
 

@@ -399,7 +399,7 @@ def _way(farm: Farm, points_m: NDArray[np.float64], name: str, colour: str) -> _
 
 
 def _packed(layout: np.dtype[np.void]) -> list[_Json]:
-    """Return the fields of a packed numpy type as Foxglove lists them."""
+    """Return the fields of a packed numpy type in Foxglove's form: name, offset and type."""
     assert layout.names is not None and layout.fields is not None
     parts = {name: layout.fields[name][:2] for name in layout.names}
     return [

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from wbf_mission.run.record import RunRecord
 
 OBSTACLE, FENCE, _LAND = "#b22222", "#e69f00", "#8c8c8c"
-SHOWN_AGAIN = 100  # Number of times per run that tracks and readings are written anew, from their start.
+SHOWN_AGAIN = 100  # Number of times per run at which tracks and readings are written again as a whole.
 TRACK_POINTS = 1000  # Maximum number of points in a displayed track.
 LONGEST = 500
 """Maximum number of pixels along the longer side of a farm; smaller farms get one pixel per cell."""
@@ -81,7 +81,7 @@ class Scene(ABC):
         self.pixel_m = self._grid.pixel * self._grid.cell_size_m
         self._masks = fields.masks(farm.grid())
         self._scales = _scales(record) if self._grid.pixel > 1 else [1.0] * len(fields)
-        self._doubts = [0.0] * len(fields)  # Tops of the scales for uncertainty, from its first values.
+        self._doubts = [0.0] * len(fields)  # Tops of the colour scales of uncertainty, from the first values.
         self._seen: list[Observations] = []  # Readings of the current day.
         self._readings, self._readings_a_show = 0, max(1, len(record.observations) // SHOWN_AGAIN)
 

@@ -2,7 +2,7 @@
 
 A fault is written ``KIND[=VALUE][,OPTION=VALUE...]``, for example ``loss=0.2,from=10,for=60`` or
 ``no-final-ack,times=1`` or ``gps-loss,at=airborne,from=5,for=20``. `KINDS` lists all kinds of faults. Kinds
-for the mission protocol are usual failures in tests of ground stations. `FaultSession` applies the faults.
+of the mission protocol are failures that tests of ground stations inject. `FaultSession` applies the faults.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ KINDS: dict[str, Kind] = {
     "corrupt": Kind("link", "chance", "one byte of each frame is changed with this probability"),
     "delay": Kind("link", "seconds", "every frame is delayed by this time"),
     "jitter": Kind(
-        "link", "seconds", "every frame is delayed by a random time up to this; frames may overtake others"
+        "link", "seconds", "every frame is delayed by a random time, at most this; frames may change order"
     ),
     "bandwidth": Kind("link", "baud", "the link has this bit rate and a buffer of 16 KiB", 57600.0),
     "drop": Kind("message", "message", "messages of this name (or id) do not arrive"),
@@ -249,7 +249,7 @@ def _message_id(value: float | str | None) -> float:
 
 
 def parse_fault(text: str) -> Fault:
-    """Read a fault from ``KIND[=VALUE][,OPTION=VALUE...]``; FaultError if it cannot be read.
+    """Read a fault from ``KIND[=VALUE][,OPTION=VALUE...]``; FaultError if the text is invalid.
 
     The options are from, for (seconds), at (trigger), vehicle, direction, link and times; see `Fault`.
 

@@ -101,7 +101,7 @@ class FaultSession(Injection):
 
 
 def _matches(wanted: str | None, name: str, number: int) -> bool:
-    """Return whether a fault's ``link`` fits a link: by number (below 1000), or by a part of its name."""
+    """Return whether a fault's ``link`` means this link: by number (below 1000), or by a part of the name."""
     if wanted is None:
         return True
     if wanted.isascii() and wanted.isdigit() and int(wanted) < _FEWEST_PORT:
@@ -131,7 +131,7 @@ def _break_vehicle(component: Component, kind: str, broken: bool, value: float =
     elif kind == "motor-failure":
         vehicle.pilot.fail_motor(broken)
     elif broken and kind in ("low-battery", "dead-battery"):
-        # The end of the fault does not recharge the battery: batteries are not changed in flight.
+        # When the fault ends, the battery stays as it is: nobody can change a battery in flight.
         vehicle.pilot.drain_battery(value)
     elif broken and kind == "battery-change":
         vehicle.pilot.change_battery()
@@ -190,7 +190,7 @@ class FaultyComponent:
 
     def __init__(self, component: Component, faults: Sequence[Fault], session: FaultSession) -> None:
         self.inner = component
-        # This is cached: an isinstance check of a Protocol takes longer than forwarding a message.
+        # The result is kept: an isinstance check of a Protocol takes longer than forwarding a message.
         self._streams = component if isinstance(component, Streams) else None
         self.system_id = component.system_id
         self.component_id = component.component_id
@@ -288,7 +288,7 @@ class FaultyComponent:
         return None
 
     def _refusal(self, message: Message, now_s: float) -> Message | None:
-        """Return the COMMAND_ACK by which a fault denies a command; None if no fault denies it."""
+        """Return the COMMAND_ACK by which a fault denies a command; None if no fault denies the command."""
         commands = (m.MAVLink_command_long_message, m.MAVLink_command_int_message)
         if not isinstance(message, commands) or message.target_system not in (0, self.system_id):
             return None
@@ -327,7 +327,7 @@ class FaultyComponent:
         return _with(message, capture_result=0) if self._last_failed else message
 
     def _fire_triggers(self, message: Message, now_s: float) -> None:
-        """Fire the triggers that a message of the component reports."""
+        """Fire the triggers, such as arming, that a message of the component reports."""
         fire, system = self._session.fire, self.system_id
         if is_a(message, m.MAVLink_heartbeat_message) and self.component_id == _AUTOPILOT:
             armed = bool(message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
@@ -389,7 +389,7 @@ _DROPPED: dict[str, _Rule] = {
     "no-count": lambda message, _: type(message).id == m.MAVLINK_MSG_ID_MISSION_COUNT,
     "no-request": _is_request_of_item,
 }
-"""For each kind of fault, a rule that decides whether it drops a message to the component."""
+"""Rule of each kind of fault that decides whether the fault drops a message to the component."""
 _REFUSED: dict[str, _Rule] = {"refuse": lambda command, fault: command.command == fault.number}
 _CHANGED: dict[str, _Rule] = {
     "drop": lambda message, fault: type(message).id == fault.number and fault.direction != "up",
@@ -400,7 +400,7 @@ _CHANGED: dict[str, _Rule] = {
     "early-final-ack": _is_request_of_item,
     "final-ack-error": _accepts,
 }
-"""For each kind of fault, a rule that decides whether it changes a message from the component."""
+"""Rule of each kind of fault that decides whether the fault changes a message from the component."""
 _CHANGES: dict[str, Callable[[Any, Fault], Message | None]] = {
     **dict.fromkeys(("drop", "no-request", "no-final-ack"), lambda _message, _fault: None),
     "wrong-sequence": lambda message, _: _with(message, seq=message.seq + 1),

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 GENERAL_PATH = "/etc/extras/component_general.json.xz"
 PARAMETERS_PATH = "/etc/extras/parameters.json.xz"
 _TYPE_PARAMETERS = 1
-# For each kind of choice: the name of its list in the metadata, and the key of a choice's number.
+# For each kind of choice: the name of the list of choices in the metadata, and the key of a choice's number.
 _CHOICES = {"value": ("values", "value"), "bit": ("bitmask", "index")}
 # Small XZ readers in ground stations support only CRC32 as checksum.
 _FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 6, "dict_size": 1 << 16}]
@@ -185,9 +185,9 @@ def packed(parameters: ParameterSet, query: str, read_size: int) -> bytes | None
 
 
 def unpacked(data: bytes) -> list[tuple[str, float]] | None:
-    """Parse an upload into names and values; None if it is damaged.
+    """Parse an upload into names and values; None if the upload is damaged.
 
-    The header of an upload has the length of the file where other headers have the number of parameters.
+    The header of an upload has the file's length in the field that otherwise has the number of parameters.
 
     >>> unpacked(bytes.fromhex("1b67 0100 0c00 01 20 414243 07"))
     [('ABC', 7.0)]
@@ -221,7 +221,7 @@ def _common(one: str, other: str) -> int:
 
 
 def _bytes(parameter: MavParameter, code: str, value: float) -> bytes:
-    """Pack a value in the type of its parameter."""
+    """Pack a parameter's value as bytes of the parameter's type."""
     if not parameter.integer:
         return struct.pack(code, value)
     limit = 1 << parameter.bits - 1
@@ -264,7 +264,7 @@ def pack_plan(mission_type: MissionType, items: Sequence[m.MAVLink_mission_item_
 
 
 def unpack_plan(data: bytes, mission_type: MissionType) -> PackedPlan | None:
-    """Parse an uploaded plan; None if it is of another type, or an item is missing.
+    """Parse an uploaded plan; None if the plan is of another type, or an item is missing.
 
     Only missions can be replaced in part, as in ArduPilot.
     """

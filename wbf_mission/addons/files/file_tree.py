@@ -133,7 +133,7 @@ class FileTree:
         kept[offset:end] = data
 
     def close(self, path: Path) -> None:
-        """Close a written file and pass an upload to the vehicle; FileError if the vehicle refuses it."""
+        """Close a written file; pass an upload to the vehicle, with FileError if the vehicle refuses it."""
         if path in self._taken and not self._taken[path](bytes(self._files.pop(path, b""))):
             raise FileError(FtpError.FAIL)
 
@@ -185,7 +185,7 @@ class FileTree:
         }
 
     def _place(self, text: str) -> Path:
-        """Return the parts of a path in a writable directory; FileError if it is not writable."""
+        """Return the parts of a path; FileError unless the path is in a writable directory."""
         path = path_of(text)
         if any(path in kept for kept in (self._made, self._taken, self._mounted_files())):
             raise FileError(FtpError.PROTECTED)

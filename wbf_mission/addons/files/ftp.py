@@ -96,7 +96,7 @@ class Packet:
 
     @property
     def text(self) -> str | None:
-        """The path in the data, up to the first zero; None if it is empty or not printable ASCII."""
+        """The path in the data, up to the first zero byte; None if that is empty or not printable ASCII."""
         raw = self.data.split(b"\0", 1)[0]
         if not raw.isascii() or not raw.decode("ascii").isprintable():
             return None

@@ -1,8 +1,8 @@
 """Flight logs of a vehicle, and answers to the LOG_REQUEST messages.
 
 A log begins when the vehicle arms and ends one second after it has disarmed, as with real autopilots
-(ArduPilot's LOG_DISARMED 0, PX4's SDLOG_MODE 0). It is a .tlog of the messages sent and received by the
-vehicle. Sources: ArduPilot's ``AP_Logger_MAVLinkLogTransfer.cpp``, PX4's ``mavlink_log_handler.cpp``.
+(ArduPilot's LOG_DISARMED 0, PX4's SDLOG_MODE 0). The log is a .tlog of the messages that the vehicle sent and
+received. Sources: ArduPilot's ``AP_Logger_MAVLinkLogTransfer.cpp``, PX4's ``mavlink_log_handler.cpp``.
 """
 
 from __future__ import annotations

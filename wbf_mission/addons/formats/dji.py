@@ -2,8 +2,8 @@
 
 Heights are above the take-off point. The drone stops at each waypoint and flies straight to the next. The
 altitude of a take-off item is the height to which the drone climbs first. A landing or return at the end of
-the mission sets the finish action. A heading of 0 is ignored, because ArduPilot's files have 0 in every
-waypoint.
+the mission sets the finish action. A heading of 0 is ignored, because waypoints in ArduPilot's files always
+have the heading 0.
 
 Source: DJI Cloud API, "WPML" (developer.dji.com/doc/cloud-api-tutorial, github.com/dji-sdk/Cloud-API-Doc):
 overview, template.kml, waylines.wpml, common elements.
@@ -75,7 +75,7 @@ class _Group:
 
 @dataclass(slots=True)
 class _Route:
-    """A mission as a wayline route, and the lost items. Item methods return whether they keep the item."""
+    """A mission as a wayline route, and the items that get lost. Methods return whether they keep an item."""
 
     mission: Mission
     speed_m_s: float
@@ -87,7 +87,7 @@ class _Route:
     first_actions: list[Action] = field(default_factory=list)
 
     def act(self, function: str, parameters: Mapping[str, Any]) -> bool:
-        """Add an action at the latest waypoint; if there is none yet, at the first waypoint."""
+        """Add an action at the latest waypoint; before the first waypoint, at the first waypoint."""
         (self.waypoints[-1].actions if self.waypoints else self.first_actions).append((function, parameters))
         return True
 
@@ -206,7 +206,7 @@ _STEPS: Mapping[int, Callable[[_Route, MissionItem], bool]] = {
 
 
 def _route(mission: Mission) -> _Route:
-    """Convert a mission to a route; MissionFileError if it has no waypoint, or a height is unknown."""
+    """Convert a mission to a route; MissionFileError if there is no waypoint, or a height is unknown."""
     route = _Route(mission, float(mission.hover_speed_m_s) or _USUAL_SPEED_M_S)
     for number, item in enumerate(mission.items, 1):
         step = _STEPS.get(item.command)
@@ -232,7 +232,8 @@ def losses(mission: Mission) -> Sequence[Loss]:
     found += dropped("rally point", len(mission.rally), len(mission.rally))
     if mission.home is not None:
         found.append(Loss("home is not kept: heights are above the drone's take-off point"))
-    found.append(Loss(f"the file names the drone {_DRONE_NAME}; for others, edit droneInfo and payloadInfo"))
+    others = "for another drone, edit droneInfo and payloadInfo"
+    found.append(Loss(f"the file names the drone {_DRONE_NAME}; {others}"))
     return found
 
 

@@ -49,7 +49,7 @@ class Drawing:
         path = self._chosen(name)
         if len(path.points) > MAX_ITEMS:
             raise MissionFileError(
-                f"{path.name}: {len(path.points)} points, but MAVLink allows {MAX_ITEMS} items; thin it out"
+                f"{path.name}: {len(path.points)} points, but MAVLink allows {MAX_ITEMS} items; drop points"
             )
         made = make_mission((self._waypoint(point, path, altitude_m) for point in path.points), None)
         names = {Frame.GLOBAL_RELATIVE_ALT: "above home", Frame.GLOBAL: "above sea level"}

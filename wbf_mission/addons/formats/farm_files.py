@@ -43,7 +43,7 @@ _SHOWN_GAP_M = 0.05  # Smaller gaps are rounding errors.
 _SHAPEFILE = (".shp", ".shx", ".dbf", ".prj", ".cpg")
 _WKB = dict(enumerate(("Point", "LineString", "Polygon", "MultiPoint", "MultiLineString", "MultiPolygon"), 1))
 _WKB[7] = "GeometryCollection"
-_GPX_LAYERS = ("routes", "tracks", "waypoints")  # Other layers repeat the points of these.
+_GPX_LAYERS = ("routes", "tracks", "waypoints")  # Other GPX layers repeat the points of these layers.
 _POLY_WORDS = re.compile(r"(name|color):(.*)", re.IGNORECASE)
 
 
@@ -77,7 +77,7 @@ def read_vector(path: Path, layer: str | None = None, crs: str | None = None) ->
             is_coding = isinstance(error, UnicodeError)
             text = "it has bytes that are not text" if is_coding else str(error) or type(error).__name__
             reason = one_line(text.replace(str(plain), path.name), 200)
-            raise FarmError(f"cannot be read: {reason}; save it again in its program") from error
+            raise FarmError(f"cannot be read: {reason}; save the file again") from error
     return document
 
 
@@ -100,7 +100,7 @@ def _plain(path: Path) -> Iterator[tuple[Path, str]]:
         raise FarmError(f"cannot be read: {error}") from None
     absolute = path.resolve()
     if str(absolute).startswith("/vsi"):
-        raise FarmError("is no plain file")
+        raise FarmError("is not an ordinary file")
     yield absolute, path.stem
 
 
@@ -262,7 +262,7 @@ def _read_layer(
 
 
 def _border(line: Any) -> tuple[Any, str, str]:
-    """Return the polygon of a closed line, a note on its gap, and a reason if the line is not closed."""
+    """Return the polygon of a closed line and a note on its gap; for an open line, the line and the fault."""
     xy = np.concatenate([shapely.get_coordinates(part) for part in shapely.get_parts(line)])
     east_m, north_m = LocalFrame(xy[0, 1], xy[0, 0]).from_wgs84(float(xy[-1, 1]), float(xy[-1, 0]))
     gap_m = float(np.hypot(east_m, north_m))
@@ -315,7 +315,7 @@ def _coordinates(
 
 
 def read_poly(path: Path, layer: str | None = None, crs: str | None = None) -> Document:
-    """Return the polygons of a ``.poly`` file of Mission Planner; FarmError if it cannot be read.
+    """Return the polygons of a ``.poly`` file of Mission Planner; FarmError if the file cannot be read.
 
     Each line has the latitude and longitude of a corner; the last corner repeats the first; ``#`` begins a
     comment. Files of regions have lines ``Name:...`` and ``Color:...`` above each polygon. Source:
@@ -421,7 +421,7 @@ def _parts(shell: NDArray[np.float64], holes: list[NDArray[np.float64]], where: 
     drawn = [polygon.area for polygon in polygons]
     changed = sum(abs(land.area - area) for land, area in zip(within, drawn, strict=True))
     land = within[0].difference(shapely.union_all(within[1:])) if holes else within[0]
-    # On a grid, corners and sides keep a distance at which rounded positions leave the polygon valid.
+    # Corners on a grid stay so far from other sides that rounding of positions leaves the polygon valid.
     land = shapely.set_precision(land, _GRID_M)
     kept = [
         part

@@ -15,8 +15,8 @@ from pyproj.exceptions import CRSError
 from geo.errors import GroundError
 from geo.imports import load_extra
 
-_MAX_PIXELS = 50_000_000  # These take 0.4 GB as float64.
-_HIGHEST_M = 9000.0  # Higher than all mountains: larger numbers mark missing heights.
+_MAX_PIXELS = 50_000_000  # This number of heights takes 0.4 GB as float64.
+_HIGHEST_M = 9000.0  # This is higher than all mountains: rasters mark missing heights by larger numbers.
 _MARGIN_PX = 2  # Extra pixels for interpolation, and for borders that are curved in the raster's system.
 _FOOT = {"foot": 0.3048, "feet": 0.3048, "ft": 0.3048, "us survey foot": 1200.0 / 3937.0}
 
@@ -62,7 +62,7 @@ class _Tile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ground:
-    """Terrain heights above mean sea level, for each point from the first raster with a height there."""
+    """Terrain heights above mean sea level; at each point, the first raster that has a height counts."""
 
     tiles: tuple[_Tile, ...]
     step_m: float  # Width of the smallest pixel.

@@ -11,8 +11,8 @@ rally        as an item
 ===========  ======================================================================================
 
 A record with a place has altitude_m; a record without a place has param5 to param7. An empty parameter is the
-vehicle's default, and a missing parameter is 0. Names, and records of role ``path``, are for people; they are
-ignored when a file is read.
+vehicle's default, and a missing parameter is 0. Names, and records of role ``path``, are for human readers;
+the program ignores them.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Record:
     """One record of a mission file: an item, home, a fence or rally item, or the header."""
 
     fields: Mapping[str, Any]  # Numbers, bools, texts of numbers or bools, or None, keyed by the names above.
-    places: Sequence[LatLon] = ()  # No place, one place, or the vertices of a polygon that is not closed.
+    places: Sequence[LatLon] = ()  # No place, one place, or a polygon's vertices (the first is not repeated).
     where: str = ""  # Position of the record in the file, for error messages.
 
     @property

@@ -134,7 +134,7 @@ def _degrees(record: Record, name: str) -> float:
 
 
 def _placed(record: Record, latitude: str, longitude: str) -> Record:
-    """Move the coordinates of a record from its fields to its places."""
+    """Move a record's coordinates from the record's fields to its places."""
     texts: dict[str, Any] = dict(record.fields)
     place = (texts.pop(latitude, ""), texts.pop(longitude, ""))
     if not any(place):

@@ -55,7 +55,7 @@ class Node:
 
 
 def parse(data: bytes, root: str, kind: str) -> Node:
-    """Return the root element of a document; MissionFileError if it is broken or not of this `kind`."""
+    """Return a document's root element; MissionFileError if the document is broken or of another kind."""
     if kind_of(data) != kind:
         raise wrong_kind(data, kind)
     parser = expat.ParserCreate()

@@ -372,7 +372,7 @@ class GimbalExtra(VehicleExtra):
             self.gimbal.wake()
 
     def is_ready(self, message_id: int) -> bool:
-        """Return whether a message can be sent; the gimbal's messages cannot before the gimbal is awake."""
+        """Return whether a message can be sent; before the gimbal is awake, its messages cannot."""
         return message_id not in self.builders or self.gimbal.awake
 
     def camera_attitude(self, boot_us: float) -> Attitude | None:
@@ -395,7 +395,7 @@ class GimbalExtra(VehicleExtra):
         return _turn(self.gimbal, round(flags), (0.0, pitch, yaw), (0.0, pitch_rate, yaw_rate))
 
     def _configure(self, command: VehicleCommand) -> Result:
-        """Handle DO_GIMBAL_MANAGER_CONFIGURE: set the controller; -1 keeps, -2 takes, -3 releases control."""
+        """Handle DO_GIMBAL_MANAGER_CONFIGURE: set who controls; -1 keeps, -2 takes, -3 releases control."""
         system, component = command.params[:2]
         known = all(-3.0 <= number <= 255.0 for number in (system, component))
         if not known or command.number(7, -1) not in (0, _DEVICE):

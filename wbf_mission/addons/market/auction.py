@@ -71,7 +71,7 @@ class Bidder:
         return cost + self._home(at)
 
     def bid(self, segment: int) -> Bid | None:
-        """Return the bid for the segment's cheapest place in the route; None if unaffordable."""
+        """Return the bid for the place in the route where the segment costs least; None if unaffordable."""
         if not math.isfinite(self.own[segment]):
             return None
         before, best = self.cost, Bid(math.inf, 0, 0)

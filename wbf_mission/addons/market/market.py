@@ -53,7 +53,7 @@ class Contract:
         self._left = len(self.points_m)
 
     def follow(self, rest_m: Points) -> bool:
-        """Update the progress by the vehicle's remaining path; return False if it flies another path."""
+        """Update the progress from the vehicle's remaining path; return False if that is of another path."""
         count = min(len(rest_m), len(self.points_m))
         mine, flown = self.points_m[len(self.points_m) - count :], rest_m[len(rest_m) - count :]
         if not np.allclose(mine, flown, rtol=0.0, atol=_SAME_M):
@@ -113,7 +113,7 @@ class Contract:
 
 
 def _rest_of(row: Row, end_m: Points, here_m: tuple[float, float]) -> Row:
-    """Return the rest of a row that a vehicle at `here_m` flies towards `end_m`."""
+    """Return the unflown rest of a row, which a vehicle at `here_m` flies towards `end_m`."""
     low, high = row.ends_m
     along = high - low
     share = float(np.clip(((np.asarray(here_m) - low) * along).sum() / (along * along).sum(), 0.0, 1.0))
@@ -251,7 +251,7 @@ class Market:
             contract = self._contracts.get(vehicle.system_id)
             if contract is None or vehicle.status in _KEEP:
                 continue
-            # A lost vehicle may report no remaining path; its last known progress then counts.
+            # A lost vehicle may report no remaining path; then the progress that was last known counts.
             silent = vehicle.status is Status.LOST and not len(vehicle.rest_m)
             follows = silent or contract.follow(vehicle.rest_m)
             if vehicle.status is Status.FLYING and follows:
@@ -267,7 +267,7 @@ class Market:
         return [segment for segment in [*self._open, *sold] if segment is not None and segment.fine]
 
     def _trade(self, observation: PolicyObservation) -> dict[int, Points]:
-        """Auction all segments not begun; return the paths of the vehicles whose work has changed."""
+        """Auction all segments that are not begun; return the paths of vehicles whose work has changed."""
         vehicles = observation.steerable
         kept: dict[int, list[Stretch]] = {vehicle.system_id: [] for vehicle in vehicles}
         for vehicle in vehicles:
@@ -322,9 +322,9 @@ class Market:
         kept: list[Stretch],
         awarded: list[tuple[Segment, int]],
     ) -> Points | None:
-        """Return the path for the awarded segments; None if the vehicle already flies it.
+        """Return the path for the awarded segments; None if the vehicle already flies this path.
 
-        Segments that turn out to be unaffordable are offered again.
+        Segments that turn out to exceed the budget are offered again.
         """
         stretches = kept + self._stretches(observation, vehicle, kept, awarded)
         before = self._contracts.get(vehicle.system_id)
@@ -398,7 +398,7 @@ def _same(before: Points, after: Points) -> bool:
 
 
 def _beyond(stretches: list[Stretch], flown: Points) -> list[Segment]:
-    """Return the segments that a path leaves unfinished, with the unfinished rows."""
+    """Return the segments that a path leaves unfinished, each with its unfinished rows."""
     whole = Contract(tuple(stretches), _points(stretches))
     whole.follow(whole.points_m[max(len(flown) - 1, 0) :])
     here = flown[-1] if len(flown) else whole.points_m[0]

@@ -49,7 +49,7 @@ class Segment:
     def ordered(self, variant: int) -> list[tuple[int, Points]]:
         """Return each row's number and ends, float64[2, 2]; rows are flown to and fro from corner `variant`.
 
-        Bit 0 of `variant` means that the first row is flown backwards; bit 1, that the last line comes first.
+        Bit 0 of `variant`: the first row is flown backwards. Bit 1: the last line comes first.
         """
         lines = [list(rows) for _, rows in groupby(range(len(self.rows)), lambda k: self.rows[k].line)]
         if variant & 2:

@@ -64,9 +64,9 @@ class MavsdkOrders:
     """Commands to the autopilot, carried out by MAVSDK; each result is returned as a COMMAND_ACK.
 
     Arming, return, landing and PX4's hold use the plugin action; the start of a PX4's mission uses
-    mission_raw. All other commands use mavlink_direct, which also retries. Hold on an ArduCopter is such a
-    command, because MAVSDK's hold sets LOITER, in which an ArduCopter without sticks sinks. So is a mission
-    start on an ArduCopter: it takes off at MISSION_START, but MAVSDK's start_mission only sets the mode.
+    mission_raw. All other commands use mavlink_direct, which also retries. Hold on an ArduCopter uses it,
+    too, because MAVSDK's hold sets LOITER, in which an ArduCopter without sticks sinks. So does a mission
+    start: an ArduCopter takes off at MISSION_START, but MAVSDK's start_mission only sets the mode.
 
     MAVSDK does not send MISSION_SET_CURRENT. Its set_current_mission_item would repeat the message whenever
     the vehicle reports another current item: for ever, if the vehicle completes the item at once.
@@ -74,7 +74,7 @@ class MavsdkOrders:
 
     def __init__(self, link: MavsdkLink, vehicle: Vehicle, note: Note) -> None:
         self._link, self._system_id, self._note = link, vehicle.system_id, note
-        # Plugin and function by command and the command's first three parameters (None for any parameters).
+        # MAVSDK's plugin and function, by command and the command's first three parameters (None: any).
         self._functions: dict[tuple[int, tuple[float, ...] | None], tuple[type, str]] = {
             (m.MAV_CMD_COMPONENT_ARM_DISARM, (1.0, 0.0, 0.0)): (Action, "arm"),
             (Command.NAV_RETURN_TO_LAUNCH, None): (Action, "return_to_launch"),
@@ -188,7 +188,7 @@ class _GroundByMavsdk:
         return out + self.hand_on(self._ground.poll(now_s), now_s)
 
     def next_deadline(self) -> float:
-        """Return the time (s) of the next `poll` with something to do; infinite if there is none."""
+        """Return the time (s) at which the next `poll` is due; infinite if there is nothing to do."""
         return min(self._ground.next_deadline(), self._due_s if self._orders.waiting else math.inf)
 
     def goodbye(self) -> list[Message]:
@@ -255,7 +255,7 @@ class MavsdkVia(Via):
             raise LiveFlightError(msg)
 
     def check(self, scenario: Scenario, vehicle: Vehicle) -> None:
-        """Raise LiveFlightError if a policy is given and the vehicle must leave its mission for a change."""
+        """Raise LiveFlightError if a policy is given, but the vehicle must leave its mission for a change."""
         policy = scenario.mission.policy
         if policy is not None and vehicle.vehicle_type in (vehicle.profile.change_modes or {}):
             raise LiveFlightError(

@@ -137,7 +137,7 @@ class MavsdkLink:
     def _system(self, system_id: int) -> System:
         """Return a vehicle, waiting until MAVSDK has connected to it.
 
-        Before it is connected, MAVSDK does not know the autopilot, and would not answer an ArduPilot.
+        Before that, MAVSDK does not know the vehicle's autopilot, and would not answer an ArduPilot.
         """
         if system_id in self._systems:
             return self._systems[system_id]
@@ -281,7 +281,7 @@ class _Transfer(ABC):
         return TransferFailed(self.mission_type, reason, text, code, state)
 
     def next_deadline(self) -> float | None:
-        """Return the time of the next `poll` with something to do; None before the start or after the end."""
+        """Return the time at which the next `poll` is due; None before the start or after the end."""
         return None if self._call is None else self._due_s
 
     def cancel(self, now_s: float) -> Output:
@@ -293,7 +293,7 @@ class _Transfer(ABC):
         return self._finish(now_s, TransferFailed(self.mission_type, FailureReason.CANCELLED, text))
 
     def statistics(self, now_s: float | None = None) -> TransferStatistics:
-        """Return the statistics that MAVSDK provides."""
+        """Return the transfer's statistics, as far as MAVSDK provides them."""
         end_s = self._ended_s if self.done or now_s is None else now_s
         return TransferStatistics(self.mission_type, self._count, 0, 0, 0, end_s - self._began_s)
 

@@ -187,7 +187,7 @@ class ModesExtra(VehicleExtra):
         return pilot.sticks is None or abs(pilot.sticks.right) < _MAX_FLIP_STICK
 
     def start(self, mode: Mode) -> None:
-        """Begin to fly the latest setpoint in a mode that needs a stream of setpoints."""
+        """In a mode that needs a stream of setpoints, begin to fly the latest setpoint."""
         if mode is Mode.GUIDED:
             self._pilot.order(self.guided.setpoints.begin)
 
@@ -394,7 +394,7 @@ class ModesExtra(VehicleExtra):
         pilot.goto(*pilot.frame.to_wgs84(x, y), altitude, mode=mode, heading=KEEP)
 
     def _go_around(self, command: VehicleCommand) -> None:
-        """Handle DO_GO_AROUND (ArduPlane): abort the landing and climb; 0 is the landing item's height."""
+        """Handle DO_GO_AROUND (ArduPlane): abort the landing and climb; 0 means the landing item's height."""
         height = command.params[0]
         self._pilot.go_around(height if math.isfinite(height) and height > 0.0 else None)
 

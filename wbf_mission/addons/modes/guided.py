@@ -228,7 +228,7 @@ class AttitudePilot:
 
     @property
     def flown_for_s(self) -> float:
-        """Time of flight since the last order."""
+        """Time (s) for which the attitude has been flown since the last order."""
         return self._flown_s - self._taken_s
 
     def check(self) -> bool:
@@ -438,7 +438,7 @@ class GuidedFlight:
             self.setpoints.fly()
 
     def take_attitude(self, target: AttitudeTarget | None) -> None:
-        """Fly an attitude in the guided modes; None stops. An attitude is stored for a mode with a stream."""
+        """Fly an attitude in the guided modes; None stops. Modes with a stream only store the attitude."""
         pilot = self._pilot
         if target is not None and pilot.rules.needs_stream:
             self.setpoints.take(target)

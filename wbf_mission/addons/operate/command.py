@@ -75,8 +75,8 @@ def monitor_command(
 ) -> int:
     """Show the telemetry of the vehicles on a link: mode, item, position, battery, link, texts.
 
-    An impossible value (a latitude of 95, a battery at 120 %) causes one warning, and is marked with "!" in
-    its column. A repeated text is printed at most every 30 s, with the number of times.
+    The first report of an impossible value (a latitude of 95, a battery at 120 %) causes a warning; its
+    column is marked with "!". A repeated text is printed at most every 30 s, with the number of times.
 
     With --live, a page also shows the vehicles and their missions, over the farm if a farm is given.
     """
@@ -142,7 +142,7 @@ def _named(heard: Contact) -> tuple[str, str]:
 
 
 class _Printer:
-    """Printer of a watched fleet: one header, then a line for each report of a vehicle, and its texts.
+    """Prints a watched fleet: one header, then a line for each report of a vehicle, and the vehicle's texts.
 
     A repeated text is printed at most every 30 s, with the number of times.
     """
@@ -192,7 +192,7 @@ class _Printer:
                 self._output.note(f"vehicle {number}: {text}{often}", publish=False)
 
     def _warn(self, state: dict[str, Any]) -> None:
-        """Warn of each value that has become impossible, but do not repeat the warning."""
+        """Warn once of each value that has become impossible."""
         number, wrong = state["system_id"], state["impossible"]
         fresh = {key: value for key, value in wrong.items() if key not in self._wrong.get(number, ())}
         self._wrong[number] = set(wrong)
@@ -302,4 +302,4 @@ def _give(wanted: OperatorCommand, url: str, system_id: int | None, wait: float,
 
 
 MONITOR = Command(monitor_command, MONITOR_EXAMPLES)
-COMMAND = Command(command_command, COMMAND_EXAMPLES, ignore_unknown_options=True)  # so that -5 is a height
+COMMAND = Command(command_command, COMMAND_EXAMPLES, ignore_unknown_options=True)  # -5 may be a height

@@ -33,9 +33,9 @@ class Step:
 
 
 def is_ready(wanted: OperatorCommand, heard: VehicleMonitor) -> bool:
-    """Return whether the telemetry needed by `step_of` was received."""
+    """Return whether the telemetry that `step_of` needs was received."""
     if wanted.order == "takeoff":
-        # A disarmed vehicle is not given this order, whatever its position.
+        # A disarmed vehicle gets an error in place of this order, which needs no position.
         return not heard.state.armed or (heard.position_heard_s > -math.inf and heard.flies is not None)
     return wanted.order != "set-item" or heard.item_heard_s > -math.inf
 
@@ -141,7 +141,7 @@ class CommandSession:
         self._step: Step | None = None
         self._order: Order | None = None
         self._accepted = False
-        self._before = StateBefore.of(self._contact.monitor, -math.inf)  # when the order was given
+        self._before = StateBefore.of(self._contact.monitor, -math.inf)  # State when the order was given
         self._shown_before = self._obeyed = False
         self._refusal: tuple[str, float] | None = None
         self._begun_s = self._message_s = math.inf
@@ -149,7 +149,7 @@ class CommandSession:
 
     @property
     def vehicle(self) -> tuple[int, int] | None:
-        """System and component id of the vehicle; None before it is heard."""
+        """System and component id of the vehicle; None before the vehicle is heard."""
         if self._heartbeat is None:
             return self._contact.vehicle
         found = self.search.found
@@ -162,7 +162,7 @@ class CommandSession:
 
     @property
     def texts(self) -> list[str]:
-        """Texts of the vehicle since the order, without repetitions and without the text in `error`."""
+        """Texts that the vehicle sent since the order, each once, and without the text that is in `error`."""
         said = dict.fromkeys(text for _, _, text in self._contact.texts.texts)
         return [text for text in said if self.error is None or text not in str(self.error)]
 
@@ -213,7 +213,7 @@ class CommandSession:
         return out
 
     def next_deadline(self) -> float:
-        """Time (s) of the next `poll` with something to do."""
+        """Time (s) at which the next `poll` is due."""
         if self.done:
             return math.inf
         due_s = [self._end_s, self._message_s, self._contact.link.next_deadline()]
@@ -263,7 +263,7 @@ class CommandSession:
     def _ask_for_streams(self, vehicle: tuple[int, int], now_s: float) -> list[Message]:
         """Request the telemetry that confirms the order; requests are repeated, since they may be lost.
 
-        Messages that the contact's owner receives are not requested: a request would change their rate.
+        A message that the contact's owner receives already is not requested: a request would change its rate.
         """
         comes: tuple[bool, ...] = (False,) * len(_STREAMED)
         if self._heartbeat is None:
@@ -291,7 +291,7 @@ class CommandSession:
 
     @property
     def _is_overruled(self) -> bool:
-        """Whether a pilot or a failsafe has acted since the order; a disarm order allows mode changes."""
+        """Whether a pilot or a failsafe has acted since the order; a disarm order may change the mode."""
         monitor = self._contact.monitor
         expected = {monitor.mode} if self._wanted.order == "disarm" else ()
         lost = self._shown_before and self._step is not None and not self._step.shown(monitor)
@@ -342,7 +342,7 @@ class CommandSession:
 
     def _not_shown(self) -> Exception:
         if not self._accepted:
-            since = f"; its mode is {self.mode} since" if self.mode != self._before.mode else ""
+            since = f"; its mode changed to {self.mode}" if self.mode != self._before.mode else ""
             return VehicleSilentError(f"{self._name}: no answer to {self._wanted}{since}")
         answered = "accepted" if self._step is not None and self._message_s == math.inf else "was given"
         text = self._said or f"it is in mode {self.mode}"

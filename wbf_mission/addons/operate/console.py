@@ -41,8 +41,8 @@ _QUESTION_OF_ALL = (
 )
 _ANSWER = re.compile(r"([hrlc])[a-z]*\s*(\d*)")
 _CHOICES = {"h": Maneuver.HOLD, "r": Maneuver.RETURN}
-# Answers on a page, each with the equivalent answer at the terminal. A page can start motors only by a
-# confirmed order.
+# Answers on a page, each with the answer at the terminal that means the same. A page cannot give the answer
+# that starts motors: for that it needs a confirmed order.
 _START = {"do not start": "n"}
 _STOP = {"hold": "h", "return": "r", "continue": "c"}
 _BATTERY = {"battery changed": "\n", "no more": "q"}
@@ -69,7 +69,7 @@ class _Vehicle:
 
     @property
     def waits_for_consent(self) -> bool:
-        """Whether the vehicle only waits for the operator's consent to start."""
+        """Whether the vehicle is ready, and waits only for the operator's consent to start."""
         ground = self.sortie.ground
         return (
             ground.phase is Phase.READY
@@ -262,7 +262,7 @@ class TerminalConsole:
     def _on_signal(self, phases: AbstractSet[Phase], now_s: float) -> None:
         """Ask what to order; raise KeyboardInterrupt before the flight or without a terminal."""
         if not phases.isdisjoint(_STARTING) and sys.stdin.isatty():
-            return  # while a vehicle starts, the question waits until the outcome is known
+            return  # while a vehicle starts, the question waits until it has started, or has not
         if Phase.FLIGHT not in phases or not sys.stdin.isatty():
             signals.defer(False)
             raise KeyboardInterrupt
@@ -335,7 +335,7 @@ def _planned(sortie: Sortie) -> str:
 
 
 def status_line(sortie: Sortie, now_s: float) -> str:
-    """Return the state of a flying vehicle in one line, with the state's age if the vehicle is silent."""
+    """Return a flying vehicle's state in one line; if the vehicle is silent, with the age of the state."""
     ground, state = sortie.ground, sortie.ground.vehicle_state
     remaining = state.battery.remaining
     parts = [

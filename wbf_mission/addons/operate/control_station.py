@@ -25,7 +25,7 @@ _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 
 
 def commands_of(order: WatchersOrder, heard: VehicleMonitor) -> list[OperatorCommand]:
-    """Return the commands that carry out an order; they begin with arming if the vehicle must be armed."""
+    """Return the commands that carry out an order; the first is to arm if the vehicle must be armed."""
     if order.order not in (START, "arm"):
         return [order.command]
     begins = order.order == START
@@ -49,7 +49,7 @@ class _Vehicle:
 
 
 class ControlStation:
-    """Component that carries out `Orders` by successive `CommandSession` objects.
+    """Component that carries out `Orders`: each command of an order is a `CommandSession`.
 
     A new order to a vehicle replaces the previous one. The station sends nothing before the first order.
     From then on, it sends heartbeats without end, since a vehicle may trigger a failsafe when heartbeats
@@ -100,7 +100,7 @@ class ControlStation:
         return out
 
     def next_deadline(self) -> float:
-        """Time (s) of the next `poll` with something to do."""
+        """Time (s) at which the next `poll` is due."""
         sessions = (vehicle.session for vehicle in self._vehicles.values())
         return min([self._look_s, *(session.next_deadline() for session in sessions if session is not None)])
 

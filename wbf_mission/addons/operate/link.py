@@ -57,7 +57,7 @@ _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 
 
 def _in_a_layer(finding: Finding) -> Finding:
-    """Return a finding unchanged, except that a wrong return altitude becomes a warning about layers."""
+    """Return the finding; if it is about the return altitude, as a warning about altitude layers."""
     if finding.code != "other-return":
         return finding
     text = "the vehicle would not return at the height of its layer: other vehicles may fly there"
@@ -138,14 +138,14 @@ class LiveLink:
     orders: Orders | None = None
     _events: EventStream = field(default_factory=EventStream, init=False)
     _heard: dict[int, tuple[str, HeardVehicle]] = field(default_factory=dict, init=False)
-    # Vehicle options that plans assumed before the vehicles were queried
+    # Vehicle options of the plans before the vehicles were queried
     _assumed: dict[int, VehicleOptions] = field(default_factory=dict, init=False)
 
     full: ClassVar[float] = REAL_FULL
     faults: ClassVar[tuple[()]] = ()
 
     def sorties(self, cut: SortiePlan, vehicle: Vehicle, footprint: int) -> RealSorties:
-        """Return the progress of a vehicle through its sorties; the operator confirms battery changes."""
+        """Return a tracker of a vehicle's sorties, in which the operator confirms battery changes."""
         return RealSorties(cut, vehicle, footprint, self.change_battery)
 
     def note(self, text: str) -> None:
@@ -185,11 +185,11 @@ class LiveLink:
         return fitted_to(scenario, *(vehicle for _, vehicle in heard))
 
     def numbered(self, vehicles: Sequence[Vehicle]) -> tuple[Vehicle, ...]:
-        """Return the run's vehicles with the system ids and positions of the vehicles that were heard.
+        """Return the run's vehicles, each with the system id and position of a vehicle that was heard.
 
         A vehicle starts and lands at its position, so its budget includes the flight to the first waypoint
-        and back. A vehicle within a few metres of the planned start, or too far away to fly, keeps the
-        planned start.
+        and back. The planned start is kept if the vehicle is within a few metres of it, or too far away to
+        fly there.
 
         Raises WbfMissionError if the budget does not suit a vehicle at its position, or the vehicle is no
         longer heard.
@@ -220,14 +220,15 @@ class LiveLink:
         """Return a vehicle's start position, in metres of the farm frame."""
         planned_m, frame = vehicle.task.builder.home_m, vehicle.task.builder.farm.frame
         if stands is None:
-            self.note(f"{who}the vehicle reports no position: planned from the start of the farm")
+            self.note(f"{who}the vehicle reports no position: its plan begins at the start of the farm")
         if stands is None or vehicle.mission.file is not None:
             return planned_m
         x_m, y_m = map(float, frame.from_wgs84(stands.latitude_deg, stands.longitude_deg))
         away_m = math.dist((x_m, y_m), planned_m)
         if not _NEAR_M < away_m <= FARTHEST_M:
             return planned_m
-        self.note(f"{who}the vehicle is {away_m:.0f} m from the start of the farm: planned from its position")
+        away = f"{away_m:.0f} m from the start of the farm"
+        self.note(f"{who}the vehicle is {away}: its plan begins at its position")
         return x_m, y_m
 
     def _who(self, number: int) -> str:
@@ -244,7 +245,7 @@ class LiveLink:
         return ask_vehicle(url, wait_s=self.wait_s, system_id=number, note=note, placed=placed)
 
     def check(self, campaign: Campaign, events: EventStream) -> None:
-        """Check all plans before take-off, also those of later sorties; refuse plans with errors."""
+        """Check all plans before take-off, including plans of later sorties; refuse plans with errors."""
         planned, cut = campaign.planned, campaign.cut
         if cut is not None:
             self.note(cut.told())
@@ -270,7 +271,7 @@ class LiveLink:
             who, snapshot = self._who(number), self._asked(number)
             given = Circumstances.of(vehicle, plan.farm, snapshot)
             layered = bool(who) and vehicle.vehicle.keeps.kind == LAYERS
-            if layered:  # Predict the return at the layer's altitude, not at the vehicle's present setting
+            if layered:  # Predict the return at the layer's altitude, not at the one that the vehicle has set
                 given = replace(given, vehicle=self._assumed.get(number, vehicle.vehicle))
             report = check_mission(plan.mission, given).report
             if layered:
@@ -286,8 +287,8 @@ class LiveLink:
     def change_battery(self, vehicle: Vehicle, plan: PlanResult, *, last: FlightRecord, which: str) -> str:
         """Wait for the battery change, and check the next sortie.
 
-        Return why the sortie cannot be flown; the text is empty if it can. With `agreed`, no operator
-        confirms the change: the battery reading has to rise within `change_s`.
+        Return the reason why the sortie cannot be flown; empty if it can. With `agreed`, no operator confirms
+        the change: the battery reading has to rise within `change_s`.
         """
         number = vehicle.task.system_id
         url, _ = self._heard[number]

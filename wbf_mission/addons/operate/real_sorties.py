@@ -34,7 +34,7 @@ class RealSorties:
         self, cut: SortiePlan, vehicle: Vehicle, footprint: int, change_battery: Callable[..., str]
     ) -> None:
         self.cut = cut  # The flown sorties, shortened to their flown part, and the planned sorties
-        self.stopped = ""  # Reason why the mission was stopped; empty during it and after its completion
+        self.stopped = ""  # Reason why the mission was stopped; empty if it was not
         self.changed_s = 0.0  # Duration of the last battery change
         self._vehicle, self._footprint, self._change_battery = vehicle, footprint, change_battery
         self._reached: Place | None = cut.course.start  # Place reached in the whole mission; None at its end
@@ -111,7 +111,7 @@ class RealSorties:
 
 
 def reached_place(cut: SortiePlan, number: int, place: Place | None) -> Place | None:
-    """Convert a place on the mission of sortie `number` (from 0) to a place on the whole mission.
+    """Convert a place in the mission of sortie `number` (from 0) to the same place in the whole mission.
 
     A `place` of None is the end of the sortie's mission, and a result of None is the end of the whole
     mission.
@@ -165,7 +165,7 @@ def needed_fraction(plan: PlanResult) -> float | None:
 
 
 def risen_fraction(before: float | None, lowest: float | None) -> float | None:
-    """Return the lowest battery fraction that shows a battery change: `lowest` plus half the used charge.
+    """Return the battery fraction that proves a battery change: `lowest` plus half the used charge.
 
     `before` is the battery fraction before the last sortie; `lowest` is the lowest fraction during this
     sortie. The result is None if either is unknown.
@@ -184,7 +184,7 @@ class BatteryWait:
     # Called every half second; returns True once the operator has changed the battery, False to end the
     # mission, None before an answer. None if there is no operator: then the battery reading decides.
     asks: Callable[[], bool | None] | None
-    risen: float | None  # Without an operator, a reading from this counts as a change; None if unknown
+    risen: float | None  # Without an operator, a reading of at least this shows a change; None if unknown
     limit_s: float  # Timeout without an operator
     note: Callable[[str], None]  # Receives lines for the operator
     _said: bool = False  # Whether the operator has confirmed the change
@@ -240,7 +240,7 @@ class BatteryWait:
         return "" if self._said else None
 
     def _without_reading(self, waited_s: float) -> str | None:
-        """Let the operator alone decide, because the vehicle sends no battery messages."""
+        """Leave the decision to the operator alone, because the vehicle sends no battery messages."""
         if waited_s - self._heard_s < _TELLS_S:
             return None
         if self.asks is None:

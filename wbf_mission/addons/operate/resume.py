@@ -24,7 +24,7 @@ _ENOUGH_S = 2.5
 
 
 def resume_place(text: str, course: Course, *, wait_s: float = 10.0) -> Place:
-    """Return the place on its course where a mission is resumed.
+    """Return the place where a mission is resumed, as a place on the mission's course.
 
     The text is an item, counted from 1, with metres flown towards it (``12``, ``12+35m``), a telemetry log, a
     folder with the results of a flight, or the address of a link, where a vehicle must be heard in `wait_s`.
@@ -54,7 +54,8 @@ def _at_item(text: str, number: int, metres: float, course: Course) -> Place:
         raise ScenarioError(msg)
     length_m = float(course.lengths_m[leg])
     if metres >= length_m and metres > 0.0:
-        raise ScenarioError(f"--resume {text}: the way to item {number} is {length_m:.1f} m long; give less")
+        length = f"the leg to item {number} is {length_m:.1f} m long"
+        raise ScenarioError(f"--resume {text}: {length}; give fewer metres")
     return Place(course.legs[leg].item, metres / length_m if metres else 0.0)
 
 

@@ -26,12 +26,12 @@ _CORNER = 0.7
 
 
 class MissionShots:
-    """Compares the camera's shooting with the mission's camera commands.
+    """Decides when a camera command of the mission applies that the autopilot may still send itself.
 
     If the autopilot commands the camera, the mission's command applies after a short delay, since the
     autopilot's command may still arrive; otherwise it applies at once. A lost, late or reordered command
     therefore has an effect only until the end of this delay. A ground station's command holds until the
-    mission's command changes. An autopilot that triggers single images needs no comparison.
+    mission's command changes. If the autopilot triggers single images, no command of the mission applies.
     """
 
     def __init__(self) -> None:
@@ -71,7 +71,7 @@ class MissionShots:
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """Vehicle's place at an item report, and distance flown between this place and the telemetry gap."""
+    """Place of the vehicle when it reported an item, and distance flown between this place and the gap."""
 
     place: _Place
     metres: float = 0.0
@@ -86,7 +86,7 @@ class Silence:
     item: int  # Last mission item before the gap; -1 if none
     seconds: float
     shots: Shots
-    reach_m: float = math.inf  # Largest possible distance, by the greatest reported speed
+    reach_m: float = math.inf  # Most that the vehicle can have flown, by the greatest reported speed
     lead: Seen | None = None  # From the last item report to the start of the gap
     tail: Seen | None = None  # From the end of the gap to the next item report
 
@@ -105,8 +105,8 @@ def images_in(silence: Silence, mission: Mission, item: int) -> int:
     known = range(first, last + 1) if first >= 0 else ()
     passed = [k for k in known if items[k].has_position and not is_return(items[k])]
     if not passed:
-        # Outside a mission the camera follows its last command. Otherwise the vehicle hovers, or its mission
-        # was replaced.
+        # Outside a mission, the camera follows its last command. In a mission, the vehicle hovered during the
+        # gap, or its mission was replaced.
         shots = (shots_before(items, last) if first >= 0 else None) or silence.shots
         return _images([(apart_m(silence.before, silence.after), shots)], silence)
     lead, tail = silence.lead or Seen(silence.before), silence.tail or Seen(silence.after)
@@ -273,8 +273,8 @@ class RidingCamera:
         self._home = int(profile_for(message.autopilot).home_at_zero)
         armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         self._in_mission = armed and is_in_mission(message)
-        # The mission is over only in a mode that the vehicle enters for no other purpose than the mission's
-        # final return.
+        # A vehicle in this mode has ended its mission only if it enters the mode for nothing but the final
+        # return.
         ends = VehicleModes(message.autopilot, message.type).ends(Command.NAV_RETURN_TO_LAUNCH)
         self._returns = armed and ends == {mode_name(message)}
 
@@ -323,7 +323,7 @@ class RidingCamera:
                 self._seen = Seen(places[1])
             elif self._seen is not None:
                 self._seen = replace(self._seen, metres=self._seen.metres + apart_m(*places))
-        # After a gap, the vehicle may report the item before the position.
+        # After a gap, the vehicle may report its item before its position.
         self._then = (self._item, self._seen, self._does)
 
     @property
@@ -357,6 +357,6 @@ class RidingCamera:
         command = Command.DO_SET_CAM_TRIGG_INTERVAL if by_time else Command.DO_SET_CAM_TRIGG_DIST
         value = ordered.interval_ms if by_time else ordered.distance_m
         order = command_long((self.system_id, self.component_id), command, value, 0.0, 1.0)
-        # The answers include the first image. The acknowledgement is dropped, because nobody awaits it.
+        # The answers include the first image. The COMMAND_ACK is dropped, because nobody waits for it.
         answers = self._camera.receive(order, now_s)
         return [answer for answer in answers if not is_a(answer, mavlink.MAVLink_command_ack_message)]

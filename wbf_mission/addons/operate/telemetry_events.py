@@ -1,4 +1,4 @@
-"""Events of watched vehicles, from the telemetry of real and of simulated ones."""
+"""Events of watched vehicles, real or simulated, from their telemetry."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Watch(Protocol):
         """Update the state to `now_s`."""
 
     def seen(self) -> Iterable[tuple[float, Observations]]:
-        """Return the observations since the last call, with the time at which their vehicle was booted."""
+        """Return the observations since the last call, each with the time at which its vehicle booted."""
 
 
 @dataclass(slots=True)
@@ -78,9 +78,9 @@ class _Told:
 class TelemetryEvents:
     """Emits the events of a watch, with at most ten states per vehicle and second of wall time.
 
-    The start of the run, `begun`, is sent at once. Vehicles are added to it when first heard, with the name
-    and kind that `named` returns; by default only its own vehicles are known. Without a farm, a square of
-    land around the first vehicle is added.
+    The start of the run, `begun`, is sent at once. A vehicle is added to `begun` when it is first heard, with
+    the name and kind from `named`; without `named`, only vehicles of `begun` are shown. Without a farm, a
+    square of land around the first vehicle is added.
     """
 
     def __init__(
@@ -99,7 +99,7 @@ class TelemetryEvents:
         events.tell(begun)
 
     def look(self, now_s: float) -> bool:
-        """Emit new events if they are due; return False, for use as a server's end condition."""
+        """Emit new events if they are due; return False, as a server's end condition that never holds."""
         wall_s = time.monotonic()
         if wall_s >= self._due_wall_s:
             self._due_wall_s = wall_s + _APART_S
@@ -164,7 +164,7 @@ class TelemetryEvents:
             (now_s, self._day, max(1, told.flight), number),
             mode=monitor.mode,
             link_quality=contact.link.quality,
-            # Age of the position: other messages do not make the position newer.
+            # The age is that of the position: other messages do not make a position newer.
             silent_s=max(0.0, now_s - monitor.position_heard_s),
         )
         before = told.moved

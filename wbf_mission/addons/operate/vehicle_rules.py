@@ -1,4 +1,4 @@
-"""Checks of the vehicle behind a link: its state, and its settings against the plan's assumptions."""
+"""Checks of a vehicle on a link: its state, and whether its settings are those that the plan assumes."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ _PARTS = {
     _readiness("estimator", ERROR, "the estimator has no valid {parts}", "wait until the estimator converges")
 )
 def check_estimator(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """Find states for which the estimator has no valid value."""
+    """Find states of the vehicle for which the vehicle's estimator has no valid value."""
     flags = snapshot.estimator_flags
     unknown = [name for bit, name in _PARTS.items() if flags is not None and not flags & bit]
     if unknown:
@@ -170,7 +170,7 @@ _HEIGHT_M = 10.0
     _state(
         "other-ground-height",
         WARNING,
-        "the plan has heights above the sea, but the vehicle's ground is not as high as the plan's home",
+        "the plan has heights above the sea, but the ground at the vehicle is not as high as the plan's home",
         "give heights above home, or correct the height of the plan's home",
         rules.at_most("difference in height", "m"),
     ),
@@ -332,7 +332,7 @@ def _told_by_dialect(subject: Subject, name: str, value: float) -> bool:
 
 
 def _missing(rule: float, *, takes_off: bool, lands: bool) -> list[str]:
-    """Return missing items; `rule` 1 wants a take-off, 2 a landing, 3 both, 4 and 5 both or neither."""
+    """Return the missing items; `rule` 1 wants a take-off, 2 a landing, 3 both, 4 and 5 both or neither."""
     wants_takeoff = rule in (1.0, 3.0) or (rule in (4.0, 5.0) and lands)
     wants_landing = rule in (2.0, 3.0) or (rule in (4.0, 5.0) and takes_off)
     missing = ["a take-off"] if wants_takeoff and not takes_off else []

@@ -84,7 +84,7 @@ class PlanReader:
         return self._next(now_s)
 
     def next_deadline(self) -> float:
-        """Deadline of the current transfer (s), else infinite; a due read begins at the next `poll`."""
+        """Deadline of the current transfer (s); infinite without a transfer, as `poll` begins reads."""
         deadline_s = None if self._transfer is None else self._transfer.next_deadline()
         return math.inf if deadline_s is None else deadline_s
 
@@ -243,7 +243,7 @@ class FleetWatch:
         return out
 
     def next_deadline(self) -> float:
-        """Time (s) of the next `poll` with something to do."""
+        """Time (s) at which the next `poll` is due."""
         return min([self._heartbeat.due_s, *(reader.next_deadline() for reader in self._readers.values())])
 
     @property

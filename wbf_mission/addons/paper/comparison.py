@@ -138,7 +138,7 @@ def _show_health(axes: Axes, farm: Farm, fields: FieldSet, values: NDArray[np.fl
 
 
 def _score(axes: Axes, planner: str, rows: Sequence[BenchRow], colour: str, lowest: float) -> None:
-    """Draw the score of one planner over time, and the other planners as thin lines behind it."""
+    """Draw the score of one planner over time; thin lines behind it are the other planners' scores."""
     for row in sorted(rows, key=lambda one: one.planner == planner):
         mine = row.planner == planner
         axes.plot(
@@ -168,7 +168,7 @@ def early_table(rows: Sequence[BenchRow]) -> Table:
 
 
 def lead_table(rows: Sequence[BenchRow]) -> Table:
-    """Return the planner with the best mean score at fractions of the time, and its lead over the others.
+    """Return a table of the planner that leads by mean score at fractions of the time, and of its lead.
 
     Leads are mean differences of pairs of runs in the same environment, with simultaneous 95 % intervals.
     """
@@ -237,14 +237,14 @@ def pair_table(rows: Sequence[BenchRow]) -> Table:
         "estimator: planners",
         f"first {_EARLY * last_s:.0f} s",
         f"first {0.5 * last_s:.0f} s",
-        "after them",
+        "the rest",
         "at the end",
     )
     return Table("Differences between planners, in pairs of runs", header, tuple(lines))
 
 
 def fall_table(rows: Sequence[BenchRow]) -> Table:
-    """Return the share of scored times at which the score falls, and the largest fall."""
+    """Return a table: fraction of the scored times at which the score falls, and the largest fall."""
     lines = []
     for (planner, estimator), own in by_pair([row for row in rows if len(row.scores) > 1]).items():
         losses = [-np.array(row.scores) for row in own]
@@ -257,13 +257,13 @@ def fall_table(rows: Sequence[BenchRow]) -> Table:
         "planner, estimator",
         "falls, % of the scored times (lowest to highest run)",
         f"by more than {100.0 * _FALL:.0f} % of the loss",
-        "largest, of the loss before",
+        "largest fall, % of the loss before it",
     )
     return Table("How often the score falls from one estimate to the next", header, tuple(lines))
 
 
 def authors_table(rows: Iterable[BenchRow], shown: Mapping[tuple[str, str], ShownRun]) -> Table:
-    """Return the final score of each run shown, and the score that the published code would give the run."""
+    """Return the final score of each run shown, by this program and by the paper's published code."""
     lines = tuple(
         (
             f"{row.planner}, {row.estimator}",

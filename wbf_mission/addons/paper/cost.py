@@ -31,7 +31,7 @@ ESTIMATORS = ("adaptive-disk", "gp", "gp-sklearn")
 """Estimators of this project, and the Gaussian process of the paper's published code."""
 NUMBERS = (1, 3, 10, 30, 100, 300, 1000, 3000, 10_000)
 _PARAMETERS: dict[str, dict[str, Any]] = {"gp-sklearn": {"max_points": 300, "max_entries": 20_000_000}}
-"""With larger values, 1000 observations on the smallest farm or one on the full farm take too long."""
+"""With larger values, 1000 observations on the smallest farm, or 1 on the full farm, take too long."""
 SCORE = "score"
 """Name of the scoring cost, used in place of an estimator."""
 LIMIT_S = 5.0

@@ -83,7 +83,7 @@ def plot_dynamics(dynamics: Dynamics, paths: Sequence[Path]) -> None:
 
 
 def _bounds(dynamics: Dynamics) -> tuple[int, int, int, int]:
-    """Return the bounding box of all cells that have a field: first cell and end along x, then along y."""
+    """Return the bounding box of a field's cells: first cell and end along x, then along y."""
     concerned = np.logical_or.reduce([field.mask(dynamics.farm.grid()) for field in dynamics.fields])
     x, y = (np.flatnonzero(concerned.any(axis=axis)) for axis in (1, 0))
     return int(x[0]), int(x[-1]) + 1, int(y[0]), int(y[-1]) + 1

@@ -202,7 +202,7 @@ def _comparison(
     ]
     shown = shown_runs(runs, sheets.folder / "shown", jobs=jobs, progress=progress)
     colours = {str(planner): LINE_COLOURS[k % len(LINE_COLOURS)] for k, planner in enumerate(spec.planners)}
-    # An estimator for which every run failed has no figure.
+    # If every run of an estimator failed, the estimator has no figure.
     estimators = [str(one) for one in spec.estimators if any(own == str(one) for _, own in shown)]
     if not estimators:
         msg = f"comparison: every run on seed {first} failed; {next(row.error for row in rows if row.error)}"

@@ -27,7 +27,7 @@ _ARRAYS = {"path_m": 2, "truth": 3, "estimate": 3}
 
 @dataclass(frozen=True, slots=True)
 class ShownRun:
-    """Data drawn for one run."""
+    """The data of one run that the figure shows."""
 
     path_m: NDArray[np.float32]
     """[n, 2]: the path flown; rows of NaN separate flights."""

@@ -49,7 +49,7 @@ def plot_run(record: RunRecord, path: Path) -> Path:
     axes.legend(loc="upper right", bbox_to_anchor=(1.0, -0.1), ncols=3, fontsize=7, frameon=False)
     if crops is not None:
         axes.add_artist(crops)
-        crops.set_clip_on(False)  # The layout leaves no room for clipped artists
+        crops.set_clip_on(False)  # The layout makes room only for artists that are not clipped
     how = "mission file" if record.plan.planner is None else record.plan.planner
     axes.set_title(f"{record.farm.name}: {how}, {record.plan.vehicle.name}")
     return save_figure(figure, path)
@@ -111,7 +111,7 @@ def _draw_changes(axes: Axes, decisions: Sequence[DecisionRecord]) -> None:
     )
     if len(flown) > MOST_ABANDONED:
         return
-    label = "left unflown"
+    label = "path given up"
     for change, before in flown:
         rest = rest_of_path(before, change.position_m)
         if len(rest) > 1:
@@ -120,7 +120,7 @@ def _draw_changes(axes: Axes, decisions: Sequence[DecisionRecord]) -> None:
 
 
 def changes_flown(decisions: Sequence[DecisionRecord]) -> list[tuple[PathChange, _Points]]:
-    """Return the path changes that were flown, each with the vehicle's path before the change."""
+    """Return the path changes that vehicles flew, each with the vehicle's path before the change."""
     present: dict[tuple[int, int, int], _Points] = {}
     found = []
     for record in decisions:

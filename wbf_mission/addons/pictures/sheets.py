@@ -28,12 +28,12 @@ if TYPE_CHECKING:
 
 FINDS = "#0072b2"
 PATH = "#3b3b3b"
-_LARGEST_SHARE = 0.02  # Lowest end of the colour scale of sick plants on a large farm
+_LARGEST_SHARE = 0.02  # Minimum for the top of the colour scale of sick plants on a large farm
 _SHARE_RANGE = 50.0
 _MARGIN = 0.04
 _MOST_DAYS_NAMED = 12
 _TITLES = {
-    "disease": ("plants expected sick", "worst plant expected", "how sure: deviation of the share", "truth"),
+    "disease": ("plants expected sick", "worst plant expected", "how sure: standard deviation", "truth"),
     "continuous": ("expected mean", "lowest value expected", "how sure: standard deviation", "truth"),
 }
 
@@ -150,7 +150,7 @@ class _Style(NamedTuple):
 
 
 def _styles(of: FieldMap) -> tuple[_Style, _Style, _Style]:
-    """Return the styles of a field's panels: fraction of sick plants or mean, minimum, deviation."""
+    """Return the styles of a field's panels: mean (for a disease: fraction sick), minimum, deviation."""
     from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
     field, deviation = of.field, of.deviation

@@ -128,7 +128,7 @@ class Batch:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        # In a copy, these arrays are not yet views of the copy's `maps`.
+        # Copying gives these arrays memory of their own: make them views of the copy's `maps` again.
         k = len(self.task.fields)
         self._runs = self._runs._replace(
             value=self.maps[:, :k], uncertainty=self.maps[:, k : 2 * k], visited=self.maps[:, 2 * k]

@@ -1,4 +1,4 @@
-"""Training interfaces that each scenario of the catalogue has, and why it lacks the other interfaces."""
+"""Training interfaces of each scenario of the catalogue, with reasons for the interfaces that it lacks."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ class OneEpisode:
         self.shown = Shown(task, block)
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Return a frame, uint8[height, width, 3]; None if a window shows it, or without a render mode."""
+        """Return a frame, uint8[height, width, 3]; None without a render mode, or with a window."""
         return self._rendering.frame(self._begun().scene())
 
     def close(self) -> None:
@@ -243,7 +243,8 @@ class SurveyParallelEnv(OneEpisode, ParallelEnv):  # type: ignore[misc]  # Petti
             raise TrainingError("the episode is over, or was not begun: call reset")
         unknown = sorted(map(str, set(actions) - set(agents)))
         if unknown:
-            raise TrainingError(f"actions: there is no {one_line(unknown[0])}; there are {', '.join(agents)}")
+            known = f"the agents are {', '.join(agents)}"
+            raise TrainingError(f"actions: there is no agent {one_line(unknown[0])}; {known}")
         moves = [int(checked_moves(actions.get(agent, 0), (), f"action of {agent}")) for agent in agents]
         reward = episode.move(moves)
         if self.render_mode == HUMAN:

@@ -1,8 +1,8 @@
 """Compiled code of training environments: the step of many runs with adaptive disks, and means of blocks.
 
 The results of a step equal the results of a flight to the last bit. `sensors.estimators.adaptive_disk` paints
-each cell by the newest disk that covers it, and `sensors.scoring.score_sums` adds the errors. Here, while the
-radius is unchanged, only the new disk is painted. A tile's sums resume at the first changed column.
+each cell by the newest disk that covers it, and `sensors.scoring.score_sums` adds the errors. Here, a step
+paints only the new disk unless the radius changes. A tile's sums resume at the first changed column.
 """
 
 from __future__ import annotations

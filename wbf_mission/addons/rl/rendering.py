@@ -120,7 +120,7 @@ class Drawing:
         return np.frombuffer(bytearray(picture.tobytes("raw", "RGB")), np.uint8).reshape(self.shape)
 
     def _coloured(self, array: NDArray[np.float32], tones: _Pixels) -> _Pixels:
-        """Return the blocks' colours: the map's colour where its field is scored, else the land's colour."""
+        """Return the colours of blocks: the map's where the field is scored, elsewhere the land's."""
         means = np.empty((1, *self._blocks), np.float32)
         block_means(np.ascontiguousarray(array[None]), self._block, means)
         return np.where(self._scored, tones[(means[0] * (_TONES - 1) + 0.5).astype(np.int64)], self._land)
@@ -130,7 +130,7 @@ class Drawing:
         return np.repeat(np.repeat(blocks.T[::-1], self._side, axis=0), self._side, axis=1)
 
     def _farm(self) -> tuple[_Pixels, NDArray[np.bool_]]:
-        """Return, from the first cell of each block, the land's colour and whether the field is scored."""
+        """Return the land's colour in each block, and whether the field is scored in its first cell."""
         grid, cells = self._task.grid, np.s_[:: self._block, :: self._block]
         land = np.array([rgb(_LAND.get(crop, _OTHER_CROP)) for crop in grid.crops], np.float64)
         colours = np.array([_pack(land), _pack(255.0 - _NEIGHBOURS * (255.0 - land))])
@@ -247,7 +247,7 @@ class Rendering:
 
 
 class Window:
-    """Window for at most `FRAMES_A_SECOND`; the first frame opens it. A copy opens another window."""
+    """Window of at most `FRAMES_A_SECOND` frames a second, opened by the first; a copy opens its own."""
 
     def __init__(self) -> None:
         try:

@@ -1,4 +1,4 @@
-"""Task of a training environment: a scenario of the paper's robots in cells and steps, and observations.
+"""Task of a training environment: a scenario in which robots move cell by cell, and observations.
 
 Agents observe position, remaining budget, the estimate and its uncertainty; never the truth. Maps hold the
 means of square blocks of cells, at most `MOST_BLOCKS` blocks along a side.

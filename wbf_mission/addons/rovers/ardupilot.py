@@ -39,12 +39,12 @@ if TYPE_CHECKING:
 _SKID = 73.0
 # Largest acceptance radius. The vehicle stays this near to its S-curve target, which rounds corners.
 _FOLLOWS_M = 0.3
-# Rover stays armed at home, so this is the longest possible delay.
+# ArduPilot's Rover stays armed at home, so its delay until disarming is the longest possible.
 _NEVER_DISARM_S = 3599.0
 # Maximum snap of the S-curves, m/s^4 (AR_WPNAV_SNAP_MAX); acceleration limit if no parameter sets a limit.
 _SNAP = 15.0
 _ANY_ACCELERATION = 20.0
-# Time constants of ArduPilot's simulator: of the speed after the throttle, of a tracked vehicle's turns.
+# Time constants of ArduPilot's simulator: of the speed's response to throttle, and of skid steering.
 _DRIVE_LAG_S = 20.0 / 10.0
 _TRACK_LAG_S = 0.2
 

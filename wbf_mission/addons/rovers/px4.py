@@ -89,7 +89,7 @@ class Px4Rover(RoverProcedures):
         )
         if value["SIH_VEHICLE_TYPE"] != _SIH_ROVER:
             return own
-        # The simulated rover's tyres hold in every turn: no limit on lateral acceleration.
+        # The simulated rover's tyres hold in every turn, so the lateral acceleration has no limit.
         simulated = self.numbers(spec) | _simulated(own, value, spec.step_s)
         return replace(own, lateral=math.inf, simulated=simulated)
 

@@ -200,7 +200,7 @@ def sim_command(
 
 
 def _with_camera(given: options.Given, chosen: bool | None) -> bool | None:
-    """Return whether vehicles carry a camera; camera options imply it, None is the autopilot's default."""
+    """Return whether vehicles carry a camera (None: as the autopilot does); camera options imply a camera."""
     defined = options_of(CameraOptions).values()
     asked = next((option.flag for option in defined if option.key in given.changes), None)
     if chosen is False and asked is not None:
@@ -224,7 +224,7 @@ def _rows(simulated: Simulated, values: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _some(urls: Sequence[str]) -> list[str]:
-    """Return the links; of many links, the first and the number of the others."""
+    """Return the links; if there are many, the first links and the number of the others."""
     return list(urls) if len(urls) <= _SHOWN_LINKS else [*urls[:7], f"{len(urls) - 7} more"]
 
 

@@ -87,7 +87,7 @@ class SimOptions(Part):
     )
     camera: bool | None = option(
         None,
-        "Carry the leaf camera, a separate MAVLink component",
+        "Simulate a leaf camera on each vehicle, as a MAVLink component of its own",
         CAMERA,
         default="camera; with ArduPilot, no-camera unless a camera option is given",
     )

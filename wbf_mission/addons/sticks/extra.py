@@ -74,7 +74,7 @@ class SticksExtra(VehicleExtra):
 
     def check(self) -> Iterable[Reaction]:
         """Continue manual flight, and react to a loss of the sticks."""
-        # A failsafe may have just changed the mode to one in which the vehicle holds.
+        # A failsafe may just have changed the mode to one that ignores the sticks.
         flown = self._flies and not self.state.pilot.modes.by_itself
         return () if self._flown is None else self._flown.check(flown=flown)
 

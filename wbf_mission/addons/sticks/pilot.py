@@ -125,7 +125,7 @@ def _fall(speed: float, air_speed: float, acceleration: float, drag_1_s: float, 
     return final + (speed - final) * math.exp(-drag_1_s * step_s)
 
 
-# Length of a straight path, and the distance flown on it after which a new path is ordered.
+# Length of a straight path, and distance after which a new straight path is ordered.
 _AHEAD_M, _AGAIN_M = 2000.0, 1000.0
 # Bank below which a straight path is flown; minimum height of a path; maximum circle radius; resolution of
 # stick positions (a smaller change gives no new order).
@@ -186,7 +186,7 @@ _severity = (
     *(Action.NONE, Action.WARN, Action.HOLD, Action.RETURN),
     *(Action.LAND, Action.DISARM, Action.TERMINATE),
 ).index
-# Look-ahead time of a rover's course while it is steered.
+# Look-ahead time of the course of a rover that is steered.
 _STEERS_AHEAD_S = 0.5
 # Stick position of 90 % throttle, ArduPlane's threshold for a go-around (``Plane::update_flight_stage``).
 _FULL_THROTTLE = 0.8
@@ -195,7 +195,7 @@ _DOWN = -0.94
 
 
 class StickPilot:
-    """Manual flight while stick messages arrive; `lost` is true if they have stopped."""
+    """Manual flight while stick messages arrive; `lost` is true if the messages have stopped."""
 
     def __init__(self, controls: Controls, rules: StickRules) -> None:
         self._controls = controls
@@ -308,7 +308,7 @@ class StickPilot:
 
     @property
     def _action(self) -> Action:
-        """Action that a loss of the sticks has in the present mode."""
+        """Action that a loss of the sticks triggers in the present mode."""
         loss = self._rules.loss
         action = loss.actions.get(int(loss.action.of(self._parameters)), Action.NONE)
         return max(action, loss.in_stick_modes, key=_severity) if self._flies else action

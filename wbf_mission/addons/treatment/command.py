@@ -65,7 +65,7 @@ class _Costs:
         _Texts,
         _cost(
             f"Loss on an untreated hectare that needs treatment: {_HOW}.  [default: from --treat-cost, by "
-            f"the same ratio]"
+            f"the ratio of the field's error costs]"
         ),
     ] = None
     look_cost: Annotated[
@@ -269,8 +269,8 @@ def _rows(of: TreatmentMap, flight: NextFlight | None, out: Path, plan: Path | N
         prediction = flight.plan.prediction
         rows["next flight"] = (
             f"{plan}: {flight.policy}, {flight.plan.budget_text}, {duration(prediction.duration_s)}; looks at"
-            f" {area_in_words(flight.looked_at_ha)} of crops; expected saving {flight.gain:.3g}, with perfect"
-            f" information {flight.gain_of_all:.3g} (in the unit of the costs)"
+            f" {area_in_words(flight.looked_at_ha)} of crops; expected saving {flight.gain:.3g} of at most"
+            f" {flight.gain_of_all:.3g} by perfect information (in the unit of the costs)"
         )
     rows["files"] = str(out)
     return rows

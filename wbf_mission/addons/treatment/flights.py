@@ -24,7 +24,7 @@ from wbf_mission.scenario import Scenario
 from wbf_mission.scenario.parts import LAST_DAY
 
 Costs = Mapping[str, Sequence[str]]
-"""Costs in the form of `wbf_mission.addons.treatment.treatment_map.costs_of`."""
+"""Costs as texts, as `wbf_mission.addons.treatment.treatment_map.costs_of` reads them."""
 
 
 def treatment_of_log(

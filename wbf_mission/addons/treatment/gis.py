@@ -61,7 +61,7 @@ class UtmCells:
     # a, b, c, d, e, f: east = a column + b row + c, north = d column + e row + f for the corners of cells.
     # Row 0 is the farm's northernmost row if the frame is not rotated.
     affine: tuple[float, float, float, float, float, float]
-    error_m: float  # Maximum error of the affine map (m)
+    error_m: float  # Largest error of the affine map at the fitted points (m)
 
     @classmethod
     def of(cls, farm: Farm) -> UtmCells:

@@ -1,7 +1,7 @@
 """Files of a treatment map for GIS, sprayer and farmer: GeoTIFF, GeoJSON, GeoPackage, Shapefile, HTML.
 
-The page for the farmer has areas to treat and areas to look at again, with maps and costs. It loads no other
-files, so that it can be sent by mail and opened offline. It fits A4 paper.
+The page for the farmer has areas to treat and areas to look at again, with maps and costs. The page loads no
+other files, so that it can be sent by mail and opened offline. A page fits A4 paper.
 """
 
 from __future__ import annotations
@@ -219,7 +219,7 @@ _LISTED = 3  # Maximum number of zones of each kind in a table
 _PAGE_MM = 250.0
 _MAP_MM = 88.0
 _MAP_WIDTH, _WIDE_MM, _NARROW_MM, _NARROW_FROM = "MAP", 84, 68, 3
-_LEAST_SHARE = 1e-3  # Smallest share written with digits
+_LEAST_SHARE = 1e-3  # Smaller fractions are written as "under" this fraction
 
 _STYLE = """
 @page { size: A4 portrait; margin: 10mm 12mm; }
@@ -318,7 +318,7 @@ def _main(of: ZoneMap, zones: Sequence[Zone]) -> str:
 def _table(of: ZoneMap, listed: Sequence[Zone]) -> str:
     if not listed:
         return ""
-    what = "sick" if of.field.kind == "disease" else "chance of it"
+    what = "sick" if of.field.kind == "disease" else "probability"
     rows = "".join(
         f'<tr><td><span class="dot">{number}</span></td><td>{zone.word}</td>'
         f'<td class="n">{zone.latitude_deg:.5f}, {zone.longitude_deg:.5f}</td>'
@@ -337,7 +337,7 @@ def _costs(of: ZoneMap) -> str:
     relative = " (relative, not money: give your own costs)" if costs == FieldCosts.of(of.field) else ""
     below = f" (too low: below {costs.below:g})" if of.field.kind != "disease" else ""
     return (
-        f"Costs a hectare{relative}: treating {costs.treat:g}, untreated land that needs treatment "
+        f"Costs per hectare{relative}: treatment {costs.treat:g}, untreated land that needs treatment "
         f"{costs.loss:g}{below}, another look {costs.look:g}."
         f" Expected total costs: {_number(expected['zones'])} by this map,"
         f" {_number(expected['leave'])} without treatment, {_number(expected['treat'])} if all is treated,"
@@ -346,7 +346,7 @@ def _costs(of: ZoneMap) -> str:
 
 
 def _map(farm: Farm, of: ZoneMap, listed: Sequence[Zone]) -> str:
-    """Return the SVG map of the zones, with numbered marks on the listed zones."""
+    """Return the SVG map of the zones; the zones that the table lists are marked with their numbers."""
     drawing = FarmDrawing.of(farm)
     palette = np.zeros((4, 3), np.uint8)
     for zone, colour in _COLOURS.items():

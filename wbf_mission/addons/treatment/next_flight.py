@@ -47,11 +47,11 @@ class NextFlight:
 
 
 def plan_next(of: TreatmentMap, scenario: Scenario, *, progress: Progress = silent) -> NextFlight:
-    """Plan the next flight by the treatment map `of`, with the scenario's vehicle, budget and policy.
+    """Plan the next flight, using the treatment map `of` and the scenario's vehicle, budget and policy.
 
     The default policy is `greedy`. If the policy has a parameter "acquisition", its default here is each
     cell's expected saving by perfect information; other policies use the estimate, as in flight. `greedy` and
-    `orienteering` plan for the whole budget, other policies only up to their next decision. Raises
+    `orienteering` plan for the whole budget; other policies plan only up to their next decision. Raises
     WbfMissionError if no path fits the budget, or the policy finds no flight that saves anything.
     """
     farm, fleet = of.farm, scenario.vehicle
@@ -97,7 +97,7 @@ def _policy(of: TreatmentMap, choice: Choice) -> Policy:
 
 
 def _gain_of_cells(of: TreatmentMap) -> Acquisition:
-    """Return an acquisition function that gives each cell's expected saving by perfect information."""
+    """Return an acquisition function: each cell's expected saving by perfect information."""
 
     def acquisition(observation: PolicyObservation) -> ValueMap:
         grid = observation.farm.grid()

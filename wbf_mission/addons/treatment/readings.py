@@ -43,24 +43,24 @@ class Readings:
 
 
 def is_cells(path: Path) -> bool:
-    """Return whether a file holds observations by farm cell, as written by `fly`."""
+    """Return whether a file holds observations of farm cells, as `fly` writes them."""
     if path.suffix.lower() == ".parquet":
         return True
     return set(COLUMNS) <= set(_header(path)[0])
 
 
 def read_readings(path: Path, fields: FieldSet) -> Readings:
-    """Read a table with a key column and a column for each sensed field.
+    """Read a table of readings: key columns, which locate a row, and a column for each sensed field.
 
-    The key is the first entry of `_KEY_READERS` whose columns the table has. An empty cell of the table means
-    that the field was not sensed. Raises ObservationError if the file cannot be read, has no key or none of
-    the fields, or has an invalid value.
+    The key columns are those of the first entry of `_KEY_READERS` that the table has. An empty cell of the
+    table means that the field was not sensed. Raises ObservationError if the file cannot be read, has no key
+    or none of the fields, or has an invalid value.
     """
     header, lines = _header(path)
     key = next((names for names in _KEY_READERS if set(names) <= set(header)), None)
     if key is None:
         wanted = "latitude and longitude, name, image, or time"
-        if len(header) == 1 and re.search("[;\t]", header[0]):  # Many spreadsheets write such files
+        if len(header) == 1 and re.search("[;\t]", header[0]):  # Spreadsheets often use these separators
             wanted += "; separate the columns by commas, and write decimals with a point"
         raise ObservationError(f"{path}: no column gives the place of a reading; give {wanted}")
     columns = [header.index(name) if name in header else None for name in fields.names]
@@ -182,9 +182,9 @@ def join(
     """Return the observations of the farm's cells, and notes about discarded readings.
 
     A reading counts for all cells of the camera's footprint, a square with a side of `footprint` cells.
-    Observations are in the order of their times; if a time is unknown, they keep the order of the table.
-    Raises ObservationError if the key needs a log, or all readings were discarded; LogError if the log lacks
-    the clock of the times.
+    Observations are in order of time; if the time of one is unknown, all keep the order of the table. Raises
+    ObservationError if the key needs a log, or all readings were discarded; LogError if the log lacks the
+    clock of the times.
     """
     latitude, longitude, time_s = _places(readings, track)
     found = np.isfinite(latitude)
@@ -226,13 +226,14 @@ def _places(readings: Readings, track: LogTrack | None) -> tuple[Floats, Floats,
         return latitude, longitude, np.arange(count, dtype=np.float64)
     if track is None:
         key = readings.key[0]
-        raise ObservationError(f"the readings are located by {key}: add the log (--log), or give positions")
+        msg = f"the table gives the {key} of each reading, not its position"
+        raise ObservationError(f"{msg}: add the log (--log), or columns latitude and longitude")
     if readings.key == ("time",):
         time_s = np.array(readings.keys, np.float64)
         return *track.at(time_s), time_s
     images, by_name = track.images, readings.key == ("name",)
     if by_name and not images.names:
-        raise ObservationError(f"the {track.kind} has no names of pictures; give image or time")
+        raise ObservationError(f"the {track.kind} has no names of pictures; give a column image or time")
     keys = [name.lower() for name in images.names] if by_name else images.index.tolist()
     number = {key: k for k, key in enumerate(keys)}
     rows = np.array([number.get(key, -1) for key in readings.keys])

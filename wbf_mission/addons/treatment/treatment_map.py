@@ -192,7 +192,7 @@ class ZoneMap:
 
         If the fraction of sick plants has a beta distribution (a, b), n looks reveal ``n / (n + a + b)`` of
         its variance (DeGroot, Optimal Statistical Decisions, 1970). In a continuous field a block has a
-        single value, so one look reveals all.
+        single value, which one look reveals completely.
         """
         there = self.zone > NOTHING
         count, need, spread, area = (a[there] for a in (looked_at, self.need, self.spread, self.hectares))
@@ -253,7 +253,7 @@ def zone_map(of: FieldMap, costs: FieldCosts) -> ZoneMap:
 
 
 def _expected_least(mean: Floats, deviation: Floats, limit: float) -> Floats:
-    """Return E[min(limit, s)] for a beta distribution of s; with the largest deviation, s is 0 or 1.
+    """Return E[min(limit, s)] for a beta distribution of s; at the largest possible deviation, s is 0 or 1.
 
     For parameters a, b, t = limit, and the regularized incomplete beta function I::
 
@@ -375,7 +375,7 @@ class TreatmentMap:
     block_m: float | None = None  # Side of a block (m), see `block_grid`
     source: str = ""  # Names of the input files or of the run, for the farmer's page
     notes: tuple[str, ...] = ()  # Notes on the input, for the user
-    knows_only_seen: bool = False  # Whether the estimate covers only observed cells
+    knows_only_seen: bool = False  # Whether the estimate covers only the cells that were observed
 
     @cached_property
     def report(self) -> FarmReport:

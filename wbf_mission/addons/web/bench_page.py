@@ -1,4 +1,4 @@
-"""Self-contained HTML pages, and the report of a benchmark as one: a table to sort and filter.
+"""Self-contained HTML pages; the page of a benchmark has a table that can be sorted and filtered.
 
 A row of the table opens to show scores by seed. Without scripts the page shows the same tables, unsorted.
 """
@@ -78,11 +78,11 @@ def _body(page: Page, folder: Path, whole: Table) -> Iterator[str]:
 
 
 def _table(table: Table, label: str, *, name: str = "") -> Iterator[str]:
-    """Yield a scrollable table with names in its first `table.texts` columns, or in both columns of two."""
+    """Yield a scrollable table; names are in its first `table.texts` columns, or in both of two columns."""
     names = len(table.header) if len(table.header) == _OF_TEXTS else table.texts
 
     def cells(row: Sequence[str], tag: str) -> str:
-        # A column of numbers may contain the name of a planner.
+        # A column of numbers may also contain the name of a planner.
         texts = [
             _numbers(cell) if k >= names and _NUMBER.match(cell) else _name(cell)
             for k, cell in enumerate(row)
@@ -104,7 +104,7 @@ def _name(text: str) -> str:
 
 
 def _numbers(text: str) -> str:
-    """Return numbers with intervals on one line; an interval in brackets may be on the next line."""
+    """Return an interval as HTML that stays on one line; only before brackets the line may break."""
     return escape(text).replace(" to ", " to&nbsp;" if "(" in text else "&nbsp;to&nbsp;")
 
 

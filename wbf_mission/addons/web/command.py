@@ -78,7 +78,7 @@ def report_command(
 
 
 def _bench(folder: Path, path: Path) -> dict[str, Any]:
-    """Write the page of a benchmark; return its properties for the output."""
+    """Write the page of a benchmark; return the page's properties, which the command prints."""
     from wbf_mission.addons.web.bench_page import write_bench_page
     from wbf_mission.bench.requests import read_asked
     from wbf_mission.bench.rows import read_rows
@@ -93,7 +93,7 @@ def _bench(folder: Path, path: Path) -> dict[str, Any]:
 
 
 def _runs(folders: list[Path], path: Path, progress: Progress) -> dict[str, Any]:
-    """Write the page of one or two runs; return its properties for the output."""
+    """Write the page of one or two runs; return the page's properties, which the command prints."""
     from wbf_mission.addons.web.report import write_report
     from wbf_mission.results.result import load_result
 
@@ -138,7 +138,7 @@ def studio_command(
     port: Annotated[
         int | None,
         option(
-            f"Port of the page; 0 takes any free port. Browsers keep drafts for each port. [default: "
+            f"Port of the page; 0 takes any free port. A browser keeps drafts for each port. [default: "
             f"{_USUAL_PORT}, or any free port if {_USUAL_PORT} is taken]",
             panel=_PAGE,
             parser=options.whole_number_in(0, 65_535),

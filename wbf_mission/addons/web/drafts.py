@@ -41,12 +41,12 @@ from wbf_mission.scenario.scenario import all_options
 
 MAX_BODY_BYTES = MAX_FILE_BYTES
 _KEPT = 8
-"""Number of cached plans and farms, so that after an undo the earlier draft's plan is there at once."""
+"""Number of cached plans and farms: after an undo, the plan of the earlier draft is shown at once."""
 _DRAWN = "farm.geojson"
 """Internal file name of a drawn farm."""
 _LONGEST_NAME = 60
 _FIXED = ("farm", "farm_crs", "crop", "repair", "mission", "terrain", "days", "flights_per_day")
-"""Options that drafts lack, because the farm is drawn and a page must not name files."""
+"""Options that drafts cannot have: the farm is drawn, and a page must not name files."""
 
 
 class DraftError(WbfMissionError, ValueError):
@@ -79,13 +79,13 @@ class Draft:
 class PlannedMission:
     """Checked plan of one vehicle in one sortie."""
 
-    name: str  # Distinguishes several missions; empty for a single mission
+    name: str  # Name that distinguishes several missions; empty for a single mission
     system_id: int
     plan: PlanResult
     report: Report
 
     def place_of(self, finding: Finding) -> tuple[float, float] | None:
-        """Return the place on the farm (m) that a finding is about; None if it is about the whole plan."""
+        """Return a finding's place on the farm (m); None if the finding is about the whole plan."""
         if finding.item is None:
             return None
         farm, mission = self.plan.farm, self.plan.mission
@@ -113,7 +113,7 @@ class PlannedDraft:
     def mission(self, number: int) -> PlannedMission:
         """Return a mission by its number from 0; raise DraftError if there is none."""
         if not 0 <= number < len(self.missions):
-            raise DraftError(f"mission {number}: there are {len(self.missions)}, counted from 0")
+            raise DraftError(f"mission {number}: there are {len(self.missions)} missions, numbered from 0")
         return self.missions[number]
 
     @property
@@ -264,7 +264,7 @@ class Drafts:
             raise DraftError(f"{key!r:.60} is not an option of a draft")
         if known.kind or key in NAMED:
             if given == str(self.start[key]):
-                return self.start[key]  # This may be an object from a user's file
+                return self.start[key]  # The value may be an object from a user's file
             self._check_name(key, given)
         return known.read(given) if known.read is not None and isinstance(given, str) else given
 

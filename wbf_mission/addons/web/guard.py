@@ -1,4 +1,4 @@
-"""Guard of the web server: refuses slow requests and those of other web sites, and sets security headers.
+"""Guard of the web server: refuses slow requests and requests of other web sites, sets security headers.
 
 Any web page can make a browser send requests to this server. A request must therefore name this machine as
 its host, not a foreign domain that resolves to this machine. Requests that change or stream data must come
@@ -65,7 +65,7 @@ class Guard:
         return self._without_token(scope, headers, asked)
 
     def _is_here(self, asked: str) -> bool:
-        """Return whether a host is this machine; any IP address is, because it involves no domain."""
+        """Return whether a host means this machine; an IP address passes, since no domain is behind it."""
         try:
             split = urlsplit(f"//{asked}")
             name, _ = split.hostname or "", split.port  # Reading an invalid port raises ValueError

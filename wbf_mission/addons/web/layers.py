@@ -101,7 +101,7 @@ class Layers:
         return partial(self._means, value, np.array(wanted))
 
     def of_blocks(self, value: Floats, block_m: float) -> Pixels:
-        """Return the positive values of `value`, float32[w, h], whose blocks begin at the frame's origin."""
+        """Return the pixels of a map of blocks, float32[w, h]; NaN where the value is not positive."""
         pixel_m = self.raster.pixel_m
 
         def pixels(window: Window) -> Floats:
@@ -117,7 +117,7 @@ class Layers:
     def put(
         self, name: str, pixels: Pixels, *, changed: Bools | None = None, scale: float | None = None
     ) -> Drawing:
-        """Return a drawing of a layer's new values.
+        """Draw a layer's new values; return the drawing, which `draw` then displays.
 
         `pixels` returns the values of a window, NaN where there is no value. Tiles outside `changed`,
         bool[tiles along x, y] (`sensors.scoring.information`), keep their values. Byte 254 stands for

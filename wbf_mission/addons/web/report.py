@@ -65,7 +65,7 @@ class Recorder:
         self.decisions: list[bool] = []  # Whether each moment is the time of a decision
 
     def take(self, event: Event) -> None:
-        """Draw the layers of an event."""
+        """Draw the layers that an event changes."""
         for view in self.views.values():
             view.take(event)
 
@@ -108,7 +108,7 @@ class RunPage:
                 self._left -= 1
                 due = self._left % self._every == 0
                 self._last = event.time_s, event.day, event.observations
-                # Events replayed from results have a model only if it is drawn; do the same here.
+                # Events replayed from results have a model only if the model is drawn; do the same here.
                 self.recorder.take(event if due or self._draws_all else replaced(event, model=None))
                 if due:
                     self.recorder.keep(*self._last)
@@ -133,7 +133,7 @@ class RunPage:
 def thinned_moments(
     moments: Sequence[schema.Moment], light: Sequence[bool], every: int
 ) -> list[schema.Moment]:
-    """Return every `every`-th moment, counted back from the last; skipped tiles move to the next moment.
+    """Return every `every`-th moment, counted back from the last; tiles of skipped moments move to the next.
 
     A light moment keeps only the acquisition map; its other tiles move to the next moment that is not light.
     """
@@ -164,7 +164,7 @@ def thinned_readings(readings: schema.Readings, diseases: Sequence[str], every: 
 
 
 def thinned_states(states: schema.States) -> schema.States:
-    """Return the states without the states that lie, within `_TOLERANCES`, on straight lines over time.
+    """Drop the states that lie on straight lines over time within `_TOLERANCES`; return the other states.
 
     Algorithm of D. H. Douglas and T. K. Peucker, "Algorithms for the reduction of the number of points
     required to represent a digitized line or its caricature", Cartographica 10 (1973), at equal times.
@@ -195,7 +195,7 @@ def _keep_changes(column: Sequence[Any], kept: NDArray[np.bool_]) -> None:
 
 
 def _split(time_s: NDArray[np.float64], values: NDArray[np.float64], kept: NDArray[np.bool_]) -> None:
-    """Keep more rows until each dropped row is within 1 of the line between the kept rows."""
+    """Add kept rows until each dropped row is at most 1 away from the line between the kept rows."""
     parts = list(pairwise(np.flatnonzero(kept).tolist()))
     while parts:
         first, last = parts.pop()
@@ -217,7 +217,7 @@ MOST_BYTES = 5_000_000
 
 
 class ReportError(WbfMissionError, ValueError):
-    """Runs that cannot be shown in a report."""
+    """The runs cannot be shown in a report."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -327,12 +327,12 @@ class _Kept:
         raster, finest = self.rasters[reduced.longest], self.rasters[LONGEST]
         moments = len(self.layers.decisions)
         if self.lost:
-            yield f"Only the layers of the end are shown: {self.lost}"
+            yield f"Layers show only the end of the run: {self.lost}"
         if reduced.light and any(self.layers.decisions):
-            yield f"Only the acquisition maps change between about {MOMENTS} of the scored times"
+            yield f"Between about {MOMENTS} of the scored times, only acquisition maps are kept"
         if reduced.every > 1 and moments > 1:
             left = len(range(0, moments, reduced.every))
-            yield f"The layers are kept at {left} of {moments} moments"
+            yield f"The layers are shown at {left} of {moments} moments"
         if raster and finest and raster.cells > finest.cells:
             yield f"A pixel of the layers is {raster.pixel_m:.3g} m wide in place of {finest.pixel_m:.3g} m"
         if reduced.readings > 1 and self.update.readings:

@@ -316,7 +316,7 @@ class Update(Struct, omit_defaults=True):
 
 
 class Moment(Struct):
-    """Changes of the layers at a time."""
+    """A moment of a recording: the changes of its layers at one time."""
 
     time_s: float
     day: int

@@ -1,8 +1,8 @@
 """Web server of the page: shows a view in any number of browsers, in its own thread.
 
 The run passes events to its view and never waits for this server. Ten times per second, each browser is sent
-the data that is new to it. Browsers with the same data share the bytes. A browser that does not read gets no
-data until it reads again, and is disconnected after some seconds.
+the data that is new to it. Browsers that need the same data are sent the same bytes. A browser that does not
+read gets no data until it reads again, and is disconnected after some seconds.
 
 Once per second each browser is also sent a beat, which shows the age of the browser's data. Requests carry
 the newest beat that the page has received, and the time since then by the page's clock. The server can
@@ -210,7 +210,7 @@ class LiveServer:
             await asyncio.sleep(INTERVAL_S - now_s() % INTERVAL_S)  # All viewers wake at once
 
     async def _tell_beats(self, visit: _Visit) -> None:
-        """Send only beats, to a page that does not show a view."""
+        """Send only beats: this page shows no view."""
         while not self._ending:
             await visit.beat(self._view)
             await asyncio.sleep(INTERVAL_S)
@@ -240,7 +240,7 @@ class LiveServer:
         if self._orders is None:
             return Reply("", "this page only shows the run: orders are not allowed", 0)
         try:
-            # Read the fields first, so that an error refers to the right kind of request.
+            # The names of the fields show the kind of request, which an error message then names.
             fields = msgspec.json.decode(text or "", type=dict[str, msgspec.Raw])
             kind: type[Answer | Order] = Answer if "answer" in fields else Order
             given = msgspec.json.decode(text or "", type=kind)
@@ -269,7 +269,7 @@ class LiveServer:
 
 
 def _is_ours(record: logging.LogRecord) -> bool:
-    """Return whether a log line is for the user; lines about malformed input from clients are not."""
+    """Return whether a log line is shown to the user; lines about malformed input from clients are not."""
     return not record.getMessage().startswith("Invalid UTF-8")
 
 
@@ -334,7 +334,7 @@ def live_page(
 
 @dataclass(frozen=True, slots=True)
 class _Shared:
-    """An update shared by all viewers with the same cursor."""
+    """An update that all viewers with the same cursor share."""
 
     view: View
     until_s: float

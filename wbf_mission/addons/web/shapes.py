@@ -1,4 +1,4 @@
-"""Farms and plans as drawn by a page."""
+"""Converts farms and plans to the messages from which a page draws them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MAX_ITEMS = 1000
 
 
 def farm_shape(farm: Farm) -> schema.FarmShape:
-    """Return a farm as drawn by a page."""
+    """Return the message from which a page draws a farm."""
     width_m, height_m = farm.width_cells * farm.cell_size_m, farm.height_cells * farm.cell_size_m
     # Degrees are not linear in metres; differences over the farm's full size fit best.
     lat, lon = farm.frame.to_wgs84(np.array([0.0, width_m, 0.0]), np.array([0.0, 0.0, height_m]))
@@ -46,7 +46,7 @@ def farm_shape(farm: Farm) -> schema.FarmShape:
 
 
 def plan_shape(planned: Planned, farm: Farm | None) -> schema.Plan:
-    """Return a vehicle's plan as drawn by a page."""
+    """Return the message from which a page draws a vehicle's plan."""
     return schema.Plan(
         *(planned.system_id, planned.day, planned.flight, planned.time_s),
         path=ring(planned.path_m),

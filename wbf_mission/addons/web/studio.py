@@ -49,9 +49,7 @@ _FIRST = ("planner", "policy", "budget", "vehicle", "autopilot", "wind_speed_m_s
 _LONGEST_END_S = 5.0
 _TYPES = {bool: "flag", int: "whole", float: "number"}
 _REMEDIES = {"repair": "--repair", "crop": "--crop", "crs": "--farm-crs"}
-_SURVEY_FLOWN = (
-    "flown with the survey camera's image positions; at each position, the simulator uses its leaf camera"
-)
+_SURVEY_FLOWN = "images are taken where the survey camera would take them, but by the simulator's leaf camera"
 Handler: TypeAlias = Callable[[Request, bytes], Any]
 
 
@@ -445,7 +443,7 @@ _OTHERS = {
     "--wind": "Wind speed",
     "--wind-shear": "Wind shear",
 }
-"""Inputs of the page that are not draft options, or that stand for several options."""
+"""Names of inputs of the page that are no draft options, or that stand for several options."""
 
 
 def worded(text: object) -> str:

@@ -21,11 +21,11 @@ from wbf_mission.run.record import RunRecord
 
 _BEGIN = '<section id="summary" aria-label="Summary">'
 _STEPS = 100
-_LEAST_SCALE = 0.02  # Minimum colour scale, as a share of sick plants
+_LEAST_SCALE = 0.02  # Minimum for the top of the colour scale, as a fraction of sick plants
 _MOST_PIXELS = 0.995
 _SICK = ("#e3ecd2", "#f6c66a", "#e2711d", "#8e1f1c", "#4a0b16")
 _PATH_M = 0.002  # Minimum step of a drawn path, as a fraction of the farm's side
-_DENSE_SIDES = 15.0  # Tracks of this length, in sides of the farm, cover the map
+_DENSE_SIDES = 15.0  # Tracks of this length, in sides of the farm, cover the whole map
 _SHEET_MM, _LINE_MM = 262.0, 4.5  # Height below the title, and height of a line
 _LEAST_MM, _MOST_MM = 18.0, 84.0  # Minimum and maximum height of a map
 _KEY_MM, _HEAD_MM = 12.0, 7.0  # Height of a field's key and heading, with gaps
@@ -157,11 +157,11 @@ def _battery(record: RunRecord) -> str:
         return "not reported"
     if len(used) == 1:
         return f"{percent(used[0])} of one"
-    return f"{len(used)} charges, at most {percent(max(used))} of one; {sum(used):.1f} in all"
+    return f"{sum(used):.1f} charges in {len(used)} flights, at most {percent(max(used))} of one in a flight"
 
 
 def _shown_warnings(record: RunRecord) -> list[str]:
-    """Return the first warnings, and the number of further ones."""
+    """Return the first warnings, and a line with the number of further warnings."""
     warnings = record.warnings
     lines = [text if len(text) <= _LONGEST_WARNING else f"{text[:_LONGEST_WARNING]}..." for text in warnings]
     if len(lines) > _TOLD_WARNINGS:
@@ -187,7 +187,7 @@ def _about(report: FieldReport) -> str:
     sure = "the estimator gives no uncertainty"
     if report.low is not None and report.high is not None:
         sure = f"90 % sure: {write(report.low)} to {write(report.high)}"
-    what = "of the plants are expected sick" if disease else "on average"
+    what = "of the plants are expected to be sick" if disease else "on average"
     if report.is_of_seen:
         what = "of the plants that were looked at are sick" if disease else "on average in the cells seen"
         sure = "nothing is known of the rest"

@@ -96,7 +96,7 @@ def _media_type(data: bytes) -> str | None:
 
 
 class _MBTiles:
-    """An SQLite database, opened read-only; its table `tiles` may be a view, so queries have a time limit."""
+    """An SQLite database, opened read-only; queries have a time limit, as `tiles` may be a slow view."""
 
     def __init__(self, path: Path) -> None:
         self._until_s = time.monotonic() + QUERY_S

@@ -62,7 +62,7 @@ _Scored: TypeAlias = tuple[float, int, int, Score | None]
 
 
 class _Rows(Generic[T]):
-    """Rows with their versions; if there are too many, the older half is thinned or dropped."""
+    """Rows with their versions; above the limit, the older half of the rows is thinned or dropped."""
 
     def __init__(self, name: str, limit: int, *, thins: bool = False) -> None:
         self.name, self.limit, self.step = name, limit, 2 if thins else 1
@@ -153,7 +153,7 @@ class View:
 
         self._layers: Layers | None = None
         self._version = 1
-        self._replaced = {"status": 1}  # Versions of the members that are replaced as a whole
+        self._replaced = {"status": 1}  # Versions of the members of an update that are sent as a whole
         self._time_s = 0.0
         self._run: schema.Run | None = None
         self._status = schema.Status(_RUNNING, in_words(_RUNNING), "", None, None, ())

@@ -80,9 +80,9 @@ class FixedWingAirframe:
     lift_level: float = 0.3
     lift_slope: float = 5.0
     turn_share: float = 1.0
-    """Turn rate divided by g tan(bank) / airspeed, the rate of a coordinated turn; below 1: outward slip."""
+    """Turn rate as a fraction of a coordinated turn's, g tan(bank) / airspeed; below 1: outward slip."""
     elevator_per_lift: float = 0.0
-    """Fraction of full elevator that trims one more unit of lift coefficient: static stability divided by
+    """Fraction of full elevator that is needed per unit of lift coefficient: static stability divided by
     elevator power. Until pitch control has trimmed a change of airspeed, the nose is too high or too low. 0
     means always trimmed."""
     liftoff_airspeed_m_s: float | None = None

@@ -161,7 +161,7 @@ def test_a_run_without_end_does_not_hold_up_the_board(frozen, rows, tmp_path, ca
     assert main(["bench", "board", str(frozen), str(mine)]) == 1
     assert capsys.readouterr().err.count("the second flight did not end in 0.01 s") == 2
     told = {one.submission.name: str(one.verification) for one in board(frozen, mine, verify=None).entries}
-    assert told == {"Baselines": "not asked", "Mine": "2 not ended"}
+    assert told == {"Baselines": "not requested", "Mine": "2 not ended"}
 
 
 @pytest.mark.parametrize("label", ["gp:cache=/tmp/elsewhere", "gp:cache=here"])
@@ -301,7 +301,7 @@ def test_tables_in_texts(frozen, rows, tmp_path):
     scores, against = board_table(table), difference_table(table)
     assert len(scores.rows) == 4
     assert len(against.rows) == 3
-    assert {row[-2] for row in against.rows} <= {"better", "worse", "equal", "cannot be told"}
+    assert {row[-2] for row in against.rows} <= {"better", "worse", "equal", "undecided"}
     page = board_page(found)
     assert [one.title for one in page.sections] == [
         "WBF/Miniberry-10-v1, 4 environments (seeds 0 to 3)",

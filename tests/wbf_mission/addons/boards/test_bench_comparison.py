@@ -24,7 +24,7 @@ def test_a_comparison_is_made_in_pairs():
     assert theirs.final_score.mean == pytest.approx(gain.mean() / 2)
     # A failed run counts as the worst, that of "theirs"; one that is far off makes the interval long.
     assert (frail.environments, frail.score.mean) == (8, pytest.approx(gain.mean() + 1.0 / 8.0))
-    assert verdict(frail.score) == "cannot be told"
+    assert verdict(frail.score) == "undecided"
     (back,) = compare(told, "theirs", ["mine"])
     assert verdict(back.score) == "worse"
     (none,) = compare(told, "mine", ["nobody"])
@@ -61,7 +61,7 @@ def test_compare_gives_a_verdict_and_keeps_what_it_flew(tmp_path, capsys):
     assert main([*arguments, "--seeds", "2", "--json"]) == 0
     (one,) = json.loads(capsys.readouterr().out)
     assert (one["mine"], one["against"], one["environments"]) == ("spiral", "lawnmower", 2)
-    assert one["verdict"] in {"better", "worse", "cannot be told"}
+    assert one["verdict"] in {"better", "worse", "undecided"}
     assert len(read_rows(tmp_path / "b")) == 4
     assert main([*arguments, "--seeds", "2"]) == 0
     assert "difference of scores" in capsys.readouterr().out
@@ -75,4 +75,4 @@ def test_few_environments_are_said_to_be_few():
     assert "may hold" not in doubt_in_words(40)
     assert "Ratios" in doubt_in_words(7)
     assert "Ratios" not in doubt_in_words(8)
-    assert doubt_in_words(1) == "One environment has no interval."
+    assert doubt_in_words(1) == "With one environment, there is no interval."

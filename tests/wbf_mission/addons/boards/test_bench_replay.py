@@ -125,7 +125,7 @@ def test_what_can_be_why_is_said():
     equal = Replay(row, row, None, (), (), ("another numpy (1 then, 2 now)",))
     assert equal.verdict.endswith("(1 scored times), though there is another numpy (1 then, 2 now)")
     differs = Replay(row, row, None, (), ("score (1 then, 2 now)",), ())
-    assert differs.verdict.startswith("differs in score (1 then, 2 now). Why: unknown")
+    assert differs.verdict.startswith("differs in score (1 then, 2 now). Possible causes: unknown")
 
 
 def test_a_scenario_file_that_is_gone_is_said(rows):

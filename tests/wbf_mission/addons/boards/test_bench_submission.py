@@ -248,7 +248,7 @@ def test_a_seed_that_others_have_is_missed_without_a_specification(folder, tmp_p
     there = changed(folder, tmp_path / "changed", lambda number, row: None if number == 1 else row)
     code, told = submit(there, tmp_path / "mine.zip", capsys=capsys)
     assert code == 2
-    assert "lawnmower, point: no rows for seeds 1, which other methods have; fly them, too" in told.err
+    assert "lawnmower, point: no rows for seeds 1, which other methods have; fly these seeds, too" in told.err
 
 
 def test_rows_that_are_not_what_is_flown_are_found_out(at_once, folder, tmp_path, capsys):
@@ -475,7 +475,7 @@ def test_a_column_that_no_row_has_is_refused(pack, rows, tmp_path):
 
 def test_a_name_with_a_line_end_is_refused(pack, rows, tmp_path):
     table = submission.rows_table([structs.replace(row, planner="spiral\n# Title") for row in rows])
-    with pytest.raises(ResultError, match="is no line of 400 characters"):
+    with pytest.raises(ResultError, match="is not a printable line of at most 400 characters"):
         read_pack(with_table(pack, tmp_path / "other.zip", table))
 
 

@@ -186,7 +186,7 @@ def test_the_flight_is_that_of_the_mission():
         [],
     ]
     assert losses(Mission(FULL), "a.wpml.kmz") == [
-        dji.Loss("the file names the drone Mavic 3M; for others, edit droneInfo and payloadInfo")
+        dji.Loss("the file names the drone Mavic 3M; for another drone, edit droneInfo and payloadInfo")
     ]
 
 

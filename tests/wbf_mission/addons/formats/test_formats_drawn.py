@@ -204,7 +204,7 @@ def test_a_long_track_is_taken_up_to_what_mavlink_numbers(made, refusal):
     assert len(mission.items) == 5000
     assert note.startswith("the 5000 points of the table")
     track = gpx("<trk><trkseg>" + '<trkpt lat="1" lon="2"/>' * 70_000 + "</trkseg></trk>")
-    assert "70000 points, but MAVLink allows 65535 items; thin it out" in refusal(".gpx", track)
+    assert "70000 points, but MAVLink allows 65535 items; drop points" in refusal(".gpx", track)
 
 
 @pytest.mark.parametrize(

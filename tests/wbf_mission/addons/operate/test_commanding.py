@@ -248,7 +248,7 @@ def test_an_order_that_was_overruled_fails_in_time_and_is_accepted_late():
         else:
             vehicle.beats(mode=5, armed=True)
             vehicle.passes(9.0)
-            text = "system 1: no answer to hold; its mode is LOITER since"
+            text = "system 1: no answer to hold; its mode changed to LOITER"
             assert str(vehicle.session.error) == text
             assert isinstance(vehicle.session.error, VehicleSilentError)
 

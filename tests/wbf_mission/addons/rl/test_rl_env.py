@@ -169,7 +169,7 @@ def test_whole_numbers_of_numpy_are_actions(action):
 def test_robots_that_are_none_are_refused():
     robots = parallel_env("WBF/Miniberry-30-Robots-2-v1")
     robots.reset(seed=0)
-    with pytest.raises(TrainingError, match="there is no robot_3; there are robot_1, robot_2"):
+    with pytest.raises(TrainingError, match="there is no agent robot_3; the agents are robot_1, robot_2"):
         robots.step({"robot_1": 1, "robot_3": 1})
     robots.step({"robot_1": 1})
     assert robots._episode.cells.tolist() == [[1, 0], [0, 0]]

@@ -226,7 +226,7 @@ def test_nothing_in_doubt_is_not_worth_a_flight(run, mapped, tmp_path):
             "--log RUN/flight.tlog --observations HERE/late.csv",
             "late.csv: no reading is left: 1 of 1 readings",
         ),
-        ("--observations HERE/late.csv", "late.csv: the readings are located by time: add the log (--log)"),
+        ("--observations HERE/late.csv", "late.csv: the table gives the time of each reading, not its"),
         ("--observations RUN/observations.parquet --farm miniberry-10", "lies outside the farm of 10 x 10"),
         ("--observations HERE/old.csv", "old.csv: the days -3 to 6 are not within 0 to 126"),
         ("--observations HERE/no.csv", "no.csv: holds no observations"),

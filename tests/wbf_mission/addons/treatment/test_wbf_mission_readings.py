@@ -171,7 +171,7 @@ def test_tables_that_make_no_sense_are_refused(text, told, table):
 
 def test_a_key_needs_a_log_that_has_it(table, tmp_path, track):
     by_time = read_readings(table("time,ccr\n1,1\n"), PAPER_FIELDS)
-    with pytest.raises(ObservationError, match=r"by time: add the log \(--log\)"):
+    with pytest.raises(ObservationError, match=r"not its position: add the log \(--log\)"):
         join(by_time, None, FARM, NAMES, 1, 6)
     with pytest.raises(ObservationError, match=r"no reading is left: 1 of 1 readings are not in the log"):
         join(by_time, track, FARM, NAMES, 1, 6)

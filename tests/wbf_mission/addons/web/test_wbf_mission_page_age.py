@@ -137,7 +137,7 @@ def test_what_was_ordered_while_the_program_stood_still_is_not_carried_out_when_
         # Before the page can know it.
         page.get_by_role("dialog").get_by_role("button", name="Yes").click()
         expect(page.locator(".became")).to_have_text(
-            "Arm, drone-1: not answered: nobody knows whether it arrived"
+            "Arm, drone-1: not answered: it may or may not have arrived"
         )
         expect(page.locator(".connection")).to_have_text(re.compile("No news for"))
         one.go_on()
@@ -158,7 +158,7 @@ def test_a_question_that_stood_open_when_the_program_stopped_is_taken_away(brows
         expect(page.get_by_role("dialog")).to_be_visible()
         one.stop()
         expect(page.get_by_role("dialog")).to_be_hidden()
-        expect(page.locator(".became")).to_have_text("Nothing was sent: what was asked about is over")
+        expect(page.locator(".became")).to_have_text("Nothing was sent: your choice is no longer possible")
         one.go_on()
         expect(page.locator(".connection")).to_have_text("Live")
         order(page, "Resume").click()
@@ -247,7 +247,7 @@ def test_several_vehicles_are_brought_down_only_after_a_second_word(browser: Bro
         for name in ("Return", "Land"):
             order(page, name).click()
             dialog = page.get_by_role("dialog")
-            expect(dialog).to_contain_text("It goes to 2 vehicles: drone-1, drone-2.")
+            expect(dialog).to_contain_text("The order goes to 2 vehicles: drone-1, drone-2.")
             expect(page.locator(".became")).to_be_empty()
             if name == "Return":
                 dialog.get_by_role("button", name="Cancel").click()
@@ -438,7 +438,7 @@ def test_an_order_carries_the_newest_beat_and_the_time_since(told: Told) -> None
     order(told.page, "Hold").click()
     # It lives, and does not answer.
     expect(told.page.locator(".became")).to_have_text(
-        "Hold, drone-2: not answered: nobody knows whether it arrived"
+        "Hold, drone-2: not answered: it may or may not have arrived"
     )
     expect(told.pill).to_have_text("Live")
     first, second = told.asked
@@ -453,7 +453,7 @@ def test_nothing_that_was_ordered_is_sent_again_over_the_next_connection(told: T
     expect(told.page.locator(".became")).to_have_text("Hold, drone-1 …")
     told.sockets[-1].close()
     expect(told.page.locator(".became")).to_have_text(
-        "Hold, drone-1: not answered: nobody knows whether it arrived"
+        "Hold, drone-1: not answered: it may or may not have arrived"
     )
     expect(order(told.page, "Hold")).to_be_disabled()
     while len(told.sockets) < 2:
@@ -491,13 +491,13 @@ def test_the_page_says_why_no_order_can_be_given(browser: Browser) -> None:
         why = page.locator(".why")
         expect(why).to_have_text("No vehicle has been heard yet: orders have nowhere to go.")
         two(view, "hold", "land", simulated=True)
-        expect(why).to_have_text("Choose a vehicle: until then orders go to none.")
+        expect(why).to_have_text("Choose a vehicle: until then, orders go to no vehicle.")
         assert order(page, "Hold").get_attribute("aria-describedby") == why.get_attribute("id")
         for target in ("drone-2", "All 2 vehicles"):
             page.get_by_label("Orders go to").select_option(target)
             expect(why).to_be_empty()
         page.get_by_label("Orders go to").select_option("")
-        expect(why).to_have_text("Choose a vehicle: until then orders go to none.")
+        expect(why).to_have_text("Choose a vehicle: until then, orders go to no vehicle.")
         view.take(Orderable(()))
         expect(why).to_have_text("The program takes no orders now.")
         view.take(RunEnded(9.0, "completed", ""))

@@ -147,7 +147,7 @@ def test_what_is_too_large_is_reduced_and_said(flown: tuple[Replay, RunPage], tm
     assert light.moments[0] <= whole.moments[0]
     assert light.notes[:2] == (
         "equal",
-        "Only the acquisition maps change between about 40 of the scored times",
+        "Between about 40 of the scored times, only acquisition maps are kept",
     )
     (held,) = SinglePage(tmp_path / "light.html").held("recording")
     assert 0 < len(acquisitions_in(held)) <= len(layers.decided_s)

@@ -176,7 +176,7 @@ def test_what_is_too_large_is_reduced_and_said(result: Result, tmp_path: Path) -
     assert half.moments[0] < whole.moments[0]
     (held,) = SinglePage(tmp_path / "half.html").held("recording")
     check_layers(held, result)
-    assert half.notes == (f"The layers are kept at {half.moments[0]} of {whole.moments[0]} moments",)
+    assert half.notes == (f"The layers are shown at {half.moments[0]} of {whole.moments[0]} moments",)
     assert half.notes[0] in " ".join(SinglePage(tmp_path / "half.html").words)
     least = write_report(tmp_path / "least.html", [result], most_bytes=1)
     assert least.notes[-1] == "Every 64th reading of healthy plants is kept"
@@ -199,7 +199,7 @@ def test_an_estimator_that_is_gone_is_said(
     monkeypatch.setattr("wbf_mission.addons.base.replay.fresh_estimator", gone)
     made = write_report(tmp_path / "r.html", [result])
     assert made.moments == (1,)
-    assert made.notes == ("Only the layers of the end are shown: estimator Mine: it was given as an object",)
+    assert made.notes == ("Layers show only the end of the run: estimator Mine: it was given as an object",)
 
 
 def test_the_summary_tells_what_the_result_tells(file: Path, result: Result) -> None:

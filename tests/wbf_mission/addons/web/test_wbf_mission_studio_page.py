@@ -658,7 +658,7 @@ def test_a_plan_for_a_survey_camera_is_flown(page: Page) -> None:
     page.locator("#choice-camera_model").select_option("dji-p1-35")
     page.locator("#choice-gsd_cm").fill("0.1")
     planned(page)
-    expect(page.locator(".how")).to_contain_text("survey camera's image positions")
+    expect(page.locator(".how")).to_contain_text("where the survey camera would take them")
     page.get_by_label("Speed", exact=True).select_option("")
     page.get_by_role("button", name="Fly it in the simulator").click()
     expect(page.locator(".told")).to_have_text("The flight: completed", timeout=SLOW_MS)
@@ -683,7 +683,7 @@ def test_a_flight_that_fails_is_told_beside_the_button(page: Page) -> None:
     expect(page.locator(".told.bad")).to_contain_text("'Fields'")
 
 
-LOST = re.compile("The connection to the program is lost: it plans, saves and flies nothing")
+LOST = re.compile("The connection to the program is lost: nothing can be planned, saved or flown")
 
 
 def test_an_idle_studio_says_that_its_program_is_gone_and_goes_on_when_it_is_back(browser: Browser) -> None:
@@ -725,7 +725,7 @@ def test_an_idle_studio_says_that_its_program_stands_still(browser: Browser) -> 
             planned(page)
             expect(lost).to_be_empty()
             program.send_signal(signal.SIGSTOP)
-            expect(lost).to_have_text(re.compile("Nothing comes from the program: it plans"), timeout=SLOW_MS)
+            expect(lost).to_have_text(re.compile("Nothing comes from the program: nothing"), timeout=SLOW_MS)
             program.send_signal(signal.SIGCONT)
             expect(lost).to_be_empty(timeout=SLOW_MS)
             program.kill()

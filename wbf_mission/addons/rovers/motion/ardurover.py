@@ -63,8 +63,8 @@ _PIVOTED = radians(5.0)
 _LEAST_RATE = radians(1.0)
 # Minimum speed for the conversion of lateral acceleration to turn rate.
 _LEAST_SPEED_M_S = 1.0
-# Heading estimates drift by half a degree (from recordings). Without an error, a vehicle would never turn to
-# a target exactly behind it.
+# Heading estimates drift by half a degree (from recordings). Without this error, a vehicle would never turn
+# to a target exactly behind it.
 _HEADING_ERROR = radians(0.5)
 # Wheel angle at full steering; at partial steering the curvature is proportional to the sine of the angle.
 _LOCK = radians(35.0)

@@ -140,7 +140,7 @@ def _bearing(state: Record, row: Record, limits: Record, pace: float) -> float:
 
 @compiled(allocates=False)
 def _may_turn(state: Record, row: Record, sense: float, radius: float) -> bool:
-    """Return whether a waypoint is outside the tightest turn; the vehicle would circle an inner waypoint."""
+    """Return whether a waypoint is outside the tightest turn; otherwise the vehicle would circle round it."""
     cx = state.position_x + sense * radius * cos(state.heading)
     cy = state.position_y - sense * radius * sin(state.heading)
     dx, dy = row.x - cx, row.y - cy
@@ -165,8 +165,8 @@ def _speed_before(limits: Record, way: float, end: float) -> float:
 def _turned_to(state: Record, limits: Record, bearing: float, speed: float) -> float:
     """Return PX4's demanded turn rate towards a bearing at a speed.
 
-    The demanded heading moves to the bearing as fast as the vehicle can turn, but is never farther from it
-    than the vehicle's heading. The turn rate is proportional to the heading error, with limited acceleration.
+    The demanded heading moves to the bearing as fast as possible, but is never farther from the bearing than
+    the vehicle's heading. The turn rate is proportional to the heading error, with limited acceleration.
     """
     dt, yaw = limits.step_s, state.heading
     fastest = limits.turn_rate

@@ -87,7 +87,7 @@ Simulated = IntEnum(
     "Simulated",
     "THROTTLE_SPEED SPEED_P SPEED_I "  # Controller of the speed by the throttle: m/s and s/m.
     "WHEEL_BASE STEER_MAX "  # Wheel base in metres; maximum wheel angle.
-    "STEER_STEP "  # Maximum change of steering per step, as a share of full steering.
+    "STEER_STEP "  # Maximum change of steering per step, as a fraction of full steering.
     # Gains of the wheel angle over turn rate: feed-forward, s; proportional, s; integral, 1.
     "RATE_FF RATE_P RATE_I "
     "FORCE FRICTION "  # Per mass: force of full throttle, and rolling friction, m/s^2.
@@ -95,7 +95,7 @@ Simulated = IntEnum(
     "GRIP TURN_GRIP TURN_DAMPING "
     "ACTUATOR_SHARE "  # Fraction of an output's change that the actuator follows per step.
     "DRAG "  # Drag per mass and squared speed along each axis of the Earth, 1/m.
-    "NORTH_1 NORTH_2 NORTH_3 EAST_1 EAST_2 EAST_3",  # North and east vectors in the axes of the Earth.
+    "NORTH_1 NORTH_2 NORTH_3 EAST_1 EAST_2 EAST_3",  # The vectors north and east, in the axes of the Earth.
     start=0,
 )
 # Columns: energy at which the drive ends, time step, limits, and values of PX4's simulated rover.

@@ -188,7 +188,7 @@ class ArduRover(AlongCurves, Rover):
         self._rest()
 
     def _rest(self) -> None:
-        """Reset the guidance: no path, and the vehicle's present speed."""
+        """Reset the guidance to no path, at the vehicle's present speed."""
         self._rows = None
         self.guide[:] = 0.0
         self.guide[Guide.LEVEL] = self.spec.cruise_speed_m_s

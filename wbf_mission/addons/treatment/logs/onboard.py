@@ -33,8 +33,8 @@ _LEAST_UTC_US = 1e15
 def read_ulog(path: Path) -> LogTrack:
     """Read the track (`vehicle_global_position`) and images (`camera_capture` or `camera_trigger`) of a .ulg.
 
-    Without `vehicle_global_position` the track has the satellite receiver's positions with a 3D fix. UTC is
-    the time since boot plus the median offset of the receiver's `time_utc_usec`.
+    Without `vehicle_global_position`, the track has the positions of the satellite receiver that have a 3D
+    fix. UTC is the time since boot plus the median offset of the receiver's `time_utc_usec`.
     """
     ULog = load_extra("pyulog.core", "gis", f"{path}: logs of PX4 need", LogError).ULog
     with parsing(path, "PX4 log"):
@@ -182,7 +182,7 @@ def _messages(path: Path) -> Any:
             if message.get_type() in _NAMES:
                 yield message
     finally:
-        # BufferError: a message still in use references the mapped file. The map is freed with the message.
+        # BufferError: a message in use refers to the mapped file. The map is freed with the message.
         with contextlib.suppress(BufferError):
             reader.close()
         reader.filehandle.close()

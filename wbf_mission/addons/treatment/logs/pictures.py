@@ -22,7 +22,7 @@ _MOST_XMP = 1 << 20
 _DJI = re.compile(
     rb"drone-dji:gps(lat|long?t?)itude\s*(?:=\s*[\"']|>)\s*([-+]?\d+(?:\.\d*)?)\s*[\"'<]", re.IGNORECASE
 )
-"""Latitude or longitude in DJI's XMP, an attribute or an element. Older drones write GpsLongtitude."""
+"""Latitude or longitude in DJI's XMP, as an attribute or as an element. Older drones write GpsLongtitude."""
 _SHOWN = 5
 
 

@@ -22,7 +22,7 @@ _STDERR = 2
 LONGEST_GAP_S = 5.0
 """Longest gap between two fixes across which positions are interpolated (s)."""
 LEAST_UTC_S = 1e9
-"""Smallest UTC time (s since 1970; this is in the year 2001); smaller times are seconds since boot."""
+"""Times from this (s since 1970, in the year 2001) are UTC; smaller times are seconds since boot."""
 
 
 class LogError(WbfMissionError, ValueError):
@@ -72,7 +72,7 @@ class LogTrack:
 
         Times of at least `LEAST_UTC_S` are UTC; smaller times count from the boot. Positions are NaN before
         the first fix, after the last fix, and in gaps of more than `LONGEST_GAP_S`. Raises LogError if the
-        log lacks the clock of the times, or the vehicle was rebooted within the log.
+        log has no times by the clock of `time_s`, or the vehicle was rebooted within the log.
         """
         found = np.full((2, len(time_s)), np.nan)
         is_utc = time_s >= LEAST_UTC_S
@@ -120,7 +120,7 @@ def is_position(latitude_deg: Floats, longitude_deg: Floats) -> NDArray[np.bool_
 
 @contextlib.contextmanager
 def _silence() -> Iterator[None]:
-    """Discard the output of a library, including writes of compiled code to stderr."""
+    """Discard a library's output, also what its compiled code writes to stderr."""
     with Path(os.devnull).open("w", encoding="utf-8") as nowhere, contextlib.ExitStack() as stack:
         stack.enter_context(contextlib.redirect_stdout(nowhere))
         stack.enter_context(contextlib.redirect_stderr(nowhere))

@@ -126,7 +126,7 @@ def fly(
     v = max(v, SHORT)
     w = min(max(w, -STEEPEST * v), STEEPEST * v)
     forward = sqrt(v * v - w * w)
-    # Lift that bends the path upward also turns it.
+    # If the vehicle is banked, lift that bends the path upward also turns the path.
     lift = max(GRAVITY_M_S2 + v * state.path_rate, 0.0)
     # The side force of a slip grows as the slip builds up.
     against = 1.0 / limits.turn_share - 1.0
@@ -235,7 +235,7 @@ def take_off(state: Record, limits: Record, wx: float, wy: float) -> None:
     rate = limits.launch * throttle
     if limits.launch <= 0.0:
         v = state.airspeed
-        # On the level ground, drag is computed for zero angle of attack.
+        # On the ground the vehicle is level, so drag is computed for an angle of attack of 0.
         load = limits.lift_level * v * v / GRAVITY_M_S2
         rate = limits.thrust * throttle - drag(limits, v, load) - limits.ground_drag * v
     roll_on_ground(state, limits, rate, wx, wy)

@@ -1,6 +1,6 @@
 """Compiled height, airspeed and bank control of ArduPlane along a route.
 
-Behaviour as published for ArduPlane 4.5 to 4.7: slopes between waypoints, climb-out, approach, flare
+The behaviour is that of ArduPlane 4.5 to 4.7: slopes between waypoints, climb-out, approach, flare
 (``altitude.cpp``, ``takeoff.cpp``, ``Attitude.cpp``, ``AP_Landing_Slope.cpp``), and total energy control, a
 controller of pitch and throttle for a height and an airspeed (``AP_TECS``, P. Riseborough, 2013), with the
 parameters ``TECS_*``, after A. A. Lambregts, "Vertical flight path and speed control autopilot design using
@@ -154,7 +154,7 @@ def _notice_underspeed(state: Record, slowest: float, v: float, stage: float) ->
 
 @compiled(allocates=False)
 def _speed_weight(state: Record, limits: Record, stage: float, portion: float, sinking: bool) -> float:
-    """Return the airspeed's weight in pitch control, 0 to 2; the height's weight is the rest up to 2."""
+    """Return the airspeed's weight w in pitch control, 0 to 2; the height's weight is 2 - w."""
     if state.underspeed > 0.0 or stage == CLIMB_OUT or sinking:
         return 2.0
     weight = _clip(limits.speed_weight, 0.0, 2.0)

@@ -260,9 +260,9 @@ def circles(state: Record, row: Record, arrived: bool) -> bool:
 
 @compiled(allocates=False)
 def _comes_along_line(state: Record, row: Record, limits: Record) -> bool:
-    """Return whether ArduPlane still flies on the line from the last waypoint towards a mission's circle.
+    """Return whether ArduPlane still flies along the line from the last waypoint to a mission's circle.
 
-    ArduPlane leaves the line near the circle (``Plane::update_loiter``). A return flies straight to it.
+    ArduPlane leaves the line near the circle (``Plane::update_loiter``). A return has no such line.
     """
     of_mission = row.kind == at.CIRCLE and row.at_once == 0.0
     return bool(limits.law != NPFG and of_mission and isnan(state.bearing) and state.direct == 0.0)

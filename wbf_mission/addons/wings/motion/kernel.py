@@ -54,7 +54,7 @@ THROTTLE_S = 0.4
 
 @compiled(allocates=False)
 def _near_ground(state: Record, limits: Record, level: bool) -> float:
-    """Return the bank limit near the ground, which keeps the wing tips clear, and a climb-out level."""
+    """Return the bank limit near the ground: the wing tips stay clear of it, and a climb-out stays level."""
     bank = limits.bank_limit
     height = state.position_z
     if level and height < limits.level_height:
@@ -65,7 +65,7 @@ def _near_ground(state: Record, limits: Record, level: bool) -> float:
 
 @compiled(allocates=False)
 def _climb(state: Record, limits: Record, height: float, full: bool) -> float:
-    """Return the climb rate towards a height; the rates are limited (``TECSReferenceModel``)."""
+    """Return the climb rate towards a height, with limited rate and acceleration (``TECSReferenceModel``)."""
     here, dt = state.position_z, limits.step_s
     if state.running == 0.0:
         state.running, state.reference_rate = 1.0, 0.0
@@ -84,7 +84,7 @@ def _climb(state: Record, limits: Record, height: float, full: bool) -> float:
 
 @compiled(allocates=False)
 def _height_along(state: Record, row: Record, limits: Record) -> float:
-    """Return the height along a leg; the waypoint's height is reached one circle radius before it."""
+    """Return the height along a leg, which reaches the waypoint's height one circle radius before its end."""
     dx, dy = row.x - state.begin_x, row.y - state.begin_y
     gx, gy = row.x - state.position_x, row.y - state.position_y
     before = abs(limits.loiter_radius)
@@ -99,8 +99,8 @@ def _height_along(state: Record, row: Record, limits: Record) -> float:
 def _throttle(state: Record, limits: Record, asked: float, load: float) -> float:
     """Return the throttle for an energy rate divided by weight (``TECSControl::_calcThrottleControl``).
 
-    The throttle is predicted from the parameters, plus damping and an integral of the error, slow by default.
-    Therefore a motor or a drag that differs from the parameters disturbs the airspeed for a minute.
+    The throttle is predicted from the parameters; damping and an integral of the error, slow by default, are
+    added. Therefore a motor or a drag that differs from the parameters disturbs the airspeed for a minute.
     """
     most, least = limits.climb_max, -limits.sink_min
     asked = min(max(asked + limits.total_for_load * (load - 1.0) / GRAVITY_M_S2, least), most)

@@ -119,8 +119,8 @@ class FixedWingLimits(FixedWingBounds):
     damping: float
     integral: float = 0.0
     switch_share: float = 0.0
-    """Distance at which NPFG joins a line before its start or reaches a circle, as a fraction of the track
-    error bound."""
+    """Distance at which NPFG joins a line before the line's start, or reaches a circle, as a fraction of the
+    track error bound."""
     # Distance and height tolerances of waypoints; an infinite height tolerance disables the check.
     acceptance: float
     height_acceptance: float = math.inf

@@ -161,7 +161,7 @@ class FixedWing(CompiledMotion):
         """Fall, if the velocity points straight down; VehicleError for any other velocity."""
         east, north, up = velocity_m_s
         if east != 0.0 or north != 0.0 or not up < 0.0 or not math.isnan(height_m):
-            msg = f"vehicle {self.spec.name}: a fixed wing cannot hold a ground velocity, give positions"
+            msg = f"vehicle {self.spec.name}: a fixed wing cannot hold a ground velocity; give positions"
             raise VehicleError(msg)
         row = np.zeros((1, len(Leg)))
         row[0, : Leg.KIND] = self.state[col.POSITION]

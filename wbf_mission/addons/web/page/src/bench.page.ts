@@ -162,13 +162,13 @@ function told(score: number): string {
   return size < 1e-4 ? score.toExponential(1) : score.toPrecision(2);
 }
 
-/** Scores over the run, one dot per seed, above those of the others in the same scenario. */
+/** Scores of a row over the run, one dot per seed, above the scores of the other rows of its scenario. */
 function strip(own: Run[], others: Run[]): SVGElement {
   const scores = [...own, ...others].map((run) => run[1]);
   const [low, high] = [Math.min(...scores), Math.max(...scores)];
   const at = (score: number): string => (EDGE + ((WIDTH - 2 * EDGE) * (score - low)) / (high - low || 1)).toFixed(1);
   const drawn = svg("svg", { class: "strip", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img" });
-  drawn.setAttribute("aria-label", `Scores over the run of ${own.length} seeds, among those of the others`);
+  drawn.setAttribute("aria-label", `Scores over the run of ${own.length} seeds, among the scores of the other rows`);
   if (!scores.length) return drawn;
   for (const run of others) {
     const x = at(run[1]);

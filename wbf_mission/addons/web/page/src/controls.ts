@@ -102,7 +102,7 @@ export class Controls {
     for (const one of this.question.querySelectorAll("button")) one.disabled = !isFresh;
     if (this.dialog?.open && !this.stillMay()) {
       this.dialog.close(OVER);
-      this.say("Nothing was sent: what was asked about is over", true);
+      this.say("Nothing was sent: your choice is no longer possible", true);
     }
     this.showQuestion();
     // A request may be refused later, and on a phone messages are in another panel.
@@ -120,7 +120,7 @@ export class Controls {
   private reason(orders: string[]): string {
     if (!orders.length) return "The program takes no orders now.";
     if (!this.ids.length) return "No vehicle has been heard yet: orders have nowhere to go.";
-    return this.meant.length ? "" : "Choose a vehicle: until then orders go to none.";
+    return this.meant.length ? "" : "Choose a vehicle: until then, orders go to no vehicle.";
   }
 
   /** System ids of all vehicles. */
@@ -203,7 +203,7 @@ export class Controls {
   }
 
   private toSeveral(system_ids: number[]): string {
-    return `It goes to ${system_ids.length} vehicles: ${system_ids.map((id) => this.model.nameOf(id)).join(", ")}.`;
+    return `The order goes to ${system_ids.length} vehicles: ${system_ids.map((id) => this.model.nameOf(id)).join(", ")}.`;
   }
 
   /** Send a request once, or show that it was not sent. */
@@ -222,7 +222,7 @@ export class Controls {
     if (what === undefined) return;
     // A reply may still arrive and then replaces this message.
     this.open.delete(number);
-    this.say(`${what}: not answered: nobody knows whether it arrived`, true);
+    this.say(`${what}: not answered: it may or may not have arrived`, true);
   }
 
   private say(text: string, isBad: boolean): void {

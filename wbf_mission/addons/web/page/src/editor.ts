@@ -220,7 +220,7 @@ export class Editor {
     const shape = selected === null ? undefined : sketch.shapes[selected];
     if (selected === null || !shape || this.tool !== "select") return;
     const count = cornersOf(shape);
-    if (count > MOST_CORNERS) return this.studio.tell(`${count} corners are too many to move one by one: the table has them`);
+    if (count > MOST_CORNERS) return this.studio.tell(`${count} corners are too many to move on the map: change them in the table`);
     for (const [r, ring] of shape.rings.entries())
       for (const k of ring.keys()) {
         this.corner(selected, r, k);

@@ -115,7 +115,7 @@ export class Decisions {
   private item(model: Model, decision: Decision): HTMLElement {
     const { number, changes, refused, candidates } = decision;
     const outcomes = [...new Set(changes.map((one) => one.outcome).filter(Boolean))];
-    const outcome = refused ? "refused" : outcomes.join(", ") || "as it was";
+    const outcome = refused ? "refused" : outcomes.join(", ") || "unchanged";
     const came = outcomeOf(model, decision);
     const toggled = (details: HTMLDetailsElement): void => {
       if (details.open) {
@@ -138,7 +138,7 @@ export class Decisions {
       refused ? element("p", { class: "refused" }, `Refused: ${refused}`) : null,
       candidates.length ? considered(model, decision) : null,
       came ? element("p", { class: "came" }, came) : null,
-      element("p", { class: "small" }, `Decision ${number}, thought of for ${figure(decision.compute_s)} s`),
+      element("p", { class: "small" }, `Decision ${number}, computed in ${figure(decision.compute_s)} s`),
     );
     return element("li", {}, details);
   }

@@ -53,7 +53,7 @@ function tokensOf(text: string): string[] {
   let plain = SPELLINGS.reduce((known, [spelling, mark]) => known.replace(spelling, mark), text).toUpperCase();
   if (!/\d\.\d/.test(plain)) {
     // Without a decimal point, a comma between digits is a decimal comma.
-    if (/\d,\d+,\d/.test(plain)) throw new Unread("its commas may be decimal ones or stand between numbers; write points");
+    if (/\d,\d+,\d/.test(plain)) throw new Unread("its commas may be decimal commas or separate numbers; write points");
     plain = plain.replace(/(\d),(?=\d)/g, "$1.");
   }
   return [...plain.matchAll(TOKEN)].map(({ 1: token, index }) => {

@@ -21,7 +21,7 @@ const WAIT_MS = 150;
 /** Duration of planning from which the user may cancel it (s). */
 const LONG_S = 3;
 const MAP =
-  "Map of the farm; arrow keys move it, plus and minus zoom, with a tool the space bar sets a corner in its middle";
+  "Map of the farm: arrow keys move it, plus and minus zoom; with a tool, the space bar sets a corner at the map's centre";
 const FILES = ".geojson,.json,.kml,.kmz,.shp,.zip,.gpkg,.gpx";
 
 export class Studio {
@@ -122,7 +122,7 @@ export class Studio {
   /** Show whether the program responds. */
   private look(): void {
     const { isOld, isLost } = this.heart;
-    const rest = "it plans, saves and flies nothing. What is drawn stays in this browser. Trying again …";
+    const rest = "nothing can be planned, saved or flown. The drawing stays in this browser. Trying again …";
     setText(this.lost, isOld ? `${this.heart.trouble}: ${rest}` : "");
     this.root.classList.toggle("old", isOld);
     // Requests during the loss of the connection got no answer.
@@ -143,7 +143,7 @@ export class Studio {
     if (goesOn) this.choices.take(kept.values);
     const drawn = sketch.known === null && sketch.shapes.length > 0;
     if (!(drawn || (goesOn && sketch.known !== null && sketch.known !== this.sketch.known))) return this.show();
-    this.goOn(sketch, !kept.unsaved, "Here is what you had drawn before; Undo shows the farm with which the program began");
+    this.goOn(sketch, !kept.unsaved, "This is your earlier drawing; Undo shows the farm with which the program began");
     this.fit();
   }
 
@@ -199,7 +199,7 @@ export class Studio {
 
   private farmLine(): HTMLElement {
     const fresh = button("New farm", () => this.goOn(emptySketch("new farm"), true, ""), {
-      title: "Begin with an empty map, here",
+      title: "Begin with an empty map at this place",
     });
     const load = button("Open file …", () => this.file.click());
     const save = button("Save farm", () => {
@@ -317,7 +317,7 @@ export class Studio {
   private travel(go: -1 | 1): void {
     this.history.travel(go);
     if (this.selected !== null && this.selected >= this.sketch.shapes.length) this.selected = null;
-    this.tell(go < 0 ? "Undone" : "Done again");
+    this.tell(go < 0 ? "Undone" : "Redone");
     this.unopened.replaceChildren();
     this.show();
     const seen = this.map.getBounds();

@@ -7,7 +7,7 @@ const FOLLOW_MS = 500;
 const PACES: [string, string][] = [
   ["1", "real time"], ["10", "10 times as fast"], ["60", "60 times as fast"], ["", "as fast as it goes"],
 ];
-const CHECKED = "It is asked and checked before, and read back afterwards. Nothing starts.";
+const CHECKED = "The vehicle is checked first, and the mission is read back afterwards. No motor starts.";
 const LINK = "udpin:127.0.0.1:14550";
 
 export class Takeaway {
@@ -98,7 +98,7 @@ export class Takeaway {
   }
 
   private async end(): Promise<string> {
-    return (await desk.stop()).stopped ? "The flight is being stopped …" : "Nothing flies";
+    return (await desk.stop()).stopped ? "The flight is being stopped …" : "There is no flight to stop";
   }
 
   /** Show the state of the flight. */
@@ -109,7 +109,7 @@ export class Takeaway {
       const { outcome, words } = await desk.flight();
       if (outcome === "preparing") return;
       const over = outcome !== "flying";
-      told = over ? `The flight: ${words}` : "It flies: watch it on the live page.";
+      told = over ? `The flight: ${words}` : "The flight has begun: watch it on the live page.";
       bad = over && outcome !== "completed" && outcome !== "interrupted";
       if (over) clearInterval(this.following);
       this.stop.hidden = over;
@@ -129,7 +129,7 @@ export class Takeaway {
     // Clear the message of the previous action.
     this.say("");
     const link = element("input", { type: "text", required: true, autocomplete: "off", value: LINK });
-    const system = element("input", { type: "number", min: "1", max: "255", placeholder: "the first one heard" });
+    const system = element("input", { type: "number", min: "1", max: "255", placeholder: "the first vehicle heard" });
     const sure = element("input", { type: "checkbox", required: true });
     const held = `${mission.plan.items.length} mission items${mission.plan.fence.length ? " and the fence" : ""}`;
     const parts = [
@@ -146,8 +146,8 @@ export class Takeaway {
   private async upload(link: string, system_id: string): Promise<string> {
     const report = await desk.upload(this.draft(), this.number, link, system_id);
     const counts = Object.entries(report.items).map(([name, count]) => `${name} ${count}`).join(", ");
-    const reason = report.texts.at(-1) ?? "it says no reason";
-    const rejected = report.accepted === false ? ` The vehicle holds it but would not fly it: ${reason}.` : "";
+    const reason = report.texts.at(-1) ?? "it gives no reason";
+    const rejected = report.accepted === false ? ` The vehicle stored the mission, but would not fly it: ${reason}.` : "";
     const equal = report.verified ? "equal" : "not equal";
     return `Uploaded to ${report.vehicle} (${counts} items) and read back: ${equal}.${rejected}`;
   }

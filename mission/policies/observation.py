@@ -236,7 +236,7 @@ class PolicyObservation:
             if vehicle.system_id == system_id:
                 return vehicle
         known = ", ".join(str(vehicle.system_id) for vehicle in self.vehicles)
-        msg = f"no vehicle has the system id {system_id}; there are {known}"
+        msg = f"no vehicle has the system id {system_id}; the system ids are {known}"
         raise PlanningError(msg)
 
 

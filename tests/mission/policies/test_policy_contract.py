@@ -64,7 +64,7 @@ def test_what_is_left_and_who_can_be_steered():
     assert _observation(status=Status.FLYING, spent=90.0).vehicle(1).left == 0.0
     for status in (Status.RETURNING, Status.ENDED, Status.LOST):
         assert not _observation(status=status).steerable
-    with pytest.raises(PlanningError, match="no vehicle has the system id 4; there are 1"):
+    with pytest.raises(PlanningError, match="no vehicle has the system id 4; the system ids are 1"):
         observation.vehicle(4)
 
 

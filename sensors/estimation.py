@@ -196,7 +196,7 @@ class RunEstimate:
 
     def _predict(self) -> InformationModel:
         begin = time.perf_counter()
-        model = checked_prediction(self.estimator)
+        model = checked_prediction(self.estimator, self._score.fields, self._score.shape)
         self.estimate_s += time.perf_counter() - begin
         return model
 
@@ -229,12 +229,17 @@ def attribute_errors_to(estimator: Estimator) -> Iterator[None]:
         raise EstimatorError(msg) from error
 
 
-def checked_prediction(estimator: Estimator) -> InformationModel:
-    """Return an estimator's prediction; check it if the estimator comes from outside this project."""
+def checked_prediction(
+    estimator: Estimator, fields: tuple[str, ...], shape: tuple[int, int]
+) -> InformationModel:
+    """Return an estimator's prediction of these fields on a farm of `shape`, width and height in cells.
+
+    The prediction is checked if the estimator comes from outside this project.
+    """
     with attribute_errors_to(estimator):
         model = estimator.predict()
     if type(estimator).__module__.partition(".")[0] not in PACKAGES:
-        fault = model_fault(estimator, model)
+        fault = model_fault(estimator, model, fields, shape)
         if fault is not None:
             msg = f"estimator {type(estimator).__name__}: {fault}"
             raise EstimatorError(msg)

@@ -82,11 +82,21 @@ class Estimator(Protocol):
 _OUTSIDE = 1e-4  # Rounding may move values beyond 0 or 1 by this much
 
 
-def model_fault(estimator: object, model: object) -> str | None:
-    """Return, in one line, the first fault of a model that ``predict`` returned; None without fault."""
+def model_fault(
+    estimator: object, model: object, fields: tuple[str, ...], shape: tuple[int, int]
+) -> str | None:
+    """Return, in one line, the first fault of a model that ``predict`` returned; None without fault.
+
+    `fields` and `shape` are the names of the run's fields, and the width and height of the farm in cells.
+    """
     if not isinstance(model, InformationModel):
         what = _KINDS.get(type(model), f"a {type(model).__name__}")
         return f"predict returned {what}, not an InformationModel"
+    if model.fields != fields:
+        found, expected = ", ".join(model.fields), ", ".join(fields)
+        return f"predict returned the fields {found}; the fields of the run are {expected}, in this order"
+    if model.shape != shape:
+        return f"what predict returned has shape {model.shape}, not that of the farm's grid, {shape}"
     low, high = float(model.value.min()), float(model.value.max())
     if not (np.isfinite(low) and np.isfinite(high)):
         return "predict returned a value that is not finite in every cell"

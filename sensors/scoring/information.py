@@ -201,7 +201,8 @@ class InformationModel:
             if array.ndim != 3 or array.shape[0] != len(self.fields) or array.dtype != np.float32:
                 found = f"{array.dtype}{list(array.shape)}"
                 msg = f"information model: {name} is {found}, expected float32[{len(self.fields)}, W, H]"
-                raise EstimatorError(msg)
+                cast = f"; write {name}.astype('float32')" if array.dtype != np.float32 else ""
+                raise EstimatorError(msg + cast)
         if self.value.shape != self.uncertainty.shape:
             shapes = f"value {self.value.shape} and uncertainty {self.uncertainty.shape}"
             raise EstimatorError(f"information model: {shapes} differ in shape")

@@ -151,9 +151,9 @@ class RunningScore:
         if len(weights.field) != len(fields):
             msg = f"score: weights of {len(weights.field)} fields, expected {', '.join(fields.names)}"
             raise EstimatorError(msg)
-        self._fields = [_ScoredField(k, masks, weights) for k in range(len(fields))]
-        self._names = fields.names
-        self._weight = np.array(weights.field) * [part.cells for part in self._fields]
+        self._parts = [_ScoredField(k, masks, weights) for k in range(len(fields))]
+        self.fields = fields.names
+        self._weight = np.array(weights.field) * [part.cells for part in self._parts]
         if not self._weight.sum() > 0:
             crops = ", ".join(sorted({crop for field in fields for crop in field.crops}))
             msg = f"score: no cell of the farm is relevant: its owner grows none of {crops}"
@@ -170,6 +170,11 @@ class RunningScore:
         self._check_shape(truth, "truth")
         self._truth = truth
         self._summed = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Width and height of the farm in cells."""
+        return int(self._shape[1]), int(self._shape[2])
 
     def add(self, estimate: NDArray[np.floating] | InformationModel) -> Score:
         """Evaluate an estimate as `evaluate` does, and append the loss to `losses`."""
@@ -201,11 +206,11 @@ class RunningScore:
                 self._truth,
                 value[k],
             )
-            for k, part in enumerate(self._fields)
+            for k, part in enumerate(self._parts)
         ]
         loss = float(product(self._weight, np.array([s.loss for s in sums])) / self._weight.sum())
         if not np.isfinite(loss):
-            bad = ", ".join(self._names[k] for k, s in enumerate(sums) if not np.isfinite(s.loss))
+            bad = ", ".join(self.fields[k] for k, s in enumerate(sums) if not np.isfinite(s.loss))
             msg = f"score: the estimate (or the truth) of {bad} is not finite in every relevant cell"
             raise EstimatorError(msg)
         if isinstance(estimate, InformationModel):
@@ -218,7 +223,7 @@ class RunningScore:
             field_mae=tuple([s.mae for s in sums]),
             field_weighted_mae=tuple([s.weighted_mae for s in sums]),
             authors_axis_max=float(product(np.array(self.weights.field), axis_max)),
-            fields=self._names,
+            fields=self.fields,
         )
 
     @property

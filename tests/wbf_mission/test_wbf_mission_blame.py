@@ -72,6 +72,7 @@ def test_bad_answers_are_counted_and_too_many_are_a_failure(tmp_path, answer, ki
     assert count > 0.5 * bad
     assert row.outcome == "completed"
     assert f"policy Mine: {bad} of {row.decisions} answers were bad: {count} {kind}" in row.error
+    assert kind == "too late" or "first: policy Mine" in row.error
     (standing,) = standings([row])
     assert (standing.failed, standing.environments, standing.bad_answers) == (1, 1, row.bad_answers)
     page = provided("bench.report")([row], tmp_path / "report", title="t")
@@ -128,6 +129,19 @@ def test_a_check_blames_the_users_line(tmp_path, capsys, command):
             "is negative in some cell",
         ),
         ("return InformationModel(model.value * np.float32('nan'), model.uncertainty)", "not finite"),
+        (
+            "return InformationModel(model.value, model.uncertainty, fields=('ccr', 'tylcv', 'soil'))",
+            "predict returned the fields ccr, tylcv, soil; the fields of the run are tylcv, ccr",
+        ),
+        (
+            "return InformationModel(model.value[:2], model.uncertainty[:2], fields=('tylcv', 'ccr'))",
+            "predict returned the fields tylcv, ccr; the fields of the run are",
+        ),
+        (
+            "return InformationModel(model.value[:, :3], model.uncertainty[:, :3])",
+            "what predict returned has shape (3, ",
+        ),
+        ("return InformationModel(model.value * 1.0, 1.0 * np.float64(model.uncertainty))", "float32"),
         ("return 1 / 0", "ZeroDivisionError: division by zero (mine.py, line 9)"),
     ],
 )

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import copy
+import io
+import marshal
 import pickle
 import sys
 import time
@@ -11,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
+from types import CodeType
 from typing import Any, Protocol, TypeAlias, cast
 
 import numpy as np
@@ -271,6 +274,14 @@ def _packed(run: BenchRun) -> tuple[bytes, Mapping[str, str]]:
     """
     import cloudpickle
 
+    class Pickler(cloudpickle.Pickler):  # type: ignore[misc]
+        """Keeps the file names of user code, which cloudpickle drops, for the place in an error's text."""
+
+        def reducer_override(self, obj: Any) -> Any:
+            if isinstance(obj, CodeType):
+                return marshal.loads, (marshal.dumps(obj),)
+            return super().reducer_override(obj)
+
     known = cloudpickle.list_registry_pickle_by_value()
     own = [
         module
@@ -280,7 +291,9 @@ def _packed(run: BenchRun) -> tuple[bytes, Mapping[str, str]]:
     for module in own:
         cloudpickle.register_pickle_by_value(module)
     try:
-        return cloudpickle.dumps((fly_run, run)), program()
+        sent = io.BytesIO()
+        Pickler(sent).dump((fly_run, run))
+        return sent.getvalue(), program()
     finally:
         for module in own:
             cloudpickle.unregister_pickle_by_value(module)

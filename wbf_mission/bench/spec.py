@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -97,16 +98,15 @@ class BenchSpec:
     def __post_init__(self) -> None:
         columns: dict[str, Sequence[Any]] = {
             "scenarios": [name for name, _ in self.scenarios],
-            "planners": [str(planner) for planner in self.planners],
-            "estimators": [str(estimator) for estimator in self.estimators],
+            "planners": self.planners,
+            "estimators": self.estimators,
             "seeds": self.seeds,
         }
         for key, values in columns.items():
             if not values:
                 raise ScenarioError(f"{key} are empty: give at least one")
-            twice = [value for value in values if list(values).count(value) > 1][:1] if key != "seeds" else []
-            if twice:
-                raise ScenarioError(f"{key}: {twice[0]} is given twice; give it once")
+            if key != "seeds" and (twice := _repeated(values)):
+                raise ScenarioError(f"{key}: {twice} is given twice; give it once")
         if len(set(self.seeds)) != len(self.seeds):
             raise ScenarioError("seeds: a seed is given twice; give each seed once")
         if len(self) > _MOST_RUNS:
@@ -317,6 +317,22 @@ def _is_planner(choice: Choice) -> bool:
     if choice.made is not None:
         return not isinstance(choice.made, Policy)
     return choice.name.lower() in names_of("planner")
+
+
+def _repeated(values: Sequence[str | Choice]) -> str:
+    """Return the name of a value that is given twice, or an empty text.
+
+    Objects with the same name may differ in code or parameters.
+    """
+    counts = Counter(map(str, values))
+    seen = set()
+    for value in values:
+        name, made = str(value), getattr(value, "made", None)
+        identity = (name, own_digest(made) if made is not None and counts[name] > 1 else "")
+        if identity in seen:
+            return name
+        seen.add(identity)
+    return ""
 
 
 def _code_of(choice: Choice, what: str) -> str:

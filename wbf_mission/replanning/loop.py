@@ -17,7 +17,7 @@ from geo import Farm
 from geo.errors import WbfMissionError, told_error
 from mission.errors import AnswerError, PlanningError
 from mission.planners.path import Points
-from mission.policies.decision import AcquisitionMap, Decision, answer_costs
+from mission.policies.decision import NO_POINTS, NOT_FINITE, AcquisitionMap, Decision, answer_costs
 from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
 from mission.policies.policy import Policy, Triggers
 from sensors.fields import FieldSet
@@ -60,7 +60,9 @@ def ask(policy: Policy, name: str, observation: PolicyObservation) -> Answer:
     begin = time.perf_counter() - _waited_s()
     try:
         decision = policy.decide(observation)
-    except AnswerError:
+    except AnswerError as error:
+        if error.kind in (NO_POINTS, NOT_FINITE):
+            raise AnswerError(f"{name}: {error}", error.kind) from None
         raise
     except PlanningError as error:
         raise AnswerError(str(error), "no path") from error

@@ -100,9 +100,15 @@ def test_processes_change_nothing_and_runs_that_cannot_be_flown_there_are_rows_t
         def _learn(self, observations):
             os.kill(os.getpid(), signal.SIGKILL)
 
-    bad = BenchSpec.of(scenarios=TEN, planners=["spiral"], estimators=[Deadly(), Locked()], seeds=1)
+    class Faulty(PointEstimator):
+        def _learn(self, observations):
+            raise KeyError("humidity")
+
+    bad = BenchSpec.of(scenarios=TEN, planners=["spiral"], estimators=[Deadly(), Locked(), Faulty()], seeds=1)
     found = list(fly_all([*bad.runs(), *spec.runs()], jobs=2))
-    errors = {row.estimator: row.error for row in found if row.estimator in ("Deadly", "Locked")}
+    errors = {row.estimator: row.error for row in found if row.estimator in ("Deadly", "Locked", "Faulty")}
+    line = Faulty._learn.__code__.co_firstlineno + 1
+    assert errors["Faulty"].endswith(f"KeyError: 'humidity' (test_bench_benchmark.py, line {line})")
     assert errors["Locked"].startswith("a planner, policy or estimator cannot be sent to another process")
     assert "was killed" in errors["Deadly"]
     assert decided(row for row in found if row.estimator not in errors) == decided(rows)

@@ -61,6 +61,9 @@ def test_objects_count_with_their_parameters():
     other = UCB(1.0)
     other.table = np.arange(3.0) + 1.0
     assert len(keys(table) | keys(other) | keys(UCB(1.0))) == 3
+    assert len(keys_of(planners=["spiral"], estimators=[UCB(1.0), UCB(9.0), table])) == 3
+    with pytest.raises(ScenarioError, match="estimators: UCB is given twice; give it once"):
+        BenchSpec.of(TEN, estimators=[UCB(1.0), UCB(9.0), UCB(1.0)])
 
 
 def test_classes_of_a_notebook_count_by_their_code():

@@ -73,7 +73,7 @@ def estimates_again(
         if is_wanted and not is_known:
             is_known = True
             # Estimates are not stored, because they are large on large farms.
-            yield checked_prediction(estimator)
+            yield checked_prediction(estimator, record.fields.names, record.farm.grid().shape)
         else:
             yield None
 

@@ -80,7 +80,7 @@ class _Subject:
 
     def model(self, seen: Observations | None) -> InformationModel:
         model = self.fresh().fit(self.grid, seen).predict()
-        fault = model_fault(self._estimator, model)
+        fault = model_fault(self._estimator, model, self.fields, SHAPE)
         self.require(fault is None, str(fault))
         return model
 

@@ -65,7 +65,7 @@ def treatment_of_log(
         prepare_days(estimator, first, day - first + 1, progress)
         progress("estimating", 0, 1)
         estimator.partial_fit(seen)
-        model = checked_prediction(estimator)
+        model = checked_prediction(estimator, fields.names, farm.grid().shape)
         progress("estimating", 1, 1)
     return TreatmentMap(
         farm,

@@ -140,16 +140,16 @@ def _list_text(items: tuple[MissionItem, ...]) -> str:
     if not items:
         return "[]"
     # One item per line keeps files short and diffs readable.
-    return "[\n    " + ",\n    ".join(_text(_struct(item)) for item in items) + "\n  ]"
-
-
-def _struct(item: MissionItem) -> _Item:
-    return _Item(
-        command=item.command,
-        frame=item.frame,
-        params=file_parameters(item, Firmware.GENERIC),
-        x=float(item.x),
-        y=float(item.y),
-        z=float(item.z),
-        autocontinue=bool(item.autocontinue),
+    structs = (
+        _Item(
+            command=item.command,
+            frame=item.frame,
+            params=file_parameters(item, Firmware.GENERIC),
+            x=float(item.x),
+            y=float(item.y),
+            z=float(item.z),
+            autocontinue=bool(item.autocontinue),
+        )
+        for item in items
     )
+    return "[\n    " + ",\n    ".join(map(_text, structs)) + "\n  ]"

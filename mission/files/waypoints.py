@@ -184,9 +184,8 @@ def _whole(word: str, line: int, column: str) -> int:
 
 
 def _is_home(row: _Row) -> bool:
-    return row.seq == 0 and (
-        row.command == 0 or (row.command == Command.NAV_WAYPOINT and row.frame == Frame.GLOBAL)
-    )
+    is_position = row.command == Command.NAV_WAYPOINT and row.frame == Frame.GLOBAL
+    return row.seq == 0 and (row.command == 0 or is_position)
 
 
 def _home(row: _Row) -> GeoPoint | None:

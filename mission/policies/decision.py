@@ -14,8 +14,6 @@ from mission.errors import AnswerError, PlanningError
 from mission.planners.path import Points
 from mission.policies.observation import PolicyObservation, VehicleReport
 
-NO_POINTS, NOT_FINITE = "no points", "not finite"
-"""Kinds of the `AnswerError` that `Decision` raises, which does not know the policy's name."""
 _INSIDE_M = 1e-6
 _OF_LIMIT = 1e-9
 
@@ -109,11 +107,11 @@ class Decision:
             if array.ndim != 2 or array.shape[1] != 2:
                 shape = array.shape
                 msg = f"vehicle {system_id}: a path must be finite (x, y) points; its shape is {shape}"
-                raise AnswerError(msg, NO_POINTS)
+                raise AnswerError(msg, "no points")
             if not np.isfinite(array).all():
                 worst = array[~np.isfinite(array)][0]
                 msg = f"vehicle {system_id}: a path must be finite (x, y) points, but a coordinate is {worst}"
-                raise AnswerError(msg, NOT_FINITE)
+                raise AnswerError(msg, "not finite")
             array.flags.writeable = False
             taken[int(system_id)] = array
         object.__setattr__(self, "paths", MappingProxyType(taken))

@@ -96,7 +96,7 @@ def model_fault(
         found, expected = ", ".join(model.fields), ", ".join(fields)
         return f"predict returned the fields {found}; the fields of the run are {expected}, in this order"
     if model.shape != shape:
-        return f"what predict returned has shape {model.shape}, not that of the farm's grid, {shape}"
+        return f"predict returned maps of shape {model.shape}; the farm's grid has the shape {shape}"
     low, high = float(model.value.min()), float(model.value.max())
     if not (np.isfinite(low) and np.isfinite(high)):
         return "predict returned a value that is not finite in every cell"

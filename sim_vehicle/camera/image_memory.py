@@ -106,17 +106,14 @@ class ImageMemory:
                 )
             )
         if index % ANNOUNCED_EVERY == 0:
-            report += self._announce(exposure.time_us)
+            # The messages name the fields; the benchmark's fields need no such messages.
+            for number, data in enumerate(self._layout.announcement()):
+                padded = data + _PADDING[len(data) :]
+                name = FIELDS_NAME.encode()
+                report.append(
+                    mavlink.MAVLink_debug_float_array_message(exposure.time_us, name, number, padded)
+                )
         return report
-
-    def _announce(self, time_us: int) -> list[Message]:
-        """Return the messages that name the fields; the benchmark's fields need no such messages."""
-        return [
-            mavlink.MAVLink_debug_float_array_message(
-                time_us, FIELDS_NAME.encode(), number, data + _PADDING[len(data) :]
-            )
-            for number, data in enumerate(self._layout.announcement())
-        ]
 
     def attitude(self, exposure: Exposure) -> Quaternion:
         """Return the camera's attitude as a quaternion, rounded to single precision as in messages."""

@@ -139,7 +139,7 @@ def test_a_check_blames_the_users_line(tmp_path, capsys, command):
         ),
         (
             "return InformationModel(model.value[:, :3], model.uncertainty[:, :3])",
-            "what predict returned has shape (3, ",
+            "predict returned maps of shape (3, ",
         ),
         ("return InformationModel(model.value * 1.0, 1.0 * np.float64(model.uncertainty))", "float32"),
         ("return 1 / 0", "ZeroDivisionError: division by zero (mine.py, line 9)"),

@@ -320,19 +320,11 @@ def _is_planner(choice: Choice) -> bool:
 
 
 def _repeated(values: Sequence[str | Choice]) -> str:
-    """Return the name of a value that is given twice, or an empty text.
-
-    Objects with the same name may differ in code or parameters.
-    """
-    counts = Counter(map(str, values))
-    seen = set()
-    for value in values:
-        name, made = str(value), getattr(value, "made", None)
-        identity = (name, own_digest(made) if made is not None and counts[name] > 1 else "")
-        if identity in seen:
-            return name
-        seen.add(identity)
-    return ""
+    """Return the name of a value that is given twice, or an empty text; objects differ by code and state."""
+    made = [getattr(value, "made", None) for value in values]
+    digests = ["" if found is None else own_digest(found) for found in made]
+    counts = Counter(zip(map(str, values), digests, strict=True))
+    return next((name for (name, _), count in counts.items() if count > 1), "")
 
 
 def _code_of(choice: Choice, what: str) -> str:

@@ -157,23 +157,20 @@ class SortieOptions:
         )
 
     def cut_or_warn(self, whole: PlanResult, vehicle: SingleVehicle, output: Output) -> SortiePlan | None:
-        """Cut a vehicle's mission as `cut` does, but warn if a mission stays whole that cannot be cut.
+        """Cut a vehicle's mission as `cut` does; if that is impossible, warn and return None.
 
-        Raise ScenarioError if options ask for another start or end than the whole mission has.
+        Raise ScenarioError in place of the warning if ``--resume`` or ``--home`` was given.
         """
         from wbf_mission.planning.sorties import UncutError
 
         try:
             return self.cut(whole, vehicle)
         except UncutError as error:
-            if self.resume is not None:
-                msg = f"--resume {self.resume}: {error}"
-            elif self.home:
-                msg = f"--home {' '.join(self.home)}: {error}"
-            else:
-                output.warn(str(error))
-                return None
-            raise ScenarioError(msg) from error
+            for flag, value in {"--resume": self.resume, "--home": " ".join(self.home or ())}.items():
+                if value:
+                    raise ScenarioError(f"{flag} {value}: {error}") from error
+            output.warn(str(error))
+            return None
 
 
 @options.scenario_options(

@@ -17,7 +17,7 @@ from geo import Farm
 from geo.errors import WbfMissionError, told_error
 from mission.errors import AnswerError, PlanningError
 from mission.planners.path import Points
-from mission.policies.decision import NO_POINTS, NOT_FINITE, AcquisitionMap, Decision, answer_costs
+from mission.policies.decision import AcquisitionMap, Decision, answer_costs
 from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
 from mission.policies.policy import Policy, Triggers
 from sensors.fields import FieldSet
@@ -28,8 +28,8 @@ from wbf_mission.replanning.record import PLANNED_PATH, SKIPPED, DecisionRecord,
 from wbf_mission.replanning.spacing import KeptDistance
 
 _SCHEDULE = Path("/proc/thread-self/schedstat")
-CRASHED, TOO_LATE = "crashed", "too late"
-"""Two kinds of fault of an answer; an `AnswerError` from `answer_costs` or `Decision` has the other kinds."""
+CRASHED, TOO_LATE, _NO_PATH = "crashed", "too late", "no path"
+"""Kinds of fault of an answer; an `AnswerError` from `answer_costs` or `Decision` has the other kinds."""
 _REACHED_M = 1.0
 """An autopilot counts a point within this distance (m) as reached, and does not fly back to it."""
 
@@ -61,11 +61,11 @@ def ask(policy: Policy, name: str, observation: PolicyObservation) -> Answer:
     try:
         decision = policy.decide(observation)
     except AnswerError as error:
-        if error.kind in (NO_POINTS, NOT_FINITE):
-            raise AnswerError(f"{name}: {error}", error.kind) from None
-        raise
+        if error.kind == _NO_PATH:  # The text names the planner
+            raise
+        raise AnswerError(f"{name}: {error}", error.kind) from None
     except PlanningError as error:
-        raise AnswerError(str(error), "no path") from error
+        raise AnswerError(str(error), _NO_PATH) from error
     except (WbfMissionError, MemoryError):
         raise
     except Exception as error:

@@ -561,11 +561,6 @@ def _by_field(names: tuple[str, ...], values: tuple[float, ...] | None) -> dict[
 
 
 def _transfer_summary(transfers: list[Any]) -> dict[str, Any]:
-    return {
-        "items": sum(part.items for part in transfers),
-        "messages_sent": sum(part.messages_sent for part in transfers),
-        "messages_received": sum(part.messages_received for part in transfers),
-        "retries": sum(part.retries for part in transfers),
-        "duration_s": sum(part.duration_s for part in transfers),
-        "verified": bool(transfers) and all(part.verified for part in transfers),
-    }
+    summed = ("items", "messages_sent", "messages_received", "retries", "duration_s")
+    totals = {name: sum(getattr(part, name) for part in transfers) for name in summed}
+    return {**totals, "verified": bool(transfers) and all(part.verified for part in transfers)}

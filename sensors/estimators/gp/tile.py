@@ -158,8 +158,7 @@ def _precision(
     of products of cosines over the observations give all m^2 sums of products of functions.
     """
     m, along_x, along_y = len(terms), len(spectrum[0]), len(spectrum[1])
-    first_y, last_y = seen[:, 1].min(), seen[:, 1].max()
-    rows = np.arange(first_y, last_y + 1.0)
+    rows = np.arange(seen[:, 1].min(), seen[:, 1].max() + 1.0)
     cosines_y = np.ascontiguousarray(_cosines(rows, span_y[0], span_y[1], 2 * along_y + 1).T)
     sines_y = np.ascontiguousarray(sines(rows, span_y[0], span_y[1], spectrum[1]).T)
     # The observations are sorted by x, so that those of one x are added first.
@@ -169,13 +168,11 @@ def _precision(
     column = 0
     for p in range(len(seen)):
         column += seen[p, 0] > columns[column]
-        row = int(seen[p, 1] - first_y)
+        row = int(seen[p, 1] - rows[0])
         weight = seen[p, 2] / noise
-        for k in range(2 * along_y + 1):
-            by_column[column, k] += weight * cosines_y[row, k]
-        for k in range(along_y):
-            data[0, column, k] += weight * seen[p, 3] * sines_y[row, k]
-            data[1, column, k] += weight * sines_y[row, k]
+        by_column[column] += weight * cosines_y[row]
+        data[0, column] += weight * seen[p, 3] * sines_y[row]
+        data[1, column] += weight * sines_y[row]
     sums = np.zeros((2 * along_x + 1, 2 * along_y + 1))
     cosines_x = _cosines(columns, span_x[0], span_x[1], 2 * along_x + 1)
     add_product(1.0, cosines_x, by_column, sums, 0, len(sums), 0, len(columns), 0, 2 * along_y + 1)

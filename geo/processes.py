@@ -136,7 +136,7 @@ class Processes:
     Workers ignore Ctrl-C and end soon after this process is killed. Unlike workers of the standard library,
     these workers do not run the caller's script again.
 
-    At most `most` calls may be pending: with more calls loky prints a traceback when the pool is closed.
+    Have no more than `most` calls pending: with more, loky prints a traceback when the pool is closed.
     """
 
     def __init__(self, workers: int) -> None:

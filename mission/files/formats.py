@@ -159,7 +159,7 @@ ENTRY_POINT_GROUP = "wbf_mission.mission_formats"
 
 
 def _read_text(data: bytes) -> Mission | WithNotes | Drawn:
-    """Read a waypoint list, or a fence or rally file with the suffix of a waypoint list."""
+    """Read a waypoint list; a file with its suffix may also hold a fence or rally points."""
     other = _known().get(POINTS_OF_KIND.get(kind_of(data), ""))
     return waypoints.loads(data) if other is None or other.loads is None else other.loads(data)
 

@@ -32,7 +32,7 @@ class BootClock:
 
     def __init__(self) -> None:
         self.restarts = 0
-        self.offset_ms = 0  # offset from the present time since boot to the continuous clock
+        self.offset_ms = 0  # continuous clock minus the time since the last boot
         self._last_ms = -1
         self._last_s = -math.inf
 

@@ -20,7 +20,7 @@ LOOK_AHEAD = (1, 2, 3)
 # The second guess of a round is the midpoint between the first guess and the upper bound.
 _APART = 2
 _SLOPE_OVER = 0.9  # Cost slopes are measured between densities at least 10 % apart; closer pairs are noisy.
-_LEAST_SHARE = 1e-6  # Smaller gaps are artefacts of rounding (fraction of the area).
+_LEAST_SHARE = 1e-6  # Smaller gaps, as a fraction of the area, are artefacts of rounding.
 _WORTH = 1.05  # Turns cost flight quality: a path with more turns must be denser by this factor.
 
 

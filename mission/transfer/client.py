@@ -320,7 +320,7 @@ class ClientTransfer(ABC):
         return self._opened_s + tries * each_s
 
     def _silence_s(self) -> float:
-        """Return the timeout without a new item (s), on a slow link long enough for up to twenty requests."""
+        """Return the longest wait for a new item (s); on a slow link, it suffices for twenty requests."""
         timers = self.timers
         wait_s = self.round_trip.wait(timers.item_s, timers.floor_s, timers.reply_s)
         return max(timers.silence_s, min(20.0 * wait_s, 20.0 * timers.reply_s), 6.0 * wait_s)

@@ -282,7 +282,7 @@ class ImageList:
         self._camera += [camera] * len(ix)
 
     def read(self, cameras: Sequence[Camera]) -> NDArray[np.float32]:
-        """Take all images of the list, and return their readings by number, float32[images * cells, fields].
+        """Take all images of the list; return the readings, float32[images * cells, fields], in list order.
 
         `cameras` are in the order of the camera numbers. A camera takes its images in list order.
         """

@@ -204,7 +204,7 @@ def recur(noise: NDArray[np.float64], first: float, second: float, drive: float)
 
 @cache
 def _compiled_recursion() -> Callable[..., NDArray[np.float64]]:
-    """Return `recur`, compiled at the first use, because flights without errors need no compiler."""
+    """Return `recur`, compiled only at its first use: flights without errors need no compiler."""
     return compiled(nogil=True)(recur)
 
 

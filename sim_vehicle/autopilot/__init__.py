@@ -150,7 +150,7 @@ class Autopilot:
         return firmware
 
     def firmware(self, kind: str) -> Firmware | None:
-        """Return the firmware that the autopilot or the kind provides for a kind of vehicle, or None."""
+        """Return the firmware for a kind of vehicle, from this autopilot or the kind itself; None if none."""
         target = "" if kind in self.firmwares else get_kind(kind).firmwares.get(self.name, "")
         return _load_object(target, kind, Firmware) if target else self.firmwares.get(kind)
 

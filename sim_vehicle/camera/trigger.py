@@ -60,7 +60,7 @@ class CameraTrigger:
     A new distance or interval trigger replaces the active one. Distances are horizontal lengths along the
     path. In a gap of the telemetry (more than 1.5 s, or a jump faster than 150 m/s) there are no exposures,
     because the position is unknown. After the gap, the distance begins again at 0. Late or repeated reports
-    are ignored. A clock that jumps back stops the trigger, because the autopilot has rebooted.
+    are ignored. If the clock jumps back, the autopilot has rebooted, and the trigger stops.
     """
 
     __slots__ = (

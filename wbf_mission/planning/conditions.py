@@ -117,7 +117,7 @@ def separation_margin_m(first_m: float, second_m: float) -> float:
 def ground_separation_margin_m(options: VehicleOptions) -> float:
     """Return the horizontal `separation_margin_m` of two vehicles of a run.
 
-    Estimate errors need no margin: they move a vehicle no farther than gusts do, which the separation covers.
+    Errors of the estimate need no margin: they act like gusts, which the separation already covers.
     """
     return separation_margin_m(options.gps_noise_m, options.gps_noise_m)
 

@@ -282,7 +282,7 @@ _FARTHEST_START_M = 1000.0
     Rule(
         "far-start",
         WARNING,
-        "the whole mission is far from home; this item is its nearest position",
+        "the whole mission is far from home; of its positions, this item is nearest to home",
         "check the position of home",
         rules.at_most("distance from home", "m"),
     )

@@ -75,7 +75,7 @@ def check_problems(subject: Subject) -> Iterator[Finding]:
     )
 )
 def check_predicted(subject: Subject) -> Iterator[Finding]:
-    """Find a plan whose flight is not predicted, because several checks are then weaker."""
+    """Find a plan whose flight is not predicted; without a prediction, several checks are weaker."""
     if subject.prediction is None:
         yield found(subject, "no-prediction")
 

@@ -25,9 +25,9 @@ def connection(name: str) -> Any:
     """Return what an add-on provides for flights of real vehicles; LinkError if no add-on does.
 
     The name ``LiveLink`` gives the class `wbf_mission.LiveLink`, and ``fly`` a function that makes such a
-    link with the operator at the terminal. ``resume`` gives a function that finds the place at which a
-    mission is resumed, from the text of ``plan --resume`` and the mission's `Course`. ``checks`` gives the
-    checks of a plan against a vehicle's answers (`check_mission`).
+    link with the operator at the terminal. ``resume`` gives a function that takes the text of
+    ``plan --resume`` and a mission's `Course`, and returns the place from which the mission is resumed.
+    ``checks`` gives the checks of a plan against a vehicle's answers (`check_mission`).
     """
     group = "wbf_mission.connections"
     return load_named(group, name, "connects to real vehicles with", "the connection", LinkError)

@@ -287,8 +287,8 @@ class LiveLink:
     def change_battery(self, vehicle: Vehicle, plan: PlanResult, *, last: FlightRecord, which: str) -> str:
         """Wait for the battery change, and check the next sortie.
 
-        Return the reason why the sortie cannot be flown; empty if it can. With `agreed`, no operator confirms
-        the change: the battery reading has to rise within `change_s`.
+        Return the reason why the sortie cannot be flown; empty if it can. With `agreed`, no operator has to
+        confirm the change; instead, the battery reading has to rise within `change_s`.
         """
         number = vehicle.task.system_id
         url, _ = self._heard[number]

@@ -231,7 +231,7 @@ def preflight_command(
     output: Output,
     file: Annotated[Path, typer.Argument(help="Mission file: .plan, .waypoints, .json, .kml ...")],
     around: Surroundings,
-    connect: Annotated[str | None, options.link("Link to the vehicle; also checks the vehicle")] = None,
+    connect: Annotated[str | None, options.link("Link to a vehicle that is to be checked, too")] = None,
     system_id: options.SystemId = None,
     wait: options.Wait = 10.0,
 ) -> int:

@@ -131,8 +131,8 @@ def map_command(
     observations: Annotated[
         Path | None,
         option(
-            "Camera readings: a CSV file with a column for each field, and a column time, name or image, or "
-            "columns latitude and longitude; or the observations of 'fly'. [default: the readings in the "
+            "Camera readings: the observations of 'fly', or a CSV file with a column for each field and one "
+            "column 'time', 'name' or 'image' (or two, 'latitude' and 'longitude'). [default: those in the "
             ".tlog or results]",
             panel="What was flown",
         ),

@@ -68,8 +68,8 @@ class LiveServer:
     `token`, by default a random text that `url` contains. Without `orders`, pages only show the run. `tiles`
     is the file of a background map. `routes` are protected by the guard (`wbf_mission.addons.web.guard`), at
     any path except "/live", "/beats" and "/tiles/..."; their handlers must limit the size of request bodies.
-    `home` is the page in ``static/`` that is served at "/". Raises MapTilesError if the tiles are unusable,
-    and ``with`` raises LinkError if the port is taken.
+    `home` is the page in ``static/`` that is served at "/". Raises MapTilesError if the tiles are unusable;
+    entering the context raises LinkError if the port is taken.
 
     >>> with LiveServer(View()) as server:
     ...     server.url.startswith("http://127.0.0.1:")

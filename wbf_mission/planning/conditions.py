@@ -117,7 +117,7 @@ def separation_margin_m(first_m: float, second_m: float) -> float:
 def ground_separation_margin_m(options: VehicleOptions) -> float:
     """Return the horizontal `separation_margin_m` of two vehicles of a run.
 
-    Errors of the estimate need no margin: they move vehicles no farther than gusts, which are covered already.
+    Errors of the estimate need no margin: they move vehicles no farther than gusts, which are covered.
     """
     return separation_margin_m(options.gps_noise_m, options.gps_noise_m)
 

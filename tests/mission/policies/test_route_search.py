@@ -180,6 +180,8 @@ def test_what_cannot_be_paid_is_cut_off():
     short = _vehicle(LengthBudget(40.0, return_to=(0.0, 0.0)))
     cut = affordable(short, points)
     assert len(cut) == 2 and 0.0 < cut[1, 1] < 20.0 and short.travel_cost.rest([cut])[0] <= 40.0
+    shorter = _vehicle(LengthBudget(22.0, return_to=(0.0, 0.0)))  # Pays for a sixteenth of the second leg
+    assert affordable(shorter, points).tolist() == [[10.0, 0.0], [10.0, 1.25]]
     assert len(affordable(_vehicle(LengthBudget(5.0), (30.0, 0.0), spent=5.0), points)) == 0
 
 

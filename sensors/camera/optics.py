@@ -235,6 +235,7 @@ def _camera(name: str, values: dict[str, object]) -> CameraModel:
 
 
 def _check(camera: str, name: str, value: float, *, above_zero: bool) -> None:
+    value = math.inf if abs(value) > 1e300 else value  # A whole number can be too large for a float
     if not (math.isfinite(value) and (value > 0 if above_zero else value >= 0)):
         least = "above zero" if above_zero else "not below zero"
         msg = f"camera {camera}: {name} {value:g} must be a finite number {least}"

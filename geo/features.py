@@ -112,7 +112,7 @@ def _converted(key: str, value: Any) -> Any:
     if key in ("height_m", "margin_m"):
         try:
             return float(value)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             return value
     text = " ".join("".join(char if char.isprintable() else " " for char in str(value)).split())
     return crop_of(text) if key == "crop" else text[:_MAX_TEXT]
@@ -317,12 +317,13 @@ def position_of(position: object, where: str, crs: Coordinates | None = None) ->
     return longitude_deg, latitude_deg
 
 
+def is_number(value: object) -> bool:
+    """Return whether a value is a finite number, and not a whole number that is too large for a float."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
+
+
 def _numbers(position: object, where: str) -> tuple[float, float]:
-    if (
-        not isinstance(position, list)
-        or not 2 <= len(position) <= 4
-        or not all(type(value) in (int, float) and abs(value) < 1e300 for value in position)
-    ):
+    if not isinstance(position, list) or not 2 <= len(position) <= 4 or not all(map(is_number, position)):
         msg = f"{where}: {shortened(position)} is not a position [longitude, latitude] of finite numbers"
         raise FarmError(msg)
     return float(position[0]), float(position[1])

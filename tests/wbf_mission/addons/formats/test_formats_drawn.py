@@ -268,6 +268,18 @@ def test_a_long_track_is_taken_up_to_what_mavlink_numbers(made, refusal):
          "line 2: autocontinue is 'maybe'"),
         (".csv", "role,lat,lon,command,frame,param1\nitem,,,177,2,9\n",
          "line 2: DO_JUMP to index 9, which does"),
+        *((".csv", f"role,lat,lon,command,frame,index\nitem,1,2,16,3,{number}\n",
+           f"line 2: index is '{shown}'; give a finite number")
+          for number, shown in (("-inf", "-inf"), ("1e999", "inf"), ("9" * 400, "inf"))),
+        (".gpx", gpx("<extensions><record role='item' command='177' index='inf'/></extensions>"),
+         "index is 'inf'; give a finite number"),
+        (".kml", kml("<Placemark><ExtendedData>" + "".join(
+            f"<Data name='{name}'><value>{value}</value></Data>"
+            for name, value in (("role", "item"), ("index", "1e999"))) + "</ExtendedData></Placemark>"),
+         "index is 'inf'; give a finite number"),
+        (".geojson", geojson(None, role="item", index=10**400), "feature 1: index is '1000000000000000000"),
+        (".geojson", geojson({"type": "LineString", "coordinates": [[10**400, 2], [1, 2]]}),
+         "feature 1, point 1: [1000000000000000"),
         (".csv", "role,lat,lon,command\nhome,,,\n", "line 2: home does not have exactly one point"),
         (".csv", "role,lat,lon,command,version\nmission,,,,2\n", "line 2: version 2 is unknown"),
     ],

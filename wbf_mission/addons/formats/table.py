@@ -57,7 +57,7 @@ def loads(data: bytes) -> Mission | Drawing:
         )
     records = []
     for line, words, _ in rows[1:]:
-        if len(words) > len(header):
+        if any(word.strip() for word in words[len(header) :]):
             raise MissionFileError(f"line {line}: {len(words)} columns, but the header names {len(header)}")
         texts = dict(zip(header, (word.strip() for word in words), strict=False))
         if comma:

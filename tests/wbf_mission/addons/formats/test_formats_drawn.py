@@ -255,6 +255,7 @@ def test_a_long_track_is_taken_up_to_what_mavlink_numbers(made, refusal):
         (".csv", "lat,lon,alt\n28.05,,10\n", "line 2: lon is missing; give degrees"),
         (".csv", "lat,lon,alt\n\n28,05,-82,15,10\n", "line 3: 5 columns, but the header names 3"),
         (".csv", "lat,lon,altitude(ft)\n1,2,3\n", "column 'altitude(ft)' is not in metres or degrees"),
+        (".csv", "lat,lon,alt\n1,2,3,\n1,2,3,,4\n", "line 3: 5 columns, but the header names 3"),
         (".csv", 'lat,lon,alt\n1,2,"3\n', "line 2: unexpected end of data"),
         (".csv", "lat,lon,alt\n" + "1" * 200_000 + ",2,3\n", "line 2"),
         (".csv", b"lat,lon,alt\n1,2,\xff\n", "line 2: this is not UTF-8 text"),
@@ -286,6 +287,11 @@ def test_a_long_track_is_taken_up_to_what_mavlink_numbers(made, refusal):
 )  # fmt: skip
 def test_what_cannot_be_read_is_told_in_a_line_with_its_place(refusal, suffix, content, part):
     assert part in refusal(suffix, content)
+
+
+def test_columns_without_a_name_may_be_empty(made):
+    mission, _ = made(".csv", "lat,lon,alt\n28.05,-82.15,10,\n28.051,-82.151,20,, \n")
+    assert [item.z for item in mission.items] == [10.0, 20.0]
 
 
 def test_utf_16_is_read_where_xml_says_so(made):

@@ -289,6 +289,14 @@ def test_what_cannot_be_read_is_told_in_a_line_with_its_place(refusal, suffix, c
     assert part in refusal(suffix, content)
 
 
+@pytest.mark.parametrize("name", ["altitudemode", "AltitudeMode"])
+def test_altitudes_of_litchi_are_read_above_home_only(made, refusal, name):
+    table = f"latitude,longitude,altitude(m),{name}\n28.05,-82.15,10,0\n28.051,-82.151,20,%s\n"
+    assert [item.z for item in made(".csv", table % "0")[0].items] == [10.0, 20.0]
+    assert "line 3: altitudemode is 1, not 0 (above home); give altitudes" in refusal(".csv", table % "1")
+    assert "line 3: altitudemode is 'ground'; give a number" in refusal(".csv", table % "ground")
+
+
 def test_columns_without_a_name_may_be_empty(made):
     mission, _ = made(".csv", "lat,lon,alt\n28.05,-82.15,10,\n28.051,-82.151,20,, \n")
     assert [item.z for item in mission.items] == [10.0, 20.0]

@@ -25,6 +25,7 @@ from geo.features import (
     number_member,
     position_of,
     read_entry,
+    short_line,
     shortened,
     text_member,
 )
@@ -128,7 +129,7 @@ def split_layer(text: str) -> tuple[Path, str | None]:
 
 def _farm_of(document: Document, default_name: str, crop: str | None, *, repair: bool) -> Farm:
     members, notes = document.members, document.notes
-    name = text_member(members, "name", default_name, "the farm")
+    name = text_member(members, "name", short_line(default_name) or "farm", "the farm")
     features, places = _contents(document, repair=repair)
     home = _home(document, places)
     features = [_closed(feature, notes) for feature in _near(features, home, notes, repair=repair)]

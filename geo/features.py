@@ -114,8 +114,26 @@ def _converted(key: str, value: Any) -> Any:
             return float(value)
         except (TypeError, ValueError, OverflowError):
             return value
-    text = " ".join("".join(char if char.isprintable() else " " for char in str(value)).split())
-    return crop_of(text) if key == "crop" else text[:_MAX_TEXT]
+    text = short_line(" ".join(str(value).split()))
+    return crop_of(text) if key == "crop" else text
+
+
+def short_line(value: object) -> str:
+    r"""Return a value as one printable line of at most 200 characters, as a farm file names things.
+
+    >>> short_line(" north\xa0field\n2 "), short_line(115)
+    ('north field 2', '115')
+    """
+    text = str(value)
+    if not text.isprintable():
+        text = " ".join("".join(char if char.isprintable() else " " for char in text).split())
+    return text.strip()[:_MAX_TEXT].strip()
+
+
+def part_name(name: str, number: int) -> str:
+    """Return the name of a part of a feature: a short line that ends in the part's number."""
+    end = f" {number}"
+    return name[: _MAX_TEXT - len(end)].rstrip() + end
 
 
 def crop_of(text: str) -> str:
@@ -223,7 +241,9 @@ def read_entry(entry: Entry, notes: list[str], *, repair: bool) -> list[Feature]
     parts = _parts(geometry, where)
     found = []
     for number, part in enumerate(parts, 1):
-        at, called = (where, name) if len(parts) == 1 else (f"{where}, part {number}", f"{name} {number}")
+        at, called = (
+            (where, name) if len(parts) == 1 else (f"{where}, part {number}", part_name(name, number))
+        )
         rings = [_ring(ring, at, entry.crs) for ring in part]
         if repair and entry.crs is None and _only_swapped(rings):
             rings = [ring[:, ::-1].copy() for ring in rings]
@@ -356,13 +376,12 @@ def check_degrees(longitude_deg: float, latitude_deg: float, where: str) -> None
 
 
 def text_member(members: dict[str, Any], key: str, default: str, where: str) -> str:
-    """Return the member `key`, a short line of text, or else `default`; raise FarmError for other values."""
+    """Return the member `key` or else `default`, as `short_line`; raise FarmError if it holds no text."""
     value = members.get(key)
-    if value is None:
-        return default
-    if not isinstance(value, str) or not value.strip() or len(value) > _MAX_TEXT or not value.isprintable():
+    text = short_line(default if value is None else value)
+    if isinstance(value, bool | list | dict) or not text:
         raise FarmError(f'{where}: "{key}" is {shortened(value)}, not a short line of text')
-    return value.strip()
+    return text
 
 
 T = TypeVar("T", float, None)

@@ -12,6 +12,7 @@ from geo import get_farm, save_farm
 from mission.files import read_mission, write_mission
 from mission.ground.link_state import LinkReport
 from mission.link.tlog import read_tlog
+from mission.model import Command, Frame, MissionItem
 from mission.outcome import Outcome
 from sensors.lazy_fields import LazyFields
 from sensors.observations import Observations
@@ -90,6 +91,28 @@ def test_a_real_flight_keeps_how_good_its_link_was(result: Result, tmp_path: Pat
     flights = tuple(dataclasses.replace(one, link=link, missing_images=3) for one in result.flights)
     real = dataclasses.replace(result, flights=flights)
     assert load_result(real.save(tmp_path / "run", plots=False)) == real
+
+
+def test_a_mission_that_no_plan_can_hold_is_saved_as_json(result: Result, tmp_path: Path) -> None:
+    mission = result.plan.mission
+    there = mission.items[2]
+    rally = MissionItem(Command.NAV_RALLY_POINT, Frame.GLOBAL, x=there.x, y=there.y, z=90.0)
+    mission = dataclasses.replace(mission, home=None, rally=(rally,))
+    write_mission(mission, tmp_path / "own.json")
+    flown = fly(scenario_with(Scenario(farm="miniberry-10"), {"mission": str(tmp_path / "own.json")}))
+    flown.rest = mission
+    told: list[str] = []
+    with ResultFolder(tmp_path / "run", warn=told.append) as folder:
+        written = folder.write(flown)
+    for name, line in zip(("plan", "rest"), told, strict=True):
+        assert line.startswith(
+            f"{name}.plan is left out, use {name}.json: a plan cannot hold the mission: rally"
+        )
+        assert not (tmp_path / "run" / f"{name}.plan").exists()
+        assert tmp_path / "run" / f"{name}.json" in written
+    assert all(path.is_file() for path in written)
+    assert load_result(tmp_path / "run") == flown
+    assert flown.plan.mission.home is None
 
 
 def test_class_probabilities_are_kept_where_the_estimator_has_them(result: Result, tmp_path: Path) -> None:

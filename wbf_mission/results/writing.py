@@ -52,7 +52,7 @@ class ResultFolder:
     writable or is locked by another run.
 
     If a flight is killed, or a `real` flight ends with an error, its log is kept beside the folder, and
-    `warn` receives a line about the log.
+    `warn` receives a line about the log. It also receives a line for each mission that is saved only as JSON.
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class ResultFolder:
             free_unused_memory()
             with ThreadPoolExecutor(1) as pool:
                 arrays = write_arrays(result, filled, pool)
-                written = write_result(result, filled, arrays)
+                written = write_result(result, filled, arrays, self._warn)
                 try:
                     for number, (name, maker) in enumerate(jobs):
                         answer()

@@ -231,6 +231,17 @@ def test_an_input_is_never_written_over(tmp_path: Path) -> None:
     assert [path.name for path in mission.parent.iterdir()] == ["plan.plan"]
 
 
+def test_the_rest_of_an_older_run_does_not_stay(result: Result, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    dataclasses.replace(result, rest=result.plan.mission).save(run, plots=False)
+    for name in ("rest.plan", "rest.json"):
+        with pytest.raises(ResultError, match="which the run reads"):
+            ResultFolder(run, inputs=[run / name], overwrite=True)
+    result.save(run, plots=False)
+    assert not list(run.glob("rest.*"))
+    assert load_result(run).rest is None
+
+
 def test_the_folder_in_which_one_is(result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     here = tmp_path / "here"
     here.mkdir()

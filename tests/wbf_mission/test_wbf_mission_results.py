@@ -271,12 +271,37 @@ def test_an_interrupted_flight_goes_beside_an_older_result(result: Result, tmp_p
     result.save(tmp_path / "run", plots=False)
     stopped = dataclasses.replace(result.flights[0], outcome=Outcome.INTERRUPTED)
     broken = dataclasses.replace(result, flights=(stopped,))
-    for _ in range(2):
+    (tmp_path / "run.interrupted-2").mkdir()
+    (tmp_path / "run.interrupted-2" / "letter.txt").write_text("dear")
+    for name, seed in (("run.interrupted", 4), ("run.interrupted-3", 5)):
+        other = dataclasses.replace(broken, scenario=scenario_with(result.scenario, {"seed": seed}))
         with ResultFolder(tmp_path / "run", scenario=result.scenario.to_dict()) as folder:
-            folder.write(broken)
-        assert folder.path.name == "run.interrupted"
+            folder.write(other)
+        assert folder.path == tmp_path / name
     assert load_result(tmp_path / "run").outcome is Outcome.COMPLETED
-    assert load_result(tmp_path / "run.interrupted").outcome is Outcome.INTERRUPTED
+    for name, seed in (("run.interrupted", 4), ("run.interrupted-3", 5)):
+        again = load_result(tmp_path / name)
+        assert (again.outcome, again.scenario.seed) == (Outcome.INTERRUPTED, seed)
+    assert [path.name for path in (tmp_path / "run.interrupted-2").iterdir()] == ["letter.txt"]
+
+
+@pytest.mark.parametrize(
+    ("written", "beside"),
+    [(".", "../here.interrupted"), ("..", "../../runs.interrupted"), ("in", "in.interrupted")],
+)
+def test_an_interrupted_flight_is_kept_however_the_folder_is_written(
+    result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, written: str, beside: str
+) -> None:
+    here = tmp_path / "runs" / "here"
+    here.mkdir(parents=True)
+    monkeypatch.chdir(here)
+    result.save(written, plots=False, overwrite=True)
+    stopped = dataclasses.replace(result.flights[0], outcome=Outcome.INTERRUPTED)
+    with ResultFolder(Path(written), overwrite=True) as folder:
+        folder.write(dataclasses.replace(result, flights=(stopped,)))
+    assert folder.path == (Path(beside) if written == "in" else Path(beside).resolve())
+    assert load_result(beside).outcome is Outcome.INTERRUPTED
+    assert load_result(written).outcome is Outcome.COMPLETED
 
 
 def test_ctrl_c_among_the_pictures_keeps_the_rest(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import itertools
+import os
 import re
 import shlex
 import shutil
@@ -115,7 +116,7 @@ class ResultFolder:
         ``release`` drops truth and estimate from the result once they are written, which frees memory for the
         animation's estimator on large farms. The first Ctrl-C skips the remaining pictures and products, and
         the second discards everything. If a flight was interrupted or pictures were skipped, the result never
-        replaces an older result, but goes into a folder with the suffix ``.interrupted``.
+        replaces an older result, but goes into a new folder: NAME.interrupted, NAME.interrupted-2 and so on.
         """
         progress = progress or silent
         filled = self._folder.filled
@@ -159,36 +160,36 @@ class ResultFolder:
         """Move the log of an unsaved flight beside the folder; the warning says how to use the log."""
         if not _has_flown(self.tlog):
             return
-        name = f"{self._folder.filled.name[1:].removesuffix('.partial')}{_KEPT}"
-        names = (name if number == 1 else f"{name}-{number}" for number in itertools.count(1))
-        kept = next(
-            path for one in names if not (path := self._folder.filled.with_name(f"{one}.tlog")).exists()
-        )
+        kept = self._free(_KEPT, ".tlog")
         self.tlog.rename(kept)
-        # The warning shows the path in the way in which the user wrote it.
-        shown = self.path.with_name(kept.name) if kept.parent == self.path.resolve().parent else kept
-        words = (
-            "wbf-mission map --log",
-            str(shown),
-            "--farm",
-            self._farm,
-            "--out",
-            f"{shown.with_suffix('')}-map",
-        )
-        command = " ".join([words[0], *map(shlex.quote, words[1:])])
+        made = f"{kept.with_suffix('')}-map"
+        words = ["wbf-mission", "map", "--log", str(kept), "--farm", self._farm, "--out", made]
         self._warn(
-            f"a flight into {self.path} was not saved; its telemetry log is kept as {shown}."
-            f" Make its map with '{command}'"
+            f"a flight into {self.path} was not saved; its telemetry log is kept as {kept}."
+            f" Make its map with '{shlex.join(words)}'"
         )
 
+    def _free(self, ending: str, suffix: str = "") -> Path:
+        """Return a free path beside the temporary folder: the result's name, `ending`, a number and `suffix`.
+
+        The path is given in the way in which the user wrote the result's path, if both have the same parent.
+        """
+        filled = self._folder.filled
+        name = f"{filled.name[1:].removesuffix('.partial')}{ending}"
+        for number in itertools.count(1):
+            path = filled.with_name(f"{name}-{number}{suffix}" if number > 1 else f"{name}{suffix}")
+            settle_result(path)
+            if not os.path.lexists(path):
+                break
+        shown = self.path.parent / path.name
+        return shown if shown.resolve() == path else path
+
     def _put_in_place(self, *, beside: bool) -> None:
-        """Rename the temporary folder to the target; with `beside`, to the target plus ``.interrupted``."""
+        """Rename the temporary folder to the target; with `beside`, to a free name beside it."""
         if not beside:
             self._folder.commit()
         else:
-            path = self.path.with_name(f"{self.path.name}.interrupted")
-            settle_result(path)
-            _check_target(path, (), None, overwrite=(path / RECORD).is_file())
+            path = self._free(".interrupted")
             with _about(path), AtomicFolder(path, RECORD, _is_ours) as neighbour:
                 neighbour.commit(self._folder.filled)
             self.path = path

@@ -87,6 +87,18 @@ def test_fly_does_not_take_the_mission_that_it_was_given(
     assert [path.name for path in Path("b").iterdir()] == ["plan.plan"]
 
 
+def test_fly_does_not_take_the_vehicle_files_of_a_fleet(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("b").mkdir()
+    Path("b/vehicle-2.toml").write_text('base = "quad"\n')
+    arguments = [*FLY[:1], "--farm", "miniberry-10", "--out", "b", "--overwrite", "--vehicle"]
+    for vehicle in ("b/vehicle-2.toml", "b/vehicle-2.toml,quad", "quad, b/vehicle-2.toml"):
+        assert "holds b/vehicle-2.toml, which the run reads" in refused(capsys, *arguments, vehicle)
+    assert [path.name for path in Path("b").iterdir()] == ["vehicle-2.toml"]
+
+
 def test_the_wall_time_is_that_of_the_process(tmp_path: Path) -> None:
     code = (
         "import json, sys, time; time.sleep(0.5)\n"

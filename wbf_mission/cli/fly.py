@@ -184,7 +184,8 @@ class _Saving:
         from wbf_mission.results.writing import ResultFolder, run_name
         from wbf_mission.run.estimation import resolved
 
-        inputs = [given.file, chosen.farm.name, *chosen.farm.fields, chosen.mission.file, chosen.vehicle.name]
+        farm, mission, vehicle = chosen.farm, chosen.mission, chosen.vehicle
+        inputs = [given.file, farm.name, *farm.fields, mission.file, *vehicle.names]
         path, asked = self.out or Path("runs") / run_name(chosen), resolved(chosen).to_dict()
         return ResultFolder(
             path, inputs=inputs, scenario=asked, overwrite=self.overwrite, real=real, warn=output.warn

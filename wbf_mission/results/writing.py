@@ -11,6 +11,7 @@ import shlex
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
+from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
 from typing import Any, Self
@@ -30,6 +31,8 @@ from wbf_mission.results.files import (
     PROBABILITIES,
     RECORD,
     REST,
+    TRACK,
+    TRUE_TRACK,
     WORLD,
     write_arrays,
     write_result,
@@ -309,39 +312,15 @@ def _has_flown(tlog: Path) -> bool:
 
 
 def _is_ours(name: str) -> bool:
-    many = (
-        ("field_", ".png"),
-        (PROBABILITIES, SUFFIX),
-        ("plan-day", ".plan"),
-        ("plan-day", ".json"),
-        ("vehicle-", ".toml"),
-        ("report-", ".html"),
-    )
-    is_named = name in _NAMES or any(name.startswith(start) and name.endswith(end) for start, end in many)
-    return is_named or name in product_names()
+    return name in product_names() or any(fnmatchcase(name, pattern) for pattern in _PATTERNS)
 
 
-_NAMES = frozenset(
-    {
-        RECORD,
-        "summary.json",
-        "plan.plan",
-        "plan.json",
-        REST,
-        "rest.json",
-        "flight.tlog",
-        "observations.parquet",
-        "track.parquet",
-        DECISIONS,
-        "true_track.parquet",
-        "scores.parquet",
-        *(f"{name}{end}{SUFFIX}" for name in ("truth", "value", "uncertainty") for end in ("", "_days")),
-        "maps.npz",
-        "farm.geojson",
-        "vehicle.toml",
-        WORLD,
-        "path.png",
-        "score.png",
-        "report.html",
-    }
+_PATTERNS = (
+    *(RECORD, "summary.json", "flight.tlog", "report.html", "report-*.html"),
+    *("plan.plan", "plan.json", "plan-day*.plan", "plan-day*.json", REST, "rest.json"),
+    *("observations.parquet", "scores.parquet", DECISIONS, TRACK, TRUE_TRACK),
+    *(f"{name}{end}{SUFFIX}" for name in ("truth", "value", "uncertainty") for end in ("", "_days")),
+    *(f"{PROBABILITIES}*{SUFFIX}", "maps.npz", "path.png", "score.png", "field_*.png"),
+    *("farm.geojson", WORLD, "vehicle.toml", "vehicle-*.toml"),
 )
+"""Patterns for the names of a result's files."""

@@ -3,14 +3,18 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from mission.link.tlog import TlogWriter, read_tlog
+from mission.model import Command, Frame, MissionItem
 from wbf_mission import Scenario, plan
 from wbf_mission.cli.app import main
 from wbf_mission.cli.output import Output
+from wbf_mission.flight import fly
 from wbf_mission.results.result import load_result
 from wbf_mission.results.writing import ResultFolder
 
@@ -85,6 +89,41 @@ def test_fly_does_not_take_the_mission_that_it_was_given(
         assert "which the run reads" in refused(capsys, *arguments, *overwrite)
     assert Path("b/plan.plan").read_bytes() == before
     assert [path.name for path in Path("b").iterdir()] == ["plan.plan"]
+
+
+def test_fly_does_not_take_the_vehicle_files_of_a_fleet(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("b").mkdir()
+    Path("b/vehicle-2.toml").write_text('base = "quad"\n')
+    arguments = [*FLY[:1], "--farm", "miniberry-10", "--out", "b", "--overwrite", "--vehicle"]
+    for vehicle in ("b/vehicle-2.toml", "b/vehicle-2.toml,quad", "quad, b/vehicle-2.toml"):
+        assert "holds b/vehicle-2.toml, which the run reads" in refused(capsys, *arguments, vehicle)
+    assert [path.name for path in Path("b").iterdir()] == ["vehicle-2.toml"]
+
+
+@pytest.mark.parametrize("has_home", [True, False])
+def test_fly_names_the_file_in_which_the_rest_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], has_home: bool
+) -> None:
+    def with_rest(*arguments: Any, **more: Any) -> Any:
+        result = fly(*arguments, **more)
+        there = result.plan.mission.items[2]
+        rally = MissionItem(Command.NAV_RALLY_POINT, Frame.GLOBAL, x=there.x, y=there.y, z=90.0)
+        home = result.plan.mission.home if has_home else None
+        result.rest = replace(result.plan.mission, home=home, rally=(rally,))
+        return result
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("wbf_mission.flight.fly", with_rest)
+    assert main([*FLY[:-1], "--farm", "miniberry-10", "--out", "run"]) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    name = "rest.plan" if has_home else "rest.json"
+    assert f"in run/{name}: continue with fly --mission" in said
+    assert ("plan --resume run" in said) is has_home
+    assert ("rest.plan is left out, use rest.json" in said) is not has_home
+    assert Path("run", name).is_file()
 
 
 def test_the_wall_time_is_that_of_the_process(tmp_path: Path) -> None:

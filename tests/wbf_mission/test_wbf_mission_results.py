@@ -12,6 +12,7 @@ from geo import get_farm, save_farm
 from mission.files import read_mission, write_mission
 from mission.ground.link_state import LinkReport
 from mission.link.tlog import read_tlog
+from mission.model import Command, Frame, MissionItem
 from mission.outcome import Outcome
 from sensors.lazy_fields import LazyFields
 from sensors.observations import Observations
@@ -90,6 +91,28 @@ def test_a_real_flight_keeps_how_good_its_link_was(result: Result, tmp_path: Pat
     flights = tuple(dataclasses.replace(one, link=link, missing_images=3) for one in result.flights)
     real = dataclasses.replace(result, flights=flights)
     assert load_result(real.save(tmp_path / "run", plots=False)) == real
+
+
+def test_a_mission_that_no_plan_can_hold_is_saved_as_json(result: Result, tmp_path: Path) -> None:
+    mission = result.plan.mission
+    there = mission.items[2]
+    rally = MissionItem(Command.NAV_RALLY_POINT, Frame.GLOBAL, x=there.x, y=there.y, z=90.0)
+    mission = dataclasses.replace(mission, home=None, rally=(rally,))
+    write_mission(mission, tmp_path / "own.json")
+    flown = fly(scenario_with(Scenario(farm="miniberry-10"), {"mission": str(tmp_path / "own.json")}))
+    flown.rest = mission
+    told: list[str] = []
+    with ResultFolder(tmp_path / "run", warn=told.append) as folder:
+        written = folder.write(flown)
+    for name, line in zip(("plan", "rest"), told, strict=True):
+        assert line.startswith(
+            f"{name}.plan is left out, use {name}.json: a plan cannot hold the mission: rally"
+        )
+        assert not (tmp_path / "run" / f"{name}.plan").exists()
+        assert tmp_path / "run" / f"{name}.json" in written
+    assert all(path.is_file() for path in written)
+    assert load_result(tmp_path / "run") == flown
+    assert flown.plan.mission.home is None
 
 
 def test_class_probabilities_are_kept_where_the_estimator_has_them(result: Result, tmp_path: Path) -> None:
@@ -208,6 +231,17 @@ def test_an_input_is_never_written_over(tmp_path: Path) -> None:
     assert [path.name for path in mission.parent.iterdir()] == ["plan.plan"]
 
 
+def test_the_rest_of_an_older_run_does_not_stay(result: Result, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    dataclasses.replace(result, rest=result.plan.mission).save(run, plots=False)
+    for name in ("rest.plan", "rest.json"):
+        with pytest.raises(ResultError, match="which the run reads"):
+            ResultFolder(run, inputs=[run / name], overwrite=True)
+    result.save(run, plots=False)
+    assert not list(run.glob("rest.*"))
+    assert load_result(run).rest is None
+
+
 def test_the_folder_in_which_one_is(result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     here = tmp_path / "here"
     here.mkdir()
@@ -237,12 +271,37 @@ def test_an_interrupted_flight_goes_beside_an_older_result(result: Result, tmp_p
     result.save(tmp_path / "run", plots=False)
     stopped = dataclasses.replace(result.flights[0], outcome=Outcome.INTERRUPTED)
     broken = dataclasses.replace(result, flights=(stopped,))
-    for _ in range(2):
+    (tmp_path / "run.interrupted-2").mkdir()
+    (tmp_path / "run.interrupted-2" / "letter.txt").write_text("dear")
+    for name, seed in (("run.interrupted", 4), ("run.interrupted-3", 5)):
+        other = dataclasses.replace(broken, scenario=scenario_with(result.scenario, {"seed": seed}))
         with ResultFolder(tmp_path / "run", scenario=result.scenario.to_dict()) as folder:
-            folder.write(broken)
-        assert folder.path.name == "run.interrupted"
+            folder.write(other)
+        assert folder.path == tmp_path / name
     assert load_result(tmp_path / "run").outcome is Outcome.COMPLETED
-    assert load_result(tmp_path / "run.interrupted").outcome is Outcome.INTERRUPTED
+    for name, seed in (("run.interrupted", 4), ("run.interrupted-3", 5)):
+        again = load_result(tmp_path / name)
+        assert (again.outcome, again.scenario.seed) == (Outcome.INTERRUPTED, seed)
+    assert [path.name for path in (tmp_path / "run.interrupted-2").iterdir()] == ["letter.txt"]
+
+
+@pytest.mark.parametrize(
+    ("written", "beside"),
+    [(".", "../here.interrupted"), ("..", "../../runs.interrupted"), ("in", "in.interrupted")],
+)
+def test_an_interrupted_flight_is_kept_however_the_folder_is_written(
+    result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, written: str, beside: str
+) -> None:
+    here = tmp_path / "runs" / "here"
+    here.mkdir(parents=True)
+    monkeypatch.chdir(here)
+    result.save(written, plots=False, overwrite=True)
+    stopped = dataclasses.replace(result.flights[0], outcome=Outcome.INTERRUPTED)
+    with ResultFolder(Path(written), overwrite=True) as folder:
+        folder.write(dataclasses.replace(result, flights=(stopped,)))
+    assert folder.path == (Path(beside) if written == "in" else Path(beside).resolve())
+    assert load_result(beside).outcome is Outcome.INTERRUPTED
+    assert load_result(written).outcome is Outcome.COMPLETED
 
 
 def test_ctrl_c_among_the_pictures_keeps_the_rest(

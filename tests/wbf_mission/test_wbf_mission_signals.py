@@ -352,13 +352,28 @@ def test_the_log_of_a_killed_flight_is_kept_beside_and_is_made_a_map_of(tmp_path
     assert list(Path(command[-1]).glob("*.html"))
 
 
+def flown(log):
+    with TlogWriter(log) as file:
+        beat = m.MAVLink_heartbeat_message(2, 12, m.MAV_MODE_FLAG_SAFETY_ARMED, 0, 4, 3)
+        file.write(beat.pack(m.MAVLink(None)), 1.0)
+
+
+def test_the_log_of_a_killed_flight_into_the_working_folder_is_kept(tmp_path, monkeypatch):
+    (tmp_path / "here").mkdir()
+    (tmp_path / ".here.partial").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    flown(tmp_path / ".here.partial" / "flight.tlog")
+    with ResultFolder(Path(), warn=(told := []).append):
+        pass
+    assert (tmp_path / "here.killed.tlog").is_file()
+    assert str(tmp_path / "here.killed.tlog") in told[0]
+
+
 @pytest.mark.parametrize(("real", "kept"), [(True, True), (False, False)])
 def test_the_log_of_a_real_flight_outlives_an_error(tmp_path, real, kept):
     """A simulated one is flown again by its seed."""
     with pytest.raises(OSError, match="full"), ResultFolder(tmp_path / "run", real=real) as folder:
-        with TlogWriter(folder.tlog) as log:
-            beat = m.MAVLink_heartbeat_message(2, 12, m.MAV_MODE_FLAG_SAFETY_ARMED, 0, 4, 3)
-            log.write(beat.pack(m.MAVLink(None)), 1.0)
+        flown(folder.tlog)
         raise OSError("full")
     assert (tmp_path / "run.killed.tlog").is_file() is kept
 

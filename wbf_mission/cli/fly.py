@@ -184,7 +184,8 @@ class _Saving:
         from wbf_mission.results.writing import ResultFolder, run_name
         from wbf_mission.run.estimation import resolved
 
-        inputs = [given.file, chosen.farm.name, *chosen.farm.fields, chosen.mission.file, chosen.vehicle.name]
+        farm, mission, vehicle = chosen.farm, chosen.mission, chosen.vehicle
+        inputs = [given.file, farm.name, *farm.fields, mission.file, *vehicle.names]
         path, asked = self.out or Path("runs") / run_name(chosen), resolved(chosen).to_dict()
         return ResultFolder(
             path, inputs=inputs, scenario=asked, overwrite=self.overwrite, real=real, warn=output.warn
@@ -315,9 +316,11 @@ def _show(
         output.warn(f"no image shows the farm {result.farm.name}: there is no estimate and no score")
     if result.rest is not None and summary["files"]:
         folder = summary["files"]
+        name, resume = "rest.plan", f", or with plan --resume {folder}"
+        if not Path(folder, name).is_file():  # A plan cannot hold this rest
+            name, resume = "rest.json", ""
         output.note(
-            f"the unflown rest of the mission is in {folder}/rest.plan: continue with fly --mission, or with"
-            f" plan --resume {folder}"
+            f"the unflown rest of the mission is in {folder}/{name}: continue with fly --mission{resume}"
         )
     title = f"{result.farm.name}: {result.plan.planner or 'mission file'}, {result.estimator}"
     title += f", {result.plan.vehicle.name}, seed {result.scenario.seed}"

@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 
 from geo import Farm, farm_names, load_farm, save_farm
 from geo.atomic import atomic_write
+from mission.errors import MissionFileError
 from mission.files import read_mission, write_mission
 from mission.ground.tracks import Track
+from mission.model import Mission
 from mission.policies.decision import Alternative
 from sensors.estimation import ScoreHistory
 from sensors.field_files import field_from_table, field_to_table
@@ -86,20 +88,31 @@ def plan_name(number: int, flight: Any) -> str:
     return "plan" if number == 0 else f"plan-day{flight.day}-flight{flight.flight}-vehicle{flight.system_id}"
 
 
-def write_flights(flights: Sequence[FlightRecord], folder: Path) -> list[Path]:
+def write_flights(flights: Sequence[FlightRecord], folder: Path, warn: Callable[[str], None]) -> list[Path]:
     """Write missions and tracks of flights, and return the files."""
     written = []
     for number, one in enumerate(flights):
-        for suffix in (".plan", ".json"):
-            path = folder / (plan_name(number, one) + suffix)
-            write_mission(one.plan.mission, path)
-            written.append(path)
+        written += _write_mission(one.plan.mission, folder / f"{plan_name(number, one)}.plan", warn)
     write_table(folder / TRACK, track_table(flights))
     written.append(folder / TRACK)
     if any(flight.true_track is not None for flight in flights):
         write_table(folder / TRUE_TRACK, true_track_table(flights))
         written.append(folder / TRUE_TRACK)
     return written
+
+
+def _write_mission(mission: Mission, path: Path, warn: Callable[[str], None]) -> list[Path]:
+    """Write a mission as exact JSON, and as the plan `path` if a plan can hold it; return the files."""
+    exact = path.with_suffix(".json")
+    write_mission(mission, exact)
+    try:
+        write_mission(mission, path)
+    except MissionFileError as error:
+        if isinstance(error.__cause__, OSError):
+            raise
+        warn(f"{path.name} is left out, use {exact.name}: a plan cannot hold the mission: {error.__cause__}")
+        return [exact]
+    return [exact, path]
 
 
 def read_flights(
@@ -304,19 +317,19 @@ def history_table(history: ScoreHistory, fields: tuple[str, ...]) -> Any:
     return pa.table(columns)
 
 
-def write_result(result: RunRecord, folder: Path, arrays: Iterable[Path]) -> list[Path]:
+def write_result(
+    result: RunRecord, folder: Path, arrays: Iterable[Path], warn: Callable[[str], None]
+) -> list[Path]:
     """Write a result without pictures into a folder, and return the files.
 
     `arrays` are the files of `write_arrays`. The record lists the files without which a result is incomplete.
+    `warn` receives a line for each mission that a plan cannot hold.
     """
     written = [folder / name for name in (RECORD, "summary.json")]
     write_json(written[1], result.summary())
-    flown = write_flights(result.flights, folder)
-    written += [*flown[1:2], *flown[:1], *flown[2:]]
+    written += write_flights(result.flights, folder, warn)
     if result.rest is not None:
-        for path in (folder / REST, (folder / REST).with_suffix(".json")):
-            write_mission(result.rest, path)
-            written.append(path)
+        written += _write_mission(result.rest, folder / REST, warn)
     result.observations.save(folder / "observations.parquet")
     write_table(folder / "scores.parquet", history_table(result.history, result.fields.names))
     written += [folder / f"{name}.parquet" for name in ("observations", "scores")]

@@ -5,11 +5,13 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import itertools
+import os
 import re
 import shlex
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
+from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
 from typing import Any, Self
@@ -28,6 +30,9 @@ from wbf_mission.results.files import (
     DECISIONS,
     PROBABILITIES,
     RECORD,
+    REST,
+    TRACK,
+    TRUE_TRACK,
     WORLD,
     write_arrays,
     write_result,
@@ -52,7 +57,7 @@ class ResultFolder:
     writable or is locked by another run.
 
     If a flight is killed, or a `real` flight ends with an error, its log is kept beside the folder, and
-    `warn` receives a line about the log.
+    `warn` receives a line about the log. It also receives a line for each mission that is saved only as JSON.
     """
 
     def __init__(
@@ -114,7 +119,7 @@ class ResultFolder:
         ``release`` drops truth and estimate from the result once they are written, which frees memory for the
         animation's estimator on large farms. The first Ctrl-C skips the remaining pictures and products, and
         the second discards everything. If a flight was interrupted or pictures were skipped, the result never
-        replaces an older result, but goes into a folder with the suffix ``.interrupted``.
+        replaces an older result, but goes into a new folder: NAME.interrupted, NAME.interrupted-2 and so on.
         """
         progress = progress or silent
         filled = self._folder.filled
@@ -131,7 +136,7 @@ class ResultFolder:
             free_unused_memory()
             with ThreadPoolExecutor(1) as pool:
                 arrays = write_arrays(result, filled, pool)
-                written = write_result(result, filled, arrays)
+                written = write_result(result, filled, arrays, self._warn)
                 try:
                     for number, (name, maker) in enumerate(jobs):
                         answer()
@@ -158,36 +163,36 @@ class ResultFolder:
         """Move the log of an unsaved flight beside the folder; the warning says how to use the log."""
         if not _has_flown(self.tlog):
             return
-        name = f"{self._folder.filled.name[1:].removesuffix('.partial')}{_KEPT}"
-        names = (name if number == 1 else f"{name}-{number}" for number in itertools.count(1))
-        kept = next(
-            path for one in names if not (path := self._folder.filled.with_name(f"{one}.tlog")).exists()
-        )
+        kept = self._free(_KEPT, ".tlog")
         self.tlog.rename(kept)
-        # The warning shows the path in the way in which the user wrote it.
-        shown = self.path.with_name(kept.name) if kept.parent == self.path.resolve().parent else kept
-        words = (
-            "wbf-mission map --log",
-            str(shown),
-            "--farm",
-            self._farm,
-            "--out",
-            f"{shown.with_suffix('')}-map",
-        )
-        command = " ".join([words[0], *map(shlex.quote, words[1:])])
+        made = f"{kept.with_suffix('')}-map"
+        words = ["wbf-mission", "map", "--log", str(kept), "--farm", self._farm, "--out", made]
         self._warn(
-            f"a flight into {self.path} was not saved; its telemetry log is kept as {shown}."
-            f" Make its map with '{command}'"
+            f"a flight into {self.path} was not saved; its telemetry log is kept as {kept}."
+            f" Make its map with '{shlex.join(words)}'"
         )
 
+    def _free(self, ending: str, suffix: str = "") -> Path:
+        """Return a free path beside the temporary folder: the result's name, `ending`, a number and `suffix`.
+
+        The path is given in the way in which the user wrote the result's path, if both have the same parent.
+        """
+        filled = self._folder.filled
+        name = f"{filled.name[1:].removesuffix('.partial')}{ending}"
+        for number in itertools.count(1):
+            path = filled.with_name(f"{name}-{number}{suffix}" if number > 1 else f"{name}{suffix}")
+            settle_result(path)
+            if not os.path.lexists(path):
+                break
+        shown = self.path.parent / path.name
+        return shown if shown.resolve() == path else path
+
     def _put_in_place(self, *, beside: bool) -> None:
-        """Rename the temporary folder to the target; with `beside`, to the target plus ``.interrupted``."""
+        """Rename the temporary folder to the target; with `beside`, to a free name beside it."""
         if not beside:
             self._folder.commit()
         else:
-            path = self.path.with_name(f"{self.path.name}.interrupted")
-            settle_result(path)
-            _check_target(path, (), None, overwrite=(path / RECORD).is_file())
+            path = self._free(".interrupted")
             with _about(path), AtomicFolder(path, RECORD, _is_ours) as neighbour:
                 neighbour.commit(self._folder.filled)
             self.path = path
@@ -307,37 +312,15 @@ def _has_flown(tlog: Path) -> bool:
 
 
 def _is_ours(name: str) -> bool:
-    many = (
-        ("field_", ".png"),
-        (PROBABILITIES, SUFFIX),
-        ("plan-day", ".plan"),
-        ("plan-day", ".json"),
-        ("vehicle-", ".toml"),
-        ("report-", ".html"),
-    )
-    is_named = name in _NAMES or any(name.startswith(start) and name.endswith(end) for start, end in many)
-    return is_named or name in product_names()
+    return name in product_names() or any(fnmatchcase(name, pattern) for pattern in _PATTERNS)
 
 
-_NAMES = frozenset(
-    {
-        RECORD,
-        "summary.json",
-        "plan.plan",
-        "plan.json",
-        "flight.tlog",
-        "observations.parquet",
-        "track.parquet",
-        DECISIONS,
-        "true_track.parquet",
-        "scores.parquet",
-        *(f"{name}{end}{SUFFIX}" for name in ("truth", "value", "uncertainty") for end in ("", "_days")),
-        "maps.npz",
-        "farm.geojson",
-        "vehicle.toml",
-        WORLD,
-        "path.png",
-        "score.png",
-        "report.html",
-    }
+_PATTERNS = (
+    *(RECORD, "summary.json", "flight.tlog", "report.html", "report-*.html"),
+    *("plan.plan", "plan.json", "plan-day*.plan", "plan-day*.json", REST, "rest.json"),
+    *("observations.parquet", "scores.parquet", DECISIONS, TRACK, TRUE_TRACK),
+    *(f"{name}{end}{SUFFIX}" for name in ("truth", "value", "uncertainty") for end in ("", "_days")),
+    *(f"{PROBABILITIES}*{SUFFIX}", "maps.npz", "path.png", "score.png", "field_*.png"),
+    *("farm.geojson", WORLD, "vehicle.toml", "vehicle-*.toml"),
 )
+"""Patterns for the names of a result's files."""

@@ -202,7 +202,7 @@ def test_rows_of_other_code_are_kept_apart_with_a_word(tmp_path, monkeypatch, ca
     ):
         assert len(benchmark(spec, out=tmp_path)) == 2
     monkeypatch.setattr("wbf_mission.bench.spec.behaviour", lambda: "1.2.3")
-    with pytest.warns(UserWarning, match="4 rows with the names"):
+    with pytest.warns(UserWarning, match="4 rows of runs with the same names"):
         again = benchmark(spec, out=tmp_path)
     assert {one.codes["code"] for one in again} == {"1.2.3"}
     assert main(["bench", "report", str(tmp_path), "--json", "--out", str(tmp_path / "report")]) == 0

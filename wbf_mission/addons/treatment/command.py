@@ -12,7 +12,7 @@ from geo.texts import duration
 from wbf_mission.cli import options
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import MISSION_SUFFIXES, Force, TargetError, option, refuse_overwrite
-from wbf_mission.cli.output import Output
+from wbf_mission.cli.output import Output, write_and_report
 from wbf_mission.scenario import ScenarioError
 
 if TYPE_CHECKING:
@@ -157,7 +157,7 @@ def map_command(
     force: Force = False,
 ) -> None:
     """Make the treatment map of a flight: GeoTIFF, zones, prescriptions, a page for the farmer."""
-    from mission.files import Firmware, write_mission
+    from mission.files import Firmware
     from wbf_mission.addons.treatment.gis import require_gis
     from wbf_mission.addons.treatment.map_files import write_map
 
@@ -181,9 +181,9 @@ def map_command(
                 output.warn(warning)
         planned = None if flight is None else flight.summary()
         files = write_map(of, folder.filled, progress, next=planned)
+        if flight is not None and next_plan is not None:
+            write_and_report(output, flight.plan.mission, next_plan, Firmware(flight.plan.mav_autopilot))
         folder.commit()
-    if flight is not None and next_plan is not None:
-        write_mission(flight.plan.mission, next_plan, firmware=Firmware(flight.plan.mav_autopilot))
     summary = {**of.summary(), "next": planned, "files": [str(out / file.name) for file in files]}
     output.result(summary, _rows(of, flight, out, next_plan), title=f"{of.farm.name}: treatment map")
 

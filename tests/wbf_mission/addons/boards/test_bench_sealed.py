@@ -104,7 +104,7 @@ def test_rows_are_all_of_the_round(tmp_path):
     held = [structs.replace(row, seed=(first, second)[row.seed]) for row in rows]
     require_seeds(secret, held)
     for some in (held[:1], rows, [*held, rows[0]]):
-        with pytest.raises(ResultError, match="of the 2 environments"):
+        with pytest.raises(ResultError, match="of the round's 2 environments"):
             require_seeds(secret, some)
     with pytest.raises(ResultError, match="is not in the round"):
         require_seeds(structs.replace(secret, scenarios=["WBF/Miniberry-30-v1"]), held)

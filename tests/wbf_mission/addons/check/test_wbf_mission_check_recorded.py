@@ -401,7 +401,7 @@ telemetry.mission-current telemetry.interval
         (EndsAtTheWrongItem, "transfer.duplicate-count transfer.duplicate-item", "an item came out of order"),
         (AsksInAnotherOrder, SENDS_BY_HAND, "requests item 2 after item 0"),
         (NeverAsksAgain, "transfer.asks-again", "it is not requested again"),
-        (WaitsForEver, "transfer.silence", "busy with another transfer"),
+        (WaitsForEver, "transfer.silence", "because of another transfer"),
         (LetsASecondStationIn, "transfer.second-station", "item 0 of the second station"),
         (DeniesNobody, "transfer.second-station", "item 0 of the second station"),
         (SendsWhatIsNotThere, "transfer.request-beyond", "item 300 comes"),

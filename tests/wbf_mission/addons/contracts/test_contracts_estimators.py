@@ -79,7 +79,7 @@ class Broken(PointEstimator):
             model.uncertainty[0, 0, 0] = -1
         if self.promise == "finite":
             model.value[0, 0, 0] = np.nan
-        if self.promise == "has shape":
+        if self.promise == "maps of shape":
             return InformationModel(model.value[:, :-1], model.uncertainty[:, :-1])
         if self.promise == "not reported as changed":
             return InformationModel(model.value, model.uncertainty, np.zeros(tile_shape(model.shape), bool))
@@ -109,7 +109,7 @@ class Broken(PointEstimator):
         "before fit",
         "is negative",
         "finite",
-        "has shape",
+        "maps of shape",
         "not reported as changed",
         "a returned writeable array",
         "same random_state",

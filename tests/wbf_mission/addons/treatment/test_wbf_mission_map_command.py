@@ -178,6 +178,14 @@ def test_the_next_flight_is_planned_on_the_map(policy, run, mapped, tmp_path):
     assert following["plan"]["predicted_time_s"] < 75.0
 
 
+def test_the_next_plan_is_written_as_far_as_its_file_can_hold_it(run, mapped, tmp_path):
+    mapped("--log", run, "--out", tmp_path / "map", "--next", tmp_path / "n.waypoints", "--budget", "1min",
+           "--policy", "greedy", "--fence", "50")  # fmt: skip
+    mission = read_mission(tmp_path / "n.waypoints")
+    assert len(mission.items) > 3 and not mission.fence
+    assert (tmp_path / "map").is_dir()
+
+
 def test_the_next_flight_goes_where_a_look_is_worth_most(run, tmp_path):
     result = load_result(run)
     farm, model = result.farm, result.model

@@ -273,7 +273,7 @@ export interface Update {
   beat?: Beat;
 }
 
-/** Changes of the layers at a time. */
+/** A moment of a recording: the changes of its layers at one time. */
 export interface Moment {
   time_s: number;
   day: number;

@@ -24,7 +24,6 @@ MAX_LATITUDE_DEG = 75.0  # Crops do not grow at higher latitudes
 DEFAULT_CROP = "crop"
 DEFAULT_OWNER = "owner"
 
-
 ATTRIBUTES: Mapping[str, tuple[str, ...]] = {
     "name": ("name", "field_name", "fieldname", "field", "label", "title"),
     "crop": (
@@ -114,26 +113,15 @@ def _converted(key: str, value: Any) -> Any:
             return float(value)
         except (TypeError, ValueError, OverflowError):
             return value
-    text = short_line(" ".join(str(value).split()))
-    return crop_of(text) if key == "crop" else text
+    return crop_of(str(value)) if key == "crop" else short_line(" ".join(str(value).split()))
 
 
-def short_line(value: object) -> str:
-    r"""Return a value as one printable line of at most 200 characters, as a farm file names things.
-
-    >>> short_line(" north\xa0field\n2 "), short_line(115)
-    ('north field 2', '115')
-    """
+def short_line(value: object, end: str = "") -> str:
+    """Return a value as one printable line, cut so that it has at most 200 characters with its `end`."""
     text = str(value)
     if not text.isprintable():
         text = " ".join("".join(char if char.isprintable() else " " for char in text).split())
-    return text.strip()[:_MAX_TEXT].strip()
-
-
-def part_name(name: str, number: int) -> str:
-    """Return the name of a part of a feature: a short line that ends in the part's number."""
-    end = f" {number}"
-    return name[: _MAX_TEXT - len(end)].rstrip() + end
+    return text.strip()[: _MAX_TEXT - len(end)].strip() + end
 
 
 def crop_of(text: str) -> str:
@@ -242,7 +230,7 @@ def read_entry(entry: Entry, notes: list[str], *, repair: bool) -> list[Feature]
     found = []
     for number, part in enumerate(parts, 1):
         at, called = (
-            (where, name) if len(parts) == 1 else (f"{where}, part {number}", part_name(name, number))
+            (where, name) if len(parts) == 1 else (f"{where}, part {number}", short_line(name, f" {number}"))
         )
         rings = [_ring(ring, at, entry.crs) for ring in part]
         if repair and entry.crs is None and _only_swapped(rings):
@@ -313,9 +301,7 @@ def _ring(ring: object, where: str, crs: Coordinates | None) -> NDArray[np.float
     if len(ring) > MAX_VERTICES:
         msg = f"{where}: a ring of {len(ring)} positions is longer than {MAX_VERTICES}; simplify it"
         raise FarmError(msg)
-    positions = np.array([_numbers(position, where) for position in ring])
-    if crs is not None:
-        positions = _in_degrees(positions, where, crs)
+    positions = _in_degrees(np.array([_numbers(position, where) for position in ring]), where, crs)
     if len(positions) < 3 + np.array_equal(positions[0], positions[-1]):
         raise FarmError(f"{where}: a ring has fewer than three corners")
     return positions
@@ -329,10 +315,7 @@ def _only_swapped(rings: list[NDArray[np.float64]]) -> bool:
 
 def position_of(position: object, where: str, crs: Coordinates | None = None) -> tuple[float, float]:
     """Return longitude and latitude of a GeoJSON position; raise FarmError if `position` is no position."""
-    place = np.array([_numbers(position, where)])
-    if crs is not None:
-        place = _in_degrees(place, where, crs)
-    longitude_deg, latitude_deg = place[0].tolist()
+    longitude_deg, latitude_deg = _in_degrees(np.array([_numbers(position, where)]), where, crs)[0].tolist()
     check_degrees(longitude_deg, latitude_deg, where)
     return longitude_deg, latitude_deg
 
@@ -349,7 +332,9 @@ def _numbers(position: object, where: str) -> tuple[float, float]:
     return float(position[0]), float(position[1])
 
 
-def _in_degrees(xy: NDArray[np.float64], where: str, crs: Coordinates) -> NDArray[np.float64]:
+def _in_degrees(xy: NDArray[np.float64], where: str, crs: Coordinates | None) -> NDArray[np.float64]:
+    if crs is None:
+        return xy
     positions = crs.to_wgs84(xy)
     lost = ~np.isfinite(positions).all(axis=1)
     if lost.any():

@@ -35,7 +35,7 @@ from geo.features import (
     Feature,
     farm_properties,
     kind_of,
-    part_name,
+    short_line,
 )
 from geo.frame import EXAMPLE_CRS, Coordinates, LocalFrame, coordinates_of
 from geo.imports import load_extra
@@ -409,7 +409,7 @@ def mended(feature: Feature, notes: list[str]) -> list[Feature]:
         replace(
             feature,
             where=feature.where if len(parts) == 1 else f"{feature.where}, part {number}",
-            name=feature.name if len(parts) == 1 else part_name(feature.name, number),
+            name=feature.name if len(parts) == 1 else short_line(feature.name, f" {number}"),
             rings=tuple(_degrees(ring, frame) for ring in (part.exterior, *part.interiors)),
         )
         for number, part in enumerate(parts, 1)

@@ -25,6 +25,7 @@ from geo.features import (
     number_member,
     position_of,
     read_entry,
+    short_line,
     shortened,
     text_member,
 )
@@ -88,8 +89,7 @@ def load_farm(
         file, layer = split_layer(text)
         return _farm_of(_document(file, layer, crs), file.stem, crop, repair=repair)
     except FarmError as error:
-        msg = f"farm file {text}: {error}"
-        raise FarmError(" ".join(msg.split())) from None
+        raise FarmError(" ".join(f"farm file {text}: {error}".split())) from None
 
 
 def _document(file: Path, layer: str | None, crs: str | None) -> Document:
@@ -128,7 +128,7 @@ def split_layer(text: str) -> tuple[Path, str | None]:
 
 def _farm_of(document: Document, default_name: str, crop: str | None, *, repair: bool) -> Farm:
     members, notes = document.members, document.notes
-    name = text_member(members, "name", default_name, "the farm")
+    name = text_member(members, "name", short_line(default_name) or "farm", "the farm")
     features, places = _contents(document, repair=repair)
     home = _home(document, places)
     features = [_closed(feature, notes) for feature in _near(features, home, notes, repair=repair)]
@@ -317,9 +317,7 @@ def _near(
         )
         anchor = "most features"
     reference = LocalFrame(float(latitude_deg), float(longitude_deg))
-    spans_m = [
-        max(_reach_m(reference, ring[:, 1], ring[:, 0]) for ring in feature.rings) for feature in features
-    ]
+    spans_m = [max(_reach_m(reference, ring[:, 1], ring[:, 0]) for ring in one.rings) for one in features]
     is_sure = is_sure or 2 * sum(span_m <= _MAX_SPAN_M for span_m in spans_m) > len(features)
     found = []
     for feature, span_m in zip(features, spans_m, strict=True):
@@ -371,9 +369,7 @@ def _polygon(feature: Feature, frame: LocalFrame) -> shapely.Polygon:
     rings = [np.column_stack(frame.from_wgs84(ring[:, 1], ring[:, 0])) for ring in feature.rings]
     polygon = shapely.Polygon(rings[0], rings[1:])
     if not shapely.is_valid(polygon):
-        reason = re.sub(
-            r"\[\S+ \S+\]", lambda match: _at(match.group(), frame), shapely.is_valid_reason(polygon)
-        )
+        reason = re.sub(r"\[\S+ \S+\]", lambda at: _at(at[0], frame), shapely.is_valid_reason(polygon))
         raise FarmError(
             f"{feature.where}: the polygon is not valid: {reason}; --repair mends what is safe to mend"
         )

@@ -24,7 +24,6 @@ MAX_LATITUDE_DEG = 75.0  # Crops do not grow at higher latitudes
 DEFAULT_CROP = "crop"
 DEFAULT_OWNER = "owner"
 
-
 ATTRIBUTES: Mapping[str, tuple[str, ...]] = {
     "name": ("name", "field_name", "fieldname", "field", "label", "title"),
     "crop": (
@@ -112,10 +111,17 @@ def _converted(key: str, value: Any) -> Any:
     if key in ("height_m", "margin_m"):
         try:
             return float(value)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             return value
-    text = " ".join("".join(char if char.isprintable() else " " for char in str(value)).split())
-    return crop_of(text) if key == "crop" else text[:_MAX_TEXT]
+    return crop_of(str(value)) if key == "crop" else short_line(" ".join(str(value).split()))
+
+
+def short_line(value: object, end: str = "") -> str:
+    """Return a value as one printable line, cut so that it has at most 200 characters with its `end`."""
+    text = str(value)
+    if not text.isprintable():
+        text = " ".join("".join(char if char.isprintable() else " " for char in text).split())
+    return text.strip()[: _MAX_TEXT - len(end)].strip() + end
 
 
 def crop_of(text: str) -> str:
@@ -223,7 +229,9 @@ def read_entry(entry: Entry, notes: list[str], *, repair: bool) -> list[Feature]
     parts = _parts(geometry, where)
     found = []
     for number, part in enumerate(parts, 1):
-        at, called = (where, name) if len(parts) == 1 else (f"{where}, part {number}", f"{name} {number}")
+        at, called = (
+            (where, name) if len(parts) == 1 else (f"{where}, part {number}", short_line(name, f" {number}"))
+        )
         rings = [_ring(ring, at, entry.crs) for ring in part]
         if repair and entry.crs is None and _only_swapped(rings):
             rings = [ring[:, ::-1].copy() for ring in rings]
@@ -293,9 +301,7 @@ def _ring(ring: object, where: str, crs: Coordinates | None) -> NDArray[np.float
     if len(ring) > MAX_VERTICES:
         msg = f"{where}: a ring of {len(ring)} positions is longer than {MAX_VERTICES}; simplify it"
         raise FarmError(msg)
-    positions = np.array([_numbers(position, where) for position in ring])
-    if crs is not None:
-        positions = _in_degrees(positions, where, crs)
+    positions = _in_degrees(np.array([_numbers(position, where) for position in ring]), where, crs)
     if len(positions) < 3 + np.array_equal(positions[0], positions[-1]):
         raise FarmError(f"{where}: a ring has fewer than three corners")
     return positions
@@ -309,26 +315,26 @@ def _only_swapped(rings: list[NDArray[np.float64]]) -> bool:
 
 def position_of(position: object, where: str, crs: Coordinates | None = None) -> tuple[float, float]:
     """Return longitude and latitude of a GeoJSON position; raise FarmError if `position` is no position."""
-    place = np.array([_numbers(position, where)])
-    if crs is not None:
-        place = _in_degrees(place, where, crs)
-    longitude_deg, latitude_deg = place[0].tolist()
+    longitude_deg, latitude_deg = _in_degrees(np.array([_numbers(position, where)]), where, crs)[0].tolist()
     check_degrees(longitude_deg, latitude_deg, where)
     return longitude_deg, latitude_deg
 
 
+def is_number(value: object) -> bool:
+    """Return whether a value is a finite number, and not a whole number that is too large for a float."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
+
+
 def _numbers(position: object, where: str) -> tuple[float, float]:
-    if (
-        not isinstance(position, list)
-        or not 2 <= len(position) <= 4
-        or not all(type(value) in (int, float) and abs(value) < 1e300 for value in position)
-    ):
+    if not isinstance(position, list) or not 2 <= len(position) <= 4 or not all(map(is_number, position)):
         msg = f"{where}: {shortened(position)} is not a position [longitude, latitude] of finite numbers"
         raise FarmError(msg)
     return float(position[0]), float(position[1])
 
 
-def _in_degrees(xy: NDArray[np.float64], where: str, crs: Coordinates) -> NDArray[np.float64]:
+def _in_degrees(xy: NDArray[np.float64], where: str, crs: Coordinates | None) -> NDArray[np.float64]:
+    if crs is None:
+        return xy
     positions = crs.to_wgs84(xy)
     lost = ~np.isfinite(positions).all(axis=1)
     if lost.any():
@@ -355,13 +361,12 @@ def check_degrees(longitude_deg: float, latitude_deg: float, where: str) -> None
 
 
 def text_member(members: dict[str, Any], key: str, default: str, where: str) -> str:
-    """Return the member `key`, a short line of text, or else `default`; raise FarmError for other values."""
+    """Return the member `key` or else `default`, as `short_line`; raise FarmError if it holds no text."""
     value = members.get(key)
-    if value is None:
-        return default
-    if not isinstance(value, str) or not value.strip() or len(value) > _MAX_TEXT or not value.isprintable():
+    text = short_line(default if value is None else value)
+    if isinstance(value, bool | list | dict) or not text:
         raise FarmError(f'{where}: "{key}" is {shortened(value)}, not a short line of text')
-    return value.strip()
+    return text
 
 
 T = TypeVar("T", float, None)

@@ -62,6 +62,8 @@ def read_toml(path: Path) -> dict[str, Any]:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise UnreadableError(f"it is not TOML ({not_toml(error)})") from error
+    except ValueError as error:  # Python converts at most 4300 digits to a whole number
+        raise UnreadableError("a whole number in it has thousands of digits; correct it") from error
     except RecursionError as error:
         raise UnreadableError("its tables or lists are nested too deeply") from error
 

@@ -133,10 +133,9 @@ class Imaging:
         for name in ("front_overlap", "side_overlap"):
             value = getattr(self, name)
             if not 0.0 <= value <= MOST_OVERLAP:
-                msg = (
+                raise CameraError(
                     f"camera {self.camera.name}: {name} {value:g} is out of range: give 0 to {MOST_OVERLAP:g}"
                 )
-                raise CameraError(msg)
 
     @property
     def gsd_m(self) -> float:
@@ -213,11 +212,9 @@ def read_camera(path: Path) -> CameraModel:
     try:
         return _camera(path.stem, read_toml(path))
     except (UnreadableError, CameraError) as error:
-        msg = f"{where}: {error}"
-        raise CameraError(msg) from None
+        raise CameraError(f"{where}: {error}") from None
     except msgspec.ValidationError as error:
-        msg = f"{where}: {misfit(error)}"
-        raise CameraError(msg) from None
+        raise CameraError(f"{where}: {misfit(error)}") from None
 
 
 @cache
@@ -235,7 +232,7 @@ def _camera(name: str, values: dict[str, object]) -> CameraModel:
 
 
 def _check(camera: str, name: str, value: float, *, above_zero: bool) -> None:
+    value = math.inf if abs(value) > 1e300 else value  # A whole number can be too large for a float
     if not (math.isfinite(value) and (value > 0 if above_zero else value >= 0)):
         least = "above zero" if above_zero else "not below zero"
-        msg = f"camera {camera}: {name} {value:g} must be a finite number {least}"
-        raise CameraError(msg)
+        raise CameraError(f"camera {camera}: {name} {value:g} must be a finite number {least}")

@@ -257,8 +257,9 @@ SWAPPED = [[[lat, lon] for lon, lat in ring()]]
         (feature(crop=None), 'property "crop" is missing'),
         (feature(owner=None), 'property "owner" is missing'),
         (feature(owner=""), '"owner" is , not a short line'),
-        (feature(crop=3), '"crop" is 3, not a short line'),
-        (feature(owner="a\nb"), "not a short line"),
+        (feature(crop=[3]), '"crop" is [3], not a short line'),
+        (feature(owner="\n\u00a0"), "not a short line"),
+        (feature(obstacle=True, Height=10**400), 'property "height_m": 100000'),
         (feature(obstacle="yes"), "is not true or false"),
     ],
 )
@@ -305,8 +306,8 @@ def test_wrong_axis_order(tmp_path: Path) -> None:
         ({"size_cells": [10, 10]}, "less than the patches need"),
         ({"size_cells": [10**7, 10**7]}, "larger than"),
         ({"size_cells": [10**12, -1]}, "is not a usable"),
-        ({"name": 5}, '"name"'),
-        ({"name": "x" * 300}, '"name"'),
+        ({"name": True}, '"name"'),
+        ({"name": "\t"}, '"name"'),
     ],
 )
 def test_bad_members(members: dict[str, Any], text: str, tmp_path: Path) -> None:
@@ -386,7 +387,9 @@ def test_parts_places_and_names_of_other_programs(tmp_path: Path) -> None:
     assert "feature 2 ('Home'): is a second home" in text
 
 
-@pytest.mark.parametrize(("told", "crop"), [("Maize (silage)", "maize silage"), ("115", "crop 115")])
+@pytest.mark.parametrize(
+    ("told", "crop"), [("Maize (silage)", "maize silage"), ("115", "crop 115"), (115, "crop 115")]
+)
 def test_crops_are_named_as_in_files_of_other_formats(told: str, crop: str, tmp_path: Path) -> None:
     farm = load_farm(write(tmp_path, document(feature(crop=told))))
     assert [one.crop for one in farm.patches] == [crop]
@@ -395,6 +398,36 @@ def test_crops_are_named_as_in_files_of_other_formats(told: str, crop: str, tmp_
 def test_a_patch_without_a_name_has_the_number_of_its_feature(tmp_path: Path) -> None:
     farm = load_farm(write(tmp_path, document(*(feature([ring(0.002 * k)], name=None) for k in range(2)))))
     assert [one.name for one in farm.patches] == ["patch 1", "patch 2"]
+
+
+def test_names_of_any_length_and_characters_survive_a_round_trip(tmp_path: Path) -> None:
+    both = feature([[ring()], [ring(0.002)]], "MultiPolygon", name="x" * 199, owner="M\u00fcller\u00a0KG")
+    odd = feature([ring(0.004)], name="north\u00a0field\n2", owner="M\u00fcller\tKG", crop="sweet\u00a0Corn")
+    numbered = feature([ring(0.006)], name=12, owner="o" * 300)
+    shed = feature([[ring(0.0082, 0.0, 1e-4)]], "MultiPolygon", name="s" * 300, obstacle=True)
+    farm = load_farm(write(tmp_path, document(both, odd, numbered, shed, name="n" * 198 + " \u200bnn")))
+    assert farm.name == "n" * 198 + " n"
+    assert [(one.name, one.crop, one.owner) for one in farm.patches] == [
+        ("x" * 198 + " 1", "tomato", "M\u00fcller KG"),
+        ("x" * 198 + " 2", "tomato", "M\u00fcller KG"),
+        ("north field 2", "sweet corn", "M\u00fcller KG"),
+        ("12", "tomato", "o" * 200),
+    ]
+    save_farm(farm, tmp_path / "saved.geojson")
+    again = load_farm(tmp_path / "saved.geojson")
+    same(farm, again)
+    assert [one.name for one in again.obstacles] == [one.name for one in farm.obstacles] == ["s" * 200]
+
+
+@pytest.mark.parametrize(
+    ("stem", "name"),
+    [("north\u00a0field", "north field"), ("f" * 230, "f" * 200), ("\u00a0", "farm"), ("a\udcffb", "a b")],
+)
+def test_a_farm_named_after_its_file_can_be_read_again(stem: str, name: str, tmp_path: Path) -> None:
+    farm = load_farm(write(tmp_path, document(feature())).rename(tmp_path / f"{stem}.geojson"))
+    assert farm.name == name
+    save_farm(farm, tmp_path / "saved.geojson")
+    same(farm, load_farm(tmp_path / "saved.geojson"))
 
 
 def test_a_file_without_crops_or_owners(tmp_path: Path) -> None:

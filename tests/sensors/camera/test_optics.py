@@ -82,6 +82,7 @@ def test_a_camera_of_ones_own(tmp_path: Path) -> None:
         ("min_interval_s = -1.0", "min_interval_s -1 must be a finite number not below zero"),
         ("shutter_s = nan", "shutter_s nan must be a finite number above zero"),
         ("source = 7", "source"),
+        ("min_interval_s = " + "1" * 400, "min_interval_s: it is out of range"),
         ("[", "it is not TOML"),
     ],
 )
@@ -101,3 +102,5 @@ def test_unknown_names_and_impossible_overlaps_are_refused(tmp_path: Path) -> No
         get_camera(str(tmp_path / "none.toml"))
     with pytest.raises(CameraError, match=r"side_overlap 0\.99 is out of range"):
         Imaging(P1, 80.0, 0.8, 0.99)
+    with pytest.raises(CameraError, match="image_width_px inf must be a finite number above zero"):
+        replace(P1, image_width_px=10**400)

@@ -26,7 +26,17 @@ import shapely
 from numpy.typing import NDArray
 
 from geo.errors import FarmError
-from geo.features import KNOWN, MAX_FEATURES, MAX_VERTICES, Document, Entry, Feature, farm_properties, kind_of
+from geo.features import (
+    KNOWN,
+    MAX_FEATURES,
+    MAX_VERTICES,
+    Document,
+    Entry,
+    Feature,
+    farm_properties,
+    kind_of,
+    short_line,
+)
 from geo.frame import EXAMPLE_CRS, Coordinates, LocalFrame, coordinates_of
 from geo.imports import load_extra
 from geo.reading import UnreadableError, read_file, read_text
@@ -399,7 +409,7 @@ def mended(feature: Feature, notes: list[str]) -> list[Feature]:
         replace(
             feature,
             where=feature.where if len(parts) == 1 else f"{feature.where}, part {number}",
-            name=feature.name if len(parts) == 1 else f"{feature.name} {number}",
+            name=feature.name if len(parts) == 1 else short_line(feature.name, f" {number}"),
             rings=tuple(_degrees(ring, frame) for ring in (part.exterior, *part.interiors)),
         )
         for number, part in enumerate(parts, 1)

@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 
+from geo.features import is_number
 from geo.reading import json_texts
 from geo.texts import one_line
 from mission.errors import MissionFileError
@@ -128,11 +129,7 @@ def _positions(positions: Any, where: str) -> list[Point]:
     made = []
     for number, position in enumerate(positions, 1):
         place = f"{where}, point {number}"
-        if (
-            not isinstance(position, list)
-            or not 2 <= len(position) <= 4
-            or not all(type(value) in (int, float) for value in position)
-        ):
+        if not isinstance(position, list) or not 2 <= len(position) <= 4 or not all(map(is_number, position)):
             shown = one_line(str(position)[:60])
             raise MissionFileError(f"{place}: {shown} is not [longitude, latitude] in degrees")
         longitude_deg, latitude_deg = float(position[0]), float(position[1])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -10,15 +11,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pyproj import CRS, Transformer
-from pyproj.exceptions import CRSError
+from pyproj.exceptions import ProjError
 
 from geo.errors import GroundError
 from geo.imports import load_extra
+from geo.texts import FOOT_M
 
 _MAX_PIXELS = 50_000_000  # This number of heights takes 0.4 GB as float64.
 _HIGHEST_M = 9000.0  # This is higher than all mountains: rasters mark missing heights by larger numbers.
 _MARGIN_PX = 2  # Extra pixels for interpolation, and for borders that are curved in the raster's system.
-_FOOT = {"foot": 0.3048, "feet": 0.3048, "ft": 0.3048, "us survey foot": 1200.0 / 3937.0}
+_US_FOOT_M = 1200.0 / 3937.0
+_FEET = ("ft", "foot", "feet")
+# Metres in each unit of heights, keyed by the name without spaces, brackets, points and hyphens.
+_UNITS_M = {
+    **dict.fromkeys(("m", "metre", "metres", "meter", "meters"), 1.0),
+    **{f"{word}{foot}": FOOT_M for foot in _FEET for word in ("", "international")},
+    **{f"{foot}{word}": FOOT_M for foot in _FEET for word in ("int", "intl", "international")},
+    **{f"{word}{foot}": _US_FOOT_M for foot in _FEET for word in ("us", "survey", "ussurvey")},
+    **{f"{foot}{word}": _US_FOOT_M for foot in _FEET for word in ("us", "ussurvey", "surveyus")},
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +128,7 @@ def _read(name: str, bounds_deg: tuple[float, float, float, float]) -> tuple[_Ti
     try:
         with rasterio.open(name) as raster:
             return _part(where, raster, bounds_deg)
-    except (errors.RasterioError, CRSError, OSError, ValueError, MemoryError) as error:
+    except (errors.RasterioError, ProjError, OSError, ValueError, MemoryError) as error:
         if isinstance(error, GroundError):
             raise
         raise GroundError(
@@ -153,8 +164,13 @@ def _part(
         )
     window = Window(first_column, first_row, width, height)
     band = raster.read(1, window=window, masked=True).astype(np.float64)
-    unit = str((raster.units or ("",))[0] or "m").lower()
-    scale = _FOOT.get(unit, 1.0)
+    unit = str((raster.units or ("",))[0] or "").strip() or "m"
+    scale = _UNITS_M.get(re.sub(r"[\s()._-]", "", unit.lower()))
+    if scale is None:
+        raise GroundError(
+            f"{where}: its heights are in {unit!r:.60}; give a raster in metres or feet, or correct the unit"
+            " (gdal_edit.py -units m FILE)"
+        )
     heights = (np.ma.filled(band, np.nan) * raster.scales[0] + raster.offsets[0]) * scale
     heights[~(np.abs(heights) <= _HIGHEST_M)] = np.nan
     tile = _Tile(heights, (a, b, c - first_column, d, e, f - first_row), transformer)

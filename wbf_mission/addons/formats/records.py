@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, TypeAlias
 
+from geo.features import is_number
 from geo.texts import parse_number
 from mission.errors import MissionFileError
 from mission.files.common import Parameters, check_jumps, home_of, make_item, make_mission, resolve_jumps
@@ -68,11 +69,11 @@ class Record:
                 value = parse_number(value) if value.strip() else None
             except ValueError:
                 raise MissionFileError(f"{self.where}: {name} is {value[:40]!r}; give a number") from None
-        if value is None:
+        if value is None or (isinstance(value, float) and math.isnan(value)):
             return None
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise MissionFileError(f"{self.where}: {name} is {str(value)[:40]!r}; give a number")
-        return None if math.isnan(value) else float(value)
+        if not is_number(value):
+            raise MissionFileError(f"{self.where}: {name} is {str(value)[:40]!r}; give a finite number")
+        return float(value)
 
     def whole(self, name: str) -> int:
         """Return a whole number; MissionFileError if the field is missing."""

@@ -44,6 +44,7 @@ def loads(data: bytes) -> Mission | Drawing:
 
     Columns are separated by commas, tabs or semicolons; with semicolons, numbers may have a decimal comma.
     Altitudes are above home, or above sea level if the column is named ``amsl``, ``elevation`` or similar.
+    Litchi's altitudes above the ground (``altitudemode`` 1) are refused.
     """
     kind = kind_of(data)
     if kind not in (TEXT_KIND, UTF_16_KIND):
@@ -57,7 +58,7 @@ def loads(data: bytes) -> Mission | Drawing:
         )
     records = []
     for line, words, _ in rows[1:]:
-        if len(words) > len(header):
+        if any(word.strip() for word in words[len(header) :]):
             raise MissionFileError(f"line {line}: {len(words)} columns, but the header names {len(header)}")
         texts = dict(zip(header, (word.strip() for word in words), strict=False))
         if comma:
@@ -68,6 +69,13 @@ def loads(data: bytes) -> Mission | Drawing:
     columns = {frame: _column(header, names) for frame, names in _ALTITUDES.items()}
     frame = next((frame for frame, name in columns.items() if name is not None), None)
     altitude = None if frame is None else columns[frame]
+    for record in records:
+        if record.number("altitudemode"):  # In Litchi's tables 0 is above the take-off, 1 above the ground
+            shown = record.fields["altitudemode"][:40]
+            raise MissionFileError(
+                f"{record.where}: altitudemode is {shown}, not 0 (above home); give altitudes"
+                " above home (in Litchi without 'above ground') and 0"
+            )
     points = [
         Point(
             _degrees(record, latitude),

@@ -255,6 +255,7 @@ def test_a_long_track_is_taken_up_to_what_mavlink_numbers(made, refusal):
         (".csv", "lat,lon,alt\n28.05,,10\n", "line 2: lon is missing; give degrees"),
         (".csv", "lat,lon,alt\n\n28,05,-82,15,10\n", "line 3: 5 columns, but the header names 3"),
         (".csv", "lat,lon,altitude(ft)\n1,2,3\n", "column 'altitude(ft)' is not in metres or degrees"),
+        (".csv", "lat,lon,alt\n1,2,3,\n1,2,3,,4\n", "line 3: 5 columns, but the header names 3"),
         (".csv", 'lat,lon,alt\n1,2,"3\n', "line 2: unexpected end of data"),
         (".csv", "lat,lon,alt\n" + "1" * 200_000 + ",2,3\n", "line 2"),
         (".csv", b"lat,lon,alt\n1,2,\xff\n", "line 2: this is not UTF-8 text"),
@@ -268,12 +269,37 @@ def test_a_long_track_is_taken_up_to_what_mavlink_numbers(made, refusal):
          "line 2: autocontinue is 'maybe'"),
         (".csv", "role,lat,lon,command,frame,param1\nitem,,,177,2,9\n",
          "line 2: DO_JUMP to index 9, which does"),
+        *((".csv", f"role,lat,lon,command,frame,index\nitem,1,2,16,3,{number}\n",
+           f"line 2: index is '{shown}'; give a finite number")
+          for number, shown in (("-inf", "-inf"), ("1e999", "inf"), ("9" * 400, "inf"))),
+        (".gpx", gpx("<extensions><record role='item' command='177' index='inf'/></extensions>"),
+         "index is 'inf'; give a finite number"),
+        (".kml", kml("<Placemark><ExtendedData>" + "".join(
+            f"<Data name='{name}'><value>{value}</value></Data>"
+            for name, value in (("role", "item"), ("index", "1e999"))) + "</ExtendedData></Placemark>"),
+         "index is 'inf'; give a finite number"),
+        (".geojson", geojson(None, role="item", index=10**400), "feature 1: index is '1000000000000000000"),
+        (".geojson", geojson({"type": "LineString", "coordinates": [[10**400, 2], [1, 2]]}),
+         "feature 1, point 1: [1000000000000000"),
         (".csv", "role,lat,lon,command\nhome,,,\n", "line 2: home does not have exactly one point"),
         (".csv", "role,lat,lon,command,version\nmission,,,,2\n", "line 2: version 2 is unknown"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_read_is_told_in_a_line_with_its_place(refusal, suffix, content, part):
     assert part in refusal(suffix, content)
+
+
+@pytest.mark.parametrize("name", ["altitudemode", "AltitudeMode"])
+def test_altitudes_of_litchi_are_read_above_home_only(made, refusal, name):
+    table = f"latitude,longitude,altitude(m),{name}\n28.05,-82.15,10,0\n28.051,-82.151,20,%s\n"
+    assert [item.z for item in made(".csv", table % "0")[0].items] == [10.0, 20.0]
+    assert "line 3: altitudemode is 1, not 0 (above home); give altitudes" in refusal(".csv", table % "1")
+    assert "line 3: altitudemode is 'ground'; give a number" in refusal(".csv", table % "ground")
+
+
+def test_columns_without_a_name_may_be_empty(made):
+    mission, _ = made(".csv", "lat,lon,alt\n28.05,-82.15,10,\n28.051,-82.151,20,, \n")
+    assert [item.z for item in mission.items] == [10.0, 20.0]
 
 
 def test_utf_16_is_read_where_xml_says_so(made):

@@ -106,22 +106,41 @@ def test_holes_are_filled_from_their_neighbours_or_another_tile(tmp_path: Path) 
     assert both.heights(*middle)[0] == pytest.approx(7.0)
 
 
-def test_units_and_scales_are_heeded(tmp_path: Path) -> None:
-    path = geotiff(tmp_path / "e.tif", np.full((50, 50), 100, np.int16), units="foot", scale=0.5)
+@pytest.mark.parametrize(
+    ("units", "metres"),
+    [
+        (None, 1.0),
+        *((name, 1.0) for name in ("m", "Metre", "meters")),
+        *((name, 0.3048) for name in ("foot", "FEET", "ft", "foot (international)", "International Foot")),
+        *((name, 1200 / 3937) for name in ("US survey foot", "us-ft", "ftUS", "Foot_US", "foot (US)")),
+    ],
+)
+def test_units_and_scales_are_heeded(tmp_path: Path, units: str | None, metres: float) -> None:
+    path = geotiff(tmp_path / "e.tif", np.full((50, 50), 5000, np.int16), units=units, scale=0.5)
     ground = Ground.read([path], BOUNDS)
-    assert ground.heights(np.array([PLACE[0]]), np.array([PLACE[1]]))[0] == pytest.approx(50 * 0.3048)
+    assert ground.heights(np.array([PLACE[0]]), np.array([PLACE[1]]))[0] == pytest.approx(2500 * metres, 1e-8)
+
+
+@pytest.mark.parametrize("units", ["cm", "m3", "-", "fathom", "degree_Celsius"])
+def test_heights_in_another_unit_are_refused(tmp_path: Path, units: str) -> None:
+    path = geotiff(tmp_path / "e.tif", plane(), units=units)
+    with pytest.raises(GroundError) as caught:
+        Ground.read([path], BOUNDS)
+    assert str(caught.value).startswith(f"terrain {path}: its heights are in '{units}'; give a raster in met")
 
 
 def test_what_is_no_ground_is_refused_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     junk = tmp_path / "junk.tif"
     junk.write_bytes(b"II*\0junk" * 40)
     nowhere = geotiff(tmp_path / "f.tif", plane(), crs=None)
+    site = geotiff(tmp_path / "s.tif", plane(), crs='LOCAL_CS["building site",UNIT["metre",1]]')
     away = geotiff(tmp_path / "g.tif", plane(), transform=from_origin(10.0, 50.0, 1e-4, 1e-4))
     good = geotiff(tmp_path / "h.tif", plane())
     for paths, told in [
         ([str(junk)], "cannot be read as a raster of heights"),
         ([str(tmp_path / "none.tif")], "cannot be read as a raster of heights"),
         ([nowhere], "it has no coordinate system"),
+        ([site], "cannot be read as a raster of heights"),
         ([away], "no pixel lies within"),
     ]:
         with pytest.raises(GroundError, match=told) as caught:

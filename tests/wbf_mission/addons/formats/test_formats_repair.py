@@ -112,6 +112,16 @@ def test_what_is_mended(name: str, tmp_path: Path) -> None:
     )
 
 
+def test_the_names_of_mended_parts_are_no_longer_than_a_name_may_be(tmp_path: Path) -> None:
+    rings, parts = next((rings, parts) for rings, parts in BREAKAGES.values() if parts == 2)
+    farm = load_farm(write(tmp_path, field(*rings, name="x" * 200)), repair=True)
+    assert [patch.name for patch in farm.patches] == [f"{'x' * 198} {k}" for k in range(1, parts + 1)]
+    save_farm(farm, tmp_path / "saved.geojson")
+    assert [patch.name for patch in load_farm(tmp_path / "saved.geojson").patches] == [
+        patch.name for patch in farm.patches
+    ]
+
+
 @pytest.mark.parametrize(
     ("rings", "text"),
     [

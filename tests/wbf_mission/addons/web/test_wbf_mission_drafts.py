@@ -146,7 +146,7 @@ def test_a_number_of_batteries_is_planned_for_and_flown(drafts: Drafts) -> None:
         (body("/etc/passwd"), "the studio knows miniberry-10"),
         (body({"type": "FeatureCollection", "features": []}), 'has no "features"'),
         (body([1, 2]), "the farm: is not a GeoJSON"),
-        (body({"type": "FeatureCollection", "features": [square(crop=3)]}), "feature 1 .'north'."),
+        (body({"type": "FeatureCollection", "features": [square(crop=[3])]}), "feature 1 .'north'."),
         (body(vehicle="mine.toml"), "the studio knows"),
         (body(planner="/tmp/mine.py:planner"), "no key=value"),
         (body(planner=["spiral"]), "is not a text"),

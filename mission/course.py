@@ -231,9 +231,9 @@ class Course:
         number = self.leg_of(place)
         if number == len(self.legs):
             return self.legs[-1].end
-        leg, part = self.legs[number], place.fraction
-        x, y, z = (a + part * (b - a) for a, b in zip(leg.begin, leg.end, strict=True))
-        return x, y, z
+        part, (x, y, z), end = place.fraction, self.legs[number].begin, self.legs[number].end
+        y += part * math.remainder(end[1] - y, 360.0)  # The leg may cross the date line
+        return x + part * (end[0] - x), math.remainder(y, 360.0), z + part * (end[2] - z)
 
     def after(self, place: Place) -> Place | None:
         """Return `place` if its leg has images, otherwise the start of the next leg with images, or None."""

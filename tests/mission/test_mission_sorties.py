@@ -390,6 +390,16 @@ def test_the_order_of_the_next_row_is_not_given_at_the_end():
     assert first.items == (*items[:4], OFF, RETURN)
 
 
+@pytest.mark.parametrize(("begin", "end"), [(179.999, -179.999), (-179.999, 179.999)])
+def test_a_leg_over_the_date_line_is_cut_on_its_short_way(begin, end):
+    takeoff, row = replace(TAKEOFF, y=begin), [MissionItem.waypoint(28.05, y, 10.0) for y in (begin, end)]
+    course = Course(Mission((takeoff, ON, *row, OFF, RETURN), GeoPoint(28.05, begin)))
+    places = [course.position(Place(3, part))[1] for part in (0.0, 0.25, 0.5, 0.75)]
+    near = [begin, math.copysign(179.9995, begin), 180.0, math.copysign(179.9995, end)]
+    assert [abs(place) for place in places] == pytest.approx([abs(place) for place in near], abs=1e-9)
+    assert part_of(course, Place(3, 0.75)).items[1].y == near[3]
+
+
 @pytest.mark.parametrize(
     "item",
     [

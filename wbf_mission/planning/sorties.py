@@ -399,7 +399,7 @@ class SortieCosts:
         if flown is None:
             return None
         way_m = np.maximum.accumulate(course.along(flown.seq, flown.place_m[:, 0], flown.place_m[:, 1]))
-        count = int(np.searchsorted(way_m, course.length_m)) + 1  # Later points belong to the flight home
+        count = int(np.searchsorted(way_m[:-1], course.length_m)) + 1  # Later points are of the flight home
         way_m, place_m = way_m[:count], flown.place_m[:count]
         frame = builder.farm.frame
         track_m = np.column_stack(frame.from_wgs84(*course.frame.to_wgs84(place_m[:, 0], place_m[:, 1])))

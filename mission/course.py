@@ -240,8 +240,7 @@ class Course:
         number = self.leg_of(place)
         if number < len(self.legs) and self.legs[number].works:
             return place
-        following = next((leg for leg in self.legs[number:] if leg.works), None)
-        return None if following is None else Place(following.item)
+        return next((Place(leg.item) for leg in self.legs[number:] if leg.works), None)
 
     def back(self, place: Place, overlap_m: float) -> Place:
         """Return the place `overlap_m` metres before `place`.

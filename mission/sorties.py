@@ -140,9 +140,7 @@ def resumed_at(course: Course, begin: Place, overlap_m: float) -> Place | None:
     next leg with images.
     """
     following = course.after(begin)
-    if following is None or following != begin:
-        return following
-    return course.back(begin, overlap_m)
+    return course.back(begin, overlap_m) if following == begin else following
 
 
 def image_spacing_m(mission: Mission, speed_m_s: float) -> float | None:

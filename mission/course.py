@@ -231,17 +231,16 @@ class Course:
         number = self.leg_of(place)
         if number == len(self.legs):
             return self.legs[-1].end
-        leg, part = self.legs[number], place.fraction
-        x, y, z = (a + part * (b - a) for a, b in zip(leg.begin, leg.end, strict=True))
-        return x, y, z
+        part, (x, y, z), end = place.fraction, self.legs[number].begin, self.legs[number].end
+        y += part * math.remainder(end[1] - y, 360.0)  # The leg may cross the date line
+        return x + part * (end[0] - x), math.remainder(y, 360.0), z + part * (end[2] - z)
 
     def after(self, place: Place) -> Place | None:
         """Return `place` if its leg has images, otherwise the start of the next leg with images, or None."""
         number = self.leg_of(place)
         if number < len(self.legs) and self.legs[number].works:
             return place
-        following = next((leg for leg in self.legs[number:] if leg.works), None)
-        return None if following is None else Place(following.item)
+        return next((Place(leg.item) for leg in self.legs[number:] if leg.works), None)
 
     def back(self, place: Place, overlap_m: float) -> Place:
         """Return the place `overlap_m` metres before `place`.

@@ -15,36 +15,36 @@ from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
 Way: TypeAlias = Callable[[tuple[float, float], tuple[float, float]], Sequence[tuple[float, float]]]
 """Function from two positions (latitude, longitude) to the corners of a path round obstacles."""
 
-_VIDEO_START, _VIDEO_STOP = 2500, 2501
-# Commands, and the names of the settings that they change. The last command before a part is in force there.
+_VIDEO_START, _SPRAYER, _PARACHUTE = 2500, 216, 208
+# Settings, and the commands that change them. The last command before a part is in force there.
 _SETTINGS: dict[int, str] = {
-    183: "servo",
-    181: "relay",
-    216: "sprayer",
-    int(Command.DO_SET_ROI_LOCATION): "region of interest",
-    int(Command.DO_SET_ROI_NONE): "region of interest",
-    int(Command.DO_SET_ROI): "region of interest",
-    205: "mount",
-    1000: "gimbal",
-    530: "camera mode",
-    int(Command.CONDITION_YAW): "yaw",
-    int(Command.DO_SET_CAM_TRIGG_DIST): "images",
-    int(Command.DO_SET_CAM_TRIGG_INTERVAL): "images",
-    int(Command.IMAGE_START_CAPTURE): "images",
-    int(Command.IMAGE_STOP_CAPTURE): "images",
-    _VIDEO_START: "video",
-    _VIDEO_STOP: "video",
+    command: name
+    for name, commands in {
+        "servo": (183,),
+        "relay": (181,),
+        "sprayer": (_SPRAYER,),
+        "fence": (207,),
+        "parachute": (_PARACHUTE,),
+        "auxiliary function": (218,),
+        "region of interest": (195, 197, 201),
+        "mount mode": (204,),
+        "mount": (205,),
+        "gimbal": (1000,),
+        "camera mode": (530,),
+        "zoom": (531,),
+        "focus": (532,),
+        "yaw": (115,),
+        "images": (206, 214, 2000, 2001),
+        "video": (_VIDEO_START, 2501),
+    }.items()
+    for command in commands
 }
-# Each servo and each relay, numbered by param1, is a separate setting.
-_BY_NUMBER = frozenset({183, 181})
-# These settings are repeated only at the first position of the part, so that the approach is not recorded.
-_AT_THE_PLACE = frozenset({"images", "video", "yaw"})
-_STOPS = {
-    int(Command.DO_SET_CAM_TRIGG_DIST): int(Command.DO_SET_CAM_TRIGG_DIST),
-    int(Command.DO_SET_CAM_TRIGG_INTERVAL): int(Command.DO_SET_CAM_TRIGG_INTERVAL),
-    int(Command.IMAGE_START_CAPTURE): int(Command.IMAGE_STOP_CAPTURE),
-    _VIDEO_START: _VIDEO_STOP,
-}
+# Each servo, relay and auxiliary function, numbered by param1, is a separate setting.
+_BY_NUMBER = frozenset({183, 181, 218})
+# These settings are repeated only at the first position of the part, so that they do not act on the approach.
+_AT_THE_PLACE = frozenset({"images", "video", "sprayer", "yaw"})
+# Commands that start images, video or the sprayer, and the commands that stop them.
+_STOPS = {206: 206, 214: 214, 2000: 2001, _VIDEO_START: 2501, _SPRAYER: _SPRAYER}
 _WAYPOINT = int(Command.NAV_WAYPOINT)
 
 
@@ -60,10 +60,10 @@ def part_of(
 ) -> Mission:
     """Return a mission that takes off, flies the part of `course` between two places, and lands.
 
-    The mission repeats settings in force at `begin`: speeds, region of interest and gimbal after the
-    take-off; camera and heading at the first position of the part. The camera is stopped at `end`. Fence,
-    rally points, altitude frames, take-off and landing are copied from the whole mission. Leading legs
-    without images are left out.
+    The mission repeats settings in force at `begin`: speeds, region of interest, gimbal, zoom, fence switch
+    after the take-off; camera, sprayer and heading at the first position of the part. Camera and sprayer are
+    stopped at `end`. Fence, rally points, altitude frames, take-off and landing are copied from the whole
+    mission. Leading legs without images are left out.
 
     Parameters
     ----------
@@ -140,9 +140,7 @@ def resumed_at(course: Course, begin: Place, overlap_m: float) -> Place | None:
     next leg with images.
     """
     following = course.after(begin)
-    if following is None or following != begin:
-        return following
-    return course.back(begin, overlap_m)
+    return course.back(begin, overlap_m) if following == begin else following
 
 
 def image_spacing_m(mission: Mission, speed_m_s: float) -> float | None:
@@ -191,7 +189,8 @@ def _settings(items: Iterable[MissionItem]) -> dict[str, MissionItem]:
         name = _SETTINGS.get(item.command)
         if item.command == Command.DO_CHANGE_SPEED:
             name = f"speed {max(int(item.param1 or 0.0), 1)}"
-        if name is None or takes_image(item):
+        released = item.command == _PARACHUTE and item.param1 == 2.0
+        if name is None or takes_image(item) or released:
             continue
         if item.command in _BY_NUMBER:
             name += f" {item.param1}"
@@ -201,17 +200,15 @@ def _settings(items: Iterable[MissionItem]) -> dict[str, MissionItem]:
 
 
 def _is_on(item: MissionItem) -> bool:
-    """Return whether an item starts images or video."""
-    return item.command == _VIDEO_START or turns_camera(item) is True
+    """Return whether an item starts images, video or the sprayer."""
+    starts = item.command == _VIDEO_START or (item.command == _SPRAYER and bool(item.param1))
+    return starts or turns_camera(item) is True
 
 
 def _is_for_next(item: MissionItem) -> bool:
     """Return whether an item between two legs affects only the second leg."""
-    return _is_on(item) or item.command in (
-        Command.CONDITION_DELAY,
-        Command.CONDITION_DISTANCE,
-        Command.CONDITION_YAW,
-    )
+    conditions = (Command.CONDITION_DELAY, Command.CONDITION_DISTANCE, Command.CONDITION_YAW)
+    return _is_on(item) or item.command in conditions
 
 
 def _reachable(course: Course, first: Place, end: Place | None) -> Place | None:

@@ -81,7 +81,7 @@ class Leg:
         """Horizontal closing speed to the target (m/s)."""
         state, (latitude, longitude, _) = self.monitor.state, self.target
         north = latitude - state.latitude_deg
-        east = (longitude - state.longitude_deg) * math.cos(math.radians(latitude))
+        east = math.remainder(longitude - state.longitude_deg, 360.0) * math.cos(math.radians(latitude))
         away = math.hypot(east, north)
         return (state.velocity_m_s[0] * east + state.velocity_m_s[1] * north) / away if away > 0.0 else 0.0
 

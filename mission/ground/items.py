@@ -51,7 +51,7 @@ def same_position(a: MissionItem, b: MissionItem) -> bool:
 
 def apart_m(a: tuple[float, float], b: tuple[float, float]) -> float:
     """Return the distance (m) between two positions (latitude, longitude) that are near each other."""
-    north, east = b[0] - a[0], (b[1] - a[1]) * math.cos(math.radians(a[0]))
+    north, east = b[0] - a[0], math.remainder(b[1] - a[1], 360.0) * math.cos(math.radians(a[0]))
     return _EARTH_M * math.radians(math.hypot(north, east))
 
 

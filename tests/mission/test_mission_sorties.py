@@ -388,3 +388,53 @@ def test_the_order_of_the_next_row_is_not_given_at_the_end():
     items = (TAKEOFF, at(10.0, 0.0), ON, at(90.0, 0.0), wider, at(90.0, 50.0), OFF, RETURN)
     first = part_of(Course(Mission(items, HOME)), Place(1), Place(5))
     assert first.items == (*items[:4], OFF, RETURN)
+
+
+@pytest.mark.parametrize(("begin", "end"), [(179.999, -179.999), (-179.999, 179.999)])
+def test_a_leg_over_the_date_line_is_cut_on_its_short_way(begin, end):
+    takeoff, row = replace(TAKEOFF, y=begin), [MissionItem.waypoint(28.05, y, 10.0) for y in (begin, end)]
+    course = Course(Mission((takeoff, ON, *row, OFF, RETURN), GeoPoint(28.05, begin)))
+    places = [course.position(Place(3, part))[1] for part in (0.0, 0.25, 0.5, 0.75)]
+    near = [begin, math.copysign(179.9995, begin), 180.0, math.copysign(179.9995, end)]
+    assert [abs(place) for place in places] == pytest.approx([abs(place) for place in near], abs=1e-9)
+    assert part_of(course, Place(3, 0.75)).items[1].y == near[3]
+
+
+@pytest.mark.parametrize(
+    "item",
+    [
+        MissionItem(207, param1=1.0),
+        MissionItem(208, param1=1.0),
+        MissionItem(218, param1=41.0, param2=2.0),
+        MissionItem(204, param1=2.0),
+        MissionItem(531, param1=2.0, param2=50.0),
+        MissionItem(532, param1=2.0, param2=30.0),
+    ],
+    ids=lambda item: str(item.command),
+)
+def test_switches_of_the_vehicle_and_the_camera_are_set_again(item):
+    items = (TAKEOFF, item, at(10.0, 0.0), ON, at(90.0, 0.0), OFF, RETURN)
+    part = part_of(Course(Mission(items, HOME)), Place(4, 0.5))
+    assert part.items[1] == item and [one.command for one in part.items[2:]] == [16, 206, 16, 206, 20]
+
+
+def test_each_auxiliary_function_is_set_again_but_no_parachute_is_released():
+    first, second, last = (
+        MissionItem(218, param1=a, param2=b) for a, b in ((41.0, 2.0), (9.0, 2.0), (41.0, 0.0))
+    )
+    released = MissionItem(208, param1=2.0)
+    items = (TAKEOFF, first, second, last, released, at(10.0, 0.0), at(90.0, 0.0), RETURN)
+    part = part_of(Course(Mission(items, HOME)), Place(6, 0.5))
+    assert part.items[1:3] == (second, last) and part.items[3].command == 16
+
+
+def test_the_sprayer_is_on_between_the_places_only():
+    on, off = MissionItem(216, param1=1.0), MissionItem(216)
+    items = (TAKEOFF, at(10.0, 0.0), on, at(90.0, 0.0), at(90.0, 50.0), at(10.0, 50.0), off, RETURN)
+    course = Course(Mission(items, HOME))
+    first, second = part_of(course, course.start, Place(4, 0.5)), part_of(course, Place(4, 0.5))
+    assert first.items[:4] == items[:4] and first.items[-2:] == (off, RETURN)
+    assert [item.command for item in second.items] == [22, 16, 216, 16, 16, 216, 20]
+    assert second.items[2] == on and second.items[5] == off
+    # Where it begins at a place, the part that ends there does not switch it on.
+    assert not any(item == on for item in part_of(course, course.start, Place(3)).items)

@@ -74,6 +74,18 @@ def test_images_are_where_the_camera_fires(order, places):
     assert found == pytest.approx(np.array([(x, 5.0) for x in places]).reshape(-1, 2), abs=0.02)
 
 
+@pytest.mark.parametrize("order", [by_distance(1.9), MissionItem(214, param1=500.0)])
+def test_images_over_the_date_line_are_on_the_farm(order):
+    frame = LocalFrame(-17.0, 179.99997)
+    mission, made = flown([(0, 5), (3, 5), (6, 5), (9, 5)], [1, 1, 1, 3], {0: order, 2: by_distance(0.0)})
+    mission = replace(mission, home=GeoPoint(-17.0, 179.99997))
+    found = image_places(replace(POTATOES, frame=frame), mission, made)
+    assert frame.to_wgs84(3.0, 5.0)[1] > 0.0 > frame.to_wgs84(6.0, 5.0)[1]
+    assert found[:, 0] == pytest.approx(
+        [0, 1.9, 3.8, 5.7] if order.command == 206 else [0, 1.5, 3, 4.5, 6], abs=0.02
+    )
+
+
 def test_a_second_order_begins_anew_and_stopping_ends():
     orders = {0: by_distance(2.0), 2: by_distance(5.0), 4: MissionItem(Command.IMAGE_STOP_CAPTURE)}
     mission, made = flown([(0, 0), (7, 0), (14, 0), (20, 0)], [1, 1, 3, 5], orders)

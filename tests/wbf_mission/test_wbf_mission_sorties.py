@@ -186,6 +186,23 @@ def test_a_mission_that_cannot_be_cut_says_why(small, tmp_path, capsys):
     assert not out.exists()
 
 
+@pytest.mark.parametrize(
+    ("vehicle", "rows", "options", "sorties"),
+    [("quad", 2, ["--home", "28.0495,-82.15"], 1), (None, 5, [], 3)],
+)
+def test_a_mission_without_a_return_is_cut(small, tmp_path, capsys, vehicle, rows, options, sorties):
+    ends = [(28.05 + 1e-4 * k, -82.15 + 2e-3 * ((k + side) % 2)) for k in range(rows) for side in (0, 1)]
+    first, *others = [MissionItem.waypoint(*end, 10.0) for end in ends]
+    items = (MissionItem(22, 3, z=10.0), first, MissionItem(206, param1=2.0), *others)
+    file, out = tmp_path / "rows.waypoints", tmp_path / "out.waypoints"
+    write_mission(Mission(items, home=GeoPoint(28.05, -82.15, 30.0)), file)
+    farm = ["--farm", FARM, "--mission", str(file), "--vehicle", vehicle or small]
+    code, said, _ = run(capsys, "plan", *farm, *options, "--out", str(out), "--json")
+    assert code == 0 and len(json.loads(said)["sorties"]) == sorties
+    made = [read_mission(path).items for path in sorted(tmp_path.glob("out*"))]
+    assert [part[-1].command for part in made] == [20] * (sorties - 1) + [16]
+
+
 def test_obstacles_are_flown_round_on_the_ways(small, tmp_path):
     farm = get_farm(FARM)
     barn = Obstacle(shapely.box(8.0, 8.0, 14.0, 14.0))

@@ -17,6 +17,7 @@ from geo.errors import GroundError
 from geo.farm import Farm, Obstacle
 from mission.files import read_mission, write_mission
 from mission.model import Command, Frame, Mission
+from wbf_mission.cli.app import main
 from wbf_mission.flight import fly
 from wbf_mission.planning import MissionBuilder
 from wbf_mission.planning.terrain import FarmGround
@@ -129,3 +130,22 @@ def test_heights_above_ground_need_a_ground_and_one_vehicle(tmp_path: Path) -> N
         plan_fleet(Scenario(**given, terrain_frame=True, vehicles=2))
     with pytest.raises(GroundError, match="cannot be read"):
         plan(Scenario(**given, terrain=(str(tmp_path / "none.tif"),)))
+
+
+def test_sorties_from_another_ground_height_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    farm = get_farm("miniberry-100")
+    ground = FarmGround.read(farm, farm.home_m, (raster(tmp_path / "hills.tif", farm, 6.0),))
+    x, y = np.meshgrid(np.arange(-50.0, 150.0), np.arange(-50.0, 150.0))
+    places = np.column_stack((x.ravel(), y.ravel()))
+    rise_m = ground(places) - ground(np.array([farm.home_m]))
+    higher, level = places[rise_m.argmax()], places[np.abs(rise_m - 0.9).argmin()]
+    options = ["plan", "--farm", "miniberry-100", "--planner", "lawnmower", "--budget", "300m"]
+    options += ["--height-above-ground", "20", "--terrain", str(tmp_path / "hills.tif")]
+    for (east, north), code in ((higher, 2), (level, 0)):
+        home = ",".join(map(str, farm.frame.to_wgs84(float(east), float(north))))
+        out = tmp_path / f"{code}.plan"
+        assert main([*options, "--home", home, "--out", str(out)]) == code and out.exists() == (code == 0)
+        refused = f"--home {home}: the plan's heights over the terrain count from the mission's home"
+        assert (refused in capsys.readouterr().err) == (code == 2)

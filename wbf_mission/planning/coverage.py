@@ -88,6 +88,7 @@ def image_places(farm: Farm, mission: Mission, prediction: Prediction) -> Points
     """Return the image positions of a predicted flight, float64[n, 2], in metres of the farm frame."""
     about_home = home_frame(mission)
     track_deg = np.column_stack(about_home.to_wgs84(*prediction.track_m[:, :2].T))
+    track_deg = np.unwrap(track_deg, period=360.0, axis=0)  # Longitudes may cross the date line
     orders = [
         (time_s, item, shots)
         for time_s, seq in prediction.camera_orders

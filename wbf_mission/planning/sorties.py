@@ -14,6 +14,7 @@ from geo.texts import distance
 from mission.course import Course, Place, unrolled
 from mission.errors import PlanningError
 from mission.model import GeoPoint, Mission
+from mission.planners.build import TOLERANCE_M
 from mission.planners.path import Points
 from mission.sorties import Way, image_spacing_m, part_of, resumed_at
 from sim_vehicle.autopilot import fixed_wing_procedures
@@ -52,7 +53,7 @@ _MOST_SORTIES = 200
 
 
 class UncutError(PlanningError):
-    """A mission that cannot be cut into sorties, with the reason: no number of batteries is enough."""
+    """A mission that cannot be cut into sorties, with the reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,14 +68,13 @@ class PlannedSortie:
 
     def summary(self, course: Course) -> dict[str, Any]:
         """Return plain values for JSON."""
-        ends = {"begin": self.begin, "end": self.end}
         home = self.plan.mission.home
         return {
             **{
                 name: None
                 if place is None
                 else {"item": place.item, "fraction": place.fraction, "at_m": course.metres(place)}
-                for name, place in ends.items()
+                for name, place in (("begin", self.begin), ("end", self.end))
             },
             "home": None if home is None else [home.latitude_deg, home.longitude_deg],
             "items": len(self.plan.mission.items),
@@ -120,12 +120,10 @@ class SortiePlan:
     def summary(self) -> dict[str, Any]:
         """Return a plan's plain values for JSON, with totals over the sorties."""
         predictions = [plan.prediction for plan in self.plans]
-        whole = self.whole.summary()
-        told = {"reason": "", "feasible": True, "batteries": len(self.sorties)}
+        whole = {**self.whole.summary(), "reason": "", "feasible": True, "batteries": len(self.sorties)}
         warnings = dict.fromkeys(text for plan in self.plans for text in plan.warnings)
         return {
             **whole,
-            **told,
             "warnings": list(warnings),
             "length_m": sum(plan.length_m for plan in self.plans),
             "predicted_time_s": self.flight_s,
@@ -178,15 +176,24 @@ def cut_plan(
     Raises
     ------
     UncutError
-        If no number of batteries is enough: a position is too far away or unreachable.
+        If a position is too far away or unreachable, or `homes` differ in height for a plan over terrain.
     MissionError
         If the mission cannot be cut, or nothing remains to be flown.
     """
-    placed = replace(whole.mission, home=home_of(whole.mission, builder.farm))
+    own_home = home_of(whole.mission, builder.farm)
+    if homes and builder.ground is not None:
+        stands = np.array([(home.latitude_deg, home.longitude_deg) for home in (own_home, *homes)])
+        if (differ_m := float(np.ptp(builder.ground.ground.heights(*stands.T)))) > TOLERANCE_M:
+            msg = (
+                "the plan's heights over the terrain count from the mission's home, but the ground at the"
+                f" take-off places differs by {differ_m:.1f} m; take off where the ground is as high as there"
+            )
+            raise UncutError(msg)
+    placed = replace(whole.mission, home=own_home)
     whole = replace(whole, mission=unrolled(placed))
     course = Course(whole.mission)
     overlap = overlap_of(builder, whole) if overlap_m is None else overlap_m
-    homes = homes or [home_of(placed, builder.farm)]
+    homes = homes or [own_home]
     cutter = _Cutter(whole, builder, course, begin or course.start, homes, overlap, footprint, full)
     return SortiePlan(whole, course, cutter.cut(), change_s, overlap, full)
 
@@ -221,8 +228,7 @@ def _way_of(builder: MissionBuilder) -> Way | None:
         return None
 
     def way(begin: tuple[float, float], end: tuple[float, float]) -> list[tuple[float, float]]:
-        ends = np.array([begin, end])
-        points = np.column_stack(frame.from_wgs84(ends[:, 0], ends[:, 1]))
+        points = np.column_stack(frame.from_wgs84(*np.array([begin, end]).T))
         between = keep_out.around(points)[0][1:-1]
         latitude, longitude = frame.to_wgs84(between[:, 0], between[:, 1])
         return list(zip(latitude.tolist(), longitude.tolist(), strict=True))
@@ -290,9 +296,8 @@ class _Cutter:
             return f"no sorties: the mission takes more than {_MOST_SORTIES} batteries"
         place = costs.places[dearest] or self.begin
         frame = self.builder.farm.frame
-        degrees = np.array([self.course.position(place)[:2]])
         stands = np.array([(home.latitude_deg, home.longitude_deg) for home in self.homes])
-        (x,), (y,) = frame.from_wgs84(*degrees.T)
+        x, y = frame.from_wgs84(*self.course.position(place)[:2])
         home_x, home_y = frame.from_wgs84(*stands.T)
         away_m = float(np.hypot(home_x - x, home_y - y).min())
         return (
@@ -399,7 +404,7 @@ class SortieCosts:
         if flown is None:
             return None
         way_m = np.maximum.accumulate(course.along(flown.seq, flown.place_m[:, 0], flown.place_m[:, 1]))
-        count = int(np.searchsorted(way_m, course.length_m)) + 1  # Later points belong to the flight home
+        count = int(np.searchsorted(way_m[:-1], course.length_m)) + 1  # Later points are of the flight home
         way_m, place_m = way_m[:count], flown.place_m[:count]
         frame = builder.farm.frame
         track_m = np.column_stack(frame.from_wgs84(*course.frame.to_wgs84(place_m[:, 0], place_m[:, 1])))
@@ -518,8 +523,6 @@ def _interpolated(
     The interpolation is linear, since return altitudes change in steps with the distance from home.
     """
     order = np.argsort(known_s, kind="stable")
-    farther = np.maximum(straight_s - known_s[order[-1]], 0.0)
-    found: NDArray[np.float64] = (
-        np.interp(straight_s, known_s[order], np.array(takes)[order]) + beyond * farther
-    )
-    return found
+    farther: NDArray[np.float64] = np.maximum(straight_s - known_s[order[-1]], 0.0)
+    within: NDArray[np.float64] = np.interp(straight_s, known_s[order], np.array(takes)[order])
+    return within + beyond * farther

@@ -4,6 +4,7 @@ import math
 import re
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from mission.autopilots import ARDUPILOT, PX4
 from mission.autopilots.profile import NeededParameter
 from mission.errors import MissionError
 from mission.ground.change import ChangeOutcome, ChangeRequest, FailsafeGuard
-from mission.ground.change_aside import AsideChange
+from mission.ground.change_aside import AsideChange, Leg
 from mission.ground.change_whole import WholeListChange
 from mission.ground.contact import Contact
 from mission.ground.items import revised_mission
@@ -707,3 +708,10 @@ def test_the_guided_mode_long_after_a_change_is_another_operators(after_s, order
     found = beats(4, 11.0 + after_s)
     assert [message.command for message in found] == orders
     assert not found or found[0].param2 == 5, "the mode that the pilot had chosen"
+
+
+def test_a_target_over_the_date_line_is_near_and_neared():
+    state = SimpleNamespace(latitude_deg=0.0, longitude_deg=179.9999, velocity_m_s=(5.0, 0.0, 0.0))
+    plan = Mission((MissionItem.waypoint(0.0, -179.9999, 10.0),))
+    leg = Leg(plan, 0, SimpleNamespace(state=state), None)
+    assert leg.distance_m == pytest.approx(22.2, abs=0.1) and leg.nearing_m_s == pytest.approx(5.0)

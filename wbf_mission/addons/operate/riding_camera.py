@@ -147,7 +147,7 @@ def _lengths_m(begin: _Place, corners: Sequence[tuple[_Place, float]], end: _Pla
 
 
 def _toward(a: _Place, b: _Place, part: float) -> _Place:
-    return a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1])
+    return a[0] + part * (b[0] - a[0]), a[1] + part * math.remainder(b[1] - a[1], 360.0)
 
 
 def _without(legs: Sequence[tuple[float, Shots]], metres: float) -> list[tuple[float, Shots]]:

@@ -85,6 +85,20 @@ def test_what_was_seen_on_both_sides_of_a_silence_is_not_counted():
     assert images_in(silence, back, 4) == pytest.approx(108, abs=1)
 
 
+@pytest.mark.parametrize("before_m", [50.0, 97.0])
+def test_the_date_line_makes_a_way_no_longer(before_m):
+    def over(metres):
+        return (0.0, math.remainder(179.9991 + metres * METRE, 360.0))
+
+    ends = [
+        MissionItem.waypoint(*over(metres), 10.0, acceptance_radius_m=8.0) for metres in (0.0, 100.0, 150.0)
+    ]
+    plan = Mission((ends[0], MissionItem(DISTANCE, param1=2.0), *ends[1:]))
+    assert over(97.0)[1] > 0.0 > over(103.0)[1]
+    silence = Silence(over(before_m), over(145.0), 2, 15.0, Shots())
+    assert images_in(silence, plan, 3) == pytest.approx((145.0 - before_m) / 2.0, abs=1)
+
+
 IMAGE_M = 0.5
 PATHS = {
     "short legs": ((0, 20), (10, 20), (10, 25), (0, 25), (0, 30), (10, 30), (10, 35), (0, 35)),

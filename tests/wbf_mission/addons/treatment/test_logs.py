@@ -78,6 +78,13 @@ def test_outside_the_log_and_in_gaps_nothing_is_told(write):
     assert np.isfinite(track.at(asked)[0]).tolist() == [False, True, True, False, True, False]
 
 
+def test_positions_between_fixes_do_not_leave_the_date_line(write):
+    fixes = [(10.0 + k, -17.0, y) for k, y in enumerate((179.9997, 179.9999, -179.9999, -179.9997, 179.9999))]
+    longitude = read_track(write(fixes)).at(np.array([10.5, 11.0, 11.25, 11.75, 12.5, 13.75]))[1]
+    expected = [179.9998, 179.9999, 179.99995, -179.99995, -179.9998, 179.9998]
+    assert np.allclose(longitude, expected, atol=1e-7)
+
+
 def test_a_clock_that_goes_back_or_is_missing_is_an_error(tmp_path):
     again = [*FIXES, *((one[0] - 9.0, *one[1:]) for one in FIXES)]
     first = write_telemetry(tmp_path / "a.tlog", FIXES).read_bytes()

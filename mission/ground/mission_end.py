@@ -124,9 +124,9 @@ class PilotWatch:
         """Return the time at which an unexplained mode counts as a takeover; infinity if there is none."""
         return math.inf if self._doubt is None else self._doubt[0] + _DOUBT_S
 
-    def order(self, ordered: Maneuver | None) -> None:
-        """Record the ordered maneuver, or None for none."""
-        self.ordered, self.obeyed = ordered, ""
+    def order(self, ordered: Maneuver | None, obeyed: str = "") -> None:
+        """Record the ordered maneuver, or None for none; ``obeyed`` is not empty if it is obeyed already."""
+        self.ordered, self.obeyed = ordered, obeyed
 
     def settle(self) -> None:
         """Report the delayed mode changes, since no reboot explains them."""
@@ -187,6 +187,12 @@ class PilotWatch:
             return
         if self.ordered is not None:
             modes = VehicleModes(message.autopilot, message.type).shows(self.ordered)
+            armed = message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED
+            if self.obeyed and armed and modes and self.mode not in modes | _HOMEWARD | frozenset(ends_in):
+                self._held.append((now_s, f"{_TAKEN}: mode {self.mode}"))
+                self.order(None)
+                self._in_mission = False
+                return
             # An order to resume is obeyed when the mission mode shows, which is handled above.
             if self.ordered is not Maneuver.RESUME and (not modes or self.mode in modes):
                 self.obeyed = f"{_SHOWS[self.ordered]} (mode {self.mode})"

@@ -131,7 +131,7 @@ class GroundStation:
         self._assembler = assembler
         self._fetch: ImageFetch | None = None
         self._order: Order | None = None
-        self._ordered_before: Maneuver | None = None
+        self._ordered_before: tuple[Maneuver | None, str] = (None, "")  # `ordered` and `obeyed` of the pilot.
         self._before = StateBefore.of(self._monitor, -math.inf)  # State when the pending order was given.
         self._ordered_modes: frozenset[str] = frozenset()  # Modes that the pending order leads to.
         self._chosen = range(0)
@@ -605,7 +605,8 @@ class GroundStation:
 
     def _give(self, order: Order, now_s: float) -> list[Message]:
         """Send an order, which replaces an order that is still pending."""
-        self._ordered_before, self._order, self._chosen = self.pilot.ordered, order, range(0)
+        self._ordered_before = self.pilot.ordered, self.pilot.obeyed
+        self._order, self._chosen = order, range(0)
         self._before, self._ordered_modes = StateBefore.of(self._monitor, now_s), frozenset()
         return order.send(now_s)
 
@@ -617,7 +618,7 @@ class GroundStation:
 
     def _is_overruled(self) -> bool:
         """Whether a pilot or a failsafe has acted since the pending order was given."""
-        modes, ordered = self._monitor.modes, self._ordered_before
+        modes, (ordered, _) = self._monitor.modes, self._ordered_before
         mission = modes.shows(Maneuver.RESUME)
         expected = frozenset() if ordered is None else modes.shows(ordered)
         if self._before.mode in mission:
@@ -650,8 +651,8 @@ class GroundStation:
     def _order_refused(self, why: str, now_s: float) -> None:
         """Restore the state from before the order, and report the refusal to the operator."""
         self._order, self._chosen = None, range(0)
-        if self.pilot.ordered is not self._ordered_before:
-            self.pilot.order(self._ordered_before)
+        if self.pilot.ordered is not self._ordered_before[0]:
+            self.pilot.order(*self._ordered_before)
         self._texts.note(f"{why}: the vehicle did not take the order", now_s)
 
     def _land(self, outcome: Outcome, reason: str, now_s: float) -> None:

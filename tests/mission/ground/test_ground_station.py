@@ -350,9 +350,18 @@ def test_the_lowest_reading_with_running_motors_and_the_most_energy_count(
 AUTOPILOTS = {
     "px4": (
         m.MAV_AUTOPILOT_PX4,
-        {"MISSION": 4 << 24 | 4 << 16, "LOITER": 3 << 24 | 4 << 16, "POSCTL": 3 << 16},
+        {
+            "MISSION": 4 << 24 | 4 << 16,
+            "LOITER": 3 << 24 | 4 << 16,
+            "POSCTL": 3 << 16,
+            "RTL": 5 << 24 | 4 << 16,
+            "LAND": 6 << 24 | 4 << 16,
+        },
     ),
-    "ardupilot": (m.MAV_AUTOPILOT_ARDUPILOTMEGA, {"MISSION": 3, "LOITER": 17, "POSCTL": 5}),
+    "ardupilot": (
+        m.MAV_AUTOPILOT_ARDUPILOTMEGA,
+        {"MISSION": 3, "LOITER": 17, "POSCTL": 5, "RTL": 6, "LAND": 9},
+    ),
 }
 
 
@@ -466,6 +475,36 @@ def test_it_goes_on_with_its_mission_after_a_hold(name):
     flight.beats("MISSION")
     pilot = flight.ground.pilot
     assert not pilot.taken_out and pilot.ordered is None and not pilot.events, "nobody else flew it"
+
+
+@pytest.mark.parametrize("name", AUTOPILOTS)
+@pytest.mark.parametrize(
+    ("kind", "modes"), [(Maneuver.HOLD, ["LOITER"]), (Maneuver.RETURN, ["RTL", "LAND"])], ids=["hold", "return"]
+)
+def test_a_pilot_who_takes_over_after_an_obeyed_order_keeps_the_vehicle(name, kind, modes):
+    flight = Flight(name)
+    pilot = flight.ground.pilot
+    flight.takes(kind)
+    for mode in modes:
+        flight.beats(mode)
+    assert pilot.obeyed and not pilot.somebody_else_flies and not pilot.events
+    flight.beats("POSCTL")
+    assert pilot.somebody_else_flies and not pilot.obeyed and pilot.ordered is None
+    assert pilot.events[-1][1].startswith("taken out of its mission: mode ")
+    with pytest.raises(NotFlyingError, match="somebody else flies"):
+        flight.ground.maneuver(Maneuver.RESUME, flight.now_s)
+
+
+def test_a_pilot_who_takes_over_while_an_order_to_resume_waits_keeps_the_vehicle():
+    flight = Flight()
+    flight.takes(Maneuver.HOLD)
+    flight.beats("LOITER")
+    flight.ground.maneuver(Maneuver.RESUME, flight.now_s)
+    flight.beats("POSCTL")
+    flight.now_s += 1.5
+    assert commands(flight.ground.poll(flight.now_s)) == []
+    flight.beats("POSCTL")
+    assert flight.ground.pilot.somebody_else_flies
 
 
 def test_who_does_not_go_on_still_holds_for_us():

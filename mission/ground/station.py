@@ -14,7 +14,7 @@ from mission.ground.images import ImageFetch
 from mission.ground.items import next_flown_to
 from mission.ground.link_state import LinkReport, SilenceWatch
 from mission.ground.mission_end import MissionEnd
-from mission.ground.modes import Maneuver
+from mission.ground.modes import Maneuver, ModeError
 from mission.ground.start import STARTING, MissionStart
 from mission.ground.tracks import TrackRecorder, TrueState
 from mission.ground.uploads import PlanUploads
@@ -474,13 +474,14 @@ class GroundStation:
         self._on_clock(now_s)
 
     def _on_clock(self, now_s: float) -> None:
-        """Handle a new reading of the vehicle's clock, which may show a reboot."""
+        """Handle a new reading of the vehicle's clock, which may show a reboot; only one in flight is reported."""
         unsure, self._unsure_s = now_s < self._unsure_s, -math.inf
         clock = self._monitor.clock
         if clock.restarts > self._restarts:
             self._restarts = clock.restarts
             heard_since = unsure and self._monitor.mode_heard_s >= self._back_s
-            self.pilot.on_restart(self._monitor.heartbeat if heard_since else None, now_s)
+            if self.phase not in _BEFORE_FLIGHT:
+                self.pilot.on_restart(self._monitor.heartbeat if heard_since else None, now_s)
             if self._assembler is not None:
                 self._assembler.move_clock(clock.offset_ms / 1e3)
         elif unsure:
@@ -561,9 +562,9 @@ class GroundStation:
     def maneuver(self, kind: Maneuver, now_s: float) -> list[Message]:
         """Order the vehicle to hold, return, land, or resume its mission.
 
-        Raises NotFlyingError before or after the flight, and while another pilot flies the vehicle. An order
-        to resume also raises NotFlyingError if the vehicle flies its mission, or if an aborted change has
-        left the vehicle with an unknown mission.
+        Raises NotFlyingError before or after the flight, while another pilot flies the vehicle, and if the
+        vehicle has no mode for the order. An order to resume also raises NotFlyingError if the vehicle flies
+        its mission, or if an aborted change has left the vehicle with an unknown mission.
         """
         self._check_takes_orders()
         if kind is Maneuver.RESUME:
@@ -571,8 +572,15 @@ class GroundStation:
                 msg = "the vehicle flies its mission"
                 raise NotFlyingError(msg)
             self._check_mission_known()
+        try:
+            command, params = self._monitor.modes.maneuver(kind)
+        except ModeError as error:
+            msg = (
+                f"the vehicle has no flight mode to {kind.value}; the order was not sent; order the vehicle"
+                " to return or to land"
+            )
+            raise NotFlyingError(msg) from error
         self._changes.drop()
-        command, params = self._monitor.modes.maneuver(kind)
         out = self._give(self._contact.order(command, *params), now_s)
         self._ordered_modes = self._monitor.modes.shows(kind)
         self.pilot.order(kind)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from mission.ground.modes import Maneuver
+from mission.ground.modes import Maneuver, VehicleModes
 from mission.ground.station import GroundStation, NotFlyingError
 from mission.ground.texts import TextLog
 from mission.ground.vehicle_state import Battery, VehicleMonitor
@@ -52,7 +52,7 @@ def uploaded(ground: GroundStation) -> list[Any]:
             break
         replies = []
         for message in queue:
-            message.pack(m.MAVLink(None, 255, 190))
+            message.pack(m.MAVLink(None, ground.system_id, ground.component_id))
             replies += server.receive(message, 1.0).messages
         queue = [out for reply in replies for out in ground.receive(from_vehicle(reply), 1.0)]
     assert ground.phase is Phase.ARM
@@ -424,10 +424,21 @@ def test_an_order_is_repeated_after_the_mode_of_the_order_before_it(name):
 def test_an_answer_to_another_ground_station_is_no_answer():
     flight = Flight()
     (order,) = flight.ground.maneuver(Maneuver.HOLD, flight.now_s)
-    flight.hears(m.MAVLink_command_ack_message(order.command, m.MAV_RESULT_DENIED, 0, 0, 200, 190))
-    assert flight.ground.pilot.ordered is Maneuver.HOLD
+    for other in ((200, 190), (200, 0), (255, 230)):
+        flight.hears(m.MAVLink_command_ack_message(order.command, m.MAV_RESULT_DENIED, 0, 0, *other))
+        assert flight.ground.pilot.ordered is Maneuver.HOLD
     flight.hears(m.MAVLink_command_ack_message(order.command, m.MAV_RESULT_DENIED, 0, 0, 255, 190))
     assert flight.ground.pilot.ordered is None
+
+
+def test_the_answer_to_a_disarm_of_another_program_of_our_system_starts_no_mission():
+    ground = GroundStation(MISSION, system_id=255, component_id=25)
+    uploaded(ground)
+    for target in ((255, 230), (255, 190)):
+        other = m.MAVLink_command_ack_message(m.MAV_CMD_COMPONENT_ARM_DISARM, 0, 0, 0, *target)
+        assert ground.receive(from_vehicle(other), 1.1) == [] and ground.phase is Phase.ARM
+    ours = m.MAVLink_command_ack_message(m.MAV_CMD_COMPONENT_ARM_DISARM, 0, 0, 0, 255, 25)
+    assert commands(ground.receive(from_vehicle(ours), 1.2)) == [m.MAV_CMD_MISSION_START]
 
 
 @pytest.mark.parametrize(
@@ -479,7 +490,9 @@ def test_it_goes_on_with_its_mission_after_a_hold(name):
 
 @pytest.mark.parametrize("name", AUTOPILOTS)
 @pytest.mark.parametrize(
-    ("kind", "modes"), [(Maneuver.HOLD, ["LOITER"]), (Maneuver.RETURN, ["RTL", "LAND"])], ids=["hold", "return"]
+    ("kind", "modes"),
+    [(Maneuver.HOLD, ["LOITER"]), (Maneuver.RETURN, ["RTL", "LAND"])],
+    ids=["hold", "return"],
 )
 def test_a_pilot_who_takes_over_after_an_obeyed_order_keeps_the_vehicle(name, kind, modes):
     flight = Flight(name)
@@ -544,6 +557,47 @@ def test_another_item_is_chosen_as_the_autopilot_takes_it():
     later = flight.ground.poll(flight.now_s + 4.0)
     assert not any(one.get_type() == "MISSION_SET_CURRENT" for one in later), "it shows it"
     assert not flight.ground.pilot.taken_out
+
+
+def test_an_order_without_a_flight_mode_is_refused_and_the_change_goes_on():
+    """A quadplane (type 20) has no BRAKE."""
+    flight = Flight("ardupilot")
+    flight.hears(m.MAVLink_mission_current_message(1, 3, m.MISSION_STATE_ACTIVE, 1))
+    flight.hears(m.MAVLink_heartbeat_message(20, flight.autopilot, 129, 10, 4, 3))
+    flight.ground.change(MISSION, 1, flight.now_s)
+    with pytest.raises(
+        NotFlyingError, match=r"^the vehicle has no flight mode to hold; the order was not sent"
+    ):
+        flight.ground.maneuver(Maneuver.HOLD, flight.now_s)
+    assert flight.ground.changing and flight.ground.pilot.ordered is None
+    assert commands(flight.ground.maneuver(Maneuver.RETURN, flight.now_s)) == [20]
+
+
+def test_a_boat_holds_in_hold():
+    modes = VehicleModes(m.MAV_AUTOPILOT_ARDUPILOTMEGA, m.MAV_TYPE_SURFACE_BOAT)
+    assert modes.maneuver(Maneuver.HOLD) == (m.MAV_CMD_DO_SET_MODE, (1.0, 4.0, 0.0))
+
+
+@pytest.mark.parametrize("in_flight", [False, True])
+def test_only_a_restart_in_flight_is_told(in_flight):
+    ground = GroundStation(MISSION)
+
+    def at(boot_s: float, now_s: float) -> None:
+        ground.receive(
+            from_vehicle(m.MAVLink_global_position_int_message(round(1e3 * boot_s), *[0] * 8)), now_s
+        )
+
+    at(90.0, 0.5)
+    if not in_flight:
+        at(1.0, 0.8)
+    uploaded(ground)
+    ground.receive(ack(m.MAV_CMD_COMPONENT_ARM_DISARM), 1.2)
+    ground.receive(ack(m.MAV_CMD_MISSION_START), 1.3)
+    if in_flight:
+        at(1.0, 1.4)
+    ground.pilot.on_heartbeat(heartbeat(armed=True), 2.0, expects_change=False)
+    told = [text for _, text in ground.pilot.events]
+    assert [text.startswith("its autopilot has started again") for text in told] == [True] * in_flight
 
 
 def test_an_item_that_there_is_not_is_refused():

@@ -11,6 +11,7 @@ from mission.ground.changes import MissionChanges
 from mission.ground.contact import Contact
 from mission.ground.items import leads_home, leads_on
 from mission.ground.modes import Maneuver, VehicleModes, is_in_mission, mode_name
+from mission.ground.vehicle_state import drives
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command
 from mission.outcome import Outcome
@@ -307,9 +308,10 @@ class FailureWatch:
         self.unhealthy |= message.onboard_control_sensors_enabled & ~message.onboard_control_sensors_health
 
     def on_battery_status(self, message: m.MAVLink_battery_status_message) -> None:
-        """Handle a BATTERY_STATUS."""
-        self.low_battery = message.charge_state in _LOW_CHARGE_STATES
-        self.empty_battery = message.battery_remaining == 0
+        """Handle a BATTERY_STATUS of a battery of the motors."""
+        if drives(message):
+            self.low_battery = message.charge_state in _LOW_CHARGE_STATES
+            self.empty_battery = message.battery_remaining == 0
 
     def cause(self, texts: Sequence[tuple[float, int, str]]) -> tuple[Outcome, str] | None:
         """Return outcome and reason of an aborted flight, or None without any sign of a failure.

@@ -474,7 +474,7 @@ class GroundStation:
         self._on_clock(now_s)
 
     def _on_clock(self, now_s: float) -> None:
-        """Handle a new reading of the vehicle's clock, which may show a reboot; only one in flight is reported."""
+        """Handle a new reading of the vehicle's clock, which may show a reboot; one in flight is reported."""
         unsure, self._unsure_s = now_s < self._unsure_s, -math.inf
         clock = self._monitor.clock
         if clock.restarts > self._restarts:

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from mission.ground.mission_end import FailureWatch
 from mission.ground.modes import Maneuver, VehicleModes
 from mission.ground.station import GroundStation, NotFlyingError
 from mission.ground.texts import TextLog
@@ -275,6 +276,24 @@ def test_a_battery_holds_no_more_than_all_of_it(message: Any) -> None:
     rest = () if message is m.MAVLink_battery_status_message else (0,) * 6
     monitor.receive(message(*more, 127, *rest), 0.0)
     assert monitor.battery.remaining == 1.0
+
+
+def test_a_battery_of_a_payload_is_not_the_motors() -> None:
+    monitor, watch = VehicleMonitor(), FailureWatch()
+
+    def reads_of(battery_id: int, function: int, percent: int, used_hj: int = -1) -> None:
+        rest = ([65535] * 10, -1, -1, used_hj, percent)
+        message = m.MAVLink_battery_status_message(battery_id, function, 0, 0, *rest)
+        monitor.receive(message, 0.0)
+        watch.on_battery_status(message)
+
+    reads_of(0, m.MAV_BATTERY_FUNCTION_PROPULSION, 15, 500)
+    reads_of(1, 4, 0, 900)
+    assert (monitor.battery, watch.empty_battery) == (Battery(0.15, 500 / 36.0), False)
+    reads_of(2, m.MAV_BATTERY_FUNCTION_PROPULSION, 95)
+    assert (monitor.battery.remaining, monitor.battery_percent) == (0.15, 15), "the lowest counts"
+    reads_of(0, m.MAV_BATTERY_FUNCTION_PROPULSION, 97)
+    assert monitor.battery.remaining == 0.95
 
 
 SOME = st.none() | st.floats(0.0, 1.0)

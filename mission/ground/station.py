@@ -134,7 +134,8 @@ class GroundStation:
         self._ordered_before: tuple[Maneuver | None, str] = (None, "")  # `ordered` and `obeyed` of the pilot.
         self._before = StateBefore.of(self._monitor, -math.inf)  # State when the pending order was given.
         self._ordered_modes: frozenset[str] = frozenset()  # Modes that the pending order leads to.
-        self._chosen = range(0)
+        self._chosen = range(0)  # Items of which MISSION_CURRENT shows that the pending set-item was obeyed.
+        self._item_before = -1  # Current item when set-item was ordered, -1 if unknown.
         self._no_position = True  # no position was received since the last HEARTBEAT
         self._armed = self._flew = False
         self._texts_before = 0
@@ -269,8 +270,7 @@ class GroundStation:
             msg = f"the mission cannot be changed in this phase of the flight ({self.phase.value})"
             raise NotFlyingError(msg)
         if self.changing:
-            msg = "the mission is being changed; wait until that is over"
-            raise NotFlyingError(msg)
+            raise NotFlyingError("the mission is being changed; wait until that is over")
         out = self._changes.begin(mission, resume_at, self._uploads.seconds_an_item, now_s)
         if not self._end_of_mission.says_finished:
             self.pilot.on_new_mission()
@@ -320,7 +320,10 @@ class GroundStation:
                 state = f"mode {self.mode}" if self._monitor.is_armed else "disarmed"
                 self._order_refused(f"{state} since", now_s)
             else:
-                out += self._order.send(now_s)
+                # A repeated set-item could turn back a vehicle that has taken the order and flown on.
+                heard = self._monitor.item_heard_s > self._before.given_s
+                repeats = not self._chosen or (heard and self._item == self._item_before)
+                out += self._order.send(now_s)[: int(repeats)]
         if self.phase is Phase.FLIGHT:
             out += self._changes.poll(now_s)
         self.pilot.poll(now_s, unsure=now_s < self._unsure_s)
@@ -453,7 +456,9 @@ class GroundStation:
             and (self._disarmed_s is not None or end.ends_flight)
         ):
             self._land(*end.completed(self._texts_before), now_s)
-        if self._chosen and self._monitor.state.item in self._chosen:
+        first, item = self._chosen.start, self._item
+        passed = first < item and not first <= self._item_before <= item
+        if self._chosen and (item in self._chosen or passed):
             self._chosen, self._order = range(0), None
 
     def _on_reached(self, message: m.MAVLink_mission_item_reached_message, now_s: float) -> None:
@@ -569,17 +574,15 @@ class GroundStation:
         self._check_takes_orders()
         if kind is Maneuver.RESUME:
             if not self.pilot.taken_out:
-                msg = "the vehicle flies its mission"
-                raise NotFlyingError(msg)
+                raise NotFlyingError("the vehicle flies its mission")
             self._check_mission_known()
         try:
             command, params = self._monitor.modes.maneuver(kind)
         except ModeError as error:
-            msg = (
+            raise NotFlyingError(
                 f"the vehicle has no flight mode to {kind.value}; the order was not sent; order the vehicle"
                 " to return or to land"
-            )
-            raise NotFlyingError(msg) from error
+            ) from error
         self._changes.drop()
         out = self._give(self._contact.order(command, *params), now_s)
         self._ordered_modes = self._monitor.modes.shows(kind)
@@ -594,11 +597,9 @@ class GroundStation:
         self._check_takes_orders()
         count = len(self.mission.items)
         if not 0 <= item < count:
-            msg = f"item {item + 1} does not exist; there are {count} items"
-            raise NotFlyingError(msg)
+            raise NotFlyingError(f"item {item + 1} does not exist; there are {count} items")
         if self.changing:
-            msg = "the mission is being changed; wait until that is over"
-            raise NotFlyingError(msg)
+            raise NotFlyingError("the mission is being changed; wait until that is over")
         self._check_mission_known()
         profile, vehicle = self._contact.profile, self._contact.vehicle
         seq = item + (1 if profile.home_at_zero else 0)
@@ -608,7 +609,7 @@ class GroundStation:
         # The vehicle runs a DO command at once, and reports the next navigation item as current.
         passes = self.mission.items[item].command > _NAV_LAST
         shown = next_flown_to(self.mission.items, item) if passes else item
-        self._chosen = range(item, shown + 1)
+        self._chosen, self._item_before = range(item, shown + 1), self._item
         return out
 
     def _give(self, order: Order, now_s: float) -> list[Message]:
@@ -617,6 +618,12 @@ class GroundStation:
         self._order, self._chosen = order, range(0)
         self._before, self._ordered_modes = StateBefore.of(self._monitor, now_s), frozenset()
         return order.send(now_s)
+
+    @property
+    def _item(self) -> int:
+        """Current item, -1 if unknown."""
+        item = self._monitor.state.item
+        return -1 if item is None else item
 
     @property
     def _end_modes(self) -> frozenset[str]:
@@ -635,26 +642,23 @@ class GroundStation:
 
     def _check_mission_known(self) -> None:
         if self._changes.broken_off:
-            msg = (
+            raise NotFlyingError(
                 "the vehicle was taken out of its mission during a change, so its mission is unknown; order"
                 " the vehicle to return or to land"
             )
-            raise NotFlyingError(msg)
 
     def _check_takes_orders(self) -> None:
         """Raise NotFlyingError before or after the flight, and while another pilot flies the vehicle."""
         if self.phase is not Phase.FLIGHT or self._disarmed_s is not None:
-            msg = f"the vehicle does not fly in this phase ({self.phase.value})"
-            raise NotFlyingError(msg)
+            raise NotFlyingError(f"the vehicle does not fly in this phase ({self.phase.value})")
         if self.pilot.somebody_else_flies:
             msg = f"somebody else flies the vehicle (mode {self.pilot.mode}); the order was not sent"
             raise NotFlyingError(msg)
         if self.pilot.in_doubt:
-            msg = (
+            raise NotFlyingError(
                 f"the vehicle left its mission (mode {self.pilot.mode}); the order was not sent; wait 5 s,"
                 " until it is known whether the mission ended or somebody else flies"
             )
-            raise NotFlyingError(msg)
 
     def _order_refused(self, why: str, now_s: float) -> None:
         """Restore the state from before the order, and report the refusal to the operator."""

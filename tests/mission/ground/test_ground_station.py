@@ -568,14 +568,32 @@ def test_nobody_goes_on_with_a_mission_that_came_in_part():
 
 def test_another_item_is_chosen_as_the_autopilot_takes_it():
     flight = Flight("px4")
+    flight.hears(m.MAVLink_mission_current_message(0, 3, m.MISSION_STATE_ACTIVE, 1))
     (message,) = flight.ground.choose_item(1, flight.now_s)
     assert (message.get_type(), message.seq) == ("MISSION_SET_CURRENT", 1)
+    flight.hears(m.MAVLink_mission_current_message(0, 3, m.MISSION_STATE_ACTIVE, 1))
     again = flight.ground.poll(flight.now_s + 1.5)
     assert any(one.get_type() == "MISSION_SET_CURRENT" for one in again), "nothing answers it"
     flight.hears(m.MAVLink_mission_current_message(1, 3, m.MISSION_STATE_ACTIVE, 1))
     later = flight.ground.poll(flight.now_s + 4.0)
     assert not any(one.get_type() == "MISSION_SET_CURRENT" for one in later), "it shows it"
     assert not flight.ground.pilot.taken_out
+
+
+@pytest.mark.parametrize("heard", [2, None])
+@pytest.mark.parametrize("name", AUTOPILOTS)
+def test_a_chosen_item_that_was_passed_unheard_does_not_turn_the_vehicle_back(name, heard):
+    flight = Flight(name)
+    home = flight.autopilot == m.MAV_AUTOPILOT_ARDUPILOTMEGA
+    flight.hears(m.MAVLink_mission_current_message(home, 3, m.MISSION_STATE_ACTIVE, 1))
+    flight.ground.choose_item(1, flight.now_s)
+    if heard is not None:
+        flight.hears(m.MAVLink_mission_current_message(heard + home, 3, m.MISSION_STATE_ACTIVE, 1))
+    begun_s = flight.now_s
+    sent = [message for second in range(1, 31) for message in flight.ground.poll(begun_s + second)]
+    assert not [one for one in sent if one.get_type() in ("MISSION_SET_CURRENT", "COMMAND_LONG")]
+    notes = [text for _, _, text in flight.ground.texts]
+    assert notes == ["no answer: the vehicle did not take the order"] * (heard is None)
 
 
 def test_an_order_without_a_flight_mode_is_refused_and_the_change_goes_on():

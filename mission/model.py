@@ -121,8 +121,7 @@ def check_place(latitude_deg: float, longitude_deg: float, altitude_m: float, wh
         ("altitude", altitude_m, 100_000.0),
     ):
         if not math.isfinite(value) or abs(value) > limit:
-            msg = f"{what}: {name} {value} is outside -{limit:g}..{limit:g}"
-            raise MissionError(msg)
+            raise MissionError(f"{what}: {name} {value} is outside -{limit:g}..{limit:g}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,11 +172,9 @@ class MissionItem:
         object.__setattr__(self, "frame", int(frame))
         object.__setattr__(self, "command", int(self.command))
         if not 0 <= self.command <= 65535:
-            msg = f"mission item: command {self.command} is outside 0..65535"
-            raise MissionError(msg)
+            raise MissionError(f"mission item: command {self.command} is outside 0..65535")
         if not 0 <= self.frame <= 255:
-            msg = f"mission item: frame {self.frame} is outside 0..255"
-            raise MissionError(msg)
+            raise MissionError(f"mission item: frame {self.frame} is outside 0..255")
         for name in ("param1", "param2", "param3", "param4"):
             value = getattr(self, name)
             if value is None:
@@ -287,8 +284,7 @@ class Mission:
         for name in ("cruise_speed_m_s", "hover_speed_m_s"):
             speed = getattr(self, name)
             if not math.isfinite(speed) or speed < 0.0:
-                msg = f"mission: {name} is {speed}; give a speed of 0 m/s or more"
-                raise MissionError(msg)
+                raise MissionError(f"mission: {name} is {speed}; give a speed of 0 m/s or more")
 
     def plan(self, mission_type: MissionType) -> tuple[MissionItem, ...]:
         """Return the items of one of the three plans."""

@@ -211,8 +211,9 @@ _MOTION: Motion = {
     "LAND_SPEED_HIGH": {"LAND_SPD_HIGH_MS": 100.0, "LAND_SPEED_HIGH": 1.0},
     "LAND_ALT_LOW": {"LAND_ALT_LOW_M": 100.0, "LAND_ALT_LOW": 1.0},
 }
+_BOAT = int(m.MAV_TYPE_SURFACE_BOAT)  # ArduRover, too.
 # Copters do not hold in LOITER: with the throttle stick at its lowest position, they would descend.
-_HOLD: Mapping[int | None, str] = {FIXED_WING: "LOITER", ROVER: "HOLD", None: "BRAKE"}
+_HOLD: Mapping[int | None, str] = {FIXED_WING: "LOITER", ROVER: "HOLD", _BOAT: "HOLD", None: "BRAKE"}
 
 
 def _numbers(vehicle_type: int) -> Mapping[str, tuple[float, float, float]]:

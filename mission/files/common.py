@@ -257,11 +257,10 @@ def check_jumps(mission: Mission) -> None:
         if item.command == Command.DO_JUMP:
             target = jump_target(item, f"item {index + 1}")
             if not 0 <= target < len(mission.items):
-                msg = (
+                raise MissionFileError(
                     f"item {index + 1}: DO_JUMP to item {target + 1}, but items go from 1 to"
                     f" {len(mission.items)}"
                 )
-                raise MissionFileError(msg)
 
 
 @dataclass(frozen=True, slots=True)

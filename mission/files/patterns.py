@@ -125,11 +125,10 @@ def _is_relative(where: str, pattern: Pattern, *, is_vtol: bool) -> bool:
         return _need(where, "altitudesAreRelative", pattern.altitudes_are_relative)
     loiter = _need(where, "loiterAltitudeRelative", pattern.loiter_altitude_relative)
     if loiter != _need(where, "landAltitudeRelative", pattern.land_altitude_relative):
-        msg = (
+        raise MissionFileError(
             f"{where}: loiterAltitudeRelative and landAltitudeRelative differ, but QGroundControl no longer"
             " supports that; plan the landing again"
         )
-        raise MissionFileError(msg)
     return loiter
 
 
@@ -147,8 +146,7 @@ def _structure_scan(where: str, pattern: Pattern) -> Iterator[Step]:
     layers = _need(where, "Layers", pattern.layers)
     if layers < 1.0 or camera.frontal_m <= 0.0:
         sizes = f"Layers is {layers:g}, AdjustedFootprintFrontal is {camera.frontal_m:g}"
-        msg = f"{where}: {sizes}; give numbers above 0"
-        raise MissionFileError(msg)
+        raise MissionFileError(f"{where}: {sizes}; give numbers above 0")
     ring = _flight_polygon(where, _need(where, "polygon", pattern.polygon), camera.distance_m)
     relative = Frame.GLOBAL_RELATIVE_ALT
     gate: Step = (Command.NAV_WAYPOINT, relative, (*_PLAIN, *ring[0], entrance_m))

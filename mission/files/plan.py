@@ -159,11 +159,10 @@ def _flat(items: list[_Simple | _Complex], data: bytes) -> Iterator[tuple[str, _
             for command, frame, values in commands_of(where, item.kind, patterns[index]):
                 yield where, _Simple(command, frame, list(values))
         else:
-            msg = (
+            raise MissionFileError(
                 f"{where}: the complex item {item.kind[:60]!r} has no commands in the file; "
                 "replace it by simple items in QGroundControl"
             )
-            raise MissionFileError(msg)
 
 
 def _items(items: list[_Simple | _Complex], data: bytes) -> tuple[MissionItem, ...]:
@@ -269,9 +268,8 @@ def _rally_point(index: int, item: MissionItem, mission: Mission) -> list[float]
     if item.frame == Frame.GLOBAL and mission.home is not None:
         altitude_m -= float(mission.home.altitude_m)
     elif item.frame != Frame.GLOBAL_RELATIVE_ALT:
-        msg = (
+        raise MissionFileError(
             f"rally point {index + 1}: its altitude is in frame {item.frame}, but a plan has altitudes above"
             " home; give frame 3, or frame 0 and a home"
         )
-        raise MissionFileError(msg)
     return [float(item.x), float(item.y), altitude_m]

@@ -124,11 +124,10 @@ def _rows(text: str) -> tuple[str, list[_Row]]:
         if not version:
             version = words[2] if len(words) == 3 else ""
             if version not in ("100", "110", "120"):
-                msg = (
+                raise MissionFileError(
                     f"line {number}: version {' '.join(words)[:40]!r}, but only QGC WPL 100, 110 and 120 can"
                     " be read; save the file in one of these versions"
                 )
-                raise MissionFileError(msg)
             continue
         if len(rows) > MAX_ITEMS:
             msg = f"line {number}: more than {MAX_ITEMS} items, too many for MAVLink; fly them in parts"

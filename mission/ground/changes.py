@@ -122,16 +122,14 @@ def check_change(new: Mission, resume_at: int, old: Mission) -> None:
         raise MissionError(msg)
     if leads_home(old.items) and not leads_home(items, resume_at):
         end = "end with NAV_RETURN_TO_LAUNCH or NAV_LAND"
-        msg = f"mission: nothing after item {resume_at + 1} leads home; {end}"
-        raise MissionError(msg)
+        raise MissionError(f"mission: nothing after item {resume_at + 1} leads home; {end}")
     home = old.home
     for k, item in enumerate(items):
         if not item.has_position or item.x == item.y == 0.0:
             continue
         if abs(item.z) > _HIGHEST_M:
             limit = f"in flight, the limit is {_HIGHEST_M:g} m"
-            msg = f"mission: item {k + 1} is {item.z:g} m high; {limit}"
-            raise MissionError(msg)
+            raise MissionError(f"mission: item {k + 1} is {item.z:g} m high; {limit}")
         if (
             home is not None
             and max(abs(item.x - home.latitude_deg), abs(item.y - home.longitude_deg)) > _FARTHEST_DEG

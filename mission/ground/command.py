@@ -57,8 +57,7 @@ class OperatorCommand:
             msg = f"{self}: {self.order} takes nothing more; leave {one_line(self.value, 40)!r} out"
             raise OrderError(msg)
         if takes is not None and not self._is_sound():
-            msg = f"{self}: give {takes}"
-            raise OrderError(msg)
+            raise OrderError(f"{self}: give {takes}")
 
     def __str__(self) -> str:
         return f"{self.order} {one_line(self.value, 40)}".strip()

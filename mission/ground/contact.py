@@ -39,7 +39,7 @@ class Order:
     ``position`` is latitude and longitude (degrees) and altitude above home (m). ``message`` replaces a
     command that the vehicle does not support; no COMMAND_ACK answers the message. ``tries`` is the largest
     number of transmissions: by default four, or more over a link that loses frames. ``round_trip`` determines
-    the timeout. COMMAND_ACKs to a system id other than ``sender`` are ignored.
+    the timeout. COMMAND_ACKs to other ids than ``sender`` (system and component) are ignored.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class Order:
         message: Message | None = None,
         tries: int | None = None,
         round_trip: RoundTrip | None = None,
-        sender: int | None = None,
+        sender: tuple[int, int] | None = None,
     ) -> None:
         self.due_s = -math.inf
         self._position, self._message = position, message
@@ -103,7 +103,9 @@ class Order:
     def answer(self, message: m.MAVLink_command_ack_message, now_s: float) -> Answer:
         """Return the meaning of a COMMAND_ACK for this order; IN_PROGRESS extends the timeout."""
         # On a shared link, answers to other stations arrive, too. In answers of MAVLink 1, the target is 0.
-        is_other = message.target_system and self._sender not in (None, message.target_system)
+        system, component = self._sender or (0, 0)
+        target = message.target_system, message.target_component or component
+        is_other = system and target[0] and target != (system, component)
         if message.command != self._command or is_other:
             return Answer.NONE
         if message.result == m.MAV_RESULT_ACCEPTED:
@@ -223,7 +225,7 @@ class Contact:
 
     def order(self, command: int, *params: float, **options: Any) -> Order:
         """Return an order to the vehicle; ``options`` go to `Order`."""
-        options |= {"round_trip": self.round_trip, "sender": self.ground[0]}
+        options |= {"round_trip": self.round_trip, "sender": self.ground}
         return Order(self.vehicle, int(command), *params, **options)
 
     def upload(self, *plan: Any, **options: Any) -> VerifiedUpload:

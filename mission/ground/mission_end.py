@@ -11,6 +11,7 @@ from mission.ground.changes import MissionChanges
 from mission.ground.contact import Contact
 from mission.ground.items import leads_home, leads_on
 from mission.ground.modes import Maneuver, VehicleModes, is_in_mission, mode_name
+from mission.ground.vehicle_state import drives
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command
 from mission.outcome import Outcome
@@ -124,9 +125,9 @@ class PilotWatch:
         """Return the time at which an unexplained mode counts as a takeover; infinity if there is none."""
         return math.inf if self._doubt is None else self._doubt[0] + _DOUBT_S
 
-    def order(self, ordered: Maneuver | None) -> None:
-        """Record the ordered maneuver, or None for none."""
-        self.ordered, self.obeyed = ordered, ""
+    def order(self, ordered: Maneuver | None, obeyed: str = "") -> None:
+        """Record the ordered maneuver, or None for none; ``obeyed`` is not empty if it is obeyed already."""
+        self.ordered, self.obeyed = ordered, obeyed
 
     def settle(self) -> None:
         """Report the delayed mode changes, since no reboot explains them."""
@@ -187,6 +188,12 @@ class PilotWatch:
             return
         if self.ordered is not None:
             modes = VehicleModes(message.autopilot, message.type).shows(self.ordered)
+            armed = message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED
+            if self.obeyed and armed and modes and self.mode not in modes | _HOMEWARD | frozenset(ends_in):
+                self._held.append((now_s, f"{_TAKEN}: mode {self.mode}"))
+                self.order(None)
+                self._in_mission = False
+                return
             # An order to resume is obeyed when the mission mode shows, which is handled above.
             if self.ordered is not Maneuver.RESUME and (not modes or self.mode in modes):
                 self.obeyed = f"{_SHOWS[self.ordered]} (mode {self.mode})"
@@ -301,9 +308,10 @@ class FailureWatch:
         self.unhealthy |= message.onboard_control_sensors_enabled & ~message.onboard_control_sensors_health
 
     def on_battery_status(self, message: m.MAVLink_battery_status_message) -> None:
-        """Handle a BATTERY_STATUS."""
-        self.low_battery = message.charge_state in _LOW_CHARGE_STATES
-        self.empty_battery = message.battery_remaining == 0
+        """Handle a BATTERY_STATUS of a battery of the motors."""
+        if drives(message):
+            self.low_battery = message.charge_state in _LOW_CHARGE_STATES
+            self.empty_battery = message.battery_remaining == 0
 
     def cause(self, texts: Sequence[tuple[float, int, str]]) -> tuple[Outcome, str] | None:
         """Return outcome and reason of an aborted flight, or None without any sign of a failure.

@@ -35,6 +35,7 @@ class MissionStart:
     def __init__(self, contact: Contact, gate: ArmingGate | None, delay_s: float) -> None:
         self.phase = Phase.WAIT  # FLIGHT after the vehicle accepted the order to start.
         self.failure: tuple[Outcome, str] | None = None  # Outcome and reason of a failed start.
+        self._failed: tuple[Outcome, str] | None = None  # `failure` to be, while the vehicle is disarmed.
         self._contact, self._monitor, self._texts = contact, contact.monitor, contact.texts
         self._gate, self._delay_s = gate, delay_s
         self._home: GeoPoint | None = None
@@ -81,7 +82,13 @@ class MissionStart:
         if order is not None and now_s >= order.due_s:
             monitor = self._monitor
             starts = self.phase is Phase.START and self._before.is_past(monitor)
-            if self._armed_since:
+            if self._failed is not None:
+                disarmed = self._before.is_past(monitor) and not monitor.is_armed
+                if disarmed or order.is_given_up:
+                    self._end(disarmed=disarmed)
+                else:
+                    out += order.send(now_s)
+            elif self._armed_since:
                 # Only the answer was lost. A repeated order could arm a vehicle that a pilot has disarmed.
                 out += self._give_start(now_s)
             elif starts and monitor.is_armed and monitor.in_mission:
@@ -96,7 +103,7 @@ class MissionStart:
     def look_at_clock(self, now_s: float) -> list[Message]:
         """End the start if the program was suspended: meanwhile it could not watch the vehicle."""
         stood_s = 0.0 if self._gate is None else self._gate.outlived_s()
-        if stood_s == 0.0 or self.failure is not None:
+        if stood_s == 0.0 or self.failure is not None or self._failed is not None:
             return []
         order, self._order = self._order, None
         if self.phase is Phase.START and order is not None:
@@ -112,9 +119,10 @@ class MissionStart:
         return self._disarm(now_s)
 
     def goodbye(self) -> list[Message]:
-        """Disarm a real vehicle if the program ends before the answer to the order to arm."""
-        pending = self._gate is not None and self.phase is Phase.ARM and self._order is not None
-        return self._disarm(0.0) if pending else []
+        """Disarm a real vehicle if the program ends before the answer to the order to arm or to disarm."""
+        arms = self.phase is Phase.ARM or self._failed is not None
+        pending = self._gate is not None and arms and self._order is not None
+        return self._contact.order(m.MAV_CMD_COMPONENT_ARM_DISARM, 0.0).send(0.0) if pending else []
 
     def next_deadline(self) -> float:
         """Return the time of the next step or timeout of the start; infinity if there is none."""
@@ -135,7 +143,7 @@ class MissionStart:
 
     def on_heartbeat(self) -> None:
         """End the start if HEARTBEATs show that the vehicle was armed, and that a pilot then disarmed it."""
-        if self._gate is None or self.phase is not Phase.ARM or self._order is None:
+        if self._gate is None or self.phase is not Phase.ARM or self._order is None or self._failed:
             return
         if self._armed_since and not self._monitor.is_armed:
             self._order = None
@@ -145,7 +153,11 @@ class MissionStart:
     def on_ack(self, message: m.MAVLink_command_ack_message, now_s: float) -> list[Message]:
         """Handle a COMMAND_ACK, which may answer the pending order."""
         answer = Answer.NONE if self._order is None else self._order.answer(message, now_s)
-        if answer is Answer.NONE:
+        # After an unanswered order to arm, an ACK may answer that order, so only a HEARTBEAT confirms.
+        if answer is Answer.NONE or (self._failed is not None and self.phase is Phase.ARM):
+            return []
+        if self._failed is not None:
+            self._end(disarmed=answer is Answer.ACCEPTED)
             return []
         self._order = None
         if answer is Answer.REFUSED:
@@ -212,7 +224,16 @@ class MissionStart:
         return self._give(Phase.ARM, m.MAV_CMD_COMPONENT_ARM_DISARM, now_s, 1.0)
 
     def _disarm(self, now_s: float) -> list[Message]:
-        return self._contact.order(m.MAV_CMD_COMPONENT_ARM_DISARM, 0.0).send(now_s)
+        """Disarm the vehicle; the start fails once the vehicle is disarmed, or does not answer."""
+        self._failed, self.failure = self.failure, None
+        return self._give(self.phase, m.MAV_CMD_COMPONENT_ARM_DISARM, now_s, 0.0)
+
+    def _end(self, *, disarmed: bool) -> None:
+        """End the failed start after the order to disarm."""
+        assert self._failed is not None
+        outcome, why = self._failed
+        unsafe = "" if disarmed else "; the vehicle did not take the order to disarm: its motors may run"
+        self._order, self._failed, self.failure = None, None, (outcome, why + unsafe)
 
     def _give_start(self, now_s: float) -> list[Message]:
         return self._give(Phase.START, m.MAV_CMD_MISSION_START, now_s, 0.0, 0.0)

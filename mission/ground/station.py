@@ -14,7 +14,7 @@ from mission.ground.images import ImageFetch
 from mission.ground.items import next_flown_to
 from mission.ground.link_state import LinkReport, SilenceWatch
 from mission.ground.mission_end import MissionEnd
-from mission.ground.modes import Maneuver
+from mission.ground.modes import Maneuver, ModeError
 from mission.ground.start import STARTING, MissionStart
 from mission.ground.tracks import TrackRecorder, TrueState
 from mission.ground.uploads import PlanUploads
@@ -131,10 +131,11 @@ class GroundStation:
         self._assembler = assembler
         self._fetch: ImageFetch | None = None
         self._order: Order | None = None
-        self._ordered_before: Maneuver | None = None
+        self._ordered_before: tuple[Maneuver | None, str] = (None, "")  # `ordered` and `obeyed` of the pilot.
         self._before = StateBefore.of(self._monitor, -math.inf)  # State when the pending order was given.
         self._ordered_modes: frozenset[str] = frozenset()  # Modes that the pending order leads to.
-        self._chosen = range(0)
+        self._chosen = range(0)  # Items of which MISSION_CURRENT shows that the pending set-item was obeyed.
+        self._item_before = -1  # Current item when set-item was ordered, -1 if unknown.
         self._no_position = True  # no position was received since the last HEARTBEAT
         self._armed = self._flew = False
         self._texts_before = 0
@@ -269,8 +270,7 @@ class GroundStation:
             msg = f"the mission cannot be changed in this phase of the flight ({self.phase.value})"
             raise NotFlyingError(msg)
         if self.changing:
-            msg = "the mission is being changed; wait until that is over"
-            raise NotFlyingError(msg)
+            raise NotFlyingError("the mission is being changed; wait until that is over")
         out = self._changes.begin(mission, resume_at, self._uploads.seconds_an_item, now_s)
         if not self._end_of_mission.says_finished:
             self.pilot.on_new_mission()
@@ -320,7 +320,10 @@ class GroundStation:
                 state = f"mode {self.mode}" if self._monitor.is_armed else "disarmed"
                 self._order_refused(f"{state} since", now_s)
             else:
-                out += self._order.send(now_s)
+                # A repeated set-item could turn back a vehicle that has taken the order and flown on.
+                heard = self._monitor.item_heard_s > self._before.given_s
+                repeats = not self._chosen or (heard and self._item == self._item_before)
+                out += self._order.send(now_s)[: int(repeats)]
         if self.phase is Phase.FLIGHT:
             out += self._changes.poll(now_s)
         self.pilot.poll(now_s, unsure=now_s < self._unsure_s)
@@ -453,7 +456,9 @@ class GroundStation:
             and (self._disarmed_s is not None or end.ends_flight)
         ):
             self._land(*end.completed(self._texts_before), now_s)
-        if self._chosen and self._monitor.state.item in self._chosen:
+        first, item = self._chosen.start, self._item
+        passed = first < item and not first <= self._item_before <= item
+        if self._chosen and (item in self._chosen or passed):
             self._chosen, self._order = range(0), None
 
     def _on_reached(self, message: m.MAVLink_mission_item_reached_message, now_s: float) -> None:
@@ -474,13 +479,14 @@ class GroundStation:
         self._on_clock(now_s)
 
     def _on_clock(self, now_s: float) -> None:
-        """Handle a new reading of the vehicle's clock, which may show a reboot."""
+        """Handle a new reading of the vehicle's clock, which may show a reboot; one in flight is reported."""
         unsure, self._unsure_s = now_s < self._unsure_s, -math.inf
         clock = self._monitor.clock
         if clock.restarts > self._restarts:
             self._restarts = clock.restarts
             heard_since = unsure and self._monitor.mode_heard_s >= self._back_s
-            self.pilot.on_restart(self._monitor.heartbeat if heard_since else None, now_s)
+            if self.phase not in _BEFORE_FLIGHT:
+                self.pilot.on_restart(self._monitor.heartbeat if heard_since else None, now_s)
             if self._assembler is not None:
                 self._assembler.move_clock(clock.offset_ms / 1e3)
         elif unsure:
@@ -561,18 +567,23 @@ class GroundStation:
     def maneuver(self, kind: Maneuver, now_s: float) -> list[Message]:
         """Order the vehicle to hold, return, land, or resume its mission.
 
-        Raises NotFlyingError before or after the flight, and while another pilot flies the vehicle. An order
-        to resume also raises NotFlyingError if the vehicle flies its mission, or if an aborted change has
-        left the vehicle with an unknown mission.
+        Raises NotFlyingError before or after the flight, while another pilot flies the vehicle, and if the
+        vehicle has no mode for the order. An order to resume also raises NotFlyingError if the vehicle flies
+        its mission, or if an aborted change has left the vehicle with an unknown mission.
         """
         self._check_takes_orders()
         if kind is Maneuver.RESUME:
             if not self.pilot.taken_out:
-                msg = "the vehicle flies its mission"
-                raise NotFlyingError(msg)
+                raise NotFlyingError("the vehicle flies its mission")
             self._check_mission_known()
+        try:
+            command, params = self._monitor.modes.maneuver(kind)
+        except ModeError as error:
+            raise NotFlyingError(
+                f"the vehicle has no flight mode to {kind.value}; the order was not sent; order the vehicle"
+                " to return or to land"
+            ) from error
         self._changes.drop()
-        command, params = self._monitor.modes.maneuver(kind)
         out = self._give(self._contact.order(command, *params), now_s)
         self._ordered_modes = self._monitor.modes.shows(kind)
         self.pilot.order(kind)
@@ -586,11 +597,9 @@ class GroundStation:
         self._check_takes_orders()
         count = len(self.mission.items)
         if not 0 <= item < count:
-            msg = f"item {item + 1} does not exist; there are {count} items"
-            raise NotFlyingError(msg)
+            raise NotFlyingError(f"item {item + 1} does not exist; there are {count} items")
         if self.changing:
-            msg = "the mission is being changed; wait until that is over"
-            raise NotFlyingError(msg)
+            raise NotFlyingError("the mission is being changed; wait until that is over")
         self._check_mission_known()
         profile, vehicle = self._contact.profile, self._contact.vehicle
         seq = item + (1 if profile.home_at_zero else 0)
@@ -600,14 +609,21 @@ class GroundStation:
         # The vehicle runs a DO command at once, and reports the next navigation item as current.
         passes = self.mission.items[item].command > _NAV_LAST
         shown = next_flown_to(self.mission.items, item) if passes else item
-        self._chosen = range(item, shown + 1)
+        self._chosen, self._item_before = range(item, shown + 1), self._item
         return out
 
     def _give(self, order: Order, now_s: float) -> list[Message]:
         """Send an order, which replaces an order that is still pending."""
-        self._ordered_before, self._order, self._chosen = self.pilot.ordered, order, range(0)
+        self._ordered_before = self.pilot.ordered, self.pilot.obeyed
+        self._order, self._chosen = order, range(0)
         self._before, self._ordered_modes = StateBefore.of(self._monitor, now_s), frozenset()
         return order.send(now_s)
+
+    @property
+    def _item(self) -> int:
+        """Current item, -1 if unknown."""
+        item = self._monitor.state.item
+        return -1 if item is None else item
 
     @property
     def _end_modes(self) -> frozenset[str]:
@@ -617,7 +633,7 @@ class GroundStation:
 
     def _is_overruled(self) -> bool:
         """Whether a pilot or a failsafe has acted since the pending order was given."""
-        modes, ordered = self._monitor.modes, self._ordered_before
+        modes, (ordered, _) = self._monitor.modes, self._ordered_before
         mission = modes.shows(Maneuver.RESUME)
         expected = frozenset() if ordered is None else modes.shows(ordered)
         if self._before.mode in mission:
@@ -626,32 +642,29 @@ class GroundStation:
 
     def _check_mission_known(self) -> None:
         if self._changes.broken_off:
-            msg = (
+            raise NotFlyingError(
                 "the vehicle was taken out of its mission during a change, so its mission is unknown; order"
                 " the vehicle to return or to land"
             )
-            raise NotFlyingError(msg)
 
     def _check_takes_orders(self) -> None:
         """Raise NotFlyingError before or after the flight, and while another pilot flies the vehicle."""
         if self.phase is not Phase.FLIGHT or self._disarmed_s is not None:
-            msg = f"the vehicle does not fly in this phase ({self.phase.value})"
-            raise NotFlyingError(msg)
+            raise NotFlyingError(f"the vehicle does not fly in this phase ({self.phase.value})")
         if self.pilot.somebody_else_flies:
             msg = f"somebody else flies the vehicle (mode {self.pilot.mode}); the order was not sent"
             raise NotFlyingError(msg)
         if self.pilot.in_doubt:
-            msg = (
+            raise NotFlyingError(
                 f"the vehicle left its mission (mode {self.pilot.mode}); the order was not sent; wait 5 s,"
                 " until it is known whether the mission ended or somebody else flies"
             )
-            raise NotFlyingError(msg)
 
     def _order_refused(self, why: str, now_s: float) -> None:
         """Restore the state from before the order, and report the refusal to the operator."""
         self._order, self._chosen = None, range(0)
-        if self.pilot.ordered is not self._ordered_before:
-            self.pilot.order(self._ordered_before)
+        if self.pilot.ordered is not self._ordered_before[0]:
+            self.pilot.order(*self._ordered_before)
         self._texts.note(f"{why}: the vehicle did not take the order", now_s)
 
     def _land(self, outcome: Outcome, reason: str, now_s: float) -> None:

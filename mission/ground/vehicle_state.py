@@ -152,7 +152,7 @@ class VehicleMonitor:
         self._estimate: int | None = None
         self.battery = Battery()
         self.lowest_battery = Battery()  # lowest reading since `begin_flight`
-        self._has_battery = False
+        self._percents: dict[int, int] = {}  # Last known BATTERY_STATUS.battery_remaining, by battery id.
         self.battery_percent: int | None = None  # Value on the wire, up to 127.
         self.flies: bool | None = None  # Whether in the air, by EXTENDED_SYS_STATE; None if unknown.
         self.clock = BootClock()  # Clock of positions and of SYSTEM_TIME.
@@ -202,18 +202,20 @@ class VehicleMonitor:
         self.flies = message.landed_state != m.MAV_LANDED_STATE_ON_GROUND if known else None
 
     def _on_battery(self, message: m.MAVLink_battery_status_message, _now_s: float) -> None:
-        """Store the remaining fraction and the consumed energy; a negative value means unknown."""
+        """Store the lowest remaining fraction and the consumed energy; a negative value means unknown."""
+        if not drives(message):
+            return
         remaining, consumed_wh = self.battery.remaining, self.battery.consumed_wh
         if message.battery_remaining >= 0:
-            self._has_battery = True
-            remaining = self._fraction(message.battery_remaining)
+            self._percents[message.id] = message.battery_remaining
+            remaining = self._fraction(min(self._percents.values()))
         if message.energy_consumed >= 0:
             consumed_wh = message.energy_consumed * 100.0 / 3600.0
         self._note_battery(Battery(remaining, consumed_wh))
 
     def _on_sys_status(self, message: m.MAVLink_sys_status_message, _now_s: float) -> None:
         """Store the remaining fraction of the battery, if BATTERY_STATUS does not report this fraction."""
-        if message.battery_remaining >= 0 and not self._has_battery:
+        if message.battery_remaining >= 0 and not self._percents:
             self._note_battery(replace(self.battery, remaining=self._fraction(message.battery_remaining)))
 
     def _fraction(self, percent: int) -> float:
@@ -322,6 +324,11 @@ class VehicleMonitor:
             values["total"] = _total(current)
             values["mission_id"] = current.mission_id
         return VehicleState(**values)
+
+
+def drives(message: m.MAVLink_battery_status_message) -> bool:
+    """Whether a BATTERY_STATUS is of the motors' battery: function unknown (0), all (1) or propulsion (2)."""
+    return message.battery_function <= m.MAV_BATTERY_FUNCTION_PROPULSION
 
 
 def _total(current: m.MAVLink_mission_current_message) -> int | None:

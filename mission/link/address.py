@@ -72,8 +72,7 @@ class MemoryLink:
     def send(self, data: bytes) -> None:
         """Deliver the data to the other end of the pair."""
         if not self._open:
-            msg = f"{self.name}: the link is closed"
-            raise LinkError(msg)
+            raise LinkError(f"{self.name}: the link is closed")
         self._peer_inbox.append(data)
 
     def receive(self) -> list[bytes]:
@@ -160,18 +159,15 @@ def parse_link_url(url: str) -> LinkAddress:
         return _parse_serial(text)
     match = _URL.fullmatch(text)
     if match is None:
-        msg = f"{url!r} is not a link address; {_EXAMPLE}"
-        raise LinkError(msg)
+        raise LinkError(f"{url!r} is not a link address; {_EXAMPLE}")
     scheme = _SCHEMES.get(match["scheme"].lower())
     if scheme is None:
-        msg = f"{url!r}: unknown kind of link {match['scheme']!r}; {_EXAMPLE}"
-        raise LinkError(msg)
+        raise LinkError(f"{url!r}: unknown kind of link {match['scheme']!r}; {_EXAMPLE}")
     lowest = 0 if scheme in ("udpin", "tcpin") else 1
     digits = match["port"]
     port = int(digits) if len(digits) <= 5 else 65536
     if not lowest <= port <= 65535:
-        msg = f"{url!r}: port {digits} is outside {lowest}..65535"
-        raise LinkError(msg)
+        raise LinkError(f"{url!r}: port {digits} is outside {lowest}..65535")
     return LinkAddress(scheme, match["host"].strip("[]") or LOOPBACK, port)
 
 

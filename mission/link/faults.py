@@ -36,8 +36,7 @@ class Faults:
                 msg = f"{name} {getattr(self, name)} is not a time; give a number of seconds, 0 or more"
                 raise LinkError(msg)
         if not self.baud >= 1.0:
-            msg = f"baud {self.baud} is not a line speed; give bits per second, such as 57600"
-            raise LinkError(msg)
+            raise LinkError(f"baud {self.baud} is not a line speed; give bits per second, such as 57600")
 
 
 class FaultyChannel:

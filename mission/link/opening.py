@@ -46,8 +46,7 @@ class SerialLink(Stream):
                 address.host, address.port, timeout=0, write_timeout=0, exclusive=True
             )
         except (OSError, ValueError) as error:
-            msg = f"{self.name}: the device cannot be opened: {_serial_reason(error)}"
-            raise LinkError(msg) from error
+            raise LinkError(f"{self.name}: the device cannot be opened: {_serial_reason(error)}") from error
 
     def _write(self, data: bytes) -> int:
         # Serial.write blocks while the line accepts no bytes, even with write_timeout=0.

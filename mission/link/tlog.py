@@ -138,8 +138,7 @@ def read_tlog(path: Path | str) -> Iterator[tuple[float, Message]]:
     try:
         data = read_file(Path(path), MAX_LOG_BYTES)
     except UnreadableError as error:
-        msg = f"{path}: the log cannot be read: {error}"
-        raise LinkError(msg) from error
+        raise LinkError(f"{path}: the log cannot be read: {error}") from error
     reader = FrameReader()
     at = 0
     while at + 8 < len(data):

@@ -172,8 +172,7 @@ class StepBudget:
 def check_limit(limit: float, unit: str) -> None:
     """Raise PlanningError unless the limit is a finite number above zero."""
     if not (math.isfinite(limit) and limit > 0):
-        msg = f"budget of {limit:g} {unit}: a budget must be a finite number above zero"
-        raise PlanningError(msg)
+        raise PlanningError(f"budget of {limit:g} {unit}: a budget must be a finite number above zero")
 
 
 def parse_budget(text: str) -> tuple[float, str]:
@@ -205,11 +204,10 @@ def parse_budget(text: str) -> tuple[float, str]:
     known = match and _UNITS.get(match.group(3).lower())
     if match is None or known is None:
         shown = text if len(text) <= 40 else text[:37] + "..."
-        msg = (
+        raise PlanningError(
             f"budget {shown!r} is not understood: write a positive number and a unit, for example "
             "8000m, 2.5km, 25min, 1500s, 1h, 360steps or 120Wh"
         )
-        raise PlanningError(msg)
     unit, factor = known
     value = float(match.group(1) + (match.group(2) or "")) * factor
     check_limit(value, unit)

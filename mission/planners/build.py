@@ -77,11 +77,10 @@ def _sampled(path_m: Points, step_m: float) -> tuple[Points, NDArray[np.int64], 
     lengths = np.hypot(*np.diff(path_m, axis=0).T)
     counts = np.maximum(np.ceil(lengths / step_m), 1).astype(np.int64)
     if counts.sum() > _MOST_SAMPLES:
-        msg = (
+        raise PlanningError(
             f"terrain: the path of {lengths.sum() / 1000.0:.0f} km is too long for samples of the ground"
             f" every {step_m:.2g} m; take a coarser raster"
         )
-        raise PlanningError(msg)
     leg = np.repeat(np.arange(len(counts)), counts)
     share = (np.arange(len(leg)) - np.repeat(np.cumsum(counts) - counts, counts) + 1) / counts[leg]
     places = path_m[leg] + share[:, None] * (path_m[leg + 1] - path_m[leg])
@@ -99,8 +98,7 @@ def _slopes_limited(
 ) -> NDArray[np.float64]:
     """Return the lowest altitudes that are nowhere below `wanted`, and whose slopes keep the two limits."""
     if not (climb > 0.0 and descent > 0.0):
-        msg = f"terrain: slopes of {climb:g} up and {descent:g} down must be above zero"
-        raise PlanningError(msg)
+        raise PlanningError(f"terrain: slopes of {climb:g} up and {descent:g} down must be above zero")
     # A climb must start before the ground rises, and a descent may only end after the ground has fallen.
     rise = np.maximum.accumulate((wanted - climb * at)[::-1])[::-1] + climb * at
     fall = np.maximum.accumulate(wanted + descent * at) - descent * at
@@ -266,11 +264,10 @@ def build_mission(
     twice = bool(holds_s[before : before + 1].any()) and not camera_on_approach
     count = len(points) + twice + 2 + (2 if camera else 0) + (ending if return_home else 0)
     if count > MAX_ITEMS:
-        msg = (
+        raise PlanningError(
             f"planner {path.planner}: the path has {len(points)} points, a mission of {count} items; "
             f"a vehicle stores at most {MAX_ITEMS}: use a smaller budget or a wider footprint"
         )
-        raise PlanningError(msg)
 
     home_latitude, home_longitude = (float(value) for value in frame.to_wgs84(*home_xy_m))
     latitudes, longitudes = frame.to_wgs84(points[:, 0], points[:, 1])
@@ -376,5 +373,4 @@ def _camera_command(
 
 def _check_positive(name: str, value: float, unit: str) -> None:
     if not (math.isfinite(value) and value > 0):
-        msg = f"mission: {name} {value} {unit} must be a finite number above zero"
-        raise PlanningError(msg)
+        raise PlanningError(f"mission: {name} {value} {unit} must be a finite number above zero")

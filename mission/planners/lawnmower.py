@@ -113,8 +113,7 @@ def adaptive_lawnmower(
         If the budget is too small for one row over each crop; the text gives the least budget.
     """
     if not (is_number(tomato_share) and 0 < tomato_share < 1):
-        msg = f"{NAME}: tomato_share must be between 0 and 1, not {tomato_share!r}"
-        raise PlanningError(msg)
+        raise PlanningError(f"{NAME}: tomato_share must be between 0 and 1, not {tomato_share!r}")
     least, _ = spacing_limits(NAME, request.footprint_m, min_spacing_m, None)
     lands = [land for crop in (Crop.TOMATO, Crop.STRAWBERRY) if (land := _land(request, crop)) is not None]
     terrain = Terrain(request.area, request.footprint_m, request.passable, request.least_leg_m)

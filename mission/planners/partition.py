@@ -124,8 +124,7 @@ def shares_of_reach(parts: Sequence[Area], reach_m: ArrayLike, ways_m: ArrayLike
 def _checked(shares: Sequence[float]) -> list[float]:
     given = np.asarray(shares, dtype=np.float64)
     if not len(given) or not np.isfinite(given).all() or not (given > 0.0).all():
-        msg = f"partition: shares must be finite numbers above zero, not {list(shares)}"
-        raise PlanningError(msg)
+        raise PlanningError(f"partition: shares must be finite numbers above zero, not {list(shares)}")
     normal: list[float] = (given / given.sum()).tolist()
     return normal
 

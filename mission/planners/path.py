@@ -47,14 +47,12 @@ class PlannedPath:
     def __post_init__(self) -> None:
         points = np.array(self.points_m, dtype=np.float64)
         if points.ndim != 2 or points.shape[0] < 1 or points.shape[1] != 2 or not np.isfinite(points).all():
-            msg = (
+            raise PlanningError(
                 f"planner {self.planner}: a path needs one or more (x, y) points, all of them finite; "
                 f"its array has shape {points.shape}"
             )
-            raise PlanningError(msg)
         if self.spacing_m is not None and not (math.isfinite(self.spacing_m) and self.spacing_m >= 0):
-            msg = f"planner {self.planner}: spacing {self.spacing_m} m is no distance"
-            raise PlanningError(msg)
+            raise PlanningError(f"planner {self.planner}: spacing {self.spacing_m} m is no distance")
         points.flags.writeable = False
         object.__setattr__(self, "points_m", points)
 

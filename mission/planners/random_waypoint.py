@@ -54,10 +54,9 @@ def random_waypoint(request: PlanningRequest, /, *, waypoints: int | None = None
     """
     most = MAX_WAYPOINTS if waypoints is None else waypoints
     if not isinstance(most, int) or isinstance(most, bool) or not 1 <= most <= MAX_WAYPOINTS:
-        msg = (
+        raise PlanningError(
             f"random-waypoint: waypoints must be a whole number from 1 to {MAX_WAYPOINTS}, not {waypoints!r}"
         )
-        raise PlanningError(msg)
     walk = _Walk(request)
     budget = request.budget
     count = min(_FIRST_BLOCK, most)

@@ -112,13 +112,11 @@ class PlanningRequest:
             raise PlanningError(msg)
         if not (math.isfinite(self.budget.limit) and self.budget.limit > 0):
             limit = f"{self.budget.limit} {self.budget.unit}"
-            msg = f"planning request: a budget must be a finite number above zero, not {limit}"
-            raise PlanningError(msg)
+            raise PlanningError(f"planning request: a budget must be a finite number above zero, not {limit}")
         for name in ("row_spacing_m", "footprint_along_m"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
-                msg = f"planning request: {name} {value} m must be a finite number above zero"
-                raise PlanningError(msg)
+                raise PlanningError(f"planning request: {name} {value} m must be a finite number above zero")
         if self.passable is None:
             return
         check_area(self.passable, "passable land")
@@ -167,8 +165,7 @@ def check_area(area: Area, what: str) -> None:
         msg = f"planning request: the {what} is not valid geometry: {shapely.is_valid_reason(area)}"
         raise PlanningError(msg)
     if area.is_empty or not area.area > 0:
-        msg = f"planning request: the {what} is empty"
-        raise PlanningError(msg)
+        raise PlanningError(f"planning request: the {what} is empty")
 
 
 ENTRY_POINT_GROUP = "wbf_mission.planners"
@@ -272,8 +269,7 @@ def load_registered(kind: str, group: str, text: str, parameters: Mapping[str, A
     found = load_entry(entry, f"{kind} {entry.name}", PlanningError)
     twice = sorted(given.keys() & parameters.keys())
     if twice:
-        msg = f"{kind} {entry.name}: {twice[0]} is given twice; give it once"
-        raise ParameterError(msg)
+        raise ParameterError(f"{kind} {entry.name}: {twice[0]} is given twice; give it once")
     return Registered(entry.name, f"{kind} {entry.name} ({entry.value})", found, given)
 
 

@@ -127,21 +127,18 @@ def survey(
         raise cannot_be_flown(request, points, what)
     if cost > request.budget.limit:
         error = too_small(request, points, cost, what)
-        msg = f"{error}; with an unlimited budget the survey is planned for several flights"
-        raise PlanningError(msg)
+        raise PlanningError(f"{error}; with an unlimited budget the survey is planned for several flights")
     return PlannedPath(points, swath.spacing_m, NAME)
 
 
 def _swath(request: PlanningRequest, spacing_m: float | None, overshoot_m: float, border: str) -> Swath:
     if not is_number(overshoot_m):
-        msg = f"{NAME}: overshoot_m {overshoot_m!r} is no distance in metres"
-        raise PlanningError(msg)
+        raise PlanningError(f"{NAME}: overshoot_m {overshoot_m!r} is no distance in metres")
     if spacing_m is not None and not (is_number(spacing_m) and spacing_m > 0):
         msg = f"{NAME}: spacing_m {spacing_m!r} is no distance in metres; give a number above zero"
         raise PlanningError(msg)
     if not request.footprint_m > 0:
-        msg = f"{NAME}: a survey needs a footprint above zero"
-        raise PlanningError(msg)
+        raise PlanningError(f"{NAME}: a survey needs a footprint above zero")
     spacing = spacing_m or request.row_spacing_m or request.footprint_m
     along = request.footprint_along_m or request.footprint_m
     if border == OVERLAP:
@@ -161,19 +158,15 @@ def _smooth(request: PlanningRequest, swath: Swath) -> PlanningRequest:
 
 def _check(angle: str | float, headland_passes: int, headland: str, border: str) -> None:
     if angle != BEST and not is_number(angle):
-        msg = f"{NAME}: angle {angle!r} is neither {BEST} nor degrees"
-        raise PlanningError(msg)
+        raise PlanningError(f"{NAME}: angle {angle!r} is neither {BEST} nor degrees")
     if type(headland_passes) is not int or not 0 <= headland_passes <= MOST_PASSES:
-        msg = (
+        raise PlanningError(
             f"{NAME}: headland_passes must be a whole number from 0 to {MOST_PASSES}, not {headland_passes!r}"
         )
-        raise PlanningError(msg)
     if border not in (SEEN, OVERLAP):
-        msg = f"{NAME}: border {border!r} is neither {SEEN} nor {OVERLAP}"
-        raise PlanningError(msg)
+        raise PlanningError(f"{NAME}: border {border!r} is neither {SEEN} nor {OVERLAP}")
     if headland not in ("first", "last"):
-        msg = f"{NAME}: headland {headland!r} is neither first nor last"
-        raise PlanningError(msg)
+        raise PlanningError(f"{NAME}: headland {headland!r} is neither first nor last")
 
 
 Layout: TypeAlias = tuple[tuple[Polygon, float], ...]
@@ -228,8 +221,7 @@ class _Plans:
         if self._last:
             pieces += self._rings(pieces[-1][-1] if pieces else start)
         if not pieces:
-            msg = f"{NAME}: no row lies on land that the path may cross"
-            raise PlanningError(msg)
+            raise PlanningError(f"{NAME}: no row lies on land that the path may cross")
         legs, least_m = self._terrain.legs(pieces, start), self.request.least_leg_m
         points = np.vstack(legs)
         kept = distinct(points, 1e-6)

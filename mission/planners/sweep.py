@@ -47,11 +47,10 @@ class Sweep:
         needed = math.ceil(self._height_m / max_spacing_m - 1e-9) + 1
         self.least_rows = max(min(2, self.most_rows), needed if self._height_m > max_spacing_m else 1)
         if self.least_rows > self.most_rows:
-            msg = (
+            raise PlanningError(
                 f"rows at most {max_spacing_m:g} m and at least {min_spacing_m:g} m apart do not fit into "
                 f"the {self._height_m:g} m of the area across the rows; widen the limits"
             )
-            raise PlanningError(msg)
 
     def _most_rows(self, height_m: float) -> int:
         if self._min_spacing_m <= 0:

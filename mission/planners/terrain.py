@@ -385,5 +385,4 @@ def draw_places(area: Area, count: int, rng: np.random.Generator) -> Points:
         kept: Points = draws[shapely.contains_xy(area, draws[:, 0], draws[:, 1])]
         if len(kept):
             return kept
-    msg = "the area is too thin for random positions; use a smaller footprint or a wider area"
-    raise PlanningError(msg)
+    raise PlanningError("the area is too thin for random positions; use a smaller footprint or a wider area")

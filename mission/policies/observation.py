@@ -236,8 +236,7 @@ class PolicyObservation:
             if vehicle.system_id == system_id:
                 return vehicle
         known = ", ".join(str(vehicle.system_id) for vehicle in self.vehicles)
-        msg = f"no vehicle has the system id {system_id}; known system ids: {known}"
-        raise PlanningError(msg)
+        raise PlanningError(f"no vehicle has the system id {system_id}; known system ids: {known}")
 
 
 @dataclass(frozen=True, slots=True)

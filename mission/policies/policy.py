@@ -238,8 +238,7 @@ def make_policy(policy: str | Policy, /, **parameters: Any) -> Policy:
 
 def _parameters(factory: Any, what: str) -> dict[str, Any]:
     if not callable(factory):
-        msg = f"{what} is neither a class nor another callable that makes a policy"
-        raise PlanningError(msg)
+        raise PlanningError(f"{what} is neither a class nor another callable that makes a policy")
     return {name: argument.default for name, argument in inspect.signature(factory).parameters.items()}
 
 
@@ -258,5 +257,4 @@ def _check_types(policy: str, given: Mapping[str, Any], factory: Any) -> None:
         fits = type(value) in allowed or (type(value) is int and float in allowed)
         if allowed and type(value) in _TYPES and not fits:
             types = " or ".join(_TYPES[name] for name in allowed)
-            msg = f"policy {format_named(policy, {key: value})}: {key} must be {types}"
-            raise ParameterError(msg)
+            raise ParameterError(f"policy {format_named(policy, {key: value})}: {key} must be {types}")

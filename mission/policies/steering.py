@@ -107,8 +107,7 @@ def make_coordination(coordination: str | Coordination) -> Coordination:
         return coordination
     found = COORDINATIONS.get(str(coordination))
     if found is None:
-        msg = f"coordination {coordination!r}: give {' or '.join(COORDINATIONS)}"
-        raise ParameterError(msg)
+        raise ParameterError(f"coordination {coordination!r}: give {' or '.join(COORDINATIONS)}")
     return found
 
 

@@ -239,8 +239,7 @@ class ClientTransfer(ABC):
     def start(self, now_s: float) -> Output:
         """Start the transfer; raise LocalTransferError if it was started before."""
         if self._state is not READY:
-            msg = "this transfer was started before; make a new one"
-            raise LocalTransferError(msg)
+            raise LocalTransferError("this transfer was started before; make a new one")
         self._started_s = self._progress_s = now_s
         return self._step(self._opening_input, None, now_s)
 
@@ -270,8 +269,7 @@ class ClientTransfer(ABC):
     def cancel(self, now_s: float) -> Output:
         """Cancel the transfer and notify the vehicle; raise LocalTransferError if the transfer has ended."""
         if self.done:
-            msg = "this transfer is over; there is nothing to cancel"
-            raise LocalTransferError(msg)
+            raise LocalTransferError("this transfer is over; there is nothing to cancel")
         return self._step(_I.CANCEL, None, now_s)
 
     def statistics(self, now_s: float | None = None) -> TransferStatistics:

@@ -44,8 +44,7 @@ class MissionDownload(ClientTransfer):
         super().__init__(mission_type, **options)
         self.window = window if window is not None else 10 if self.profile.stateless_download else 1
         if self.window < 1:
-            msg = f"window {self.window}: give 1 or more pending requests"
-            raise LocalTransferError(msg)
+            raise LocalTransferError(f"window {self.window}: give 1 or more pending requests")
         self._items: list[MissionItem | None] = []
         self._missing = 0
         self._most = 0

@@ -123,8 +123,7 @@ def refuse_errors(rendered: Rendered, *, arming: bool = True) -> None:
     if errors:
         others = len(errors) - 1
         more = f" (and {others} more error{'s' if others > 1 else ''})" if others else ""
-        msg = f"{errors[0]}{more}"
-        raise LocalTransferError(msg)
+        raise LocalTransferError(f"{errors[0]}{more}")
 
 
 def _merged(remarks: list[Remark]) -> list[Remark]:

@@ -236,8 +236,7 @@ class VerifiedUpload:
     def cancel(self, now_s: float) -> Output:
         """Cancel the transfer and notify the vehicle; raise LocalTransferError if the transfer has ended."""
         if self.done:
-            msg = "this upload is over; there is nothing to cancel"
-            raise LocalTransferError(msg)
+            raise LocalTransferError("this upload is over; there is nothing to cancel")
         self._cancelled = True
         return self._continue(self._part.cancel(now_s), now_s)
 

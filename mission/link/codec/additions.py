@@ -250,12 +250,10 @@ def _build(
             or len(given) < len(values) + len(named)
             or not given.keys() <= set(names)
         ):
-            msg = f"{message_name}: its fields are {', '.join(names)}"
-            raise TypeError(msg)
+            raise TypeError(f"{message_name}: its fields are {', '.join(names)}")
         for place, name in enumerate(names):
             if name not in given and place < required:
-                msg = f"{message_name}: field {name} is missing"
-                raise TypeError(msg)
+                raise TypeError(f"{message_name}: field {name} is missing")
             value = given[name] if name in given else defaults[place - required]
             if name in texts:
                 setattr(self, f"_{name}_raw", value)

@@ -45,8 +45,7 @@ def key_from_text(text: str) -> bytes:
     """
     text = text.strip()
     if not text:
-        msg = "signing key: the text is empty; give 64 hexadecimal digits or a passphrase"
-        raise LinkError(msg)
+        raise LinkError("signing key: the text is empty; give 64 hexadecimal digits or a passphrase")
     if len(text) == 2 * KEY_BYTES:
         try:
             return bytes.fromhex(text)
@@ -106,11 +105,9 @@ class Signing:
         may_setup: bool = False,
     ) -> None:
         if key is not None and len(key) != KEY_BYTES:
-            msg = f"signing key: {len(key)} bytes; give {KEY_BYTES}"
-            raise LinkError(msg)
+            raise LinkError(f"signing key: {len(key)} bytes; give {KEY_BYTES}")
         if not 0 <= link_id <= 255:
-            msg = f"signing: link {link_id} is outside 0..255"
-            raise LinkError(msg)
+            raise LinkError(f"signing: link {link_id} is outside 0..255")
         self.may_setup = may_setup
         self.link_id = link_id
         self.statistics = SigningStatistics()
@@ -133,11 +130,9 @@ class Signing:
         Raises LinkError if the key may not be changed or is not 32 bytes long.
         """
         if not self.may_setup:
-            msg = "signing: the key may not be changed over this link"
-            raise LinkError(msg)
+            raise LinkError("signing: the key may not be changed over this link")
         if len(key) != KEY_BYTES:
-            msg = f"signing key: {len(key)} bytes; give {KEY_BYTES}"
-            raise LinkError(msg)
+            raise LinkError(f"signing key: {len(key)} bytes; give {KEY_BYTES}")
         self._key = bytes(key) if any(key) else None
         self._time = max(self._time, min(initial_timestamp, _LATEST))
         self._heard.clear()

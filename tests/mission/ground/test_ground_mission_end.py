@@ -328,7 +328,34 @@ def test_a_vehicle_that_may_have_armed_unheard_is_disarmed() -> None:
     sent = [message for second in range(2, 60) for message in ground.poll(float(second))]
     arming = [one.param1 for one in sent if getattr(one, "command", 0) == m.MAV_CMD_COMPONENT_ARM_DISARM]
     assert ground.outcome is Outcome.NO_ANSWER
-    assert len(arming) > 1 and arming[-1] == 0.0 and set(arming[:-1]) == {1.0}
+    assert arming == [1.0] * 4 + [0.0] * 4, "each is repeated until it is answered"
+    assert ground.reason.startswith("no answer while ") and ground.reason.endswith("its motors may run")
+
+
+@pytest.mark.parametrize("refused", [False, True])
+def test_a_lost_order_to_disarm_is_repeated_until_the_vehicle_shows_it(refused: bool) -> None:
+    disarm = (m.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
+    ground = arming()
+    if refused:
+        ground.receive(from_vehicle(m.MAVLink_command_ack_message(m.MAV_CMD_COMPONENT_ARM_DISARM, 0)), 2.1)
+        denied = m.MAVLink_command_ack_message(m.MAV_CMD_MISSION_START, m.MAV_RESULT_DENIED)
+        assert orders(ground.receive(from_vehicle(denied), 2.2)) == [disarm]
+        now_s = 2.2
+    else:
+        now_s = 2.0
+        while disarm not in orders(ground.poll(now_s)):
+            now_s += 0.1
+    ground.receive(from_vehicle(beat(HOLD)), now_s + 0.5)
+    now_s += 10.0
+    assert not ground.done and orders(ground.poll(now_s)) == [disarm], "the first was lost"
+    assert orders(ground.goodbye()) == [disarm]
+    ground.receive(from_vehicle(m.MAVLink_command_ack_message(m.MAV_CMD_COMPONENT_ARM_DISARM, 0)), now_s)
+    if not refused:
+        assert not ground.done, "it may be the late answer to the order to arm"
+        ground.receive(from_vehicle(beat(HOLD, armed=False)), now_s + 0.5)
+        ground.poll(now_s + 10.0)
+    assert ground.done and "motors" not in ground.reason
+    assert orders(ground.goodbye()) == []
 
 
 def arming(mission: Mission = HOMEWARD) -> GroundStation:

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from mission.ground.modes import Maneuver
+from mission.ground.mission_end import FailureWatch
+from mission.ground.modes import Maneuver, VehicleModes
 from mission.ground.station import GroundStation, NotFlyingError
 from mission.ground.texts import TextLog
 from mission.ground.vehicle_state import Battery, VehicleMonitor
@@ -52,7 +53,7 @@ def uploaded(ground: GroundStation) -> list[Any]:
             break
         replies = []
         for message in queue:
-            message.pack(m.MAVLink(None, 255, 190))
+            message.pack(m.MAVLink(None, ground.system_id, ground.component_id))
             replies += server.receive(message, 1.0).messages
         queue = [out for reply in replies for out in ground.receive(from_vehicle(reply), 1.0)]
     assert ground.phase is Phase.ARM
@@ -277,6 +278,24 @@ def test_a_battery_holds_no_more_than_all_of_it(message: Any) -> None:
     assert monitor.battery.remaining == 1.0
 
 
+def test_a_battery_of_a_payload_is_not_the_motors() -> None:
+    monitor, watch = VehicleMonitor(), FailureWatch()
+
+    def reads_of(battery_id: int, function: int, percent: int, used_hj: int = -1) -> None:
+        rest = ([65535] * 10, -1, -1, used_hj, percent)
+        message = m.MAVLink_battery_status_message(battery_id, function, 0, 0, *rest)
+        monitor.receive(message, 0.0)
+        watch.on_battery_status(message)
+
+    reads_of(0, m.MAV_BATTERY_FUNCTION_PROPULSION, 15, 500)
+    reads_of(1, 4, 0, 900)
+    assert (monitor.battery, watch.empty_battery) == (Battery(0.15, 500 / 36.0), False)
+    reads_of(2, m.MAV_BATTERY_FUNCTION_PROPULSION, 95)
+    assert (monitor.battery.remaining, monitor.battery_percent) == (0.15, 15), "the lowest counts"
+    reads_of(0, m.MAV_BATTERY_FUNCTION_PROPULSION, 97)
+    assert monitor.battery.remaining == 0.95
+
+
 SOME = st.none() | st.floats(0.0, 1.0)
 ENERGIES = st.none() | st.floats(0.0, 1e4)
 
@@ -350,9 +369,18 @@ def test_the_lowest_reading_with_running_motors_and_the_most_energy_count(
 AUTOPILOTS = {
     "px4": (
         m.MAV_AUTOPILOT_PX4,
-        {"MISSION": 4 << 24 | 4 << 16, "LOITER": 3 << 24 | 4 << 16, "POSCTL": 3 << 16},
+        {
+            "MISSION": 4 << 24 | 4 << 16,
+            "LOITER": 3 << 24 | 4 << 16,
+            "POSCTL": 3 << 16,
+            "RTL": 5 << 24 | 4 << 16,
+            "LAND": 6 << 24 | 4 << 16,
+        },
     ),
-    "ardupilot": (m.MAV_AUTOPILOT_ARDUPILOTMEGA, {"MISSION": 3, "LOITER": 17, "POSCTL": 5}),
+    "ardupilot": (
+        m.MAV_AUTOPILOT_ARDUPILOTMEGA,
+        {"MISSION": 3, "LOITER": 17, "POSCTL": 5, "RTL": 6, "LAND": 9},
+    ),
 }
 
 
@@ -415,10 +443,21 @@ def test_an_order_is_repeated_after_the_mode_of_the_order_before_it(name):
 def test_an_answer_to_another_ground_station_is_no_answer():
     flight = Flight()
     (order,) = flight.ground.maneuver(Maneuver.HOLD, flight.now_s)
-    flight.hears(m.MAVLink_command_ack_message(order.command, m.MAV_RESULT_DENIED, 0, 0, 200, 190))
-    assert flight.ground.pilot.ordered is Maneuver.HOLD
+    for other in ((200, 190), (200, 0), (255, 230)):
+        flight.hears(m.MAVLink_command_ack_message(order.command, m.MAV_RESULT_DENIED, 0, 0, *other))
+        assert flight.ground.pilot.ordered is Maneuver.HOLD
     flight.hears(m.MAVLink_command_ack_message(order.command, m.MAV_RESULT_DENIED, 0, 0, 255, 190))
     assert flight.ground.pilot.ordered is None
+
+
+def test_the_answer_to_a_disarm_of_another_program_of_our_system_starts_no_mission():
+    ground = GroundStation(MISSION, system_id=255, component_id=25)
+    uploaded(ground)
+    for target in ((255, 230), (255, 190)):
+        other = m.MAVLink_command_ack_message(m.MAV_CMD_COMPONENT_ARM_DISARM, 0, 0, 0, *target)
+        assert ground.receive(from_vehicle(other), 1.1) == [] and ground.phase is Phase.ARM
+    ours = m.MAVLink_command_ack_message(m.MAV_CMD_COMPONENT_ARM_DISARM, 0, 0, 0, 255, 25)
+    assert commands(ground.receive(from_vehicle(ours), 1.2)) == [m.MAV_CMD_MISSION_START]
 
 
 @pytest.mark.parametrize(
@@ -468,6 +507,38 @@ def test_it_goes_on_with_its_mission_after_a_hold(name):
     assert not pilot.taken_out and pilot.ordered is None and not pilot.events, "nobody else flew it"
 
 
+@pytest.mark.parametrize("name", AUTOPILOTS)
+@pytest.mark.parametrize(
+    ("kind", "modes"),
+    [(Maneuver.HOLD, ["LOITER"]), (Maneuver.RETURN, ["RTL", "LAND"])],
+    ids=["hold", "return"],
+)
+def test_a_pilot_who_takes_over_after_an_obeyed_order_keeps_the_vehicle(name, kind, modes):
+    flight = Flight(name)
+    pilot = flight.ground.pilot
+    flight.takes(kind)
+    for mode in modes:
+        flight.beats(mode)
+    assert pilot.obeyed and not pilot.somebody_else_flies and not pilot.events
+    flight.beats("POSCTL")
+    assert pilot.somebody_else_flies and not pilot.obeyed and pilot.ordered is None
+    assert pilot.events[-1][1].startswith("taken out of its mission: mode ")
+    with pytest.raises(NotFlyingError, match="somebody else flies"):
+        flight.ground.maneuver(Maneuver.RESUME, flight.now_s)
+
+
+def test_a_pilot_who_takes_over_while_an_order_to_resume_waits_keeps_the_vehicle():
+    flight = Flight()
+    flight.takes(Maneuver.HOLD)
+    flight.beats("LOITER")
+    flight.ground.maneuver(Maneuver.RESUME, flight.now_s)
+    flight.beats("POSCTL")
+    flight.now_s += 1.5
+    assert commands(flight.ground.poll(flight.now_s)) == []
+    flight.beats("POSCTL")
+    assert flight.ground.pilot.somebody_else_flies
+
+
 def test_who_does_not_go_on_still_holds_for_us():
     flight = Flight()
     flight.takes(Maneuver.HOLD)
@@ -497,14 +568,73 @@ def test_nobody_goes_on_with_a_mission_that_came_in_part():
 
 def test_another_item_is_chosen_as_the_autopilot_takes_it():
     flight = Flight("px4")
+    flight.hears(m.MAVLink_mission_current_message(0, 3, m.MISSION_STATE_ACTIVE, 1))
     (message,) = flight.ground.choose_item(1, flight.now_s)
     assert (message.get_type(), message.seq) == ("MISSION_SET_CURRENT", 1)
+    flight.hears(m.MAVLink_mission_current_message(0, 3, m.MISSION_STATE_ACTIVE, 1))
     again = flight.ground.poll(flight.now_s + 1.5)
     assert any(one.get_type() == "MISSION_SET_CURRENT" for one in again), "nothing answers it"
     flight.hears(m.MAVLink_mission_current_message(1, 3, m.MISSION_STATE_ACTIVE, 1))
     later = flight.ground.poll(flight.now_s + 4.0)
     assert not any(one.get_type() == "MISSION_SET_CURRENT" for one in later), "it shows it"
     assert not flight.ground.pilot.taken_out
+
+
+@pytest.mark.parametrize("heard", [2, None])
+@pytest.mark.parametrize("name", AUTOPILOTS)
+def test_a_chosen_item_that_was_passed_unheard_does_not_turn_the_vehicle_back(name, heard):
+    flight = Flight(name)
+    home = flight.autopilot == m.MAV_AUTOPILOT_ARDUPILOTMEGA
+    flight.hears(m.MAVLink_mission_current_message(home, 3, m.MISSION_STATE_ACTIVE, 1))
+    flight.ground.choose_item(1, flight.now_s)
+    if heard is not None:
+        flight.hears(m.MAVLink_mission_current_message(heard + home, 3, m.MISSION_STATE_ACTIVE, 1))
+    begun_s = flight.now_s
+    sent = [message for second in range(1, 31) for message in flight.ground.poll(begun_s + second)]
+    assert not [one for one in sent if one.get_type() in ("MISSION_SET_CURRENT", "COMMAND_LONG")]
+    notes = [text for _, _, text in flight.ground.texts]
+    assert notes == ["no answer: the vehicle did not take the order"] * (heard is None)
+
+
+def test_an_order_without_a_flight_mode_is_refused_and_the_change_goes_on():
+    """A quadplane (type 20) has no BRAKE."""
+    flight = Flight("ardupilot")
+    flight.hears(m.MAVLink_mission_current_message(1, 3, m.MISSION_STATE_ACTIVE, 1))
+    flight.hears(m.MAVLink_heartbeat_message(20, flight.autopilot, 129, 10, 4, 3))
+    flight.ground.change(MISSION, 1, flight.now_s)
+    with pytest.raises(
+        NotFlyingError, match=r"^the vehicle has no flight mode to hold; the order was not sent"
+    ):
+        flight.ground.maneuver(Maneuver.HOLD, flight.now_s)
+    assert flight.ground.changing and flight.ground.pilot.ordered is None
+    assert commands(flight.ground.maneuver(Maneuver.RETURN, flight.now_s)) == [20]
+
+
+def test_a_boat_holds_in_hold():
+    modes = VehicleModes(m.MAV_AUTOPILOT_ARDUPILOTMEGA, m.MAV_TYPE_SURFACE_BOAT)
+    assert modes.maneuver(Maneuver.HOLD) == (m.MAV_CMD_DO_SET_MODE, (1.0, 4.0, 0.0))
+
+
+@pytest.mark.parametrize("in_flight", [False, True])
+def test_only_a_restart_in_flight_is_told(in_flight):
+    ground = GroundStation(MISSION)
+
+    def at(boot_s: float, now_s: float) -> None:
+        ground.receive(
+            from_vehicle(m.MAVLink_global_position_int_message(round(1e3 * boot_s), *[0] * 8)), now_s
+        )
+
+    at(90.0, 0.5)
+    if not in_flight:
+        at(1.0, 0.8)
+    uploaded(ground)
+    ground.receive(ack(m.MAV_CMD_COMPONENT_ARM_DISARM), 1.2)
+    ground.receive(ack(m.MAV_CMD_MISSION_START), 1.3)
+    if in_flight:
+        at(1.0, 1.4)
+    ground.pilot.on_heartbeat(heartbeat(armed=True), 2.0, expects_change=False)
+    told = [text for _, text in ground.pilot.events]
+    assert [text.startswith("its autopilot has started again") for text in told] == [True] * in_flight
 
 
 def test_an_item_that_there_is_not_is_refused():

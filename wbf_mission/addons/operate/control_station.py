@@ -78,7 +78,8 @@ class ControlStation:
             is_beat = isinstance(message, m.MAVLink_heartbeat_message)
             if not is_beat or len(self._vehicles) >= _MOST_VEHICLES:
                 return []
-            vehicle = self._vehicles[number] = _Vehicle(Contact((number, _AUTOPILOT)))
+            contact = Contact((number, _AUTOPILOT), (self.system_id, self.component_id))
+            vehicle = self._vehicles[number] = _Vehicle(contact)
             self._orders.allow(_ORDERS, self._vehicles)
         vehicle.contact.receive(message, now_s)
         out = [] if vehicle.session is None else vehicle.session.receive(message, now_s)

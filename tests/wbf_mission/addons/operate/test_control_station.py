@@ -67,7 +67,11 @@ def test_a_program_that_goes_on_carries_an_order_out():
     watched = Watched()
     assert watched.orders.take([1], "start", "", True) == ""
     watched.passes(1.0)
-    watched.says(m.MAVLink_command_ack_message(m.MAV_CMD_DO_SET_MODE, m.MAV_RESULT_ACCEPTED))
+    for component, answered in ((190, False), (watched.station.component_id, True)):
+        answer = m.MAVLink_command_ack_message(m.MAV_CMD_DO_SET_MODE, 0, 0, 0, 255, component)
+        watched.says(answer)
+        vehicle = watched.station._vehicles[1]
+        assert vehicle.session._accepted is answered
     watched.says(m.MAVLink_heartbeat_message(m.MAV_TYPE_QUADROTOR, m.MAV_AUTOPILOT_ARDUPILOTMEGA, 1, 4, 4, 3))
     watched.passes(1.0)
     assert watched.taken() and not watched.warned

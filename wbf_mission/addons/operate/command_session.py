@@ -7,7 +7,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from geo.errors import WbfMissionError
-from mission.ground.command import MotorsStandError, OperatorCommand, VehicleRefusedError, VehicleSilentError
+from mission.ground.command import (
+    MotorsStandError,
+    OperatorCommand,
+    OrderError,
+    VehicleRefusedError,
+    VehicleSilentError,
+)
 from mission.ground.contact import Answer, Contact, Heartbeat, Order, StateBefore, result_name
 from mission.ground.modes import Maneuver
 from mission.ground.vehicle_state import VehicleMonitor
@@ -123,6 +129,7 @@ class CommandSession:
     """Component that gives one order to one vehicle: the vehicle of `system_id`, or the first vehicle heard.
 
     If a `contact` is given, the owner of the contact updates it and sends the ground station's heartbeat.
+    Raises OrderError for system id 0, which stands for all vehicles.
     """
 
     system_id, component_id = GROUND_STATION
@@ -131,6 +138,8 @@ class CommandSession:
     def __init__(
         self, wanted: OperatorCommand, *, system_id: int | None = None, contact: Contact | None = None
     ) -> None:
+        if (system_id if contact is None else contact.vehicle[0]) == 0:
+            raise OrderError(f"{wanted}: an order to system 0 reaches all vehicles; name one vehicle, 1 to 255")
         self.done = False
         self.error: Exception | None = None
         self.search = VehicleSearch(system_id)

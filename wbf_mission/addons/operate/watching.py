@@ -12,6 +12,7 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Mission, MissionType
 from mission.transfer import CLIENT_MESSAGES, DownloadComplete, Output, Transfer, TransferFailed
+from mission.transfer.vehicles import vehicle_of
 from mission.transfer.wire import ACCEPTED, GROUND_STATION
 from sensors.observations import Observations
 
@@ -208,8 +209,7 @@ class FleetWatch:
         system_id = message.get_srcSystem()
         vehicle = self.vehicles.get(system_id)
         if vehicle is None:
-            is_beat = isinstance(message, m.MAVLink_heartbeat_message)
-            if not is_beat or len(self.vehicles) >= _MOST_VEHICLES:
+            if vehicle_of(message) is None or len(self.vehicles) >= _MOST_VEHICLES:
                 return []
             vehicle = self.vehicles[system_id] = WatchedVehicle((system_id, int(m.MAV_COMP_ID_AUTOPILOT1)))
             if self._plan_failed is not None:

@@ -153,11 +153,14 @@ class WatchedVehicle(Contact):
     def summary(self, now_s: float) -> dict[str, Any]:
         """Return plain values for JSON; None for unknown values.
 
+        Place, height and speed are unknown while the last position is older than 3 s, since a vehicle that
+        loses its position sends heartbeats on.
+
         ``item`` is the item number from 1, without home; ``seq`` is the number in MISSION_CURRENT.
         ``impossible`` lists values outside their possible range, and message fields that are NaN.
         """
         state = self.monitor.state
-        located = state.heard_s > -math.inf
+        located = now_s - state.heard_s <= _SILENT_S
         summary = {
             "system_id": self.vehicle[0],
             "autopilot": self.profile.name,

@@ -4,11 +4,13 @@ import io
 import os
 import signal
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from stand_in import scenario
 
+from mission.ground.vehicle_state import VehicleState
 from mission.outcome import Outcome
 from mission.policies.decision import Decision
 from mission.policies.observation import Event
@@ -90,6 +92,27 @@ def test_between_sorties_one_question_and_its_answer(typed, capsys, text, goes_o
     typed(text)
     assert console.goes_on("sortie 2 of 3?") is goes_on
     assert capsys.readouterr().err.count("sortie 2 of 3?") == 1
+
+
+@pytest.mark.parametrize(
+    ("beat_s", "now_s", "told"),
+    [
+        (2.9, 2.9, "AUTO, item 2 of 4, 30.0 m up, 5.0 m/s"),
+        (120.0, 120.0, "AUTO, item 2 of 4, 30.0 m up, height 120 s old, speed -"),
+        (1.0, 120.0, "nothing heard for 119 s; the last was: AUTO, item 2 of 4, 30.0 m up, 5.0 m/s"),
+    ],
+)
+def test_an_old_position_is_told_as_old_although_the_vehicle_is_heard(beat_s, now_s, told):
+    """PX4 sends no position when it has lost its own; its heartbeats go on."""
+    ground = SimpleNamespace(
+        vehicle_state=VehicleState(heard_s=0.0, height_m=30.0, velocity_m_s=(3.0, 4.0, 0.0), item=1),
+        mission=SimpleNamespace(items=range(4)),
+        pilot=SimpleNamespace(mode="AUTO"),
+        link=SimpleNamespace(heard_s=beat_s, brief=lambda: "link 90%"),
+    )
+    sortie = SimpleNamespace(ground=ground, assembler=SimpleNamespace(statistics=SimpleNamespace(images=3)))
+    line = operator_console.status_line(sortie, now_s)
+    assert line == f"{told}, battery -, 3 images, link 90%"
 
 
 class Page:

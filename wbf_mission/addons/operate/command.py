@@ -279,14 +279,14 @@ def _give(wanted: OperatorCommand, url: str, system_id: int | None, wait: float,
 
     session = CommandSession(wanted, system_id=system_id)
     with Server([session], [url]) as server:
-        reason = server.run(until=lambda _now_s: session.vehicle is not None, limit_s=wait)
+        reason = server.run(until=lambda _now_s: session.done or session.vehicle is not None, limit_s=wait)
         if reason is StopReason.FINISHED:
             reason = server.run(until=lambda _now_s: session.done)
         name = server.urls[0]
     if reason is StopReason.STOPPED:
         raise KeyboardInterrupt
     if session.vehicle is None:
-        raise session.search.failure(name, wait)
+        raise session.error or session.search.failure(name, wait)
     for text in session.texts:
         output.note(f"vehicle: {text}")
     if session.error is not None:

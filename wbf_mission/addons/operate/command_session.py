@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from geo.errors import WbfMissionError
+from geo.system import steady_s
+from mission.ground.arming_gate import Standstill
 from mission.ground.command import (
     MotorsStandError,
     OperatorCommand,
@@ -25,7 +27,7 @@ from mission.transfer.wire import GROUND_STATION, command_long
 OFF_GROUND_M = 0.5
 """Height above home above which a vehicle is in the air (m)."""
 _DO_ITEMS = 10
-"""Largest number of DO items in a row: a vehicle runs these items at once, and reports the item after them."""
+"""Largest number of DO items in a row: a vehicle runs them at once, and reports the item after them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,15 +139,21 @@ _STREAMED = (
 class CommandSession:
     """Component that gives one order to one vehicle: the vehicle of `system_id`, or the first vehicle heard.
 
-    If a `contact` is given, the owner of the contact updates it and sends the ground station's heartbeat.
-    Raises OrderError for system id 0, which stands for all vehicles.
+    If a `contact` is given, its owner updates it, sends the ground station's heartbeat, and discards the
+    session if the program was suspended. Without a `contact`, the session fails if `clock` shows that the
+    program was suspended, since the order is old then. Raises OrderError for system id 0: all vehicles.
     """
 
     system_id, component_id = GROUND_STATION
     wanted: frozenset[int] | None = None
 
     def __init__(
-        self, wanted: OperatorCommand, *, system_id: int | None = None, contact: Contact | None = None
+        self,
+        wanted: OperatorCommand,
+        *,
+        system_id: int | None = None,
+        contact: Contact | None = None,
+        clock: Callable[[], float] = steady_s,
     ) -> None:
         if (system_id if contact is None else contact.vehicle[0]) == 0:
             raise OrderError(
@@ -157,6 +165,7 @@ class CommandSession:
         self._wanted = wanted
         self._contact = contact or Contact()
         self._heartbeat = Heartbeat() if contact is None else None
+        self._standstill = Standstill(clock) if contact is None else None
         self._texts_before = 0
         self._step: Step | None = None
         self._order: Order | None = None
@@ -189,6 +198,7 @@ class CommandSession:
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
         """Receive a message."""
+        self._look_at_clock()
         if self.done:
             return []
         found = self.search.take(message) if self._heartbeat is not None else None
@@ -202,6 +212,7 @@ class CommandSession:
 
     def poll(self, now_s: float) -> list[Message]:
         """Send the due messages."""
+        self._look_at_clock()
         if self.done:
             return []
         out = self._contact.link.poll(now_s)
@@ -280,6 +291,14 @@ class CommandSession:
     @property
     def _name(self) -> str:
         return "vehicle" if self.vehicle is None else f"system {self.vehicle[0]}"
+
+    def _look_at_clock(self) -> None:
+        """Fail if the program was suspended."""
+        stood_s = 0.0 if self._standstill is None else self._standstill.look()
+        if stood_s and not self.done:
+            text = f"{self._wanted} is dropped: the program stood still for {stood_s:.0f} s"
+            advice = "check the vehicle's state, and give the order again"
+            self._fail(VehicleSilentError(f"{self._name}: {text}; {advice}"))
 
     def _ask_for_streams(self, vehicle: tuple[int, int], now_s: float) -> list[Message]:
         """Request the telemetry that confirms the order; requests are repeated, since they may be lost.

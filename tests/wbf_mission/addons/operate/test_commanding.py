@@ -16,7 +16,9 @@ class Vehicle:
     """What a vehicle sends, by hand, to a session whose time is ours."""
 
     def __init__(self, order, value="", *, autopilot=ARDUPILOT, system_id=1, only=None):
-        self.session = CommandSession(OperatorCommand(order, value), system_id=only)
+        self.wall_s = 1e5
+        command = OperatorCommand(order, value)
+        self.session = CommandSession(command, system_id=only, clock=lambda: self.wall_s)
         self.autopilot, self.system_id = autopilot, system_id
         self.now_s, self.sent, self._number = 0.0, [], 0
 
@@ -344,4 +346,26 @@ def test_who_is_refused_in_auto_is_told_where_it_arms():
     assert str(vehicle.session.error) == (
         "system 1 refused arm: Arm: AUTO mode not armable;"
         " it arms in GUIDED: give the order mode GUIDED first"
+    )
+
+
+@pytest.mark.parametrize("stood_s", [2.1, 600.0])
+@pytest.mark.parametrize("hears_first", [True, False])
+def test_a_program_that_stood_still_gives_its_order_no_more(stood_s, hears_first):
+    """A laptop slept while a vehicle had not answered: people may stand at the vehicle since."""
+    vehicle = Vehicle("arm")
+    vehicle.beats()
+    vehicle.passes(0.5)
+    assert len(vehicle.commands(m.MAV_CMD_COMPONENT_ARM_DISARM)) == 1
+    before = len(vehicle.sent)
+    vehicle.wall_s += stood_s
+    vehicle.now_s += stood_s
+    if hears_first:
+        vehicle.beats()
+    vehicle.passes(30.0)
+    assert len(vehicle.sent) == before
+    assert isinstance(vehicle.session.error, VehicleSilentError)
+    assert str(vehicle.session.error) == (
+        f"system 1: arm is dropped: the program stood still for {stood_s:.0f} s;"
+        " check the vehicle's state, and give the order again"
     )

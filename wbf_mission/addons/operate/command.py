@@ -259,12 +259,14 @@ def command_command(
 ) -> None:
     """Give a vehicle one order, and wait until its telemetry shows that it obeys."""
     from mission.ground.command import MotorsStandError, OperatorCommand
+    from wbf_mission.addons.operate.console import discard_typed
 
     try:
         _give(OperatorCommand(order, value, arm), url, system_id, wait, output)
     except MotorsStandError:
         if not sys.stdin.isatty():
             raise
+        discard_typed()
         output.note("the motors stand still: the order starts them for take-off; start the motors? [y/N]")
         if sys.stdin.readline().strip().lower() not in ("y", "yes"):
             raise

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 import select
 import sys
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from geo.system import steady_s
@@ -194,8 +196,7 @@ class TerminalConsole:
     def tend(self, flight: JointFlight) -> None:
         """Print changes, and handle signals and answers."""
         if (stood_s := self._standstill.look()) and self._words and sys.stdin.isatty():
-            while _line():
-                pass
+            discard_typed()
             self._output.warn(f"the program stood still for {stood_s:.0f} s: text typed before is discarded")
             self._asked = False
             if self._stopping:
@@ -222,7 +223,7 @@ class TerminalConsole:
         """Ask once for a battery change; return the answer (False at the end of the input), or None."""
         if question != self._question_between:
             self._question_between = question
-            self._output.show_bars(False)
+            self._make_room()
             self._output.note(question)
             self._ask(question, _BATTERY)
         answer = self._answer()
@@ -230,6 +231,11 @@ class TerminalConsole:
             return None
         self._ask("", {})
         return answer.strip().lower() not in ("q", "quit") and answer != ""
+
+    def _make_room(self) -> None:
+        """Prepare the terminal for a new question, before its text is printed."""
+        self._output.show_bars(False)
+        discard_typed()
 
     def _ask(self, question: str, words: dict[str, str]) -> None:
         """Publish a question to the page; `words` maps the page's answers to the terminal's answers."""
@@ -268,7 +274,7 @@ class TerminalConsole:
             signals.defer(False)
             raise KeyboardInterrupt
         self._stopping = True
-        self._output.show_bars(False)
+        self._make_room()
         for vehicle in self._vehicles:
             ground = vehicle.sortie.ground
             home = " (it has flown all waypoints, and is on its way home)" * ground.flies_home
@@ -286,7 +292,7 @@ class TerminalConsole:
             return
         if not self._asked:
             self._asked = True
-            self._output.show_bars(False)
+            self._make_room()
             plans = [(vehicle.at, _planned(vehicle.sortie)) for vehicle in remaining]
             if len(self._vehicles) == 1:
                 self._output.note(f"ready: {plans[0][1]}; start the motors? [y/N]", publish=False)
@@ -358,6 +364,26 @@ def status_line(sortie: Sortie, now_s: float) -> str:
         ground.link.brief(),
     ]
     return ", ".join(parts)
+
+
+def discard_typed() -> None:
+    """Discard text that was typed at the terminal before a question: it does not answer the question."""
+    if not sys.stdin.isatty():
+        return
+    if sys.platform == "win32":
+        import msvcrt
+
+        while msvcrt.kbhit():
+            msvcrt.getwch()
+        return
+    import termios
+
+    terminal = sys.stdin.fileno()
+    with suppress(OSError):  # The terminal may be another program's.
+        if os.tcgetpgrp(terminal) != os.getpgrp():
+            return  # The text is for another program, and a flush would stop this program.
+    with suppress(termios.error):
+        termios.tcflush(terminal, termios.TCIFLUSH)
 
 
 def _line() -> str | None:

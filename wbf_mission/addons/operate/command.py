@@ -259,12 +259,14 @@ def command_command(
 ) -> None:
     """Give a vehicle one order, and wait until its telemetry shows that it obeys."""
     from mission.ground.command import MotorsStandError, OperatorCommand
+    from wbf_mission.addons.operate.console import discard_typed
 
     try:
         _give(OperatorCommand(order, value, arm), url, system_id, wait, output)
     except MotorsStandError:
         if not sys.stdin.isatty():
             raise
+        discard_typed()
         output.note("the motors stand still: the order starts them for take-off; start the motors? [y/N]")
         if sys.stdin.readline().strip().lower() not in ("y", "yes"):
             raise
@@ -279,14 +281,14 @@ def _give(wanted: OperatorCommand, url: str, system_id: int | None, wait: float,
 
     session = CommandSession(wanted, system_id=system_id)
     with Server([session], [url]) as server:
-        reason = server.run(until=lambda _now_s: session.vehicle is not None, limit_s=wait)
+        reason = server.run(until=lambda _now_s: session.done or session.vehicle is not None, limit_s=wait)
         if reason is StopReason.FINISHED:
             reason = server.run(until=lambda _now_s: session.done)
         name = server.urls[0]
     if reason is StopReason.STOPPED:
         raise KeyboardInterrupt
     if session.vehicle is None:
-        raise session.search.failure(name, wait)
+        raise session.error or session.search.failure(name, wait)
     for text in session.texts:
         output.note(f"vehicle: {text}")
     if session.error is not None:

@@ -7,7 +7,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from geo.errors import WbfMissionError
-from mission.ground.command import MotorsStandError, OperatorCommand, VehicleRefusedError, VehicleSilentError
+from geo.system import steady_s
+from mission.ground.arming_gate import Standstill
+from mission.ground.command import (
+    MotorsStandError,
+    OperatorCommand,
+    OrderError,
+    VehicleRefusedError,
+    VehicleSilentError,
+)
 from mission.ground.contact import Answer, Contact, Heartbeat, Order, StateBefore, result_name
 from mission.ground.modes import Maneuver
 from mission.ground.vehicle_state import VehicleMonitor
@@ -18,6 +26,8 @@ from mission.transfer.wire import GROUND_STATION, command_long
 
 OFF_GROUND_M = 0.5
 """Height above home above which a vehicle is in the air (m)."""
+_DO_ITEMS = 10
+"""Largest number of DO items in a row: a vehicle runs them at once, and reports the item after them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +40,7 @@ class Step:
     params: tuple[float, ...] = ()
     # Sent to vehicles that do not know the command; vehicles never acknowledge it
     message: Message | None = None
+    repeats: bool = True  # Whether `message` may be sent again while the current item stays the same
 
 
 def is_ready(wanted: OperatorCommand, heard: VehicleMonitor) -> bool:
@@ -100,7 +111,13 @@ def _set_item(wanted: OperatorCommand, vehicle: tuple[int, int], heard: VehicleM
     seq = item + (1 if profile.home_at_zero else 0)
     by_message = m.MAVLink_mission_set_current_message(*vehicle, seq)
     command = int(m.MAV_CMD_DO_SET_MISSION_CURRENT) if profile.item_command else None
-    return Step(lambda seen: seen.state.item == item, command, (float(seq),), by_message)
+    before, after = heard.state.item, item + _DO_ITEMS + 1
+    # If the vehicle was there already, the item before the order may be the item after DO items, too.
+    is_near = before is not None and item <= before < after
+    shows = range(item, max(before, item + 1) if before is not None and is_near else after)
+    return Step(
+        lambda seen: seen.state.item in shows, command, (float(seq),), by_message, repeats=not is_near
+    )
 
 
 _PATIENCE_S = 15.0
@@ -122,21 +139,33 @@ _STREAMED = (
 class CommandSession:
     """Component that gives one order to one vehicle: the vehicle of `system_id`, or the first vehicle heard.
 
-    If a `contact` is given, the owner of the contact updates it and sends the ground station's heartbeat.
+    If a `contact` is given, its owner updates it, sends the ground station's heartbeat, and discards the
+    session if the program was suspended. Without a `contact`, the session fails if `clock` shows that the
+    program was suspended, since the order is old then. Raises OrderError for system id 0: all vehicles.
     """
 
     system_id, component_id = GROUND_STATION
     wanted: frozenset[int] | None = None
 
     def __init__(
-        self, wanted: OperatorCommand, *, system_id: int | None = None, contact: Contact | None = None
+        self,
+        wanted: OperatorCommand,
+        *,
+        system_id: int | None = None,
+        contact: Contact | None = None,
+        clock: Callable[[], float] = steady_s,
     ) -> None:
+        if (system_id if contact is None else contact.vehicle[0]) == 0:
+            raise OrderError(
+                f"{wanted}: an order to system 0 reaches all vehicles; name one vehicle, 1 to 255"
+            )
         self.done = False
         self.error: Exception | None = None
         self.search = VehicleSearch(system_id)
         self._wanted = wanted
         self._contact = contact or Contact()
         self._heartbeat = Heartbeat() if contact is None else None
+        self._standstill = Standstill(clock) if contact is None else None
         self._texts_before = 0
         self._step: Step | None = None
         self._order: Order | None = None
@@ -145,7 +174,8 @@ class CommandSession:
         self._shown_before = self._obeyed = False
         self._refusal: tuple[str, float] | None = None
         self._begun_s = self._message_s = math.inf
-        self._streams_s = -math.inf
+        self._streams_s = self._said_s = -math.inf
+        self._item_before: int | None = None
 
     @property
     def vehicle(self) -> tuple[int, int] | None:
@@ -168,6 +198,7 @@ class CommandSession:
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
         """Receive a message."""
+        self._look_at_clock()
         if self.done:
             return []
         found = self.search.take(message) if self._heartbeat is not None else None
@@ -181,6 +212,7 @@ class CommandSession:
 
     def poll(self, now_s: float) -> list[Message]:
         """Send the due messages."""
+        self._look_at_clock()
         if self.done:
             return []
         out = self._contact.link.poll(now_s)
@@ -260,6 +292,14 @@ class CommandSession:
     def _name(self) -> str:
         return "vehicle" if self.vehicle is None else f"system {self.vehicle[0]}"
 
+    def _look_at_clock(self) -> None:
+        """Fail if the program was suspended."""
+        stood_s = 0.0 if self._standstill is None else self._standstill.look()
+        if stood_s and not self.done:
+            text = f"{self._wanted} is dropped: the program stood still for {stood_s:.0f} s"
+            advice = "check the vehicle's state, and give the order again"
+            self._fail(VehicleSilentError(f"{self._name}: {text}; {advice}"))
+
     def _ask_for_streams(self, vehicle: tuple[int, int], now_s: float) -> list[Message]:
         """Request the telemetry that confirms the order; requests are repeated, since they may be lost.
 
@@ -309,7 +349,7 @@ class CommandSession:
             return []
         monitor = self._contact.monitor
         self._before = StateBefore.of(monitor, now_s)
-        self._shown_before = step.shown(monitor)
+        self._shown_before, self._item_before = step.shown(monitor), monitor.state.item
         self._texts_before = len(self._contact.texts.texts)
         if step.command is None:
             return self._say(step, now_s)
@@ -317,11 +357,19 @@ class CommandSession:
         return self._order.send(now_s)
 
     def _say(self, step: Step, now_s: float) -> list[Message]:
-        """Send the message, which has no acknowledgement, until the telemetry confirms the order."""
+        """Send the message, which has no acknowledgement; again only while the telemetry shows it as lost.
+
+        It is lost if the current item, as reported since the message, is the item before the order.
+        """
         assert step.message is not None
         self._accepted = True
         self._message_s = now_s + _SAY_AGAIN_S + self._trip_s
-        return [] if self._is_overruled else [step.message]
+        monitor = self._contact.monitor
+        lost = monitor.item_heard_s > self._said_s + self._trip_s and monitor.state.item == self._item_before
+        if self._is_overruled or (self._said_s > -math.inf and not (lost and step.repeats)):
+            return []
+        self._said_s = now_s
+        return [step.message]
 
     def _on_ack(self, message: m.MAVLink_command_ack_message, now_s: float) -> list[Message]:
         if self._order is None or self._step is None:

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 import select
 import sys
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from geo.system import steady_s
 from geo.texts import distance
 from mission.ground.arming_gate import Stage, Standstill
 from mission.ground.modes import Maneuver
-from mission.ground.station import NotFlyingError
+from mission.ground.station import GroundStation, NotFlyingError
 from mission.ground.status_text import doing
 from mission.outcome import Phase, in_words
 from sim_vehicle.mavlink.fleet import SPACING_M
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
 _STATUS_S = 5.0
 _SILENCE_S = 5.0
 _OBEYS_S = 5.0
+_OLD_S = 3.0
 _APART_M = 0.5 * SPACING_M
 """Distance between vehicles on the ground below which the console warns (m)."""
 _STARTING = (Phase.ARM, Phase.START)
@@ -147,16 +150,16 @@ class _Vehicle:
         if ordered_s is None:
             return
         if pilot.ordered is None and self._ordered is Maneuver.RESUME:
-            self._output.note(f"{self.who} continues its mission: {doing(ground, now_s)}")
+            self._output.note(f"{self.who} continues its mission: {_doing(ground, now_s)}")
             self._ordered = None
         elif pilot.obeyed:
             self._output.note(f"{self.who} {pilot.obeyed}")
         elif ground.phase is not Phase.FLIGHT:
             self._output.warn(f"{self.at}the flight was over before the vehicle had obeyed")
         elif pilot.ordered is None:
-            self._output.warn(f"{self.who} flies on: {doing(ground, now_s)}")
+            self._output.warn(f"{self.who} flies on: {_doing(ground, now_s)}")
         elif now_s - ordered_s > _OBEYS_S + 4.0 * (ground.link.round_trip.known_s or 0.0):
-            seen = doing(ground, now_s)
+            seen = _doing(ground, now_s)
             self._output.warn(
                 f"{self.at}{pilot.ordered.value} was ordered, but the telemetry does not confirm it: {seen}"
             )
@@ -193,8 +196,7 @@ class TerminalConsole:
     def tend(self, flight: JointFlight) -> None:
         """Print changes, and handle signals and answers."""
         if (stood_s := self._standstill.look()) and self._words and sys.stdin.isatty():
-            while _line():
-                pass
+            discard_typed()
             self._output.warn(f"the program stood still for {stood_s:.0f} s: text typed before is discarded")
             self._asked = False
             if self._stopping:
@@ -221,7 +223,7 @@ class TerminalConsole:
         """Ask once for a battery change; return the answer (False at the end of the input), or None."""
         if question != self._question_between:
             self._question_between = question
-            self._output.show_bars(False)
+            self._make_room()
             self._output.note(question)
             self._ask(question, _BATTERY)
         answer = self._answer()
@@ -229,6 +231,11 @@ class TerminalConsole:
             return None
         self._ask("", {})
         return answer.strip().lower() not in ("q", "quit") and answer != ""
+
+    def _make_room(self) -> None:
+        """Prepare the terminal for a new question, before its text is printed."""
+        self._output.show_bars(False)
+        discard_typed()
 
     def _ask(self, question: str, words: dict[str, str]) -> None:
         """Publish a question to the page; `words` maps the page's answers to the terminal's answers."""
@@ -267,12 +274,12 @@ class TerminalConsole:
             signals.defer(False)
             raise KeyboardInterrupt
         self._stopping = True
-        self._output.show_bars(False)
+        self._make_room()
         for vehicle in self._vehicles:
             ground = vehicle.sortie.ground
             home = " (it has flown all waypoints, and is on its way home)" * ground.flies_home
             if ground.phase is Phase.FLIGHT:
-                self._output.note(f"{vehicle.at}{doing(ground, now_s)}{home}")
+                self._output.note(f"{vehicle.at}{_doing(ground, now_s)}{home}")
         self._output.note(self._question)
         self._ask(self._question, _STOP)
 
@@ -285,7 +292,7 @@ class TerminalConsole:
             return
         if not self._asked:
             self._asked = True
-            self._output.show_bars(False)
+            self._make_room()
             plans = [(vehicle.at, _planned(vehicle.sortie)) for vehicle in remaining]
             if len(self._vehicles) == 1:
                 self._output.note(f"ready: {plans[0][1]}; start the motors? [y/N]", publish=False)
@@ -334,18 +341,49 @@ def _planned(sortie: Sortie) -> str:
     return f"{distance(prediction.ground_length_m)}, {prediction.duration_s:.0f} s at {height_m:g} m"
 
 
+def _lost_position(ground: GroundStation) -> bool:
+    """Return whether the vehicle was heard long after its last position: that position is not the present."""
+    return ground.link.heard_s - ground.vehicle_state.heard_s > _OLD_S
+
+
+def _doing(ground: GroundStation, now_s: float) -> str:
+    """Return mode, item and height of a vehicle as text, and the age of values that are old."""
+    age = f", height {now_s - ground.vehicle_state.heard_s:.0f} s old" * _lost_position(ground)
+    return doing(ground, now_s) + age
+
+
 def status_line(sortie: Sortie, now_s: float) -> str:
-    """Return a flying vehicle's state in one line; if the vehicle is silent, with the age of the state."""
+    """Return a flying vehicle's state in one line, with the age of an old state; an old speed is "-"."""
     ground, state = sortie.ground, sortie.ground.vehicle_state
     remaining = state.battery.remaining
     parts = [
-        doing(ground, now_s),
-        f"{state.ground_speed_m_s:.1f} m/s",
+        _doing(ground, now_s),
+        "speed -" if _lost_position(ground) else f"{state.ground_speed_m_s:.1f} m/s",
         "battery -" if remaining is None else f"battery {remaining:.0%}",
         f"{sortie.assembler.statistics.images} images",
         ground.link.brief(),
     ]
     return ", ".join(parts)
+
+
+def discard_typed() -> None:
+    """Discard text that was typed at the terminal before a question: it does not answer the question."""
+    if not sys.stdin.isatty():
+        return
+    if sys.platform == "win32":
+        import msvcrt
+
+        while msvcrt.kbhit():
+            msvcrt.getwch()
+        return
+    import termios
+
+    terminal = sys.stdin.fileno()
+    with suppress(OSError):  # The terminal may be another program's.
+        if os.tcgetpgrp(terminal) != os.getpgrp():
+            return  # The text is for another program, and a flush would stop this program.
+    with suppress(termios.error):
+        termios.tcflush(terminal, termios.TCIFLUSH)
 
 
 def _line() -> str | None:

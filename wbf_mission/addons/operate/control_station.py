@@ -14,6 +14,7 @@ from mission.ground.contact import Contact, Heartbeat
 from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
+from mission.transfer.vehicles import vehicle_of
 from mission.transfer.wire import GROUND_STATION
 from wbf_mission.addons.operate.command_session import CommandSession
 from wbf_mission.run.orders import IN_FLIGHT, START, Orders, WatchersOrder
@@ -75,8 +76,8 @@ class ControlStation:
         number = message.get_srcSystem()
         vehicle = self._vehicles.get(number)
         if vehicle is None:
-            is_beat = isinstance(message, m.MAVLink_heartbeat_message)
-            if not is_beat or len(self._vehicles) >= _MOST_VEHICLES:
+            # Only a vehicle takes orders: an order to system 0 would reach all vehicles.
+            if vehicle_of(message) is None or len(self._vehicles) >= _MOST_VEHICLES:
                 return []
             contact = Contact((number, _AUTOPILOT), (self.system_id, self.component_id))
             vehicle = self._vehicles[number] = _Vehicle(contact)

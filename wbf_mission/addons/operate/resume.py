@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Collection
 from pathlib import Path
 
 from mission.course import Course, MissionProgress, Place
@@ -11,7 +12,7 @@ from mission.errors import MissionError
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import read_tlog
-from mission.transfer.vehicles import VehicleSearch
+from mission.transfer.vehicles import VehicleSearch, vehicle_of
 from wbf_mission.addons.base.links import LinkHost
 from wbf_mission.addons.operate.watching import FleetWatch
 from wbf_mission.scenario import ScenarioError
@@ -30,8 +31,9 @@ def resume_place(text: str, course: Course, *, wait_s: float = 10.0) -> Place:
     folder with the results of a flight, or the address of a link, where a vehicle must be heard in `wait_s`.
 
     Raises ScenarioError if the text is none of these, or the mission has no such item; MissionError if a log
-    or the vehicle does not show the progress of the mission, or the mission is complete; LinkError if a log
-    cannot be read or a link cannot be opened; NoVehicleError without a vehicle.
+    or the vehicle does not show the progress of the mission, if the mission is complete, or if several
+    vehicles are heard; LinkError if a log cannot be read or a link cannot be opened; NoVehicleError without a
+    vehicle.
     """
     if (item := _ITEM.fullmatch(text)) is not None:
         return _at_item(text, int(item.group(1)), float(item.group(2) or 0.0), course)
@@ -43,7 +45,7 @@ def resume_place(text: str, course: Course, *, wait_s: float = 10.0) -> Place:
         what = f"the folder has no {_TLOG}" if path.is_dir() else "there is no such file"
         msg = f"--resume {text}: {what}; give an item (12, 12+35m), a .tlog, a results folder or a link"
         raise ScenarioError(msg)
-    return _reached(f"--resume {text}", _of_log(log, course))
+    return _reached(f"--resume {text}", _of_log(f"--resume {text}", log, course))
 
 
 def _at_item(text: str, number: int, metres: float, course: Course) -> Place:
@@ -59,17 +61,26 @@ def _at_item(text: str, number: int, metres: float, course: Course) -> Place:
     return Place(course.legs[leg].item, metres / length_m if metres else 0.0)
 
 
-def _of_log(path: Path, course: Course) -> MissionProgress:
-    """Return the mission progress of the first vehicle in a log."""
-    progress, vehicle = MissionProgress(course), 0
+def _of_log(what: str, path: Path, course: Course) -> MissionProgress:
+    """Return the mission progress of the vehicle in a log."""
+    progress, vehicles = MissionProgress(course), set[int]()
     for time_s, message in read_tlog(path):
         if message.get_srcComponent() != m.MAV_COMP_ID_AUTOPILOT1:
             continue
-        if not vehicle and isinstance(message, m.MAVLink_heartbeat_message):
-            vehicle = message.get_srcSystem()
-        if message.get_srcSystem() == vehicle:
+        if (vehicle := vehicle_of(message)) is not None:
+            vehicles.add(vehicle.system_id)
+            _require_one(what, vehicles)
+        if message.get_srcSystem() in vehicles:
             progress.receive(message, time_s)
     return progress
+
+
+def _require_one(what: str, vehicles: Collection[int]) -> None:
+    """Raise MissionError if several vehicles are heard: the progress of another one would cut the mission."""
+    if len(vehicles) > 1:
+        named = ", ".join(map(str, sorted(vehicles)))
+        msg = f"{what}: vehicles {named} are heard; give the item of the one that you mean: --resume 12+35m"
+        raise MissionError(msg)
 
 
 def _reached(what: str, progress: MissionProgress) -> Place:
@@ -84,7 +95,7 @@ def _reached(what: str, progress: MissionProgress) -> Place:
 
 
 class _Listener(FleetWatch):
-    """Tracks the mission progress of the first vehicle that is heard."""
+    """Tracks the mission progress of the vehicle on a link."""
 
     def __init__(self, course: Course) -> None:
         super().__init__()
@@ -101,7 +112,9 @@ class _Listener(FleetWatch):
         return out
 
     def is_enough(self, now_s: float) -> bool:
-        """Return whether the received messages are enough to know the progress."""
+        """Return whether the received messages are enough to know the progress, or that it stays unknown."""
+        if len(self.vehicles) > 1:
+            return True
         return self.progress.monitor.state.item is not None and now_s > self.begun_s + _ENOUGH_S
 
 
@@ -114,6 +127,7 @@ def _of_link(url: str, course: Course, wait_s: float) -> Place:
     if not listener.vehicles:
         raise VehicleSearch().failure(name, wait_s)
     state = listener.progress.monitor.state
+    _require_one(name, listener.vehicles)
     what = f"the vehicle on {name}"
     if state.item is None:
         raise MissionError(f"{what} does not report its current item; give the item: --resume 12+35m")

@@ -12,6 +12,7 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Mission, MissionType
 from mission.transfer import CLIENT_MESSAGES, DownloadComplete, Output, Transfer, TransferFailed
+from mission.transfer.vehicles import vehicle_of
 from mission.transfer.wire import ACCEPTED, GROUND_STATION
 from sensors.observations import Observations
 
@@ -152,11 +153,14 @@ class WatchedVehicle(Contact):
     def summary(self, now_s: float) -> dict[str, Any]:
         """Return plain values for JSON; None for unknown values.
 
+        Place, height and speed are unknown while the last position is older than 3 s, since a vehicle that
+        loses its position sends heartbeats on.
+
         ``item`` is the item number from 1, without home; ``seq`` is the number in MISSION_CURRENT.
         ``impossible`` lists values outside their possible range, and message fields that are NaN.
         """
         state = self.monitor.state
-        located = state.heard_s > -math.inf
+        located = now_s - state.heard_s <= _SILENT_S
         summary = {
             "system_id": self.vehicle[0],
             "autopilot": self.profile.name,
@@ -208,8 +212,7 @@ class FleetWatch:
         system_id = message.get_srcSystem()
         vehicle = self.vehicles.get(system_id)
         if vehicle is None:
-            is_beat = isinstance(message, m.MAVLink_heartbeat_message)
-            if not is_beat or len(self.vehicles) >= _MOST_VEHICLES:
+            if vehicle_of(message) is None or len(self.vehicles) >= _MOST_VEHICLES:
                 return []
             vehicle = self.vehicles[system_id] = WatchedVehicle((system_id, int(m.MAV_COMP_ID_AUTOPILOT1)))
             if self._plan_failed is not None:

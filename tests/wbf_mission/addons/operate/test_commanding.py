@@ -16,7 +16,9 @@ class Vehicle:
     """What a vehicle sends, by hand, to a session whose time is ours."""
 
     def __init__(self, order, value="", *, autopilot=ARDUPILOT, system_id=1, only=None):
-        self.session = CommandSession(OperatorCommand(order, value), system_id=only)
+        self.wall_s = 1e5
+        command = OperatorCommand(order, value)
+        self.session = CommandSession(command, system_id=only, clock=lambda: self.wall_s)
         self.autopilot, self.system_id = autopilot, system_id
         self.now_s, self.sent, self._number = 0.0, [], 0
 
@@ -156,17 +158,59 @@ def test_who_tells_no_item_is_asked_in_the_end():
     assert vehicle.commands(m.MAV_CMD_DO_SET_MISSION_CURRENT)[0].param1 == 2.0
 
 
+def set_items(vehicle):
+    return [one for one in vehicle.sent if isinstance(one, m.MAVLink_mission_set_current_message)]
+
+
 def test_px4_gets_the_item_by_message_until_it_shows_it():
     vehicle = Vehicle("set-item", "3", autopilot=PX4)
     vehicle.beats()
-    vehicle.tells_item(0, 9)
-    vehicle.passes(2.5)
-    told = [one for one in vehicle.sent if isinstance(one, m.MAVLink_mission_set_current_message)]
-    assert [one.seq for one in told] == [2, 2, 2]
+    for _ in range(5):
+        vehicle.tells_item(0, 9)
+        vehicle.passes(0.5)
+    assert [one.seq for one in set_items(vehicle)] == [2, 2, 2]
     assert vehicle.commands(m.MAV_CMD_DO_SET_MISSION_CURRENT) == []
     vehicle.tells_item(2, 9)
     assert vehicle.session.done
     assert vehicle.session.error is None
+
+
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
+@pytest.mark.parametrize("skipped", [1, 3])
+def test_an_item_that_is_done_at_once_is_ordered_once_and_shown_by_the_item_after_it(autopilot, skipped):
+    """A DO item may be a shot or a gripper's: another order would run it again."""
+    vehicle = Vehicle("set-item", "5", autopilot=autopilot)
+    home = int(autopilot == ARDUPILOT)
+    vehicle.beats()
+    vehicle.tells_item(home, 20)
+    vehicle.passes(0.5)
+    vehicle.tells_item(4 + skipped + home, 20)
+    vehicle.passes(5.0)
+    given = set_items(vehicle) + vehicle.commands(m.MAV_CMD_DO_SET_MISSION_CURRENT)
+    assert len(given) == 1
+    assert vehicle.session.done and vehicle.session.error is None
+
+
+@pytest.mark.parametrize("before", [5, 7])
+def test_an_item_before_the_present_one_is_ordered_once(before):
+    """After DO items from the one ordered, the vehicle reports the item that it reported before."""
+    vehicle = Vehicle("set-item", "5", autopilot=PX4)
+    vehicle.beats()
+    for _ in range(40):
+        vehicle.tells_item(before, 20)
+        vehicle.passes(0.5)
+    assert [one.seq for one in set_items(vehicle)] == [4]
+    assert "was given set-item 5, but its telemetry does not confirm" in str(vehicle.session.error)
+
+
+def test_an_item_is_not_ordered_again_while_the_vehicle_is_silent():
+    vehicle = Vehicle("set-item", "5", autopilot=PX4)
+    vehicle.beats()
+    vehicle.tells_item(0, 20)
+    vehicle.passes(0.3)
+    vehicle.tells_item(0, 20)
+    vehicle.passes(30.0)
+    assert len(set_items(vehicle)) <= 2
 
 
 def test_an_item_that_is_not_shown():
@@ -259,7 +303,7 @@ def test_an_item_is_not_sent_again_once_a_pilot_has_changed_the_mode():
     vehicle.tells_item(0, 9)
     vehicle.beats(armed=True, mode=3 << 16)
     vehicle.passes(5.0)
-    assert len([one for one in vehicle.sent if isinstance(one, m.MAVLink_mission_set_current_message)]) == 1
+    assert len(set_items(vehicle)) == 1
 
 
 def test_a_vehicle_that_has_passed_its_item_since_is_not_sent_back_to_it():
@@ -302,4 +346,26 @@ def test_who_is_refused_in_auto_is_told_where_it_arms():
     assert str(vehicle.session.error) == (
         "system 1 refused arm: Arm: AUTO mode not armable;"
         " it arms in GUIDED: give the order mode GUIDED first"
+    )
+
+
+@pytest.mark.parametrize("stood_s", [2.1, 600.0])
+@pytest.mark.parametrize("hears_first", [True, False])
+def test_a_program_that_stood_still_gives_its_order_no_more(stood_s, hears_first):
+    """A laptop slept while a vehicle had not answered: people may stand at the vehicle since."""
+    vehicle = Vehicle("arm")
+    vehicle.beats()
+    vehicle.passes(0.5)
+    assert len(vehicle.commands(m.MAV_CMD_COMPONENT_ARM_DISARM)) == 1
+    before = len(vehicle.sent)
+    vehicle.wall_s += stood_s
+    vehicle.now_s += stood_s
+    if hears_first:
+        vehicle.beats()
+    vehicle.passes(30.0)
+    assert len(vehicle.sent) == before
+    assert isinstance(vehicle.session.error, VehicleSilentError)
+    assert str(vehicle.session.error) == (
+        f"system 1: arm is dropped: the program stood still for {stood_s:.0f} s;"
+        " check the vehicle's state, and give the order again"
     )

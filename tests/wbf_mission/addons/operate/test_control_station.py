@@ -2,8 +2,12 @@
 
 import pytest
 
+from mission.ground.command import OperatorCommand, OrderError
+from mission.ground.contact import Contact
 from mission.link.codec.dialect import mavlink as m
+from wbf_mission.addons.operate.command_session import CommandSession
 from wbf_mission.addons.operate.control_station import ControlStation
+from wbf_mission.addons.operate.watching import FleetWatch
 from wbf_mission.events import EventStream, Noted
 from wbf_mission.run.orders import LIFE_S, Orders
 
@@ -21,8 +25,8 @@ class Watched:
             m.MAVLink_heartbeat_message(m.MAV_TYPE_QUADROTOR, m.MAV_AUTOPILOT_ARDUPILOTMEGA, 1, 0, 4, 3)
         )
 
-    def says(self, message):
-        message._header = m.MAVLink_header(message.get_msgId(), srcSystem=1, srcComponent=1)
+    def says(self, message, system_id=1):
+        message._header = m.MAVLink_header(message.get_msgId(), srcSystem=system_id, srcComponent=1)
         self.sent += self.station.receive(message, self.wall_s)
 
     def passes(self, seconds, *, at_once=False):
@@ -75,3 +79,29 @@ def test_a_program_that_goes_on_carries_an_order_out():
     watched.says(m.MAVLink_heartbeat_message(m.MAV_TYPE_QUADROTOR, m.MAV_AUTOPILOT_ARDUPILOTMEGA, 1, 4, 4, 3))
     watched.passes(1.0)
     assert watched.taken() and not watched.warned
+
+
+@pytest.mark.parametrize(
+    ("system_id", "kind", "autopilot"),
+    [
+        (0, m.MAV_TYPE_QUADROTOR, m.MAV_AUTOPILOT_PX4),
+        (200, m.MAV_TYPE_GCS, m.MAV_AUTOPILOT_PX4),
+        (200, m.MAV_TYPE_GIMBAL, m.MAV_AUTOPILOT_INVALID),
+    ],
+)
+def test_only_a_vehicle_is_watched_and_takes_orders(system_id, kind, autopilot):
+    """An order to system 0 would be an order to every vehicle on the link."""
+    watched, watch = Watched(), FleetWatch()
+    beat = m.MAVLink_heartbeat_message(kind, autopilot, 1, 0, 4, 3)
+    watched.says(beat, system_id)
+    watch.receive(beat, 0.0)
+    assert not watch.vehicles
+    assert "there is no vehicle" in watched.orders.take([system_id], "arm", "", True)
+    watched.passes(5.0)
+    assert watched.sent == []
+
+
+@pytest.mark.parametrize("given", [{"system_id": 0}, {"contact": Contact((0, 1))}])
+def test_an_order_to_system_0_is_refused(given):
+    with pytest.raises(OrderError, match="arm: an order to system 0 reaches all vehicles; name one"):
+        CommandSession(OperatorCommand("arm"), **given)

@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 
 import pytest
 from processes import environment
@@ -194,7 +195,7 @@ def test_what_one_vehicle_cannot_do_is_refused_before_the_link_is_opened(more, t
 
 
 def talk(url, answers, cwd, term="dumb", more=()):
-    """Run the command at a terminal; give each answer once its question was asked."""
+    """Run the command at a terminal; give each answer once its question was asked (again)."""
     terminal, end = pty.openpty()
     arguments = ["fly", "--farm", "miniberry-10", "--planner", "lawnmower", "--budget", "60s"]
     arguments += ["--estimator", "point", "--connect", url, "--no-plots", "--out", "run", "--json", *more]
@@ -209,9 +210,10 @@ def talk(url, answers, cwd, term="dumb", more=()):
         env=environment(TERM=term),
     )
     os.close(end)
-    shown = b""
+    shown, asked = b"", Counter()
     for question, answer in answers:
-        while question not in shown:
+        asked[question] += 1
+        while shown.count(question) < asked[question]:
             assert select.select([terminal], [], [], LONG_S)[0], shown
             shown += os.read(terminal, 65536)
         answer(process) if callable(answer) else os.write(terminal, answer)

@@ -4,19 +4,24 @@ import io
 import os
 import signal
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from stand_in import scenario
 
+from mission.ground.command import MotorsStandError
+from mission.ground.vehicle_state import VehicleState
 from mission.outcome import Outcome
 from mission.policies.decision import Decision
 from mission.policies.observation import Event
 from mission.policies.policy import Triggers
+from wbf_mission.addons.operate import command as operate_command
 from wbf_mission.addons.operate import console as operator_console
 from wbf_mission.addons.operate.console import TerminalConsole
 from wbf_mission.addons.operate.link import LiveLink
 from wbf_mission.cli import signals
+from wbf_mission.cli.app import main
 from wbf_mission.cli.output import Output
 from wbf_mission.events import Asked, Orderable, VehicleMoved
 from wbf_mission.flight import fly
@@ -35,10 +40,16 @@ def typed(monkeypatch):
     signals.defer(False)
 
 
+def answered(output, typed, text):
+    """Type an answer when the question of the start is there."""
+    output.events.listen(lambda event: event.question.endswith("start the motors?") and typed(text), Asked)
+    return output
+
+
 def test_a_flight_is_told_from_the_question_to_the_ground(quick_stand_in, typed, capsys):
-    typed("y\n")
+    output = answered(Output(), typed, "y\n")
     with quick_stand_in() as (url, _):
-        result = fly(scenario(), by=LiveLink(url, TerminalConsole(Output())))
+        result = fly(scenario(), by=LiveLink(url, TerminalConsole(output)), events=output.events)
     assert result.outcome is Outcome.COMPLETED
     told = capsys.readouterr().err
     for text in ("waiting until", "start the motors? [y/N]", "flying", "images, link", "vehicle: Disarmed"):
@@ -57,8 +68,7 @@ def test_ctrl_c_asks_and_the_vehicle_returns(quick_stand_in, typed, capsys):
             done_s.append(event.time_s)
             typed("r\n")
 
-    output.events.listen(interrupt_and_answer, VehicleMoved)
-    typed("y\n")
+    answered(output, typed, "y\n").events.listen(interrupt_and_answer, VehicleMoved)
     signals.install()
     try:
         with quick_stand_in() as (url, made):
@@ -73,12 +83,45 @@ def test_ctrl_c_asks_and_the_vehicle_returns(quick_stand_in, typed, capsys):
 
 
 def test_no_starts_nothing(quick_stand_in, typed, capsys):
-    typed("no\n")
+    output = answered(Output(), typed, "no\n")
     with quick_stand_in() as (url, made):
-        result = fly(scenario(), by=LiveLink(url, TerminalConsole(Output())))
+        result = fly(scenario(), by=LiveLink(url, TerminalConsole(output)), events=output.events)
         assert not made.vehicle.pilot.armed
     assert result.outcome is not Outcome.COMPLETED and not len(result.observations)
     assert "start the motors? [y/N]" in capsys.readouterr().err
+
+
+def test_what_was_typed_before_the_question_does_not_start_the_motors(quick_stand_in, typed, capsys):
+    """Who typed y twice when asked for the battery has not read the question of the start."""
+    output = Output()
+    console = TerminalConsole(output)
+    assert console.goes_on("sortie 2 of 3?") is None
+    typed("y\ny\ny")
+    assert console.goes_on("sortie 2 of 3?") is True
+    answered(output, typed, "\n")
+    with quick_stand_in() as (url, made):
+        result = fly(scenario(), by=LiveLink(url, console), events=output.events)
+        assert not made.vehicle.pilot.armed
+    assert result.outcome is Outcome.NOT_STARTED
+    assert "start the motors? [y/N]" in capsys.readouterr().err
+
+
+def test_what_was_typed_before_does_not_let_a_command_start_the_motors(typed, monkeypatch):
+    asked, given = [], []
+
+    def give(wanted, *_link):
+        given.append(wanted.arms)
+        raise MotorsStandError("the motors stand still")
+
+    def note(_output, text, **_options):
+        asked.append(text)
+        typed("\n")
+
+    monkeypatch.setattr(operate_command, "_give", give)
+    monkeypatch.setattr(Output, "note", note)
+    typed("y\n")
+    assert main(["command", "tcp:127.0.0.1:1", "mission"]) == 2
+    assert given == [False] and asked[0].endswith("start the motors? [y/N]")
 
 
 @pytest.mark.parametrize(
@@ -90,6 +133,27 @@ def test_between_sorties_one_question_and_its_answer(typed, capsys, text, goes_o
     typed(text)
     assert console.goes_on("sortie 2 of 3?") is goes_on
     assert capsys.readouterr().err.count("sortie 2 of 3?") == 1
+
+
+@pytest.mark.parametrize(
+    ("beat_s", "now_s", "told"),
+    [
+        (2.9, 2.9, "AUTO, item 2 of 4, 30.0 m up, 5.0 m/s"),
+        (120.0, 120.0, "AUTO, item 2 of 4, 30.0 m up, height 120 s old, speed -"),
+        (1.0, 120.0, "nothing heard for 119 s; the last was: AUTO, item 2 of 4, 30.0 m up, 5.0 m/s"),
+    ],
+)
+def test_an_old_position_is_told_as_old_although_the_vehicle_is_heard(beat_s, now_s, told):
+    """PX4 sends no position when it has lost its own; its heartbeats go on."""
+    ground = SimpleNamespace(
+        vehicle_state=VehicleState(heard_s=0.0, height_m=30.0, velocity_m_s=(3.0, 4.0, 0.0), item=1),
+        mission=SimpleNamespace(items=range(4)),
+        pilot=SimpleNamespace(mode="AUTO"),
+        link=SimpleNamespace(heard_s=beat_s, brief=lambda: "link 90%"),
+    )
+    sortie = SimpleNamespace(ground=ground, assembler=SimpleNamespace(statistics=SimpleNamespace(images=3)))
+    line = operator_console.status_line(sortie, now_s)
+    assert line == f"{told}, battery -, 3 images, link 90%"
 
 
 class Page:

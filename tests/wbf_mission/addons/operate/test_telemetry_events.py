@@ -16,6 +16,7 @@ from mission.model import Command, Mission
 from sim_vehicle.airframe.kind import kind_of_type
 from sim_vehicle.host.server import Server
 from wbf_mission.addons.base.simulator import make_components
+from wbf_mission.addons.operate.command import _row
 from wbf_mission.addons.operate.control_station import ControlStation
 from wbf_mission.addons.operate.telemetry_events import SimulatedWatch, TelemetryEvents
 from wbf_mission.addons.operate.watching import FleetWatch
@@ -286,6 +287,24 @@ def test_what_a_vehicle_says_that_makes_no_sense_ends_nothing():
     telemetry.look(200.0)
     assert [one.system_id for one in heard.of(VehicleMoved)] == [9]
     assert heard.of(RunBegun)[-1].farm is not None
+
+
+def test_an_old_position_is_not_shown_as_the_present():
+    """PX4 sends no position when it has lost its own; its heartbeats go on."""
+    watch, shown = FleetWatch(), {}
+    there = m.MAVLink_global_position_int_message(0, 280000000, -820000000, 20_000, 30_000, 300, 400, 0, 0)
+    watch.receive(from_vehicle(m.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)), 0.0)
+    watch.receive(from_vehicle(there), 0.0)
+    for now_s in (1.0, 3.0, 3.1, 600.0):
+        watch.receive(from_vehicle(m.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)), now_s)
+        state = watch.vehicles[1].summary(now_s)
+        shown[now_s] = [
+            state[key] for key in ("latitude_deg", "longitude_deg", "height_m", "ground_speed_m_s")
+        ]
+        cells = _row(state, now_s, silent=watch.vehicles[1].is_silent(now_s))
+        assert cells[6:8] == (["30.0 m", "5.0 m/s"] if now_s <= 3.0 else ["-", "-"])
+    assert shown[1.0] == shown[3.0] == [28.0, -82.0, 30.0, 5.0]
+    assert shown[3.1] == shown[600.0] == [None] * 4
 
 
 def test_without_a_farm_the_first_vehicle_is_in_the_middle_of_bare_land(clock, quick_stand_in):

@@ -13,6 +13,7 @@ import numpy as np
 from geo.errors import FarmError
 from geo.frame import Coordinates
 from geo.grid import Crop, is_crop_name
+from geo.texts import is_number
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -318,11 +319,6 @@ def position_of(position: object, where: str, crs: Coordinates | None = None) ->
     longitude_deg, latitude_deg = _in_degrees(np.array([_numbers(position, where)]), where, crs)[0].tolist()
     check_degrees(longitude_deg, latitude_deg, where)
     return longitude_deg, latitude_deg
-
-
-def is_number(value: object) -> bool:
-    """Return whether a value is a finite number, and not a whole number that is too large for a float."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
 
 
 def _numbers(position: object, where: str) -> tuple[float, float]:

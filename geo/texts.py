@@ -30,6 +30,11 @@ def unknown(kind: str, name: str, known: Iterable[str], more: str = "") -> str:
     return f"unknown {kind} {name[:60]!r}{meant}: {choice}"
 
 
+def is_number(value: object) -> bool:
+    """Return whether a value is a finite number, and not a whole number that is too large for a float."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
+
+
 def printable(text: str) -> str:
     r"""Return a text with control characters and undecodable bytes escaped; newlines are kept.
 

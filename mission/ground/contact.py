@@ -119,16 +119,17 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class StateBefore:
-    """Flight mode and armed state of a vehicle when an order was given."""
+    """Flight mode, armed state and current item (None: unknown) of a vehicle when an order was given."""
 
     mode: str
     is_armed: bool
+    item: int | None
     given_s: float
 
     @classmethod
     def of(cls, monitor: VehicleMonitor, now_s: float) -> StateBefore:
         """Return the present state of a vehicle."""
-        return cls(monitor.mode, monitor.is_armed, now_s)
+        return cls(monitor.mode, monitor.is_armed, monitor.item, now_s)
 
     def is_past(self, monitor: VehicleMonitor) -> bool:
         """Whether a HEARTBEAT has arrived since the order."""

@@ -242,7 +242,7 @@ class MissionStart:
         self.phase, self._armed_since = phase, False
         self._order = self._contact.order(command, *params)
         # The vehicle acknowledged arming, even if no HEARTBEAT shows it yet.
-        self._before = StateBefore(self._monitor.mode, is_armed=True, given_s=now_s)
+        self._before = StateBefore(self._monitor.mode, is_armed=True, item=self._monitor.item, given_s=now_s)
         return self._order.send(now_s)
 
     def _give_up(self, now_s: float) -> list[Message]:

@@ -134,8 +134,7 @@ class GroundStation:
         self._ordered_before: tuple[Maneuver | None, str] = (None, "")  # `ordered` and `obeyed` of the pilot.
         self._before = StateBefore.of(self._monitor, -math.inf)  # State when the pending order was given.
         self._ordered_modes: frozenset[str] = frozenset()  # Modes that the pending order leads to.
-        self._chosen = range(0)  # Items of which MISSION_CURRENT shows that the pending set-item was obeyed.
-        self._item_before = -1  # Current item when set-item was ordered, -1 if unknown.
+        self._chosen = range(0)  # Current items that show that the pending set-item was obeyed.
         self._no_position = True  # no position was received since the last HEARTBEAT
         self._armed = self._flew = False
         self._texts_before = 0
@@ -322,7 +321,7 @@ class GroundStation:
             else:
                 # A repeated set-item could turn back a vehicle that has taken the order and flown on.
                 heard = self._monitor.item_heard_s > self._before.given_s
-                repeats = not self._chosen or (heard and self._item == self._item_before)
+                repeats = not self._chosen or (heard and self._monitor.item == self._before.item)
                 out += self._order.send(now_s)[: int(repeats)]
         if self.phase is Phase.FLIGHT:
             out += self._changes.poll(now_s)
@@ -456,10 +455,12 @@ class GroundStation:
             and (self._disarmed_s is not None or end.ends_flight)
         ):
             self._land(*end.completed(self._texts_before), now_s)
-        first, item = self._chosen.start, self._item
-        passed = first < item and not first <= self._item_before <= item
-        if self._chosen and (item in self._chosen or passed):
-            self._chosen, self._order = range(0), None
+        item = self._monitor.item
+        if self._chosen and item is not None:
+            first, before = self._chosen.start, self._before.item
+            passed = first < item and (before is None or not first <= before <= item)
+            if item in self._chosen or passed:
+                self._chosen, self._order = range(0), None
 
     def _on_reached(self, message: m.MAVLink_mission_item_reached_message, now_s: float) -> None:
         if self._flies_mission:
@@ -609,7 +610,7 @@ class GroundStation:
         # The vehicle runs a DO command at once, and reports the next navigation item as current.
         passes = self.mission.items[item].command > _NAV_LAST
         shown = next_flown_to(self.mission.items, item) if passes else item
-        self._chosen, self._item_before = range(item, shown + 1), self._item
+        self._chosen = range(item, shown + 1)
         return out
 
     def _give(self, order: Order, now_s: float) -> list[Message]:
@@ -618,12 +619,6 @@ class GroundStation:
         self._order, self._chosen = order, range(0)
         self._before, self._ordered_modes = StateBefore.of(self._monitor, now_s), frozenset()
         return order.send(now_s)
-
-    @property
-    def _item(self) -> int:
-        """Current item, -1 if unknown."""
-        item = self._monitor.state.item
-        return -1 if item is None else item
 
     @property
     def _end_modes(self) -> frozenset[str]:

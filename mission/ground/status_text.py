@@ -22,6 +22,14 @@ class NotStartedError(WbfMissionError, RuntimeError):
     """The user pressed Ctrl-C before the flight began; the text describes the state of the vehicle."""
 
 
+_OLD_S = 3.0
+
+
+def lost_position(ground: GroundStation) -> bool:
+    """Return whether the vehicle was heard long after its last position: that position is not the present."""
+    return ground.link.heard_s - ground.vehicle_state.heard_s > _OLD_S
+
+
 def doing(ground: GroundStation, now_s: float) -> str:
     """Return mode, item and height of a vehicle in flight as text, and the age of values that are old."""
     state, items = ground.vehicle_state, len(ground.mission.items)
@@ -30,6 +38,8 @@ def doing(ground: GroundStation, now_s: float) -> str:
         "item -" if state.item is None else f"item {state.item + 1} of {items}",
         f"{state.height_m:.1f} m up",
     ]
+    if lost_position(ground):
+        parts.append(f"height {now_s - state.heard_s:.0f} s old")
     silent_s = now_s - ground.link.heard_s
     old = f"nothing heard for {silent_s:.0f} s; the last was: " if silent_s > SILENCE_S else ""
     return old + ", ".join(parts)

@@ -300,6 +300,14 @@ class VehicleMonitor:
         return 0.0 if position is None else (position.alt - position.relative_alt) / 1e3
 
     @property
+    def item(self) -> int | None:
+        """Current mission item, counted from 0 without home; None if unknown."""
+        current, home = self._current, 1 if self.profile.home_at_zero else 0
+        if current is None or current.seq == UNKNOWN_ITEM or current.seq < home:
+            return None
+        return current.seq - home
+
+    @property
     def state(self) -> VehicleState:
         """State of the vehicle, put together from its last messages."""
         values: dict[str, Any] = {"battery": self.battery}
@@ -318,9 +326,7 @@ class VehicleMonitor:
             if position.hdg != _NO_HEADING:
                 values["heading_rad"] = math.radians(position.hdg / 100.0)
         if current is not None:
-            home = 1 if self.profile.home_at_zero else 0
-            known = current.seq != UNKNOWN_ITEM and current.seq >= home
-            values["item"] = current.seq - home if known else None
+            values["item"] = self.item
             values["total"] = _total(current)
             values["mission_id"] = current.mission_id
         return VehicleState(**values)

@@ -8,10 +8,11 @@ import shapely
 
 from geo.farm import united
 from geo.grid import Crop
+from geo.texts import is_number
 from mission.errors import PlanningError
 from mission.planners.path import Area, PlannedPath, Points, drop_coincident
 from mission.planners.request import PlanningRequest
-from mission.planners.search import Found, densest_feasible, densest_over, is_number, spacing_limits
+from mission.planners.search import Found, densest_feasible, densest_over, spacing_limits
 from mission.planners.sweep import Sweep, sweep_angle
 from mission.planners.terrain import Terrain, area_of, inset, polygons_of
 

@@ -10,6 +10,7 @@ import shapely
 from shapely.geometry import Polygon
 
 from geo.farm import united
+from geo.texts import is_number
 from mission.errors import PlanningError
 from mission.planners.budget import BatchBudget
 from mission.planners.path import Area, PlannedPath, Points
@@ -271,8 +272,3 @@ def spacing_limits(
         msg = f"{planner}: max_spacing_m {most:g} is less than {reason} of {least:g} m; give more"
         raise PlanningError(msg)
     return least, most
-
-
-def is_number(value: object) -> bool:
-    """Return whether a planner's parameter is a finite number; a bool is not."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

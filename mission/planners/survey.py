@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from shapely.geometry import Polygon
 
 from geo.linear_algebra import product
+from geo.texts import is_number
 from mission.errors import PlanningError
 from mission.planners.path import Area, PlannedPath, Points, distinct, path_length
 from mission.planners.request import PlanningRequest
 from mission.planners.search import (
     cannot_be_flown,
     gaps_of,
-    is_number,
     swept_lands,
     too_small,
     with_gaps,

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from shapely.geometry import Polygon
 
 from geo.linear_algebra import arctan2, cos, product, sin
+from geo.texts import is_number
 from mission.errors import PlanningError
 from mission.planners.path import Area, Points
-from mission.planners.search import is_number
 from mission.planners.terrain import Terrain, is_rectangle, parts_of, straight_lengths
 
 _EDGE_M = 1e-7  # Outermost rows lie this far inside, because crossings exactly on an edge are unreliable.

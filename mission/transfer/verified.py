@@ -376,7 +376,7 @@ class VerifiedUpload:
         return Output(events=(failed,))
 
     def _refused(self, refusal: TransferFailed, received: DownloadComplete) -> Output:
-        """Fail with the vehicle's refusal; the text also tells which plan the vehicle holds now."""
+        """Fail with the vehicle's refusal; the text names the plan that the vehicle holds now."""
         text = f"{refusal.text}; {_held_text(self.items, received.items, self._profile)}"
         return Output(events=(replace(refusal, text=text),))
 

@@ -86,7 +86,7 @@ _MEANINGS = {
     ERROR: "error, perhaps because of another transfer; try again",
     UNSUPPORTED_FRAME: "the item's coordinate frame is not supported; use relative altitudes",
     UNSUPPORTED: "the item's command or this kind of plan is not supported",
-    NO_SPACE: "no space for so many items; send a shorter plan",
+    NO_SPACE: "too many items for the vehicle; send a shorter plan",
     INVALID: "a value or the kind of plan is invalid",
     6: "parameter 1 of an item is invalid",
     7: "parameter 2 of an item is invalid",

@@ -188,7 +188,7 @@ class Workers(Protocol):
         """Greatest number of runs submitted at a time."""
 
     def submit(self, function: Callable[..., _Flown], /, *arguments: Any) -> Future[_Flown]:
-        """Submit a call of `function`, of which only the name is sent."""
+        """Submit a call of `function`; only the name of the function is sent."""
 
 
 class Cluster(Workers, Protocol):

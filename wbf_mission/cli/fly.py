@@ -270,7 +270,7 @@ def fly_command(
             if folder is not None:
                 stack.enter_context(folder)
             if folder is not None and live is None:
-                kept = f"interrupted: an estimate from the flight so far is saved in {folder.path}"
+                kept = f"interrupted: an estimate from the images taken is saved in {folder.path}"
                 # The telemetry log exists from the beginning of the flight on.
                 stack.enter_context(
                     signals.announcing(f"{kept}; a second interrupt stops this", when=folder.tlog.exists)

@@ -11,7 +11,7 @@ import numpy as np
 
 from geo import Farm
 from geo.seeds import child_seed
-from mission.planners.search import is_number
+from geo.texts import is_number
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.navigation_errors import SensorNoise
 from sim_vehicle.airframe.spec import VehicleSpec

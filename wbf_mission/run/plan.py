@@ -185,7 +185,7 @@ def plan_for_batteries(
         whole = planned(f"{guess:.1f}m")
         # Nearly equal budgets often give the same mission, which need not be cut again.
         known = next((one for one in tried if one[0].mission == whole.mission), None)
-        sorties = known[1] if known else _cut_if_too_long(whole, cut)
+        sorties = known[1] if known else cut_if_too_long(whole, cut)
         tried.append((whole, sorties))
         needed = _needed(whole, sorties)
         takes_wh = 0.0 if sorties is None else sum(plan.prediction.most_wh for plan in sorties.plans)
@@ -203,7 +203,7 @@ def plan_for_batteries(
     return found
 
 
-def _cut_if_too_long(whole: PlanResult, cut: Callable[[PlanResult], SortiePlan | None]) -> SortiePlan | None:
+def cut_if_too_long(whole: PlanResult, cut: Callable[[PlanResult], SortiePlan | None]) -> SortiePlan | None:
     """Return a mission's sorties; None if one battery is enough, or no number is."""
     try:
         return cut(whole) if whole.is_too_long else None

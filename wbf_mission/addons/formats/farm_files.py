@@ -431,7 +431,7 @@ def _parts(shell: NDArray[np.float64], holes: list[NDArray[np.float64]], where: 
     drawn = [polygon.area for polygon in polygons]
     changed = sum(abs(land.area - area) for land, area in zip(within, drawn, strict=True))
     land = within[0].difference(shapely.union_all(within[1:])) if holes else within[0]
-    # Corners on a grid stay so far from other sides that rounding of positions leaves the polygon valid.
+    # On a grid, corners keep a distance from other sides, so that rounded positions leave the polygon valid.
     land = shapely.set_precision(land, _GRID_M)
     kept = [
         part

@@ -7,9 +7,8 @@ from typing import Any
 
 import msgspec
 
-from geo.features import is_number
 from geo.reading import json_texts
-from geo.texts import one_line
+from geo.texts import is_number, one_line
 from mission.errors import MissionFileError
 from mission.files.common import BOM, GEOJSON_KIND, Firmware, check_json, decode_json
 from mission.model import Mission

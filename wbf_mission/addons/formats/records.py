@@ -23,8 +23,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, TypeAlias
 
-from geo.features import is_number
-from geo.texts import parse_number
+from geo.texts import is_number, parse_number
 from mission.errors import MissionFileError
 from mission.files.common import Parameters, check_jumps, home_of, make_item, make_mission, resolve_jumps
 from mission.files.fence import POLYGON_COMMANDS, polygon_at

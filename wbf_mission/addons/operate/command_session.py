@@ -175,7 +175,6 @@ class CommandSession:
         self._refusal: tuple[str, float] | None = None
         self._begun_s = self._message_s = math.inf
         self._streams_s = self._said_s = -math.inf
-        self._item_before: int | None = None
 
     @property
     def vehicle(self) -> tuple[int, int] | None:
@@ -349,7 +348,7 @@ class CommandSession:
             return []
         monitor = self._contact.monitor
         self._before = StateBefore.of(monitor, now_s)
-        self._shown_before, self._item_before = step.shown(monitor), monitor.state.item
+        self._shown_before = step.shown(monitor)
         self._texts_before = len(self._contact.texts.texts)
         if step.command is None:
             return self._say(step, now_s)
@@ -365,7 +364,7 @@ class CommandSession:
         self._accepted = True
         self._message_s = now_s + _SAY_AGAIN_S + self._trip_s
         monitor = self._contact.monitor
-        lost = monitor.item_heard_s > self._said_s + self._trip_s and monitor.state.item == self._item_before
+        lost = monitor.item_heard_s > self._said_s + self._trip_s and monitor.item == self._before.item
         if self._is_overruled or (self._said_s > -math.inf and not (lost and step.repeats)):
             return []
         self._said_s = now_s

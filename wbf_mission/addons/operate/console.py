@@ -16,8 +16,8 @@ from geo.system import steady_s
 from geo.texts import distance
 from mission.ground.arming_gate import Stage, Standstill
 from mission.ground.modes import Maneuver
-from mission.ground.station import GroundStation, NotFlyingError
-from mission.ground.status_text import doing
+from mission.ground.station import NotFlyingError
+from mission.ground.status_text import doing, lost_position
 from mission.outcome import Phase, in_words
 from sim_vehicle.mavlink.fleet import SPACING_M
 from wbf_mission.cli import signals
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 _STATUS_S = 5.0
 _SILENCE_S = 5.0
 _OBEYS_S = 5.0
-_OLD_S = 3.0
 _APART_M = 0.5 * SPACING_M
 """Distance between vehicles on the ground below which the console warns (m)."""
 _STARTING = (Phase.ARM, Phase.START)
@@ -150,16 +149,16 @@ class _Vehicle:
         if ordered_s is None:
             return
         if pilot.ordered is None and self._ordered is Maneuver.RESUME:
-            self._output.note(f"{self.who} continues its mission: {_doing(ground, now_s)}")
+            self._output.note(f"{self.who} continues its mission: {doing(ground, now_s)}")
             self._ordered = None
         elif pilot.obeyed:
             self._output.note(f"{self.who} {pilot.obeyed}")
         elif ground.phase is not Phase.FLIGHT:
             self._output.warn(f"{self.at}the flight was over before the vehicle had obeyed")
         elif pilot.ordered is None:
-            self._output.warn(f"{self.who} flies on: {_doing(ground, now_s)}")
+            self._output.warn(f"{self.who} flies on: {doing(ground, now_s)}")
         elif now_s - ordered_s > _OBEYS_S + 4.0 * (ground.link.round_trip.known_s or 0.0):
-            seen = _doing(ground, now_s)
+            seen = doing(ground, now_s)
             self._output.warn(
                 f"{self.at}{pilot.ordered.value} was ordered, but the telemetry does not confirm it: {seen}"
             )
@@ -279,7 +278,7 @@ class TerminalConsole:
             ground = vehicle.sortie.ground
             home = " (it has flown all waypoints, and is on its way home)" * ground.flies_home
             if ground.phase is Phase.FLIGHT:
-                self._output.note(f"{vehicle.at}{_doing(ground, now_s)}{home}")
+                self._output.note(f"{vehicle.at}{doing(ground, now_s)}{home}")
         self._output.note(self._question)
         self._ask(self._question, _STOP)
 
@@ -341,24 +340,13 @@ def _planned(sortie: Sortie) -> str:
     return f"{distance(prediction.ground_length_m)}, {prediction.duration_s:.0f} s at {height_m:g} m"
 
 
-def _lost_position(ground: GroundStation) -> bool:
-    """Return whether the vehicle was heard long after its last position: that position is not the present."""
-    return ground.link.heard_s - ground.vehicle_state.heard_s > _OLD_S
-
-
-def _doing(ground: GroundStation, now_s: float) -> str:
-    """Return mode, item and height of a vehicle as text, and the age of values that are old."""
-    age = f", height {now_s - ground.vehicle_state.heard_s:.0f} s old" * _lost_position(ground)
-    return doing(ground, now_s) + age
-
-
 def status_line(sortie: Sortie, now_s: float) -> str:
     """Return a flying vehicle's state in one line, with the age of an old state; an old speed is "-"."""
     ground, state = sortie.ground, sortie.ground.vehicle_state
     remaining = state.battery.remaining
     parts = [
-        _doing(ground, now_s),
-        "speed -" if _lost_position(ground) else f"{state.ground_speed_m_s:.1f} m/s",
+        doing(ground, now_s),
+        "speed -" if lost_position(ground) else f"{state.ground_speed_m_s:.1f} m/s",
         "battery -" if remaining is None else f"battery {remaining:.0%}",
         f"{sortie.assembler.statistics.images} images",
         ground.link.brief(),

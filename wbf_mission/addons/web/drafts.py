@@ -29,11 +29,11 @@ from sensors.field_files import field_names
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.builder import coverage_together
 from wbf_mission.planning.fleet import SingleVehicle, single_vehicles
-from wbf_mission.planning.sorties import SortiePlan, UncutError, sorties_of
+from wbf_mission.planning.sorties import SortiePlan, sorties_of
 from wbf_mission.preflight.finding import Finding, Report
 from wbf_mission.preflight.run import check_plan
 from wbf_mission.progress import Progress
-from wbf_mission.run.plan import batteries_in, plan_fleet, plan_for_batteries
+from wbf_mission.run.plan import batteries_in, cut_if_too_long, plan_fleet, plan_for_batteries
 from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.scenario.choice import names_of
 from wbf_mission.scenario.option import Option
@@ -309,20 +309,18 @@ def planned(draft: Draft, progress: Progress) -> PlannedDraft:
     begun_s = time.perf_counter()
     scenario, vehicles = draft.scenario, single_vehicles(draft.scenario)
 
-    def cut(plan: PlanResult, vehicle: SingleVehicle = vehicles[0]) -> SortiePlan | None:
-        try:
-            return sorties_of(plan, vehicle) if plan.is_too_long else None
-        except UncutError:  # The check of the whole mission finds that a battery is not enough
-            return None
-
     results: tuple[PlanResult, ...]
     batteries = batteries_in(scenario.mission.budget)
     if batteries is None:
         results = plan_fleet(scenario, farm=draft.farm, progress=progress)
-        cuts = tuple(cut(plan, vehicle) for plan, vehicle in zip(results, vehicles, strict=True))
+        # If no cut is possible, the check of the whole mission finds that a battery is not enough.
+        cuts = tuple(
+            cut_if_too_long(plan, partial(sorties_of, one=vehicle))
+            for plan, vehicle in zip(results, vehicles, strict=True)
+        )
     else:
         whole, sorties = plan_for_batteries(
-            without_budget(scenario), batteries, lambda plan: sorties_of(plan, vehicles[0])
+            without_budget(scenario), batteries, partial(sorties_of, one=vehicles[0])
         )
         results, cuts = (whole,), (sorties,)
     planned_s, missions = time.perf_counter(), []

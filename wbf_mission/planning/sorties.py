@@ -301,7 +301,7 @@ class _Cutter:
         home_x, home_y = frame.from_wgs84(*stands.T)
         away_m = float(np.hypot(home_x - x, home_y - y).min())
         return (
-            f"no sorties: to fly {distance(away_m)} from the take-off place to {place}, and back takes"
+            f"no sorties: to fly {distance(away_m)} from the take-off place to {place} and back takes"
             f" {takes_wh[dearest]:.1f} Wh, but a battery has {usable_wh:.1f} Wh above its reserve; take off"
             " nearer to this place"
         )

@@ -596,6 +596,15 @@ def test_a_chosen_item_that_was_passed_unheard_does_not_turn_the_vehicle_back(na
     assert notes == ["no answer: the vehicle did not take the order"] * (heard is None)
 
 
+def test_a_chosen_item_is_not_ordered_again_over_another_stations_choice():
+    flight = Flight("px4")
+    flight.hears(m.MAVLink_mission_current_message(2, 3, m.MISSION_STATE_ACTIVE, 1))
+    flight.ground.choose_item(1, flight.now_s)
+    flight.hears(m.MAVLink_mission_current_message(0, 3, m.MISSION_STATE_ACTIVE, 1))
+    sent = [message for second in range(1, 31) for message in flight.ground.poll(flight.now_s + second)]
+    assert not [one for one in sent if one.get_type() == "MISSION_SET_CURRENT"]
+
+
 def test_an_order_without_a_flight_mode_is_refused_and_the_change_goes_on():
     """A quadplane (type 20) has no BRAKE."""
     flight = Flight("ardupilot")

@@ -203,6 +203,17 @@ def test_an_item_before_the_present_one_is_ordered_once(before):
     assert "was given set-item 5, but its telemetry does not confirm" in str(vehicle.session.error)
 
 
+def test_an_item_is_not_ordered_again_over_another_stations_choice():
+    vehicle = Vehicle("set-item", "9", autopilot=PX4)
+    vehicle.beats()
+    vehicle.tells_item(0, 20)
+    vehicle.passes(0.3)
+    for _ in range(40):
+        vehicle.tells_item(3, 20)
+        vehicle.passes(0.5)
+    assert [one.seq for one in set_items(vehicle)] == [8]
+
+
 def test_an_item_is_not_ordered_again_while_the_vehicle_is_silent():
     vehicle = Vehicle("set-item", "5", autopilot=PX4)
     vehicle.beats()

@@ -145,7 +145,7 @@ def test_no_vehicle():
 
 def test_failures_are_one_line():
     bench = Bench(capacity={MISSION: 5})
-    with pytest.raises(TransferError, match="no space") as caught:
+    with pytest.raises(TransferError, match="too many items for the vehicle") as caught:
         bench.driver.upload(PLAN)
     assert "\n" not in str(caught.value)
     assert caught.value.failure.result == 4

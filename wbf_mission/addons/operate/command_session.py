@@ -341,6 +341,10 @@ class CommandSession:
         vehicle = self.vehicle
         if vehicle is None or not (is_ready(self._wanted, self._contact.monitor) or now_s >= self._ready_s):
             return []
+        if self._contact.monitor.clock.is_shared:
+            text = "two vehicles use this system id, and both would obey; the order was not sent"
+            self._fail(VehicleRefusedError(f"{self._name}: {text}; give each vehicle its own system id"))
+            return []
         try:
             step = self._step = step_of(self._wanted, vehicle, self._contact.monitor)
         except WbfMissionError as error:

@@ -105,6 +105,7 @@ def test_an_order_in_flight_is_not_repeated_after_a_standstill(stood_s, orders):
         ground.now_s += 0.1
         out = ground.poll(ground.now_s)
         sent += [one for one in out if getattr(one, "command", None) == sent[0].command]
+        assert (ground.now_s - ground._monitor.mode_heard_s > LIFE_S) or stood_s == 0.0
         assert ground.is_told_anew is (stood_s == 0.0), "mode and item are from before the standstill"
     assert len(sent) == orders
     assert "the vehicle did not take the order" in ground.texts[-1][2]

@@ -591,14 +591,21 @@ def test_a_vehicle_whose_motors_run_is_flown_by_force() -> None:
     assert ground.phase is Phase.UPLOAD and any(one.get_type().startswith("MISSION") for one in sent)
 
 
-def test_two_vehicles_with_one_system_id_are_not_started() -> None:
+@pytest.mark.parametrize(
+    ("apart_s", "flies", "ends"), [(0.2, False, True), (20.0, False, False), (0.2, True, False)]
+)
+def test_two_vehicles_with_one_system_id_are_not_started(apart_s: float, flies: bool, ends: bool) -> None:
+    """The second case is one vehicle that is started again and again; in flight, nothing is undone."""
     ground = real()
     ground.receive(heartbeat(), 1.0)
+    ground.phase = Phase.FLIGHT if flies else ground.phase
     for turn in range(9):
-        boot_ms = 900_000 if turn % 2 else 30_000
-        ground.receive(from_vehicle(m.MAVLink_global_position_int_message(boot_ms, *[0] * 8)), 1.0 + turn / 5)
-    assert ground.outcome is Outcome.NOT_STARTED
-    assert ground.reason.startswith("two vehicles use this system id, and both would obey; give each")
+        message = m.MAVLink_global_position_int_message(900_000 if turn % 2 else 30_000, *[0] * 8)
+        ground.receive(from_vehicle(message), 1.0 + turn * apart_s)
+    assert (ground.outcome is Outcome.NOT_STARTED) is ends
+    assert not ends or ground.reason.startswith(
+        "two vehicles use this system id, and both would obey; give each"
+    )
 
 
 def test_the_answer_to_an_order_does_not_confirm_the_order_after_it() -> None:

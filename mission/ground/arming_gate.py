@@ -72,7 +72,7 @@ class ArmingGate:
         self.told = 0  # Number of reasons received.
         self._due_s = -math.inf
         self._vehicle = vehicle
-        self._agreed = agreed
+        self._agreed = self._agreed_before = agreed
         self._standstill = None if clock is None else Standstill(clock)
         self._held = False
 
@@ -118,8 +118,8 @@ class ArmingGate:
         return stood_s if self._agreed else 0.0
 
     def check_again(self, now_s: float) -> None:
-        """Wait for the vehicle's arming checks again after a refusal; the operator's agreement remains."""
-        self.stage = Stage.CHECKING
+        """Wait for the vehicle's arming checks again after a refusal; then ask an operator again."""
+        self.stage, self._agreed = Stage.CHECKING, self._agreed_before
         self._due_s = now_s
 
     def agree(self) -> None:

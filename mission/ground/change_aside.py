@@ -108,6 +108,7 @@ _CHAIN_S = 1.5
 _LATE_M = 3.0
 _LONGEST_S = 5.0
 _FOREVER = 1_000_000
+_TO_MISSION = frozenset({int(m.MAV_CMD_DO_SET_MODE), int(Command.NAV_RETURN_TO_LAUNCH)})
 _SILENT_S = 2.0
 # A command may arrive with this delay (s). If guided mode shows later, another operator chose it.
 _LATE_ORDER_S = 30.0
@@ -205,7 +206,10 @@ class AsideChange(ChangeSession):
                 return self._finish(ChangeOutcome.REFUSED, guard.refused, now_s)
         for command, order in tuple(self._orders.items()):
             if now_s >= order.due_s:
-                if order.is_given_up:
+                if command in _TO_MISSION and now_s - self._monitor.mode_heard_s > _SILENT_S:
+                    # A pilot may have taken over meanwhile; the next HEARTBEAT shows the mode.
+                    order.due_s = now_s + _FRESH_S
+                elif order.is_given_up:
                     out += self._answered(command, Answer.NONE, "no answer", now_s)
                 else:
                     out += order.send(now_s)

@@ -23,6 +23,8 @@ _TRIES = 4
 _MOST_TRIES = 12
 _FAILS = 0.001
 _DOUBLINGS = 3
+_LATE_ANSWER_S = 1.0
+"""Time allowed for reading an answer that arrived while the program was suspended (s)."""
 
 
 class Answer(Enum):
@@ -39,7 +41,8 @@ class Order:
     ``position`` is latitude and longitude (degrees) and altitude above home (m). ``message`` replaces a
     command that the vehicle does not support; no COMMAND_ACK answers the message. ``tries`` is the largest
     number of transmissions: by default four, or more over a link that loses frames. ``round_trip`` determines
-    the timeout. COMMAND_ACKs to other ids than ``sender`` (system and component) are ignored.
+    the timeout. COMMAND_ACKs to other ids than ``sender`` (system and component) are ignored, and so is the
+    answer that may still come to ``earlier``, the last order of the same command.
     """
 
     def __init__(
@@ -52,8 +55,11 @@ class Order:
         tries: int | None = None,
         round_trip: RoundTrip | None = None,
         sender: tuple[int, int] | None = None,
+        earlier: Order | None = None,
     ) -> None:
         self.due_s = -math.inf
+        self._earlier = earlier
+        self._is_answered = self._skips_answer = False
         self._position, self._message = position, message
         self._most = tries
         self._round_trip = round_trip
@@ -72,9 +78,17 @@ class Order:
         """Number of repetitions."""
         return max(0, self._tries - 1)
 
+    def end_repeats(self, now_s: float) -> None:
+        """Repeat the order no more: wait only for an answer that has arrived but was not read yet."""
+        self._most = 0
+        self.due_s = max(self.due_s, now_s + _LATE_ANSWER_S)
+
     def send(self, now_s: float) -> list[Message]:
         """Return the command, with the number of earlier transmissions as ``confirmation``."""
         confirmation = self._tries
+        if self._earlier is not None:
+            self._skips_answer = not self._earlier._is_answered and now_s < self._earlier.due_s
+            self._earlier = None
         self._tries += 1
         self.due_s = now_s + retry_s_over(self._round_trip, confirmation)
         if self._message is not None:
@@ -108,11 +122,15 @@ class Order:
         is_other = system and target[0] and target != (system, component)
         if message.command != self._command or is_other:
             return Answer.NONE
-        if message.result == m.MAV_RESULT_ACCEPTED:
-            return Answer.ACCEPTED
         if message.result == m.MAV_RESULT_IN_PROGRESS:
             self.due_s = now_s + 3.0 * retry_s_over(self._round_trip)
             return Answer.NONE
+        if self._skips_answer:
+            self._skips_answer = False
+            return Answer.NONE
+        self._is_answered = True
+        if message.result == m.MAV_RESULT_ACCEPTED:
+            return Answer.ACCEPTED
         later = message.result == m.MAV_RESULT_TEMPORARILY_REJECTED and not self.is_given_up
         return Answer.NONE if later else Answer.REFUSED
 
@@ -206,6 +224,7 @@ class Contact:
         self.monitor, self.texts, self.link = VehicleMonitor(), TextLog(), LinkState()
         self.round_trip = self.link.round_trip if is_real else None
         self._maker = maker
+        self._last_orders: dict[int, Order] = {}  # last order of each command
 
     @property
     def profile(self) -> Profile:
@@ -227,7 +246,9 @@ class Contact:
     def order(self, command: int, *params: float, **options: Any) -> Order:
         """Return an order to the vehicle; ``options`` go to `Order`."""
         options |= {"round_trip": self.round_trip, "sender": self.ground}
-        return Order(self.vehicle, int(command), *params, **options)
+        order = Order(self.vehicle, command, *params, earlier=self._last_orders.get(command), **options)
+        self._last_orders[command] = order
+        return order
 
     def upload(self, *plan: Any, **options: Any) -> VerifiedUpload:
         """Return an upload to the vehicle; the arguments go to `VerifiedUpload`."""

@@ -17,8 +17,6 @@ _READY_S = 180.0
 _AGAIN_S = 3.0
 _LAST_WORDS_S = 0.5
 """Wait for the reason of a refusal (s): ArduPilot sends the STATUSTEXT after the COMMAND_ACK."""
-_LATE_ANSWER_S = 1.0
-"""Time allowed for reading an answer that arrived while the program was suspended (s)."""
 _MODE_SHOWN_S = 2.5
 _MODE_SETTLES_S = 1.0
 """Time (s) after a mode change in which the vehicle may still report the arming checks of the old mode."""
@@ -45,7 +43,6 @@ class MissionStart:
         self._mode_s = self._again_s = -math.inf
         self._before = StateBefore.of(self._monitor, -math.inf)
         self._texts_before = self._reasons_before = 0
-        self._repeats = True
         self._armed_since = False  # whether a HEARTBEAT since the order to arm showed the vehicle armed
 
     def begin(self, home: GeoPoint | None, texts_before: int, now_s: float) -> list[Message]:
@@ -94,7 +91,7 @@ class MissionStart:
             elif starts and monitor.is_armed and monitor.in_mission:
                 # A repeated order would restart the mission in flight.
                 self.phase, self._order = Phase.FLIGHT, None
-            elif order.is_given_up or not self._repeats or (starts and self._before.is_overruled(monitor)):
+            elif order.is_given_up or (starts and self._before.is_overruled(monitor)):
                 out += self._give_up(now_s)
             else:
                 out += order.send(now_s)
@@ -108,8 +105,8 @@ class MissionStart:
         order, self._order = self._order, None
         if self.phase is Phase.START and order is not None:
             # The order was sent before the suspension: an answer counts, but the order is not repeated.
-            self._order, self._repeats = order, False
-            order.due_s = max(order.due_s, now_s + _LATE_ANSWER_S)
+            self._order = order
+            order.end_repeats(now_s)
             return []
         stood = f"the program stood still for {stood_s:.0f} s before the start"
         self.failure = Outcome.NOT_STARTED, f"{stood}: look at the vehicle, and start again"

@@ -34,6 +34,9 @@ _STATE_S, _STATE_BEHIND_LINK_S = 2.5, 5.0
 _CLOCK_S = 5.0
 """Longest wait for the vehicle's clock after a silence (s); three round trips are added."""
 _BEFORE_FLIGHT = frozenset({Phase.CONTACT, Phase.UPLOAD}) | STARTING
+_BEFORE_ARMING = _BEFORE_FLIGHT - {Phase.ARM, Phase.START}
+_OTHER_FLIES = "the motors run, but not by this program: somebody else flies the vehicle; disarm it first"
+_TWINS = "two vehicles use this system id, and both would obey; give each vehicle its own system id"
 _STREAM_HZ = 4
 _NAV_LAST = 95
 """Largest MAV_CMD of navigation commands."""
@@ -68,7 +71,8 @@ class GroundStation:
         Conditions for arming a real vehicle. A pilot may take over a real vehicle; then the station gives no
         more orders. None: the vehicle is simulated, and is armed after `start_delay_s`.
     force : bool
-        Whether to send items that the autopilot would refuse or not fly.
+        Whether to send items that the autopilot would refuse or not fly, and to start a real vehicle whose
+        motors run already.
 
     Attributes
     ----------
@@ -106,7 +110,7 @@ class GroundStation:
     ) -> None:
         self.system_id, self.component_id = system_id, component_id
         self.vehicle_system_id = vehicle_system_id
-        self.arming_gate = arming_gate
+        self.arming_gate, self._force = arming_gate, force
         self.phase = Phase.CONTACT
         self.outcome = Outcome.RUNNING
         self.reason = ""
@@ -414,6 +418,9 @@ class GroundStation:
                     unsure=now_s < self._unsure_s,
                     ends_in=self._end_modes,
                 )
+        if self._armed and self.phase in _BEFORE_ARMING and self.arming_gate is not None and not self._force:
+            self._end(Outcome.NOT_STARTED, _OTHER_FLIES, now_s)
+            return []
         if self.phase in STARTING:
             self._start.on_heartbeat()
             self._after_start([], now_s)
@@ -483,7 +490,9 @@ class GroundStation:
         """Handle a new reading of the vehicle's clock, which may show a reboot; one in flight is reported."""
         unsure, self._unsure_s = now_s < self._unsure_s, -math.inf
         clock = self._monitor.clock
-        if clock.restarts > self._restarts:
+        if clock.is_shared and self.phase in _BEFORE_FLIGHT and self.arming_gate is not None:
+            self._end(Outcome.NOT_STARTED, _TWINS, now_s)
+        elif clock.restarts > self._restarts:
             self._restarts = clock.restarts
             heard_since = unsure and self._monitor.mode_heard_s >= self._back_s
             if self.phase not in _BEFORE_FLIGHT:
@@ -537,8 +546,15 @@ class GroundStation:
         return out
 
     def _look_at_clock(self, now_s: float) -> list[Message]:
-        """End the start if the program was suspended since the operator agreed."""
-        if self.arming_gate is None or self.phase not in _BEFORE_FLIGHT:
+        """If the program was suspended, end the start; in flight, repeat no order."""
+        if self.arming_gate is None or self.done:
+            return []
+        if self.phase not in _BEFORE_FLIGHT:
+            if self.arming_gate.outlived_s() > 0.0:
+                self._back_s = now_s
+                self._monitor.doubt(now_s)
+                if self._order is not None:
+                    self._order.end_repeats(now_s)
             return []
         out = self._start.look_at_clock(now_s)
         return out if self._start.failure is None else self._after_start(out, now_s)

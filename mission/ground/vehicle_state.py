@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,6 +19,8 @@ from mission.model import DEGREES_E7
 
 _RESTART_MS = 5000
 """A longer backward step of the time since boot means a reboot (ms), a smaller step a delayed message."""
+_MOST_RESTARTS, _RESTARTS_S = 3, 10.0
+"""More reboots than this within so many seconds mean two vehicles with one system id."""
 
 
 class BootClock:
@@ -32,6 +35,8 @@ class BootClock:
 
     def __init__(self) -> None:
         self.restarts = 0
+        self.is_shared = False  # whether two vehicles seem to send the times
+        self._restarts_s: deque[float] = deque([-math.inf] * _MOST_RESTARTS, _MOST_RESTARTS)
         self.offset_ms = 0  # continuous clock minus the time since the last boot
         self._last_ms = -1
         self._last_s = -math.inf
@@ -41,6 +46,8 @@ class BootClock:
         time_ms = time_boot_ms + self.offset_ms
         if self._last_ms >= 0 and time_ms < self._last_ms - _RESTART_MS:
             self.restarts += 1
+            self.is_shared = now_s - self._restarts_s[0] < _RESTARTS_S
+            self._restarts_s.append(now_s)
             passed_ms = max(1, round(1000.0 * (now_s - self._last_s)))
             time_ms = self._last_ms + passed_ms
             self.offset_ms = time_ms - time_boot_ms
@@ -52,6 +59,7 @@ class BootClock:
 UNKNOWN_ITEM = 65535
 """Sequence number in MISSION_CURRENT that stands for no item."""
 _NO_HEADING = 65535
+_OLD_S = 10.0  # Age at which neither mode nor item counts as present.
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,6 +184,11 @@ class VehicleMonitor:
         take = self._takes.get(type(message).id)
         if take is not None:
             take(message, now_s)
+
+    def doubt(self, now_s: float) -> None:
+        """Count mode and item as old, because the program was suspended."""
+        self.mode_heard_s = min(self.mode_heard_s, now_s - _OLD_S)
+        self.item_heard_s = min(self.item_heard_s, now_s - _OLD_S)
 
     def _on_heartbeat(self, message: m.MAVLink_heartbeat_message, now_s: float) -> None:
         self.vehicle_type, self.autopilot = message.type, message.autopilot

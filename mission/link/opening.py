@@ -199,7 +199,10 @@ class TcpClientLink(_Reopening[TcpLink]):
         timeout_s: float = 5.0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        super().__init__(address, TcpLink.connect(address, timeout_s=timeout_s), clock)
+        link = TcpLink.connect(address, timeout_s=timeout_s)
+        # A name is resolved only once: that may take seconds, in which a flight would stand still.
+        self._family, self._peer = link.family, link.peer
+        super().__init__(address, link, clock)
         self._trying: socket.socket | None = None
 
     @property
@@ -240,11 +243,9 @@ class TcpClientLink(_Reopening[TcpLink]):
     def _begin(self, now_s: float) -> None:
         self._deadline_s = now_s + _GIVE_UP_S
         with contextlib.suppress(OSError):
-            found = socket.getaddrinfo(self._address.host, self._address.port, type=socket.SOCK_STREAM)
-            found.sort(key=lambda entry: entry[0] != socket.AF_INET)
-            trying = socket.socket(found[0][0], socket.SOCK_STREAM)
+            trying = socket.socket(self._family, socket.SOCK_STREAM)
             trying.setblocking(False)
-            if trying.connect_ex(found[0][4]) in _PENDING:
+            if trying.connect_ex(self._peer) in _PENDING:
                 self._trying = trying
             else:
                 trying.close()

@@ -428,14 +428,15 @@ class Stream(ABC):
 
 
 class TcpLink(Stream, _OnSocket):
-    """Connected TCP link."""
+    """Connected TCP link; ``peer`` is the address of the other side, if this side has connected."""
 
-    def __init__(self, connection: socket.socket, name: str) -> None:
+    def __init__(self, connection: socket.socket, name: str, peer: Any = None) -> None:
         connection.setblocking(False)
         with contextlib.suppress(OSError):
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         Stream.__init__(self, name, _BACKLOG_BYTES)
         _OnSocket.__init__(self, connection)
+        self.family, self.peer = connection.family, peer
         self._ended = False
 
     @classmethod
@@ -444,9 +445,9 @@ class TcpLink(Stream, _OnSocket):
         _resolve(address, socket.SOCK_STREAM)
         try:
             connection = socket.create_connection((address.host, address.port), timeout=timeout_s)
+            return cls(connection, str(address), connection.getpeername())
         except OSError as error:
             raise _why(address, error) from error
-        return cls(connection, str(address))
 
     def _write(self, data: bytes) -> int:
         return self._socket.send(data)

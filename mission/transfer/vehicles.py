@@ -11,6 +11,8 @@ from mission.link.codec.dialect import Message, mavlink
 from mission.link.codec.typed import is_a
 from mission.transfer.events import NoVehicleError
 
+_NO_VEHICLES = (mavlink.MAV_TYPE_GCS, mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_TYPE_ANTENNA_TRACKER)
+
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
@@ -38,7 +40,7 @@ def vehicle_of(message: Message) -> Vehicle | None:
         or message.autopilot == mavlink.MAV_AUTOPILOT_INVALID
     ):
         return None
-    if message.type == mavlink.MAV_TYPE_GCS or message.get_srcSystem() == 0:
+    if message.type in _NO_VEHICLES or message.get_srcSystem() == 0:
         return None
     armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
     return Vehicle(

@@ -710,6 +710,36 @@ def test_the_guided_mode_long_after_a_change_is_another_operators(after_s, order
     assert not found or found[0].param2 == 5, "the mode that the pilot had chosen"
 
 
+@pytest.mark.parametrize(("mode", "orders"), [(4, 1), (6, 0)])
+def test_a_vehicle_that_is_silent_is_not_ordered_back_into_its_mission(mode, orders):
+    """A pilot may have taken it over (mode 6); a vehicle that is still in guided mode is ordered back."""
+    contact = Contact((1, 1))
+
+    def hears(message, now_s):
+        message.pack(m.MAVLink(None, 1, 1))
+        contact.receive(message, now_s)
+        return change.receive(message, now_s)
+
+    def beat(mode):
+        return m.MAVLink_heartbeat_message(2, m.MAV_AUTOPILOT_ARDUPILOTMEGA, 0x81, mode, 4, 3)
+
+    contact.receive(beat(3), 9.9)
+    contact.receive(
+        m.MAVLink_global_position_int_message(0, 280_500_000, -821_500_000, 0, 12_000, 0, 0, 0, 0), 9.9
+    )
+    change = AsideChange(ChangeRequest(planned(), planned(NEW), 5, 2, contact, 0.1))
+    change.start(10.0)
+    assert [one.command for one in change.poll(13.0)] == [m.MAV_CMD_DO_REPOSITION], "tried a few times"
+    hears(beat(4), 13.0)
+    (back,) = hears(m.MAVLink_command_ack_message(m.MAV_CMD_DO_REPOSITION, m.MAV_RESULT_DENIED), 13.1)
+    assert back.command == m.MAV_CMD_DO_SET_MODE
+    assert [one.command for one in change.poll(14.2)] == [back.command], "its last HEARTBEAT is fresh"
+    assert not any(change.poll(second) for second in range(16, 60))
+    assert hears(beat(mode), 60.0) == []
+    assert [one.command for one in change.poll(61.5)] == [back.command] * orders
+    assert change.done is (not orders)
+
+
 def test_a_target_over_the_date_line_is_near_and_neared():
     state = SimpleNamespace(latitude_deg=0.0, longitude_deg=179.9999, velocity_m_s=(5.0, 0.0, 0.0))
     plan = Mission((MissionItem.waypoint(0.0, -179.9999, 10.0),))

@@ -4,6 +4,7 @@ import pytest
 from mission_items import SHORT as MISSION
 
 from mission.ground.arming_gate import LIFE_S, ArmingGate, Stage
+from mission.ground.modes import Maneuver
 from mission.ground.station import GroundStation
 from mission.link.codec.dialect import mavlink as m
 from mission.outcome import Outcome, Phase
@@ -92,3 +93,19 @@ def test_a_slow_machine_does_not_stand_still():
     ground = Suspended(Phase.READY, LIFE_S - 1.1)
     ground.fly()
     assert ground.outcome is Outcome.COMPLETED
+
+
+@pytest.mark.parametrize(("stood_s", "orders"), [(0.0, 4), (30.0, 1)])
+def test_an_order_in_flight_is_not_repeated_after_a_standstill(stood_s, orders):
+    ground = Suspended(None, stood_s)
+    simulation = ground.fly(lambda now_s: ground.phase is Phase.FLIGHT and now_s > 15.0)
+    ground.loses_ack, sent = m.MAV_CMD_DO_SET_MODE, ground.maneuver(Maneuver.HOLD, simulation.now_s)
+    ground.stood_s = stood_s
+    for _ in range(300):
+        ground.now_s += 0.1
+        out = ground.poll(ground.now_s)
+        sent += [one for one in out if getattr(one, "command", None) == sent[0].command]
+        assert (ground.now_s - ground._monitor.mode_heard_s > LIFE_S) or stood_s == 0.0
+        assert ground.is_told_anew is (stood_s == 0.0), "mode and item are from before the standstill"
+    assert len(sent) == orders
+    assert "the vehicle did not take the order" in ground.texts[-1][2]

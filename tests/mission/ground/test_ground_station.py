@@ -6,6 +6,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from mission.ground.arming_gate import ArmingGate
 from mission.ground.mission_end import FailureWatch
 from mission.ground.modes import Maneuver, VehicleModes
 from mission.ground.station import GroundStation, NotFlyingError
@@ -564,6 +565,71 @@ def test_nobody_goes_on_with_a_mission_that_came_in_part():
         with pytest.raises(NotFlyingError, match="its mission is unknown"):
             order(flight.now_s)
     assert flight.takes(Maneuver.RETURN).command == 20
+
+
+def real() -> GroundStation:
+    """A ground station of a real vehicle, whose operator has agreed."""
+    return GroundStation(MISSION, arming_gate=ArmingGate((1, 1), agreed=True, clock=lambda: 0.0))
+
+
+@pytest.mark.parametrize("when", [Phase.CONTACT, Phase.UPLOAD, Phase.READY])
+def test_a_vehicle_whose_motors_run_is_left_alone(when: Phase) -> None:
+    ground = real()
+    if when is not Phase.CONTACT:
+        ground.receive(heartbeat(), 1.0)
+        ground.phase = when
+    sent = ground.receive(heartbeat(armed=True), 2.0) + ground.poll(2.1) + ground.goodbye()
+    assert ground.outcome is Outcome.NOT_STARTED
+    assert [one.get_type() for one in sent] == ["HEARTBEAT"]
+    assert ground.reason.startswith("the motors run, but not by this program: somebody else flies")
+
+
+def test_a_vehicle_whose_motors_run_is_flown_by_force() -> None:
+    gate = ArmingGate((1, 1), agreed=True)
+    ground = GroundStation(MISSION, arming_gate=gate, force=True)
+    sent = ground.receive(heartbeat(armed=True), 1.0)
+    assert ground.phase is Phase.UPLOAD and any(one.get_type().startswith("MISSION") for one in sent)
+
+
+@pytest.mark.parametrize(
+    ("apart_s", "flies", "ends"), [(0.2, False, True), (20.0, False, False), (0.2, True, False)]
+)
+def test_two_vehicles_with_one_system_id_are_not_started(apart_s: float, flies: bool, ends: bool) -> None:
+    """The second case is one vehicle that is started again and again; in flight, nothing is undone."""
+    ground = real()
+    ground.receive(heartbeat(), 1.0)
+    ground.phase = Phase.FLIGHT if flies else ground.phase
+    for turn in range(9):
+        message = m.MAVLink_global_position_int_message(900_000 if turn % 2 else 30_000, *[0] * 8)
+        ground.receive(from_vehicle(message), 1.0 + turn * apart_s)
+    assert (ground.outcome is Outcome.NOT_STARTED) is ends
+    assert not ends or ground.reason.startswith(
+        "two vehicles use this system id, and both would obey; give each"
+    )
+
+
+def test_the_answer_to_an_order_does_not_confirm_the_order_after_it() -> None:
+    flight = Flight()
+    (hold,) = flight.ground.maneuver(Maneuver.HOLD, flight.now_s)
+    flight.beats("LOITER")
+    (resume,) = flight.ground.maneuver(Maneuver.RESUME, flight.now_s)
+    assert hold.command == resume.command
+    flight.hears(m.MAVLink_command_ack_message(hold.command, 0))
+    assert commands(flight.ground.poll(flight.now_s + 1.1)) == [resume.command], "it is not answered yet"
+    flight.hears(m.MAVLink_command_ack_message(hold.command, 0))
+    assert commands(flight.ground.poll(flight.now_s + 5.0)) == []
+
+
+def test_an_order_that_follows_an_answered_or_a_forgotten_order_is_confirmed_at_once() -> None:
+    for answers, later_s in ((True, 0.0), (False, 30.0)):
+        flight = Flight()
+        (order,) = flight.ground.maneuver(Maneuver.HOLD, flight.now_s)
+        if answers:
+            flight.hears(m.MAVLink_command_ack_message(order.command, 0))
+        flight.beats("LOITER")
+        flight.now_s += later_s
+        flight.takes(Maneuver.RESUME)
+        assert commands(flight.ground.poll(flight.now_s + 1.5)) == []
 
 
 def test_another_item_is_chosen_as_the_autopilot_takes_it():

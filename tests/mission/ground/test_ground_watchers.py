@@ -129,7 +129,7 @@ def test_motors_start_only_where_vehicle_operator_and_the_others_are_ready(agree
             refused, granted = True, False
         elif not refused:
             gate.check_again(1.0)
-            able = granted = False
+            able, granted, willing = False, False, agreed
         granted = granted or (able and willing and not held and not refused)
         assert (gate.stage is Stage.GRANTED) is granted
         assert (gate.stage is Stage.REFUSED) is refused

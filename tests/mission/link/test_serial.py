@@ -133,13 +133,14 @@ def test_without_pyserial_the_error_says_what_to_install(monkeypatch, line):
         open_link(f"serial:{line[1]}:57600")
 
 
-def test_a_lost_tcp_connection_is_made_again():
+def test_a_lost_tcp_connection_is_made_again(monkeypatch):
     listener = socket.create_server(("127.0.0.1", 0))
     port = listener.getsockname()[1]
     now = [0.0]
     from mission.link.opening import TcpClientLink
 
     link = TcpClientLink(parse_link_url(f"tcp:127.0.0.1:{port}"), clock=lambda: now[0])
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: pytest.fail("asking may take seconds"))
     first, _ = listener.accept()
     first.close()
     listener.close()

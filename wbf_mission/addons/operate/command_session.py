@@ -174,7 +174,7 @@ class CommandSession:
         self._shown_before = self._obeyed = False
         self._refusal: tuple[str, float] | None = None
         self._begun_s = self._message_s = math.inf
-        self._streams_s = self._said_s = -math.inf
+        self._streams_s = self._said_s = self._ordered_s = -math.inf
 
     @property
     def vehicle(self) -> tuple[int, int] | None:
@@ -233,10 +233,13 @@ class CommandSession:
                 self.done = True  # only the COMMAND_ACK was lost
             elif self._is_overruled:
                 self._order.due_s = math.inf
+            elif self._step.message is not None and not self._is_lost:
+                self._order.due_s = now_s + _SAY_AGAIN_S
             elif self._order.is_given_up:
                 self._fail(VehicleSilentError(f"{self._name}: no answer to {self._wanted}"))
             else:
                 out += self._order.send(now_s)
+                self._ordered_s = now_s
         elif now_s >= self._message_s:
             out += self._say(self._step, now_s)
         if not self.done and now_s >= self._end_s:
@@ -341,6 +344,10 @@ class CommandSession:
         vehicle = self.vehicle
         if vehicle is None or not (is_ready(self._wanted, self._contact.monitor) or now_s >= self._ready_s):
             return []
+        if self._contact.monitor.clock.is_shared:
+            text = "two vehicles use this system id, and both would obey; the order was not sent"
+            self._fail(VehicleRefusedError(f"{self._name}: {text}; give each vehicle its own system id"))
+            return []
         try:
             step = self._step = step_of(self._wanted, vehicle, self._contact.monitor)
         except WbfMissionError as error:
@@ -352,23 +359,25 @@ class CommandSession:
         self._texts_before = len(self._contact.texts.texts)
         if step.command is None:
             return self._say(step, now_s)
-        self._order = self._contact.order(step.command, *step.params)
+        self._order, self._ordered_s = self._contact.order(step.command, *step.params), now_s
         return self._order.send(now_s)
 
     def _say(self, step: Step, now_s: float) -> list[Message]:
-        """Send the message, which has no acknowledgement; again only while the telemetry shows it as lost.
-
-        It is lost if the current item, as reported since the message, is the item before the order.
-        """
+        """Send the message, which has no acknowledgement; again only while the telemetry shows it as lost."""
         assert step.message is not None
         self._accepted = True
         self._message_s = now_s + _SAY_AGAIN_S + self._trip_s
-        monitor = self._contact.monitor
-        lost = monitor.item_heard_s > self._said_s + self._trip_s and monitor.item == self._before.item
-        if self._is_overruled or (self._said_s > -math.inf and not (lost and step.repeats)):
+        if self._is_overruled or (self._said_s > -math.inf and not self._is_lost):
             return []
         self._said_s = now_s
         return [step.message]
+
+    @property
+    def _is_lost(self) -> bool:
+        """Whether a set-item was lost: the item that was reported since is the item before the order."""
+        monitor, repeats = self._contact.monitor, self._step is not None and self._step.repeats
+        heard = monitor.item_heard_s > max(self._said_s, self._ordered_s) + self._trip_s
+        return repeats and heard and monitor.item == self._before.item
 
     def _on_ack(self, message: m.MAVLink_command_ack_message, now_s: float) -> list[Message]:
         if self._order is None or self._step is None:

@@ -303,6 +303,7 @@ class TerminalConsole:
             self._ask("; ".join(at + "ready: " + plan for at, plan in plans) + "; start the motors?", _START)
         answer = self._answer()
         if answer is not None:
+            self._asked = False  # after a refusal to arm, the vehicle waits for consent again
             self._ask("", {})
             for vehicle in remaining:
                 gate = vehicle.sortie.ground.arming_gate

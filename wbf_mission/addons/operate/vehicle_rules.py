@@ -61,7 +61,7 @@ _SENSORS = {
         "not-ready", ERROR, "the vehicle's pre-arm checks fail: {reasons}", "wait, or remove the causes"
     ),
     _readiness("unhealthy", ERROR, "unhealthy sensors: {sensors}", "wait, calibrate or repair them"),
-    _state("armed", WARNING, "the motors are running", "check whether the vehicle is flying"),
+    _state("armed", ERROR, "the motors run: somebody may fly the vehicle", "let it land, and disarm it"),
 )
 def check_readiness(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
     """Find failed pre-arm checks and unhealthy sensors."""

@@ -87,6 +87,7 @@ def test_a_program_that_goes_on_carries_an_order_out():
         (0, m.MAV_TYPE_QUADROTOR, m.MAV_AUTOPILOT_PX4),
         (200, m.MAV_TYPE_GCS, m.MAV_AUTOPILOT_PX4),
         (200, m.MAV_TYPE_GIMBAL, m.MAV_AUTOPILOT_INVALID),
+        (200, m.MAV_TYPE_ONBOARD_CONTROLLER, m.MAV_AUTOPILOT_PX4),
     ],
 )
 def test_only_a_vehicle_is_watched_and_takes_orders(system_id, kind, autopilot):
@@ -99,6 +100,20 @@ def test_only_a_vehicle_is_watched_and_takes_orders(system_id, kind, autopilot):
     assert "there is no vehicle" in watched.orders.take([system_id], "arm", "", True)
     watched.passes(5.0)
     assert watched.sent == []
+
+
+@pytest.mark.parametrize(("boots_s", "both"), [((900.0, 30.0), True), ((30.0, 29.0), False)])
+def test_two_vehicles_with_one_system_id_get_no_order(boots_s, both):
+    """The second case is one vehicle with a message that comes late."""
+    watched = Watched()
+    for turn in range(10):
+        watched.says(m.MAVLink_global_position_int_message(round(1e3 * boots_s[turn % 2]), *[0] * 8))
+        watched.passes(0.2)
+    assert watched.orders.take([1], "arm", "", True) == ""
+    watched.passes(1.0)
+    assert bool(watched.taken(m.MAV_CMD_DO_SET_MODE)) is not both
+    assert [text for text in watched.warned if "two vehicles use this system id" in text] == watched.warned
+    assert len(watched.warned) == both
 
 
 @pytest.mark.parametrize("given", [{"system_id": 0}, {"contact": Contact((0, 1))}])

@@ -82,6 +82,24 @@ def test_ctrl_c_asks_and_the_vehicle_returns(quick_stand_in, typed, capsys):
     assert "[h]old, [r]eturn" in told and "the vehicle returns (mode RTL)" in told, told
 
 
+def test_after_a_refusal_to_arm_the_operator_is_asked_again(quick_stand_in, typed, capsys, monkeypatch):
+    output, asked = Output(), []
+
+    def answer(event):
+        if event.question.endswith("start the motors?"):
+            asked.append(event.question)
+            monkeypatch.setattr(made.vehicle.pilot.arming, "why_not", lambda *_: next(reasons))
+            typed("n\n" if len(asked) > 1 else "y\n")
+
+    reasons = iter(["the pilot holds the stick", *[None] * 1000])
+    output.events.listen(answer, Asked)
+    with quick_stand_in() as (url, made):
+        result = fly(scenario(), by=LiveLink(url, TerminalConsole(output)), events=output.events)
+        assert not made.vehicle.pilot.armed
+    assert (result.outcome, len(asked)) == (Outcome.NOT_STARTED, 2)
+    assert capsys.readouterr().err.count("start the motors? [y/N]") == 2
+
+
 def test_no_starts_nothing(quick_stand_in, typed, capsys):
     output = answered(Output(), typed, "no\n")
     with quick_stand_in() as (url, made):

@@ -183,7 +183,7 @@ CASES = [
     ("no-release", good(), vehicle(version=FirmwareVersion(1, 16, 0, 64)), vehicle(), "warning", {}),
     ("not-ready", good(), vehicle(sensors_health=SENSORS & ~(1 << 28)), vehicle(), "error", {}),
     ("unhealthy", good(), vehicle(sensors_health=SENSORS & ~4), vehicle(), "error", {}),
-    ("armed", good(), vehicle(armed=True), vehicle(), "warning", {}),
+    ("armed", good(), vehicle(armed=True), vehicle(), "error", {}),
     ("no-fix", good(), vehicle(gps=Gps(1, 0, None)), vehicle(), "error", {}),
     ("few-satellites", good(), vehicle(gps=Gps(3, 5, 0.9)), vehicle(gps=Gps(3, None, 0.9)), "warning", {}),
     ("poor-fix", good(), vehicle(gps=Gps(3, 9, 3.0)), vehicle(gps=Gps(3, 9, None)), "warning", {}),

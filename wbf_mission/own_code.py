@@ -122,7 +122,7 @@ def _find_neighbours(path: Path, what: str) -> None:
         found = getattr(known, "__file__", None) if spec is None else spec.origin
         if found is None or Path(found).resolve() != beside:
             other = found or "another"
-            msg = f"{what}: {path} imports {name} beside it, but there is {other}, too; rename yours"
+            msg = f"{what}: {path} imports its neighbour {name}, but {other} has the same name; rename yours"
             raise ScenarioError(msg)
 
 

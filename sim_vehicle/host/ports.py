@@ -93,12 +93,12 @@ class Client:
 
 
 class ReadyCallback(NamedTuple):
-    """Callback for a descriptor that is ready."""
+    """Function to call when data wait at a file descriptor."""
 
     owner: object
     """Owner of the descriptor, needed because the system reuses descriptor numbers."""
     receive: Callable[[], list[tuple[Client, bytes]]]
-    """Returns frames with their senders."""
+    """Reads the data, and returns the frames with their senders."""
 
 
 def _received(link: Link, client: Client) -> list[tuple[Client, bytes]]:

@@ -61,10 +61,10 @@ class CommandedVehicle(Protocol):
         """Send a command to the camera."""
 
     def built(self, message_id: int) -> tuple[Message, ...]:
-        """Return the message with this id for the present state; empty if the id is unknown."""
+        """Return the message with this id for the present state; empty if there is none to send."""
 
     def is_ready(self, message_id: int) -> bool:
-        """Return whether the vehicle knows a message and no extra holds it back, even if none is due now."""
+        """Return whether the vehicle can send a message and all extras allow it, even if none is due now."""
 
     def metadata(self) -> tuple[Message, ...]:
         """Return COMPONENT_METADATA messages; empty if there are none."""

@@ -242,7 +242,7 @@ def fly_command(
 ) -> int:
     """Plan, upload over MAVLink, fly, observe, estimate and score, in simulation or with --connect.
 
-    If a single vehicle's mission is longer than a battery, it is flown in sorties. The command writes the
+    A single vehicle's mission is flown in sorties if it needs several batteries. The command writes the
     plan, a telemetry log, the observations, the information model with the truth, a summary and pictures.
     """
     from wbf_mission.flight import Simulated, fly
@@ -317,7 +317,7 @@ def _show(
     if result.rest is not None and summary["files"]:
         folder = summary["files"]
         name, resume = "rest.plan", f", or with plan --resume {folder}"
-        if not Path(folder, name).is_file():  # A plan cannot hold this rest
+        if not Path(folder, name).is_file():  # The format of rest.plan cannot hold this mission
             name, resume = "rest.json", ""
         output.note(
             f"the unflown rest of the mission is in {folder}/{name}: continue with fly --mission{resume}"
@@ -362,7 +362,7 @@ def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dic
         **({"see it": f"wbf-mission report {shlex.quote(summary['files'])}"} if summary["files"] else {}),
     }
     if summary["least_distance_m"] is not None:
-        rows["nearest to each other"] = distance(summary["least_distance_m"])
+        rows["least distance"] = distance(summary["least_distance_m"])
     return rows
 
 

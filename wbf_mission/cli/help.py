@@ -23,7 +23,7 @@ class _Help:
     """Layout of the help pages of commands and groups."""
 
     def format_options(self: Any, ctx: Any, formatter: Any) -> None:
-        """Write the arguments, then the options by panel; a panel's first option decides its place."""
+        """Write the arguments, then the options by panel, in the order of the panels' first options."""
         sections: dict[str, list[tuple[str, str]]] = {_ARGUMENTS: []}
         for panel, parameter in self.shown(ctx):
             record = parameter.get_help_record(ctx)

@@ -230,7 +230,7 @@ class Given:
         return chosen
 
     def _check_effects(self, values: Mapping[str, Any], *, is_fleet: bool) -> None:
-        """Raise ScenarioError if a given option has no effect, as the user expects an effect."""
+        """Raise ScenarioError if an option that the user gave has no effect."""
         for given in (_defined(key) for key in self.changes):
             if given.needs and values[given.needs] == all_options()[given.needs][2].initial:
                 msg = f"{given.flag} has an effect only with {flag_of(given.needs)}: give both"
@@ -279,7 +279,7 @@ def gives(
     def decorate(command: Command) -> Command:
         own = taken_by(command)
         if clash := options.keys() & own.keys():
-            msg = f"{command.__name__}: options {', '.join(sorted(clash))} are in a part and in the command"
+            msg = f"{command.__name__}: part and command both have the options {', '.join(sorted(clash))}"
             raise TypeError(msg)
 
         @functools.wraps(command)

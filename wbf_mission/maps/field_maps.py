@@ -203,7 +203,7 @@ def true_map(farm: Farm, field: Field, truth: NDArray[np.float32], k: int) -> Fi
 
 
 def _summing(grid: MapGrid) -> ModuleType:
-    """Return the module that computes the sums; for pixels of one cell, compiled code loads too slowly."""
+    """Return the module that computes the sums: numpy for pixels of one cell, otherwise compiled code."""
     if grid.pixel == 1:
         return blocks
     from wbf_mission.maps import block_sums

@@ -43,7 +43,7 @@ class ReserveCharge:
 
     A path's price assumes an exact position estimate and few gusts. One flight is therefore predicted in
     full, with estimate errors and more gusts. All prices are multiplied by the ratio of this flight's bound
-    (`Prediction.most_wh`) to its price. In flight, the spread grows with the square root of the energy.
+    (`Prediction.most_wh`) to its price. In flight, the margin grows with the square root of the energy.
     """
 
     builder: MissionBuilder

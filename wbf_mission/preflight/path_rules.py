@@ -307,7 +307,7 @@ _LONGEST_M = 10_000.0
 
 
 @CHECKS.finds(
-    Rule("zero-leg", WARNING, "the item repeats the position before it", "remove one of the two"),
+    Rule("zero-leg", WARNING, "the item repeats the position before it", "remove one of the two items"),
     Rule(
         "long-leg",
         WARNING,

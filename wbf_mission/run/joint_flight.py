@@ -33,7 +33,7 @@ LAST_ANSWER_S = 5.0
 MOST_AGAIN = 2
 """Number of late answers after which a policy is asked again at once; then it waits for its next trigger."""
 _OVER = frozenset({Status.PILOTED, Status.RETURNING, Status.ENDED, Status.LOST})
-"""In these statuses of a vehicle, a pending answer is void for the vehicle."""
+"""Statuses in which a vehicle gets no new path from a pending answer of the policy."""
 _ORDERED = "the vehicle was given an order while the policy decided"
 _AHEAD_S = 0.02
 """The flight sleeps if the simulated clock is ahead of the wall clock by more than this (s)."""

@@ -123,8 +123,8 @@ def plan_for_batteries(
 ) -> tuple[PlanResult, SortiePlan | None]:
     """Plan the longest mission of one vehicle that `count` batteries can fly.
 
-    The function searches for the budget in metres, with at most eight plans. Each plan is cut into sorties,
-    whose energy scales the next budget; if this lies outside the bounds, the next budget is their middle.
+    The function searches for the budget in metres, with at most eight plans. Each plan is cut into sorties.
+    Their energy scales the next budget; if this is outside the bounds of the search, their middle is tried.
 
     Parameters
     ----------

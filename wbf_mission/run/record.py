@@ -399,7 +399,7 @@ class RunRecord:
 
     @property
     def budget_left(self) -> str:
-        """Note on the budget that a planner's first mission leaves unused; empty if that is little."""
+        """Note on the budget that a planner's first mission leaves unused; empty if little is left."""
         if self.scenario.mission.policy is not None:  # A policy's flight is longer than its first path
             return ""
         day, system_id = self.flights[0].day, self.flights[0].system_id

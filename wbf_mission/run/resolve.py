@@ -236,7 +236,7 @@ def _read_plan(file: str, builder: MissionBuilder, footprint: int, seed: int) ->
 def farm_of(
     options: FarmOptions, farm: Farm | None = None, fields: FieldSet | None = None
 ) -> tuple[Farm, FieldSet]:
-    """Return the farm, limited to the crops of the fields, and the fields; load what is None."""
+    """Return the farm, limited to the crops of the fields, and the fields; load those that are None."""
     fields = load_field_set(options.fields) if fields is None else fields
     return (options.load() if farm is None else farm).scouting(fields.crops), fields
 

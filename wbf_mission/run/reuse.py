@@ -52,7 +52,7 @@ MOST_READINGS = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class _KeptFlight:
-    """A flight that has the numbers of its readings in place of values."""
+    """A kept flight, with the numbers of its readings in place of the values read."""
 
     records: tuple[FlightRecord, ...]
     images: ImageList

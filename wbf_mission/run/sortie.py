@@ -184,7 +184,7 @@ class Sortie:
         return known.copy()
 
     def _points_of(self, items: tuple[MissionItem, ...], left: list[int]) -> Points:
-        """Return the path points of the mission items `left`, which are the last items of their path."""
+        """Return the path points of the mission items with the indices `left`, the last items of a path."""
         for held, path_m, sent in self._led:
             if held is items:
                 return path_m[sent.of_point[-len(left)] :] if left else path_m[:0]

@@ -186,7 +186,7 @@ class MissionOptions(Part):
         VEHICLE,
         low=0.5,
         high=_CEILING_M,
-        default="as --altitude above home",
+        default="heights are above home, see --altitude",
         not_with=("mission", "altitude_m"),
     )
     max_altitude_m: float = option(
@@ -324,8 +324,8 @@ class VehicleOptions(Part):
     separation: str = option(
         "layers:2m",
         "Separation of the vehicles of a fleet: layers:METRES (each at its own height), distance:METRES"
-        " (at one height; a vehicle may start later) or none; position errors add to the distance, and"
-        " the paper's robots need none",
+        " (at one height; a vehicle may start later) or none; position errors increase the distance;"
+        " the paper's robots fly without separation",
         VEHICLE,
         needs_fleet=True,
         metavar="WAY",
@@ -436,8 +436,8 @@ class WeatherOptions(Part):
         Option(
             "wind_shear",
             "Growth of the wind with height: log[,ROUGHNESS[,HEIGHT]] or power[,EXPONENT[,HEIGHT]], where"
-            " --wind holds at HEIGHT (m); sitl is as in ArduPilot's simulator, sqrt(h / 60 m), where --wind"
-            " holds at 60 m and above (only with --wind)",
+            " --wind is the wind at HEIGHT (m); sitl is the law of ArduPilot's simulator, sqrt(h / 60 m), for"
+            " which --wind is the wind at 60 m and above (only with --wind)",
             VEHICLE,
             flag="--wind-shear",
             metavar="LAW[,VALUE[,HEIGHT]]",

@@ -192,7 +192,7 @@ def climb_leg(
 ) -> Leg:
     """Return the straight climb of a go-around (ArduPlane's ``do_land``).
 
-    The climb ends at `height_m`, parameter 1 of the landing item or the take-off height: the first above 0.
+    The climb ends at the first height above 0: `height_m`, the landing item's parameter 1, take-off height.
     """
     takeoffs = [item for item in items[:seq] if item.command == Command.NAV_TAKEOFF]
     top = height_m or 0.0

@@ -181,7 +181,7 @@ class MissionSequencer:
             self._positions = self._item_positions()
 
     def spec_about_home(self, spec: VehicleSpec) -> VehicleSpec:
-        """Return `spec` with its return altitude converted from above home to above the start."""
+        """Return `spec` with its return altitude converted: from above home to above the start."""
         up_m = self.return_points.home_m[2]
         return spec if up_m == 0.0 else replace(spec, return_altitude_m=spec.return_altitude_m + up_m)
 

@@ -64,7 +64,7 @@ class CommandedVehicle(Protocol):
         """Return the message with this id for the present state; empty if there is none to send."""
 
     def is_ready(self, message_id: int) -> bool:
-        """Return whether the vehicle can send a message and all extras allow it, even if none is due now."""
+        """Return whether the vehicle and its extras can send this message, even if it is not due now."""
 
     def metadata(self) -> tuple[Message, ...]:
         """Return COMPONENT_METADATA messages; empty if there are none."""

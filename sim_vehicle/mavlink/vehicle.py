@@ -591,5 +591,5 @@ class SimVehicle:
                 self._later_us[message_id] = interval_us
 
     def is_ready(self, message_id: int) -> bool:
-        """Return whether the vehicle can send a message and all extras allow it, even if none is due now."""
+        """Return whether the vehicle and its extras can send this message, even if it is not due now."""
         return message_id in self.builders and all(extra.is_ready(message_id) for extra in self.extras)

@@ -47,7 +47,7 @@ def _e7(latitude_deg: float, longitude_deg: float, altitude_m: float) -> tuple[i
 
 
 class WireState:
-    """Telemetry source of a vehicle, besides the state of its pilot."""
+    """State of a vehicle that its telemetry needs in addition to the pilot's state."""
 
     def __init__(
         self,

@@ -87,7 +87,7 @@ class BatteryWatch:
         return f"{_LEVEL_NAMES[level]} ({amount})"
 
     def _voltage_level(self) -> int:
-        """Return the level (0 to 2) that follows from the time with the voltage below each threshold."""
+        """Return the battery level (0 to 2) for the time that the voltage has been below each threshold."""
         now_s, patience_s = self._controls.now_s, self._parameters.low_voltage_timer_s
         if patience_s <= 0.0:
             return 0

@@ -269,7 +269,7 @@ def gives(
     *,
     last: bool = False,
 ) -> Callable[[Command], Command]:
-    """Give a command options in place of a parameter, whose value is then ``make(**options)``.
+    """Replace a command's parameter by command-line options, from which ``make`` makes its value.
 
     `options` are annotations and defaults by name; by default they are the parameters of `make`, which may be
     a dataclass. The options come in the place of `parameter`; if `last`, they come at the end.

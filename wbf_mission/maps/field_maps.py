@@ -1,8 +1,8 @@
 """Sums of an estimate over each pixel: the number of sick plants or the sum of values, and its variance.
 
 *Number of sick plants.* This is the number of observed sick plants plus the expected number of unobserved
-sick plants. The latter is the sum of the class probabilities of being sick. If the estimator has none, it is
-the sum of 1 - value over unobserved plants, divided by the mean of 1 - value over sick plants.
+sick plants. The expected number is the sum of the class probabilities of being sick or, without class
+probabilities, the sum of 1 - value over unobserved plants, divided by the mean of 1 - value over sick plants.
 
 *Variance.* The plants of an outbreak are sick together. The variance of a sum over plants is therefore larger
 than the sum of the plants' variances, by a factor of about the number of plants in an outbreak. Observations

@@ -313,7 +313,7 @@ class MissionBuilder:
 
     @property
     def priced_vehicle(self) -> VehicleSpec:
-        """The vehicle with which paths are priced; estimate errors give it a return margin."""
+        """The vehicle for pricing paths; if its position estimate has errors, it has a return margin."""
         return with_return_margin(self.vehicle) if self.estimate_errors else self.vehicle
 
     def mission(self, path: PlannedPath, *, camera_on_approach: bool = False) -> Mission:

@@ -90,8 +90,8 @@ _SURVEY = "survey"
 _CLOSE = 1.01
 """The search ends if the ratio of its bounds is below this."""
 _PACKED, _ENOUGH = 0.985, 0.97
-"""Fraction of all batteries' energy that the search aims at, and fraction that ends the search. Sorties can
-be cut only at certain places, so the batteries are never used up."""
+"""Fraction of all batteries' energy that the search aims at, and fraction at which the search ends. Sorties
+can be cut only at certain places, so the batteries are never used up."""
 _FARTHEST = 1.5
 """Upper bound of the distance per battery, in multiples of the length of a mission for one battery."""
 

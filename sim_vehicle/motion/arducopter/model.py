@@ -76,7 +76,7 @@ class AlongCurves(CompiledMotion):
     def _set_out(
         self, route: Route, law: Floats, points_m: Floats, kind: NDArray[Any], fastest: float
     ) -> None:
-        """Begin a route with leg ends, kinds and a top speed that the vehicle's class chooses.
+        """Begin a route; the caller has chosen the legs' ends and kinds and the top speed.
 
         Parameters
         ----------

@@ -3,8 +3,8 @@
 docs/vehicle-model.md describes the model and its control law. Arrays are float64 unless noted; lengths are in
 metres, angles in radians, positions east-north-up relative to home, headings clockwise from north.
 
-One vehicle is a record of `STATE` and a row of `COUNTERS` integers. A batch of vehicles has one array of each
-and a loop over `advance`.
+One vehicle is a record of `STATE` and a row of `COUNTERS` integers. A batch of vehicles has an array of
+records, an array of rows and a loop over `advance`.
 """
 
 from __future__ import annotations

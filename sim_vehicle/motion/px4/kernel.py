@@ -363,8 +363,8 @@ def _turn(g: Record, row: Record, law: Record, state: Record) -> None:
 def _fly(g: Record, law: Record, state: Record, wanted: Vector, flying: bool, turning: float) -> float:
     """Move the airframe by one step and return the path length of the step.
 
-    The thrust direction follows the attitude (an angle controller with a lagging rate), the thrust follows
-    the motors, and the drag is linear. `turning` is the yaw rate (rad/s, clockwise) that ``AttitudeControl``
+    The direction of the thrust lags as an angle controller with a rate loop does, its size lags with the
+    motors, and the drag is linear. `turning` is the yaw rate (rad/s, clockwise) that ``AttitudeControl``
     feeds forward; this rotates the tilt about the vertical.
     """
     dt, lag = law.dt, 1.0 - exp(-law.dt / MOTOR_S)

@@ -53,7 +53,7 @@ def own_choice(text: str, what: str) -> Choice | None:
         own = [
             key for key, value in vars(module).items() if getattr(value, "__module__", "") == module.__name__
         ]
-        msg = f"{what}: {path} has no {name}; it has {', '.join(own) or 'nothing of its own'}"
+        msg = f"{what}: {path} defines no {name}; it defines {', '.join(own) or 'nothing'}"
         raise ScenarioError(msg)
     if what == "planner" and inspect.isfunction(made):
         return Choice(name, dict(parameters), made)

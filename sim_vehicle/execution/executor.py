@@ -286,7 +286,7 @@ class MissionExecutor:
 
     def _in_air(self, what: str) -> None:
         self.flight.ready(what)
-        require(self.flight.landed is not LandedState.ON_GROUND, f"cannot {what}: on the ground")
+        require(self.flight.landed is not LandedState.ON_GROUND, f"cannot {what} from the ground")
 
     def _check_height(self, altitude_m: float) -> None:
         text = f"altitude {altitude_m:g} m is outside 0..{self.spec.max_altitude_m:g}"

@@ -335,7 +335,7 @@ class ArmingChecks:
         if by_mode is not None:
             return by_mode
         if mode in (Mode.RTL, Mode.LAND, Mode.FLIP, Mode.FOLLOW):
-            return f"mode {mode.value}: choose another mode first"
+            return f"mode {mode.value} does not allow arming: choose another mode"
         return mission_problem if mode is Mode.MISSION else None
 
     def _battery_problem(self) -> str | None:

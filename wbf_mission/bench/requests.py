@@ -140,7 +140,7 @@ def read_asked(folder: Path) -> AskedFor:
         why = misfit(error)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         why = not_json(error, data)
-    raise ResultError(f"{path}: is not a list of requests: {why}; remove it") from None
+    raise ResultError(f"{path}: is not a list of requests: {why}; remove the file") from None
 
 
 def keep_asked(folder: Path, spec: BenchSpec, command: str) -> None:

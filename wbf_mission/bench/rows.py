@@ -271,7 +271,7 @@ def read_rows(folder: Path) -> list[BenchRow]:
             try:
                 row = _decoder.decode(line)
             except (msgspec.MsgspecError, UnicodeDecodeError):
-                msg = f"{folder / _JOURNAL}: line {number} is not a row of a benchmark; remove it"
+                msg = f"{folder / _JOURNAL}: line {number} is not a row of a benchmark; remove the line"
                 raise ResultError(msg) from None
             found[row.key] = common.of(row)
     return sorted(found.values(), key=lambda row: (row.scenario, row.planner, row.estimator, row.seed))
@@ -373,7 +373,7 @@ def rows_of(path: Path, content: bytes | None = None) -> Iterator[BenchRow]:
                 yield msgspec.convert(row, BenchRow, dec_hook=as_floats)
             except msgspec.ValidationError as error:
                 what = f"holds no rows of a benchmark ({misfit(error)})"
-                raise ResultError(f"{path}: {what}; remove it, or give another folder") from None
+                raise ResultError(f"{path}: {what}; remove the file, or give another folder") from None
 
 
 def _where(column: str) -> tuple[str | None, str]:

@@ -104,7 +104,7 @@ class BenchSpec:
         }
         for key, values in columns.items():
             if not values:
-                raise ScenarioError(f"{key} are empty: give at least one")
+                raise ScenarioError(f"{key}: the list is empty; give at least one entry")
             if key != "seeds" and (twice := _repeated(values)):
                 raise ScenarioError(f"{key}: {twice} is given twice; give it once")
         if len(set(self.seeds)) != len(self.seeds):

@@ -251,7 +251,7 @@ def fly_command(
         msg = f"--speed {speed} is out of range: give 0.01 to 1000000 simulated seconds per second"
         raise ScenarioError(msg)
     if not 0.0 <= change_time <= 86_400.0:
-        msg = f"--change-time {change_time:g} is out of range: give 0 to 86400"
+        msg = f"--change-time {change_time:g} is out of range: give 0 to 86400 seconds"
         raise ScenarioError(msg)
     base, in_file = (
         (Scenario(**given.defaults), ()) if given.file is None else load_broken_scenario(given.file)
@@ -270,10 +270,10 @@ def fly_command(
             if folder is not None:
                 stack.enter_context(folder)
             if folder is not None and live is None:
-                kept = f"interrupted: an estimate from the images taken is saved in {folder.path}"
+                kept = f"interrupted: an estimate is made from the images taken, and saved in {folder.path}"
                 # The telemetry log exists from the beginning of the flight on.
                 stack.enter_context(
-                    signals.announcing(f"{kept}; a second interrupt stops this", when=folder.tlog.exists)
+                    signals.announcing(f"{kept}; a second interrupt stops both", when=folder.tlog.exists)
                 )
             started_s = process_age_s()
             stack.enter_context(output.progress())

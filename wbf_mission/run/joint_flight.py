@@ -340,7 +340,7 @@ class JointFlight:
             thinking, self._thinking = self._thinking, None
             if wait([thinking], LAST_ANSWER_S).not_done:
                 # The policy's thread is a daemon, so it ends when the program ends.
-                text = f"the policy did not answer within {LAST_ANSWER_S:g} s of the end: its answer is lost"
+                text = f"the policy did not answer within {LAST_ANSWER_S:g} s after the flight"
                 self._events.warn(text)
             elif (error := thinking.exception()) is not None:
                 raise error

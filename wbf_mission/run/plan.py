@@ -149,7 +149,7 @@ def plan_for_batteries(
     """
     text = "1 battery" if count == 1 else f"{count} batteries"
     if len(scenario.vehicle.fleet) > 1:
-        msg = f"budget {text}: batteries are counted for one vehicle, not for {len(scenario.vehicle.fleet)}"
+        msg = f"budget {text}: for {len(scenario.vehicle.fleet)} vehicles, give metres, minutes or steps"
         raise ScenarioError(msg)
 
     def planned(budget: str | None) -> PlanResult:
@@ -162,12 +162,12 @@ def plan_for_batteries(
         try:
             sorties = cut(whole) if whole.is_too_long else None
         except UncutError as error:
-            raise ScenarioError(f"budget {text}: no number is enough for the survey: {error}") from error
+            raise ScenarioError(f"budget {text}: no number of batteries suffices: {error}") from error
         takes = 1 if sorties is None else len(sorties.sorties)
         if takes > count:
             msg = (
-                f"budget {text}: {takes} are needed for the survey; give {takes} batteries, or rows that"
-                " are farther apart"
+                f"budget {text}: the survey needs {takes} batteries; give {takes}, or rows that are farther"
+                " apart"
             )
             raise ScenarioError(msg)
         return whole, sorties

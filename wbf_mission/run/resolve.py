@@ -247,7 +247,7 @@ def _require_hosts(farm: Farm, fields: FieldSet) -> None:
     if wanted and set(farm.grown).isdisjoint(wanted):
         msg = (
             f"farm {farm.name}: grows {', '.join(farm.grown) or 'nothing'}, but the fields"
-            f" {', '.join(fields.names)} are of {', '.join(wanted)}: name fields of its crops (--fields)"
+            f" {', '.join(fields.names)} are of {', '.join(wanted)}: name fields for its crops (--fields)"
         )
         raise ScenarioError(msg)
 

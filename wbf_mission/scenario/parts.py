@@ -352,7 +352,7 @@ class VehicleOptions(Part):
             raise ScenarioError(msg)
         for what, given in (("vehicle", names), ("autopilot", self.autopilot.split(","))):
             if len(given) not in (1, len(self.fleet)):
-                msg = f"{len(given)} {what} names for {len(self.fleet)} vehicles: give one, or one for each"
+                msg = f"{len(given)} {what} names for {len(self.fleet)} vehicles: give one name, or one each"
                 raise ScenarioError(msg)
         parse_separation(self.separation)
 

@@ -46,7 +46,7 @@ def test_what_is_asked_again_stands_there_once(tmp_path):
 @pytest.mark.parametrize("content", ["{", '{"asked": 3}', '{"asked": [], "cards": [], "more": 1}', "\xff"])
 def test_a_damaged_file_is_told_and_not_replaced(tmp_path, content):
     (tmp_path / ASKED).write_bytes(content.encode("latin-1"))
-    with pytest.raises(ResultError, match=r"asked.json: is not a list of requests.*; remove it"):
+    with pytest.raises(ResultError, match=r"asked.json: is not a list of requests.*; remove the file"):
         keep_asked(tmp_path, spec_of(seeds=2), "")
     assert (tmp_path / ASKED).read_bytes() == content.encode("latin-1")
 

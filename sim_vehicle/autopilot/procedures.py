@@ -56,7 +56,7 @@ class FlightProcedures(ABC):
         return {name: own.get(name, known.default) for name, known in self.parameters.items()}
 
     def numbers(self, spec: VehicleSpec, law: type | None = None) -> dict[str, float]:
-        """Return the constants of motion set by parameters (SI units); with `law`, only its fields."""
+        """Return the constants of motion set by parameters (SI units); with `law`, only fields of `law`."""
         value = self.values(spec)
         wanted = None if law is None else {field.name for field in fields(law)}
         return {

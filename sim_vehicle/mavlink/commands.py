@@ -153,7 +153,7 @@ def enter_mode(state: WireState, mode: Mode, number: int) -> None:
 
 @contextmanager
 def _refused_as(state: WireState, number: int | None) -> Iterator[None]:
-    """Give refusals the firmware's text for the custom mode `number`; None leaves them unchanged."""
+    """Give refusals the firmware's text for the custom mode `number`; None leaves the refusals unchanged."""
     try:
         yield
     except RefusedError as refusal:

@@ -70,7 +70,7 @@ class _Links:
     via: options.Via = "own"
 
     def counted(self, given: options.Given) -> options.Given:
-        """Return the options; several links or system ids set the number of vehicles if it is not given."""
+        """Return the options; without a number of vehicles, the number of links or system ids counts."""
         count = max(len(self.connect or ()), len(self.system_id or ()))
         if not self.connect or count < 2:
             return given

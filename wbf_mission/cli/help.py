@@ -44,7 +44,7 @@ class _Help:
             yield panel, parameter
 
     def format_epilog(self: Any, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
-        """Write the epilog's first line as a heading and the others unwrapped, so that they can be copied."""
+        """Write the epilog: first line as a heading, other lines unwrapped so that users can copy them."""
         if self.epilog:
             title, *lines = (line for line in self.epilog.splitlines() if line.strip())
             with formatter.section(title):

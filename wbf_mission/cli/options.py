@@ -224,7 +224,7 @@ class Given:
         return None if name is None else replace(self.scenario().farm, name=name)
 
     def change(self, base: Scenario) -> Scenario:
-        """Return `base` with the given options; raise ScenarioError if one is invalid or has no effect."""
+        """Return `base` with the given options; ScenarioError if an option is invalid or has no effect."""
         chosen = scenario_with(base, {key: _own(key, value) for key, value in self.changes.items()})
         self._check_effects(chosen.to_dict(), is_fleet=len(chosen.vehicle.fleet) > 1)
         return chosen

@@ -301,7 +301,7 @@ class JointFlight:
                 self._thinking = _beside(partial(self._decisions.answer, question))
 
     def _look_at_answer(self, thinking: Future[Answered]) -> None:
-        """Send a finished answer to the vehicles that can still fly it.
+        """Send the paths of a finished answer to the vehicles that can still fly them.
 
         If a vehicle is lost, taken over or returning while the policy decides, the operator is warned at
         once, since the policy may never answer.

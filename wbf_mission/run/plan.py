@@ -124,7 +124,7 @@ def plan_for_batteries(
     """Plan the longest mission of one vehicle that `count` batteries can fly.
 
     The function searches for the budget in metres, with at most eight plans. Each plan is cut into sorties.
-    Their energy scales the next budget; if this is outside the bounds of the search, their middle is tried.
+    The sorties' energy scales the next budget; if that is out of bounds, the middle of the bounds is tried.
 
     Parameters
     ----------

@@ -242,7 +242,7 @@ def farm_of(
 
 
 def _require_hosts(farm: Farm, fields: FieldSet) -> None:
-    """Refuse a field set if the farm's owner grows none of its crops, since nothing could be scored."""
+    """Refuse fields if the farm's owner grows none of their crops, since nothing could be scored."""
     wanted = fields.crops
     if wanted and set(farm.grown).isdisjoint(wanted):
         msg = (

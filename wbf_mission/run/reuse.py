@@ -1,9 +1,9 @@
 """Reuse of equal flights by several runs, and flights flown ahead in other processes.
 
-A planner's path does not depend on the camera's readings. Mission, vehicle and weather therefore decide a
-flight, and also the seed if the flight has random draws; environment, camera errors and estimator do not
-matter. The flight is flown with cameras that number their readings (`sensors.camera.leaf_camera`). For each
-run, readings of its environment then replace the numbers.
+A planner's path does not depend on the camera's readings. Mission, vehicle, weather and, for a flight with
+random draws, the seed therefore decide a flight; environment, camera errors and estimator do not matter. The
+flight is flown with cameras that number their readings (`sensors.camera.leaf_camera`). For each run, readings
+of that run's environment then replace the numbers.
 
 Flights of a run can also be flown in parallel. Each flight draws from random streams that belong to its
 number, so the order of the flights does not matter.

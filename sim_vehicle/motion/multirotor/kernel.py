@@ -57,8 +57,8 @@ LEG, LIMITS = record_type(Leg), record_type(Limits)
 
 STOP_RADIUS = 0.05
 STOP_SPEED = 0.1
-# A leg has stalled when the vehicle stands still for this long, or when the leg takes this long in excess of
-# 1.5 times the time for its length and initial detour at the slowest speed.
+# A leg has stalled if the vehicle stands still for this long, or if the leg takes longer than this plus 1.5
+# times the time for the leg and its initial detour at the speed SLOWEST.
 STALL_S = 30.0
 SLOWEST = 0.3
 # Distance to the region of interest (m) below which the nose keeps its direction.

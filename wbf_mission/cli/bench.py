@@ -82,7 +82,7 @@ def choices(text: str, what: str) -> list[Choice]:
 
 def selection(
     scenarios: Annotated[
-        str | None, option("Scenarios: ids (see 'bench list') or files, with commas.", panel=RUN_PANEL)
+        str | None, option("Scenarios, comma-separated: ids (see 'bench list') or files.", panel=RUN_PANEL)
     ] = None,
     planners: Annotated[
         str | None,

@@ -76,14 +76,14 @@ class FarmOptions(Part):
         " such as wrong-rates, or a .toml file",
         RUN,
         metavar="NAME",
-        default="as published",
+        default="the published development",
     )
     crop: str | None = option(
         None, "Crop of patches in a farm file that name no crop", RUN, metavar="NAME", default="crop"
     )
     crs: str | None = option(
         None,
-        "Coordinate system, such as EPSG:32617, of a farm file that names none",
+        "Coordinate system, such as EPSG:32617, of a farm file that names no system",
         RUN,
         key="farm_crs",
         metavar="CODE",
@@ -176,7 +176,7 @@ class MissionOptions(Part):
         VEHICLE,
         low=0.5,
         high=_CEILING_M,
-        default="the vehicle's",
+        default="vehicle's height",
         not_with=("mission",),
     )
     height_above_ground_m: float | None = option(
@@ -215,7 +215,7 @@ class MissionOptions(Part):
         needs="height_above_ground_m",
     )
     cruise_speed_m_s: float | None = option(
-        None, "Cruise speed", VEHICLE, low=0.1, high=30.0, default="the vehicle's", not_with=("mission",)
+        None, "Cruise speed", VEHICLE, low=0.1, high=30.0, default="vehicle's speed", not_with=("mission",)
     )
     acceptance_radius_m: float | None = option(
         None,
@@ -306,7 +306,7 @@ class VehicleOptions(Part):
         flag="--param",
         metavar="NAME=VALUE",
         read=parameter_values,
-        default="the autopilot's own",
+        default="the autopilot's defaults",
     )
     gps_noise_m: float = option(
         0.0, "Standard deviation of the slow GPS position error, along each axis", VEHICLE, low=0.0, high=20.0
@@ -492,7 +492,7 @@ class CameraOptions(Part):
         CAMERA,
         key="camera_fields",
         metavar="NAMES",
-        default="all",
+        default="all fields",
         read=names_in,
     )
 

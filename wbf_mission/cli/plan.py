@@ -191,8 +191,8 @@ def plan_command(
         Path | None,
         option(
             "Mission file to write: .plan (QGroundControl), .waypoints (WPL 110), .json (wbf-mission), .kml,"
-            " .kmz, .geojson, .gpx, .csv, .wpml.kmz (DJI); several vehicles give NAME-1.plan, NAME-2.plan ...,"
-            " several sorties NAME-sortie-1.plan ...",
+            " .kmz, .geojson, .gpx, .csv, .wpml.kmz (DJI); several vehicles give NAME-1.plan, NAME-2.plan,"
+            " ..., several sorties NAME-sortie-1.plan ...",
             panel="Output",
         ),
     ] = None,

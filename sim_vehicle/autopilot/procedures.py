@@ -121,7 +121,7 @@ class GenericProcedures(FlightProcedures):
         return spec
 
     def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
-        """Return the motion model of a vehicle that stands at home."""
+        """Return the motion model of the ideal robot or a generic multirotor that stands at home."""
         if spec.is_ideal:
             from sim_vehicle.motion.model import IdealRobot
 

@@ -31,7 +31,7 @@ SLICE_S = 1.0
 # Longest wait for the last answer (s); most policies answer within a second.
 LAST_ANSWER_S = 5.0
 MOST_AGAIN = 2
-"""Number of late answers after which a policy is asked again at once; then it waits for its next trigger."""
+"""Limit of late answers in a row after which a policy is asked again at once, not at its next trigger."""
 _OVER = frozenset({Status.PILOTED, Status.RETURNING, Status.ENDED, Status.LOST})
 """Statuses in which a vehicle gets no new path from a pending answer of the policy."""
 _ORDERED = "the vehicle was given an order while the policy decided"

@@ -171,9 +171,7 @@ def test_a_module_beside_the_file_does_not_hide_another(tmp_path, capsys):
         (tmp_path / folder / "mine.py").write_text("import sameone\n" + PLANNER)
         (tmp_path / folder / "sameone.py").write_text(f"NAME = {folder!r}")
     assert own_choice(f"{tmp_path / 'a' / 'mine.py'}:wide", "planner").made
-    with pytest.raises(
-        ScenarioError, match=r"b/mine.py imports sameone beside it, but there is .*a/sameone.py"
-    ):
+    with pytest.raises(ScenarioError, match=r"b/mine.py imports its neighbour sameone, but .*a/sameone.py"):
         own_choice(f"{tmp_path / 'b' / 'mine.py'}:wide", "planner")
     (tmp_path / "mine.py").write_text("import json\n" + PLANNER)
     (tmp_path / "json.py").write_text("")

@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Position
 
-# Legs left when a plan that was cut short is extended, so that the vehicle never brakes at the cut.
+# Number of legs left at which a plan that was cut short is extended, before the vehicle brakes.
 _REPLAN_BEFORE = 64
 _CANNOT_FLY = -2
 _LANDING_COMMANDS = frozenset({16, 18, 19, 21, 31})

@@ -54,7 +54,7 @@ def start_positions(home: GeoPoint, count: int, spacing_m: float = SPACING_M) ->
 def fleet_urls(
     autopilot: Autopilot, systems: range, named: Collection[str] = frozenset()
 ) -> tuple[ServerUrl, ...]:
-    """Return the URLs of the simulator of each vehicle; each URL serves only this vehicle.
+    """Return the URLs of each vehicle's simulator; a URL serves only one vehicle.
 
     `named` contains the names of the links that have their own message rates.
 

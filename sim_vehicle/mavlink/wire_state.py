@@ -142,7 +142,7 @@ class WireState:
 
     @property
     def turning_rad_s(self) -> Vector:
-        """Roll, pitch and yaw rates; the roll and pitch rates are not simulated, but 0."""
+        """Roll, pitch and yaw rates; the roll and pitch rates are 0, because they are not simulated."""
         return 0.0, 0.0, self.pilot.state.yaw_rate_rad_s
 
     @property

@@ -172,7 +172,7 @@ class MissionExecutor:
         if not math.isnan(height_m):
             self._check_height(height_m)
         elif self.flight.landed is LandedState.ON_GROUND and not self.spec.drives:
-            require(velocity_m_s[2] > 0.0, "cannot fly at a velocity: on the ground")
+            require(velocity_m_s[2] > 0.0, "cannot fly from the ground at a velocity that does not climb")
         self.flight.disarm_step = None
         self.flight.keep_velocity(velocity_m_s, height_m=height_m, heading=heading)
 

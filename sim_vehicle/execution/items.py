@@ -192,7 +192,7 @@ def climb_leg(
 ) -> Leg:
     """Return the straight climb of a go-around (ArduPlane's ``do_land``).
 
-    The climb ends at the first height above 0: `height_m`, the landing item's parameter 1, take-off height.
+    The climb ends at the first value above 0 of `height_m`, the item's parameter 1 and the take-off height.
     """
     takeoffs = [item for item in items[:seq] if item.command == Command.NAV_TAKEOFF]
     top = height_m or 0.0

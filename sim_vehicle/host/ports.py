@@ -213,7 +213,7 @@ class _LinkPort:
         self._socket: tuple[int, object] = (-1, None)
 
     def _owner(self) -> object:
-        """Return the owner of the descriptor, a new object after each reconnection."""
+        """Return the descriptor's owner, which is a new object after each reconnection."""
         made = getattr(self._link, "connections", 1)
         if self._socket[0] != made:
             self._socket = (made, object())

@@ -115,7 +115,7 @@ class Steered(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """Estimate and observations for the policy, to which `observation` adds the reports of the vehicles."""
+    """Estimate and observations for the policy; `observation` adds the reports of the vehicles to both."""
 
     farm: Farm
     day: int

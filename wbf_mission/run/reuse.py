@@ -262,9 +262,9 @@ def _spare_collector() -> None:
 def can_fly_ahead(run: Run, hosting: Hosting, expected_s: float) -> bool:
     """Return whether worker processes can fly the flights of a run, and save time.
 
-    They cannot fly a policy (it needs the observations of earlier flights), or a planner object (it may not
-    be picklable), nor fly in real time (users watch such flights). A worker process starts no more workers,
-    since the cores are in use. `expected_s` is the flight time summed over vehicles and flights.
+    Workers cannot fly a policy (it needs the observations of earlier flights) or a planner object (it may not
+    be picklable), and they do not fly in real time (users watch such flights). A worker process starts no
+    more workers, since the cores are in use. `expected_s`: flight time summed over vehicles and flights.
     """
     from joblib import cpu_count
 

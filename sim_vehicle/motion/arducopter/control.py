@@ -100,7 +100,7 @@ def rooted(error: float, gain: float, limit: float) -> float:
 
 @compiled(inline="always")
 def stopping_distance(speed: float, gain: float, limit: float) -> float:
-    """Return the controller's stopping distance: the error for which `rooted` returns this speed."""
+    """Return the controller's stopping distance at a speed: the error for which `rooted` is the speed."""
     if speed < limit / gain:
         return speed / gain
     return 0.5 * limit / (gain * gain) + 0.5 * speed * speed / limit

@@ -41,7 +41,7 @@ _ERRORS = 1000
 class Px4Multirotor(Multirotor):
     """Multirotor under PX4 that flies routes.
 
-    The generic dynamics of `Multirotor` fly commanded velocities (`steer`) and falls.
+    The generic dynamics of `Multirotor` take over for commanded velocities (`steer`) and for falls.
 
     Parameters
     ----------

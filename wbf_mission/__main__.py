@@ -6,13 +6,13 @@ import sys
 import warnings
 from typing import TextIO
 
-_SWITCH_S = 20e-6  # Saves 30 % of the wall time on Waterberry and 15 % of the CPU time; 5e-6 saves no more
+_SWITCH_S = 20e-6  # Saves 30 % of Waterberry's wall time and 15 % of its CPU time; 5e-6 would save no more
 
 
 def main() -> None:
     """Run the command line and end the process with its exit code."""
     _open_closed_streams()
-    for stream in (sys.stdout, sys.stderr):  # names may hold characters outside the terminal's encoding
+    for stream in (sys.stdout, sys.stderr):  # file names may have characters outside the encoding
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     warnings.showwarning = _show_warning

@@ -64,7 +64,7 @@ class Way(Protocol):
 
     @property
     def force(self) -> bool:
-        """Whether to fly plans with errors, and missions longer than one battery without cutting them."""
+        """Whether to fly plans with errors, and missions that need several batteries without cutting them."""
 
     @property
     def console(self) -> OperatorConsole | None:
@@ -103,10 +103,10 @@ class Simulated:
     orders : Orders, optional
         Orders of an operator in flight; the seed alone cannot repeat a run in which orders were given.
     change_s : float
-        Time to change a battery (s). A mission of one vehicle that is longer than a battery is flown in
-        sorties (`wbf_mission.planning.sorties`).
+        Time to change a battery (s). If a single vehicle's mission needs several batteries, it is
+        flown in sorties (`wbf_mission.planning.sorties`).
     force : bool
-        Fly plans with preflight errors, and missions longer than one battery without sorties.
+        Fly plans with preflight errors, and do not cut missions that need several batteries.
     """
 
     faults: Sequence[AnyFault | str] = ()

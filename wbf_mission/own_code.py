@@ -53,7 +53,7 @@ def own_choice(text: str, what: str) -> Choice | None:
         own = [
             key for key, value in vars(module).items() if getattr(value, "__module__", "") == module.__name__
         ]
-        msg = f"{what}: {path} has no {name}; it has {', '.join(own) or 'nothing of its own'}"
+        msg = f"{what}: {path} defines no {name}; it defines {', '.join(own) or 'nothing'}"
         raise ScenarioError(msg)
     if what == "planner" and inspect.isfunction(made):
         return Choice(name, dict(parameters), made)
@@ -122,7 +122,7 @@ def _find_neighbours(path: Path, what: str) -> None:
         found = getattr(known, "__file__", None) if spec is None else spec.origin
         if found is None or Path(found).resolve() != beside:
             other = found or "another"
-            msg = f"{what}: {path} imports {name} beside it, but there is {other}, too; rename yours"
+            msg = f"{what}: {path} imports its neighbour {name}, but {other} has the same name; rename yours"
             raise ScenarioError(msg)
 
 

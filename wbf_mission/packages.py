@@ -23,7 +23,7 @@ def require_packages() -> None:
             spec = None
         location = None if spec is None else _location(spec)
         if location is None or location != _HERE / name:
-            hidden = f"is hidden by {location}; rename that, or run from another folder"
+            hidden = f"is hidden by {location}; rename this file or folder, or run elsewhere"
             found = "is missing; install wbf-mission again" if location is None else hidden
             msg = f"wbf_mission: its package {name!r} {found}"
             # With this name, ``python -m wbf_mission`` prints the error in one line.

@@ -283,7 +283,7 @@ class SensorNoise:
         return VERTICAL * self.gps_m
 
     def of_vehicle(self, system_id: int) -> SensorNoise:
-        """Return this noise with a seed of its own for each vehicle of a fleet; vehicle 1 keeps this seed."""
+        """Return this noise with a separate seed for each vehicle of a fleet; vehicle 1 keeps the seed."""
         if system_id == 1:
             return self
         return replace(self, seed=child_seed(self.seed, f"vehicle-{system_id}"))

@@ -149,7 +149,7 @@ class FurtherPowerSpec(_PowerSpec, ABC):
     @property
     @abstractmethod
     def own_drag(self) -> float:
-        """Constant of the induced drag (fixed wing: drag times V^2) or rolling drag (ground vehicle)."""
+        """Constant of a fixed wing's induced drag (drag times V^2) or of a ground vehicle's rolling drag."""
 
     @abstractmethod
     def steady_w(

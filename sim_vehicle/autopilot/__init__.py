@@ -266,9 +266,9 @@ def with_return_margin(spec: VehicleSpec) -> VehicleSpec:
     """Return a vehicle with the return margin that predictions need because of estimate errors.
 
     PX4 returns at ``RTL_RETURN_ALT`` if the distance from home exceeds ``RTL_MIN_DIST``, otherwise lower. If
-    drift carries a vehicle beyond this distance, it climbs and descends 20 m more. Predictions therefore add
-    the margin to each distance. ArduCopter needs no margin: its return altitude (``RTL_CONE_SLOPE``,
-    ``RTL_CLIMB_MIN``) varies continuously with the distance, and its estimate is exact.
+    drift carries a vehicle beyond this distance, the return climbs and descends 20 m more. Predictions
+    therefore add the margin to each distance. ArduCopter needs no margin: its return altitude varies
+    continuously with the distance (``RTL_CONE_SLOPE``, ``RTL_CLIMB_MIN``), and its estimate is exact.
 
     Examples
     --------

@@ -56,7 +56,7 @@ class FlightProcedures(ABC):
         return {name: own.get(name, known.default) for name, known in self.parameters.items()}
 
     def numbers(self, spec: VehicleSpec, law: type | None = None) -> dict[str, float]:
-        """Return the constants of motion set by parameters (SI units); with `law`, only its fields."""
+        """Return the constants of motion set by parameters (SI units); with `law`, only fields of `law`."""
         value = self.values(spec)
         wanted = None if law is None else {field.name for field in fields(law)}
         return {
@@ -121,7 +121,7 @@ class GenericProcedures(FlightProcedures):
         return spec
 
     def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
-        """Return the motion model of a vehicle that stands at home."""
+        """Return the motion model of the ideal robot or a generic multirotor that stands at home."""
         if spec.is_ideal:
             from sim_vehicle.motion.model import IdealRobot
 

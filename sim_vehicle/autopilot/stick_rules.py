@@ -71,7 +71,7 @@ class StickLoss:
     """Minimum action in modes flown by sticks (PX4 cannot stay in such a mode)."""
     release: Setting | None = None
     """Time without stick input after which the sticks count as centred if no action follows. If the
-    time is negative, they never do; None selects the time in ``timeout``."""
+    time is negative, they are never centred; None selects the time in ``timeout``."""
     delay: Setting | None = None
     """Time for which the vehicle holds before an action other than hold (PX4)."""
     on_ground: Action = Action.NONE

@@ -437,7 +437,7 @@ class LeafCameraComponent(CameraComponent):
 
 
 def _turned(exposure: Exposure, attitude: tuple[float, float, float] | None) -> Exposure:
-    """Return an exposure with this camera attitude (roll, pitch, heading; rad), or unchanged for None."""
+    """Return an exposure with a camera attitude (roll, pitch, heading; rad); None changes nothing."""
     if attitude is None:
         return exposure
     roll, pitch, heading = (round(100.0 * math.degrees(angle)) for angle in attitude)
@@ -484,4 +484,4 @@ _OLD_REQUESTS = {
     mavlink.MAV_CMD_REQUEST_STORAGE_INFORMATION: mavlink.MAVLINK_MSG_ID_STORAGE_INFORMATION,
     mavlink.MAV_CMD_REQUEST_CAMERA_CAPTURE_STATUS: mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS,
 }
-"""Commands older than REQUEST_MESSAGE, each with its message; MAVSDK and QGroundControl still send them."""
+"""Older commands in place of REQUEST_MESSAGE, each with its message; MAVSDK and QGroundControl use them."""

@@ -36,7 +36,7 @@ class Image(NamedTuple):
 
 
 class ImageMemory:
-    """Memory of the last 65,536 images of a camera, which numbers the images and builds their messages."""
+    """Memory of a camera's last 65,536 images; it numbers the images and builds their messages."""
 
     def __init__(self, fields: tuple[str, ...], footprint_cells: int) -> None:
         self.count = 0  # Number of images taken; the next image has this number.

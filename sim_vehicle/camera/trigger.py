@@ -175,7 +175,7 @@ class CameraTrigger:
                 self._due_us += math.ceil(late / self.interval_us) * self.interval_us
 
     def _scale(self, latitude_e7: int) -> tuple[int, float, float]:
-        """Return a latitude close to this one, and the metres per 1e-7 degree north and east there."""
+        """Return a cached latitude near this one, and the metres per 1e-7 degree north and east there."""
         if abs(latitude_e7 - self._metres[0]) > _REFRESH_E7 or not self._metres[1]:
             latitude = math.radians(latitude_e7 / _E7)
             w = 1.0 - _WGS84_E2 * math.sin(latitude) ** 2

@@ -172,7 +172,7 @@ class MissionExecutor:
         if not math.isnan(height_m):
             self._check_height(height_m)
         elif self.flight.landed is LandedState.ON_GROUND and not self.spec.drives:
-            require(velocity_m_s[2] > 0.0, "cannot fly at a velocity: on the ground")
+            require(velocity_m_s[2] > 0.0, "cannot fly from the ground at a velocity that does not climb")
         self.flight.disarm_step = None
         self.flight.keep_velocity(velocity_m_s, height_m=height_m, heading=heading)
 
@@ -286,7 +286,7 @@ class MissionExecutor:
 
     def _in_air(self, what: str) -> None:
         self.flight.ready(what)
-        require(self.flight.landed is not LandedState.ON_GROUND, f"cannot {what}: on the ground")
+        require(self.flight.landed is not LandedState.ON_GROUND, f"cannot {what} from the ground")
 
     def _check_height(self, altitude_m: float) -> None:
         text = f"altitude {altitude_m:g} m is outside 0..{self.spec.max_altitude_m:g}"

@@ -119,7 +119,7 @@ class _Planner:
             if not 0 <= following < len(items) or items[following].command not in CONDITIONS:
                 break
             plan.unsure = True
-            # The plan passes over conditions; when one is met in flight, the legs are planned again.
+            # The plan leaves out conditions; a vehicle that reaches a condition plans its legs again.
             following = condition_items(items, following)[-1] + 1
         passes = 0 <= following < len(items) and items[following].command in PASSED_COMMANDS
         return following if passes else None

@@ -192,7 +192,7 @@ def climb_leg(
 ) -> Leg:
     """Return the straight climb of a go-around (ArduPlane's ``do_land``).
 
-    The climb ends at `height_m`, parameter 1 of the landing item or the take-off height: the first above 0.
+    The climb ends at the first value above 0 of `height_m`, the item's parameter 1 and the take-off height.
     """
     takeoffs = [item for item in items[:seq] if item.command == Command.NAV_TAKEOFF]
     top = height_m or 0.0
@@ -388,7 +388,7 @@ def _item_problems(
         if radius != 0.0 and not 0.5 <= abs(radius) <= most:
             problems.append(("radius", f"radius {radius:g} m is outside 0.5..{most:g}"))
     if command == Command.DO_JUMP and not (0.0 <= first < count and first == int(first)):
-        problems.append(("jump-target", f"jumps to item {first + 1:g} of {count}"))
+        problems.append(("jump-target", f"jumps to item {first + 1:g}: the mission has {count} items"))
     if command == Command.CONDITION_DISTANCE and first < 0.0:
         problems.append(("distance", f"distance {first:g} m is negative"))
     return problems

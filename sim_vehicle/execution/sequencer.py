@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Position
 
-# Legs left when a plan that was cut short is extended, so that the vehicle never brakes at the cut.
+# Number of legs left at which a plan that was cut short is extended, before the vehicle brakes.
 _REPLAN_BEFORE = 64
 _CANNOT_FLY = -2
 _LANDING_COMMANDS = frozenset({16, 18, 19, 21, 31})
@@ -181,7 +181,7 @@ class MissionSequencer:
             self._positions = self._item_positions()
 
     def spec_about_home(self, spec: VehicleSpec) -> VehicleSpec:
-        """Return `spec` with its return altitude converted from above home to above the start."""
+        """Return `spec` with its return altitude converted: from above home to above the start."""
         up_m = self.return_points.home_m[2]
         return spec if up_m == 0.0 else replace(spec, return_altitude_m=spec.return_altitude_m + up_m)
 

@@ -93,12 +93,12 @@ class Client:
 
 
 class ReadyCallback(NamedTuple):
-    """Callback for a descriptor that is ready."""
+    """Function to call when data wait at a file descriptor."""
 
     owner: object
     """Owner of the descriptor, needed because the system reuses descriptor numbers."""
     receive: Callable[[], list[tuple[Client, bytes]]]
-    """Returns frames with their senders."""
+    """Reads the data, and returns the frames with their senders."""
 
 
 def _received(link: Link, client: Client) -> list[tuple[Client, bytes]]:
@@ -213,7 +213,7 @@ class _LinkPort:
         self._socket: tuple[int, object] = (-1, None)
 
     def _owner(self) -> object:
-        """Return the owner of the descriptor, a new object after each reconnection."""
+        """Return the descriptor's owner, which is a new object after each reconnection."""
         made = getattr(self._link, "connections", 1)
         if self._socket[0] != made:
             self._socket = (made, object())

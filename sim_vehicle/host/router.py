@@ -1,7 +1,7 @@
 """Routing of frames by the rules of mavlink-router, and the range of a radio.
 
 A broadcast goes to all ports except the sender's port. A frame for an address goes to the ports from which
-this address has sent frames. If the address has not sent a frame yet, the autopilot of its system gets the
+this address has sent frames. If no frame has come from the address yet, its system's autopilot gets the
 frame and can refuse it. A frame for an unknown system is dropped.
 """
 

@@ -243,7 +243,7 @@ class Simulation:
         self._share_listeners()
 
     def _share_listeners(self) -> None:
-        """Limit `SaysMuch` components to the messages that others want, unless links or logs want all."""
+        """Let `SaysMuch` components leave out unwanted messages, unless links, logs or radios need all."""
         plain = not self._injection.faults and self._tap is None and self._signing is None
         plain = plain and not self._links and not self._radios
         for port, component in enumerate(self._components):

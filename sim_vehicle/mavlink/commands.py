@@ -61,10 +61,10 @@ class CommandedVehicle(Protocol):
         """Send a command to the camera."""
 
     def built(self, message_id: int) -> tuple[Message, ...]:
-        """Return the message with this id for the present state; empty if the id is unknown."""
+        """Return the message with this id for the present state; empty if there is none to send."""
 
     def is_ready(self, message_id: int) -> bool:
-        """Return whether the vehicle knows a message and no extra holds it back, even if none is due now."""
+        """Return whether the vehicle and its extras can send this message, even if it is not due now."""
 
     def metadata(self) -> tuple[Message, ...]:
         """Return COMPONENT_METADATA messages; empty if there are none."""
@@ -153,7 +153,7 @@ def enter_mode(state: WireState, mode: Mode, number: int) -> None:
 
 @contextmanager
 def _refused_as(state: WireState, number: int | None) -> Iterator[None]:
-    """Give refusals the firmware's text for the custom mode `number`; None leaves them unchanged."""
+    """Give refusals the firmware's text for the custom mode `number`; None leaves the refusals unchanged."""
     try:
         yield
     except RefusedError as refusal:

@@ -54,7 +54,7 @@ def start_positions(home: GeoPoint, count: int, spacing_m: float = SPACING_M) ->
 def fleet_urls(
     autopilot: Autopilot, systems: range, named: Collection[str] = frozenset()
 ) -> tuple[ServerUrl, ...]:
-    """Return the URLs of the simulator of each vehicle; each URL serves only this vehicle.
+    """Return the URLs of each vehicle's simulator; a URL serves only one vehicle.
 
     `named` contains the names of the links that have their own message rates.
 
@@ -130,7 +130,7 @@ class Fleet:
             raise VehicleError(f"fleet: {number} vehicles are out of range; give 1 to {MOST_VEHICLES}")
         if not 1 <= first_system <= MOST_VEHICLES + 1 - number:
             last_system = first_system + number - 1
-            msg = f"fleet: system ids {first_system} to {last_system} are not 1 to {MOST_VEHICLES}"
+            msg = f"fleet: system ids {first_system} to {last_system} are out of range 1 to {MOST_VEHICLES}"
             raise VehicleError(msg)
         if isinstance(home, GeoPoint) or given == 1:
             first, heading = (home, 0.0) if isinstance(home, GeoPoint) else home[0]
@@ -138,7 +138,7 @@ class Fleet:
         else:
             positions = list(home)
         if len(positions) != number:
-            msg = f"fleet: {len(positions)} homes for {number} vehicles; give one home, or one for each"
+            msg = f"fleet: {len(positions)} homes for {number} vehicles; give one home, or a home for each"
             raise VehicleError(msg)
         self.autopilot = get_autopilot() if autopilot is None else autopilot
         self.vehicles = tuple(

@@ -164,7 +164,7 @@ class ParameterSet:
         self._beyond.pop(parameter.name, None)
         if holds != value:
             self._beyond[parameter.name] = (value, self._held(parameter))
-            self._pilot.warn(f"{parameter.name} {value:g} is stored, {holds:g} is used")
+            self._pilot.warn(f"{parameter.name} {value:g} is stored, but {holds:g} is used")
         self._pilot.apply_parameters()
 
     def _decode(self, value: float, kind: int) -> float:

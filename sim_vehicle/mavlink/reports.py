@@ -137,7 +137,7 @@ class ItemReports:
     def merged(self, events: list[FlightEvent], items: Sequence[MissionItem]) -> list[FlightEvent]:
         """If the autopilot merges reports, keep only the last report of items that end at the same time.
 
-        If a return to launch follows the reached item, the return is reported in its place, and only then.
+        A return to launch that follows a reached item is reported in the item's place, and not again later.
         """
         if not self._merges:
             return events

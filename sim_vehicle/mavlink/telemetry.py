@@ -156,7 +156,7 @@ def _battery_status(source: WireState) -> Message:
 
 
 def _remaining_s(source: WireState) -> int:
-    """Return the remaining flight time (s); 0, for unknown, on the ground and with ArduPilot."""
+    """Return the remaining flight time (s); 0 means unknown, as on the ground and with ArduPilot."""
     battery = source.pilot.state.battery
     known = source.mavlink.tells_remaining_time and source.pilot.landed is not LandedState.ON_GROUND
     if battery is None or not known or not math.isfinite(battery.remaining_s):
@@ -297,7 +297,7 @@ BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
 
 
 def built(message_id: int, source: WireState) -> tuple[Message, ...]:
-    """Return the message with this id for the present state; empty if unknown, or if there is none now."""
+    """Return the message with this id for the present state; empty if there is none to send."""
     builder = BUILDERS.get(message_id)
     message = None if builder is None else builder(source)
     return () if message is None else (message,)

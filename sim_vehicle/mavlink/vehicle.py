@@ -451,7 +451,7 @@ class SimVehicle:
         return [heartbeat]
 
     def built(self, message_id: int) -> tuple[Message, ...]:
-        """Return the message with this id for the present state; empty if the id is unknown."""
+        """Return the message with this id for the present state; empty if there is none to send."""
         builder = self.builders.get(message_id)
         message = None if builder is None else builder(self.state)
         return () if message is None else (message,)
@@ -591,5 +591,5 @@ class SimVehicle:
                 self._later_us[message_id] = interval_us
 
     def is_ready(self, message_id: int) -> bool:
-        """Return whether the vehicle knows a message and no extra holds it back, even if none is due now."""
+        """Return whether the vehicle and its extras can send this message, even if it is not due now."""
         return message_id in self.builders and all(extra.is_ready(message_id) for extra in self.extras)

@@ -157,7 +157,7 @@ class CameraCommands:
         return sent
 
     def resume(self, now_s: float) -> list[Message]:
-        """Resume the paused series of images, unless another command has since started or stopped one."""
+        """Resume the paused series of images, unless another command has started or stopped a series."""
         return [] if self._paused is None else [self.command(*self._paused, now_s)]
 
     def acknowledged(self, command: int, result: int) -> None:

@@ -47,7 +47,7 @@ def _e7(latitude_deg: float, longitude_deg: float, altitude_m: float) -> tuple[i
 
 
 class WireState:
-    """Telemetry source of a vehicle, besides the state of its pilot."""
+    """State of a vehicle that its telemetry needs in addition to the pilot's state."""
 
     def __init__(
         self,
@@ -142,7 +142,7 @@ class WireState:
 
     @property
     def turning_rad_s(self) -> Vector:
-        """Roll, pitch and yaw rates; the roll and pitch rates are not simulated, but 0."""
+        """Roll, pitch and yaw rates; the roll and pitch rates are 0, because they are not simulated."""
         return 0.0, 0.0, self.pilot.state.yaw_rate_rad_s
 
     @property

@@ -127,7 +127,7 @@ class CompiledMotion(MotionModel):
 
     @property
     def position_m(self) -> Position:
-        """East, north, up relative to the start."""
+        """Position relative to the start: east, north, up."""
         x, y, z = self.state[col.POSITION].tolist()
         return x, y, z
 
@@ -254,7 +254,7 @@ class CompiledMotion(MotionModel):
         self.state[State.ENERGY_USED] += joules
 
     def touch_down(self) -> None:
-        """Stand still on the ground."""
+        """Put the vehicle at rest on the ground, without a route."""
         self.state[State.POSITION_Z : State.HEADING] = 0.0
         self.state[State.HEADING_RATE] = 0.0
         self._route = None

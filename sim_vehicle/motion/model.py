@@ -97,7 +97,7 @@ class MotionModel(ABC):
     @property
     @abstractmethod
     def position_m(self) -> Position:
-        """East, north, up relative to the start."""
+        """Position relative to the start: east, north, up."""
 
     @property
     @abstractmethod
@@ -130,7 +130,7 @@ class MotionModel(ABC):
 
     @abstractmethod
     def fly(self, route: Route) -> None:
-        """Begin a route."""
+        """Begin a route, at the vehicle's present position."""
 
     def interrupt(self) -> None:
         """Abort the present leg as the autopilot would; the next route does not continue this leg."""
@@ -187,7 +187,7 @@ class MotionModel(ABC):
 
     @abstractmethod
     def touch_down(self) -> None:
-        """Stand still on the ground."""
+        """Put the vehicle at rest on the ground, without a route."""
 
     def ignore_energy(self) -> None:
         """Let the vehicle fly on with an empty battery."""
@@ -228,7 +228,7 @@ class IdealRobot(MotionModel):
 
     @property
     def position_m(self) -> Position:
-        """East, north, up relative to the start."""
+        """Position relative to the start: east, north, up."""
         return self._place
 
     def snapshot(self) -> MotionState:
@@ -255,7 +255,7 @@ class IdealRobot(MotionModel):
         self._legs = []
 
     def fly(self, route: Route) -> None:
-        """Begin a route."""
+        """Begin a route, at the robot's present position."""
         self._legs = np.column_stack([route.points_m, route.legs["heading"]]).tolist()
         self.arrivals = np.full(len(self._legs), -1, dtype=np.int64)
         self.leg = 0
@@ -349,7 +349,7 @@ class IdealRobot(MotionModel):
         self.spec = spec
 
     def touch_down(self) -> None:
-        """Stand still on the ground."""
+        """Put the robot at rest on the ground, without a route."""
         self._place = (*self._place[:2], 0.0)
         self._velocity = (0.0, 0.0)
         self._legs = []

@@ -87,7 +87,7 @@ class BatteryWatch:
         return f"{_LEVEL_NAMES[level]} ({amount})"
 
     def _voltage_level(self) -> int:
-        """Return the level (0 to 2) that follows from the time with the voltage below each threshold."""
+        """Return the battery level (0 to 2) for the time that the voltage has been below each threshold."""
         now_s, patience_s = self._controls.now_s, self._parameters.low_voltage_timer_s
         if patience_s <= 0.0:
             return 0
@@ -335,7 +335,7 @@ class ArmingChecks:
         if by_mode is not None:
             return by_mode
         if mode in (Mode.RTL, Mode.LAND, Mode.FLIP, Mode.FOLLOW):
-            return f"mode {mode.value}: choose another mode first"
+            return f"mode {mode.value} does not allow arming: choose another mode"
         return mission_problem if mode is Mode.MISSION else None
 
     def _battery_problem(self) -> str | None:

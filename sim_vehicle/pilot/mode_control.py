@@ -32,7 +32,7 @@ class MissionChange(Enum):
     STORED = "stored without effect on the flight"
     TURNED = "the vehicle turned to the present item of the new mission"
     LATER = "the vehicle completes the present item first"
-    LOST = "the new mission lacks the present item: the vehicle completes it, then the mission ends"
+    LOST = "the vehicle completes the present item, which the new mission lacks; then the mission ends"
 
 
 class MissionStatus:
@@ -51,7 +51,7 @@ class MissionStatus:
 
     @property
     def waits(self) -> bool:
-        """Whether the mission is complete, or was complete when a client chose the item for its restart."""
+        """Whether the mission is complete, or a client has chosen the item at which it will restart."""
         return self.complete or self._chosen
 
     def choose(self) -> None:

@@ -247,7 +247,7 @@ class OnwardPredictor:
 
 
 def _outward(value_m: float) -> float:
-    """Round away from home to half metres, because vehicles farther away may climb higher to return."""
+    """Round a coordinate to half metres, away from home: a return from farther away may climb higher."""
     return math.copysign(math.ceil(2.0 * abs(value_m)) / 2.0, value_m)
 
 

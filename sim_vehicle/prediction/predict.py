@@ -43,7 +43,7 @@ ERROR_REHEARSALS = 8
 REHEARSAL_PAIRS = 2
 """Number of pairs of opposite gusts with which candidate flights are compared."""
 PREDICTION_PAIRS = 8
-"""Number of pairs for the chosen flight: more, as effects of gusts on power do not cancel in a pair."""
+"""Number of pairs for the chosen flight; larger, since gusts' effects on power do not cancel in a pair."""
 BOUND_PROBABILITY = 0.995
 """Probability that one flight needs at most `Prediction.energy_bound_wh`."""
 

@@ -212,7 +212,7 @@ class _GaussMarkov:
         self._last = wind.gust_m_s * random.standard_normal(2)
 
     def draw(self) -> NDArray[np.float64]:
-        """Return the next block."""
+        """Return the next block of Gauss-Markov gusts."""
         # The import is here because a steady wind needs no compiler.
         from sim_vehicle.weather.gust_kernel import gauss_markov
 
@@ -239,7 +239,7 @@ class _Dryden:
         )
 
     def draw(self) -> NDArray[np.float64]:
-        """Return the next block."""
+        """Return the next block of Dryden's gusts."""
         from sim_vehicle.weather.gust_kernel import forming_filters
 
         noise = self._random.standard_normal((BLOCK, 5))

@@ -53,7 +53,7 @@ def test_a_survey_takes_what_it_takes(small):
     assert whole.mission == plan(scenario(small, planner="survey", budget="unlimited")).mission
     needed = len(cut.sorties)
     assert 1 < needed < 20
-    with pytest.raises(ScenarioError, match=f"batteries: {needed} are needed for the survey"):
+    with pytest.raises(ScenarioError, match=f"batteries: the survey needs {needed} batteries"):
         plan_for_batteries(one, needed - 1, lambda _: cut)
 
 
@@ -104,7 +104,7 @@ def test_the_command_writes_so_many_sorties(small, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("more", "text"),
     [
-        (("--vehicles", "2"), "batteries are counted for one vehicle, not for 2"),
+        (("--vehicles", "2"), "for 2 vehicles, give metres, minutes or steps"),
         (("--whole",), "leave out one of them"),
         (("--vehicle", "ideal"), "vehicle ideal has no battery"),
         (("--budget", "0batteries"), "give 1 to 100 batteries"),

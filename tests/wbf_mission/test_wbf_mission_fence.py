@@ -74,7 +74,7 @@ def test_a_plain_field_has_a_plain_fence():
 def test_more_obstacles_than_an_autopilot_holds_are_told():
     sheds = tuple(Obstacle(shapely.box(x, 30, x + 4, 34)) for x in range(0, 100, 10))
     farm = farm_of(shapely.box(0, 0, 100, 50))
-    with pytest.warns(UserWarning, match="excludes the 7 obstacles nearest to the path, of 10"):
+    with pytest.warns(UserWarning, match="excludes only the 7 obstacles nearest to the path, of 10"):
         fence = border_fence(farm, np.array([(0.0, 0.0), (10.0, 30.0)]), 10.0, sheds)
     kept_out = zones(fence, farm.frame)[OUTSIDE]
     assert len(kept_out) == 7 and len(fence) <= MOST_VERTICES

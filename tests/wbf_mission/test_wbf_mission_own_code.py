@@ -171,13 +171,11 @@ def test_a_module_beside_the_file_does_not_hide_another(tmp_path, capsys):
         (tmp_path / folder / "mine.py").write_text("import sameone\n" + PLANNER)
         (tmp_path / folder / "sameone.py").write_text(f"NAME = {folder!r}")
     assert own_choice(f"{tmp_path / 'a' / 'mine.py'}:wide", "planner").made
-    with pytest.raises(
-        ScenarioError, match=r"b/mine.py imports sameone beside it, but there is .*a/sameone.py"
-    ):
+    with pytest.raises(ScenarioError, match=r"b/mine.py imports its neighbour sameone, but .*a/sameone.py"):
         own_choice(f"{tmp_path / 'b' / 'mine.py'}:wide", "planner")
     (tmp_path / "mine.py").write_text("import json\n" + PLANNER)
     (tmp_path / "json.py").write_text("")
-    with pytest.raises(ScenarioError, match=r"imports json beside it, but there is .*, too; rename yours"):
+    with pytest.raises(ScenarioError, match=r"imports its neighbour json, but .* has the same name"):
         own_choice(f"{tmp_path / 'mine.py'}:wide", "planner")
 
 
@@ -194,8 +192,8 @@ def test_a_benchmark_takes_them_from_the_command_line(tmp_path, capsys):
         ("raise ValueError('no\\nway')", "cannot be run: ValueError: no way (line 1)"),
         ("x = (", "cannot be run: SyntaxError"),
         ("import nix_nix", "No module named 'nix_nix'"),
-        ("class Other: pass", "has no Mine; it has Other"),
-        ("", "has no Mine; it has nothing of its own"),
+        ("class Other: pass", "defines no Mine; it defines Other"),
+        ("", "defines no Mine; it defines nothing"),
         ("class Mine:\n    def __init__(self):\n        1 / 0", "Mine cannot be made: ZeroDivisionError"),
         ("class Mine: pass", "a policy has triggers, start() and decide(observation)"),
     ],

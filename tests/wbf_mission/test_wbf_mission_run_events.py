@@ -137,9 +137,7 @@ def test_a_policy_that_never_answers_is_left_behind(monkeypatch):
     stream.listen(seen.append)
     flight = SimpleNamespace(_thinking=Future(), _events=stream, learn=lambda: learned.append(True))
     JointFlight._await_answer(flight)
-    assert [event.text for event in seen] == [
-        "the policy did not answer within 0.05 s of the end: its answer is lost"
-    ]
+    assert [event.text for event in seen] == ["the policy did not answer within 0.05 s after the flight"]
     assert (flight._thinking, learned) == (None, [True])
 
 

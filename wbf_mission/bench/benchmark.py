@@ -51,7 +51,7 @@ def benchmark(
     out : path-like, optional
         Folder to which each row is written when its run ends. Runs with a row in the folder are not repeated.
     jobs : int
-        Number of parallel processes; -1: one per core. Only the costs in the rows depend on `jobs`.
+        Number of parallel processes; -1: one per core. In the rows, only the run times depend on `jobs`.
     dask : str, optional
         Address of the Dask scheduler that distributes the runs; ``local`` starts a scheduler on this machine
         with `jobs` workers.
@@ -114,8 +114,8 @@ def benchmark(
         if others:
             builds = "; ".join(dict.fromkeys(map(build_of, others)))
             msg = (
-                f"{out}: {len(others)} rows of runs with the same names were flown with other behaviour"
-                f" numbers, code, parameters or files ({builds}); the rows are kept, but do not count here"
+                f"{out}: {len(others)} rows with the names of these runs are kept, but do not count here:"
+                f" they were flown with other behaviour numbers, code, parameters or files ({builds})"
             )
             warnings.warn(msg, stacklevel=2)
     if interrupted:

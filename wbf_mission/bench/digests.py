@@ -167,7 +167,7 @@ class _Plain:
         return [self._all(part) if isinstance(part, Iterator) else self.of(part) for part in reduced]
 
     def _where(self, module: str, name: str) -> list[str]:
-        """Return the name of some code, with a digest of its file unless it belongs to this program."""
+        """Return the name of a class or function, and its file's digest (none in this program and Python)."""
         top = module.partition(".")[0]
         file = None if top in PACKAGES or top in sys.stdlib_module_names else _file_of(module)
         if not is_own(module):

@@ -50,7 +50,7 @@ def fly_run(run: BenchRun) -> BenchRow:
 
 
 def flown(run: BenchRun, **how: Any) -> tuple[BenchRow, Result]:
-    """Fly a run and return its row and its result; `how` goes to `wbf_mission.flight.fly`.
+    """Fly a run and return its row and its result; `wbf_mission.flight.fly` gets the keywords `how`.
 
     Raises
     ------
@@ -118,8 +118,8 @@ def _row_of(run: BenchRun, result: RunRecord, wall_s: float, cpu_s: float) -> Be
 def _predicted_time_s(result: RunRecord) -> float | None:
     """Return the predicted time of the flights (s); for a policy, the time until its last paths would end.
 
-    The cost of a policy's path has the unit of the budget. Return None unless this unit is the second or the
-    step, which takes a second.
+    For a policy, return None unless the budget is in seconds or in steps of a second, because the cost of a
+    policy's path has the unit of the budget.
     """
     if result.scenario.mission.policy is None:
         return result.predicted_time_s
@@ -275,7 +275,7 @@ def _packed(run: BenchRun) -> tuple[bytes, Mapping[str, str]]:
     import cloudpickle
 
     class Pickler(cloudpickle.Pickler):  # type: ignore[misc]
-        """Keeps the file names of user code, which cloudpickle drops, for the place in an error's text."""
+        """Keeps the file names of user code for error messages; cloudpickle by itself drops them."""
 
         def reducer_override(self, obj: Any) -> Any:
             if isinstance(obj, CodeType):
@@ -325,7 +325,7 @@ def _in_processes(runs: Sequence[BenchRun], jobs: int) -> Iterator[BenchRow]:
                     yield row
         except BrokenProcessPool:
             remaining = [run for run in remaining if run.key not in done]
-            # One of the first `jobs` runs killed its process. Flown one by one, only this run fails.
+            # One of the first `jobs` runs killed its process. Now each flies alone, so only that run fails.
             yield from map(_alone, remaining[:jobs])
             remaining = remaining[jobs:]
         else:

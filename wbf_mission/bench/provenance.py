@@ -103,7 +103,7 @@ def _git(*arguments: str) -> str:
         return ""
     command = [git, "--no-optional-locks", "-C", str(_ROOT), *arguments]
     try:
-        ended = subprocess.run(command, capture_output=True, text=True, timeout=_GIT_S, check=True)  # noqa: S603 (no argument is a user's)
+        ended = subprocess.run(command, capture_output=True, text=True, timeout=_GIT_S, check=True)  # noqa: S603 (no user input)
     except (OSError, subprocess.SubprocessError):
         return ""
     return ended.stdout
@@ -120,7 +120,7 @@ def _installed() -> str:
 def hardware() -> dict[str, str]:
     """Return the processor model, number of cores, memory (GB), system and linear algebra kernels.
 
-    The kernels may change the last bits of what numpy's linear algebra computes.
+    The kernels may change the last bits of the results of numpy's linear algebra.
     """
     found = {
         "processor": _processor(),

@@ -83,7 +83,7 @@ def _scored(scenario: Scenario) -> str:
     fields = load_field_set(scenario.farm.fields)
     named = ", ".join(f"{field.name} ({field.weight:g})" for field in fields)
     points = scenario.score.points
-    when = "as often as the default of the farm says" if points is None else f"at {points} times of a flight"
+    when = "at the farm's default number of times" if points is None else f"at {points} times of a flight"
     return f"{named}, by these weights, {when}"
 
 
@@ -140,7 +140,7 @@ def read_asked(folder: Path) -> AskedFor:
         why = misfit(error)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         why = not_json(error, data)
-    raise ResultError(f"{path}: is not a list of requests: {why}; remove it") from None
+    raise ResultError(f"{path}: is not a list of requests: {why}; remove the file") from None
 
 
 def keep_asked(folder: Path, spec: BenchSpec, command: str) -> None:
@@ -185,7 +185,7 @@ def _choices(key: str, choices: Sequence[Choice]) -> Iterator[str]:
     if named:
         yield f"{key} = {_texts(named)}"
     if own:
-        yield f"# {key} of your own, which no file can name: give all on the command line: {_texts(own)}"
+        yield f"# {key} of your own cannot be in a file: give them all on the command line: {_texts(own)}"
 
 
 def _texts(texts: Sequence[str]) -> str:

@@ -33,7 +33,7 @@ else:
 
 
 def as_floats(kind: type, value: Any) -> Floats:
-    """Convert a list of numbers to an array, as a decoding hook of msgspec; TypeError if it is no list."""
+    """Convert a list of numbers to an array (a decoding hook of msgspec); TypeError for any other value."""
     if kind is not array or not isinstance(value, list):
         raise TypeError(f"Expected `array` of numbers, got `{type(value).__name__}`")
     return array("d", value)
@@ -161,7 +161,7 @@ _encoder = msgspec.json.Encoder(enc_hook=list)
 
 
 def build_of(row: BenchRow) -> str:
-    """Return the version that flew a row, with its commit or, if that is unknown, its behaviour numbers.
+    """Return the program version of a row's run, with commit or, if unknown, behaviour numbers.
 
     >>> row = BenchRow(key="", scenario="", planner="", estimator="", seed=0)
     >>> made = {"wbf-mission": "0.1.0", "commit": "4622a3d6f0+changes"}
@@ -172,13 +172,13 @@ def build_of(row: BenchRow) -> str:
 
 
 def commit_of(row: BenchRow) -> str:
-    """Return the short commit that flew a row, with ``+changes`` if files were changed; "" if unknown."""
+    """Return the short commit of a row's run, with ``+changes`` if files were changed; "" if unknown."""
     commit, changes, _ = row.versions.get("commit", "").partition(_CHANGES)
     return commit[:_SHORT] + changes
 
 
 def digest_of(row: BenchRow, key: str) -> str:
-    """Return behaviour numbers or the start of a digest from a row's codes; words if the row has neither."""
+    """Return a row's behaviour numbers, the start of its digest, or "built in" or "unknown code"."""
     return shown_digest(row.codes.get(key, "built in" if row.codes else "unknown code"), 12)
 
 
@@ -271,7 +271,7 @@ def read_rows(folder: Path) -> list[BenchRow]:
             try:
                 row = _decoder.decode(line)
             except (msgspec.MsgspecError, UnicodeDecodeError):
-                msg = f"{folder / _JOURNAL}: line {number} is not a row of a benchmark; remove it"
+                msg = f"{folder / _JOURNAL}: line {number} is not a row of a benchmark; remove the line"
                 raise ResultError(msg) from None
             found[row.key] = common.of(row)
     return sorted(found.values(), key=lambda row: (row.scenario, row.planner, row.estimator, row.seed))
@@ -373,7 +373,7 @@ def rows_of(path: Path, content: bytes | None = None) -> Iterator[BenchRow]:
                 yield msgspec.convert(row, BenchRow, dec_hook=as_floats)
             except msgspec.ValidationError as error:
                 what = f"holds no rows of a benchmark ({misfit(error)})"
-                raise ResultError(f"{path}: {what}; remove it, or give another folder") from None
+                raise ResultError(f"{path}: {what}; remove the file, or give another folder") from None
 
 
 def _where(column: str) -> tuple[str | None, str]:

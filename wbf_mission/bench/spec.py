@@ -104,7 +104,7 @@ class BenchSpec:
         }
         for key, values in columns.items():
             if not values:
-                raise ScenarioError(f"{key} are empty: give at least one")
+                raise ScenarioError(f"{key}: the list is empty; give at least one entry")
             if key != "seeds" and (twice := _repeated(values)):
                 raise ScenarioError(f"{key}: {twice} is given twice; give it once")
         if len(set(self.seeds)) != len(self.seeds):
@@ -216,7 +216,7 @@ def _key(codes: Mapping[str, str], mover: str, planner: str, estimator: str, see
 
 
 def run_keys(row: BenchRow) -> tuple[str, ...]:
-    """Return the two possible keys of a row's run: its `planner` column may name a planner or a policy."""
+    """Return both possible keys of a row's run, since the column `planner` may name a planner or a policy."""
     given = (row.planner, row.estimator, row.seed)
     return tuple(_key(row.codes, mover, *given) for mover in ("planner", "policy"))
 
@@ -271,7 +271,7 @@ def seeds_of(text: str) -> tuple[int, ...]:
             )
             raise ScenarioError(msg)
         if last - first + len(found) >= _MOST_RUNS:
-            raise ScenarioError(f"seeds {text!r} are too many: at most {_MOST_RUNS} can be kept together")
+            raise ScenarioError(f"seeds {text!r}: too many seeds; give at most {_MOST_RUNS}")
         found += range(first, last + 1)
     return _seeds(found[0]) if len(parts) == len(parts[0]) == 1 else tuple(found)
 

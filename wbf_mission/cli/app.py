@@ -125,7 +125,7 @@ def _run(arguments: list[str]) -> int:
         if os.environ.get("WBF_MISSION_DEBUG"):
             raise
         if users_line(error) is not None:
-            return _complain(f"{told_error(error)}: this is an error of your own code", ExitCode.BAD_INPUT)
+            return _complain(f"{told_error(error)}: this error is in your own code", ExitCode.BAD_INPUT)
         text = (
             f"{type(error).__name__}: {error}; this is a mistake in wbf-mission, not yours: "
             "please report it (WBF_MISSION_DEBUG=1 shows where it happened)"

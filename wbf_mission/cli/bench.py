@@ -82,7 +82,7 @@ def choices(text: str, what: str) -> list[Choice]:
 
 def selection(
     scenarios: Annotated[
-        str | None, option("Ids (see 'bench list') or files, separated by commas.", panel=RUN_PANEL)
+        str | None, option("Scenarios, comma-separated: ids (see 'bench list') or files.", panel=RUN_PANEL)
     ] = None,
     planners: Annotated[
         str | None,
@@ -98,7 +98,7 @@ def selection(
     seeds: Annotated[
         str | None,
         option(
-            "Number of environments, from seed 0 on, or the seeds, such as 100..139 or 5,7,100..139.",
+            "Number of seeds, counted from 0, or a list of seeds, such as 100..139 or 5,7,100..139.",
             panel=RUN_PANEL,
         ),
     ] = None,

@@ -84,7 +84,7 @@ def _broken(error: TargetError) -> Command:
 
 
 class LivePage(Protocol):
-    """The page ``live``: the context serves the page, and yields the page's address and listener."""
+    """The page ``live``: a context manager that serves it, and yields its address and event listener."""
 
     def __call__(
         self, *, host: str, port: int, orders: Orders | None, tiles: Path | None

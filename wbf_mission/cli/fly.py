@@ -70,7 +70,7 @@ class _Links:
     via: options.Via = "own"
 
     def counted(self, given: options.Given) -> options.Given:
-        """Return the options; several links or system ids set the number of vehicles if it is not given."""
+        """Return the options; without a number of vehicles, the number of links or system ids counts."""
         count = max(len(self.connect or ()), len(self.system_id or ()))
         if not self.connect or count < 2:
             return given
@@ -242,7 +242,7 @@ def fly_command(
 ) -> int:
     """Plan, upload over MAVLink, fly, observe, estimate and score, in simulation or with --connect.
 
-    If a single vehicle's mission is longer than a battery, it is flown in sorties. The command writes the
+    A single vehicle's mission is flown in sorties if it needs several batteries. The command writes the
     plan, a telemetry log, the observations, the information model with the truth, a summary and pictures.
     """
     from wbf_mission.flight import Simulated, fly
@@ -251,7 +251,7 @@ def fly_command(
         msg = f"--speed {speed} is out of range: give 0.01 to 1000000 simulated seconds per second"
         raise ScenarioError(msg)
     if not 0.0 <= change_time <= 86_400.0:
-        msg = f"--change-time {change_time:g} is out of range: give 0 to 86400"
+        msg = f"--change-time {change_time:g} is out of range: give 0 to 86400 seconds"
         raise ScenarioError(msg)
     base, in_file = (
         (Scenario(**given.defaults), ()) if given.file is None else load_broken_scenario(given.file)
@@ -270,10 +270,10 @@ def fly_command(
             if folder is not None:
                 stack.enter_context(folder)
             if folder is not None and live is None:
-                kept = f"interrupted: an estimate from the images taken is saved in {folder.path}"
+                kept = f"interrupted: an estimate is made from the images taken, and saved in {folder.path}"
                 # The telemetry log exists from the beginning of the flight on.
                 stack.enter_context(
-                    signals.announcing(f"{kept}; a second interrupt stops this", when=folder.tlog.exists)
+                    signals.announcing(f"{kept}; a second interrupt stops both", when=folder.tlog.exists)
                 )
             started_s = process_age_s()
             stack.enter_context(output.progress())
@@ -317,7 +317,7 @@ def _show(
     if result.rest is not None and summary["files"]:
         folder = summary["files"]
         name, resume = "rest.plan", f", or with plan --resume {folder}"
-        if not Path(folder, name).is_file():  # A plan cannot hold this rest
+        if not Path(folder, name).is_file():  # The format of rest.plan cannot hold this mission
             name, resume = "rest.json", ""
         output.note(
             f"the unflown rest of the mission is in {folder}/{name}: continue with fly --mission{resume}"
@@ -362,7 +362,7 @@ def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dic
         **({"see it": f"wbf-mission report {shlex.quote(summary['files'])}"} if summary["files"] else {}),
     }
     if summary["least_distance_m"] is not None:
-        rows["nearest to each other"] = distance(summary["least_distance_m"])
+        rows["least distance"] = distance(summary["least_distance_m"])
     return rows
 
 

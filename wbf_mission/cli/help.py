@@ -23,7 +23,7 @@ class _Help:
     """Layout of the help pages of commands and groups."""
 
     def format_options(self: Any, ctx: Any, formatter: Any) -> None:
-        """Write the arguments, then the options by panel; a panel's first option decides its place."""
+        """Write the arguments, then the options by panel, in the order of the panels' first options."""
         sections: dict[str, list[tuple[str, str]]] = {_ARGUMENTS: []}
         for panel, parameter in self.shown(ctx):
             record = parameter.get_help_record(ctx)
@@ -44,7 +44,7 @@ class _Help:
             yield panel, parameter
 
     def format_epilog(self: Any, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
-        """Write the epilog's first line as a heading and the others unwrapped, so that they can be copied."""
+        """Write the epilog: first line as a heading, other lines unwrapped so that users can copy them."""
         if self.epilog:
             title, *lines = (line for line in self.epilog.splitlines() if line.strip())
             with formatter.section(title):

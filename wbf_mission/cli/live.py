@@ -1,4 +1,4 @@
-"""The live page of a flight: its options, and how it is served."""
+"""Options of the live page of a flight, and the code that serves the page."""
 
 from __future__ import annotations
 
@@ -97,9 +97,9 @@ class LivePage:
         page = live_page()(host=self.live_host, port=self.live, orders=orders, tiles=self.tiles)
         with page as (url, take):
             output.note(f"live page: {url}")
-            events.listen(
-                take
-            )  # after the note: the note has the address with the token, which the page must not show
+            # The page listens only after this note, because the page must not show the token in the
+            # note's address.
+            events.listen(take)
             if self.open_page:
                 webbrowser.open(url)
             yield

@@ -224,13 +224,13 @@ class Given:
         return None if name is None else replace(self.scenario().farm, name=name)
 
     def change(self, base: Scenario) -> Scenario:
-        """Return `base` with the given options; raise ScenarioError if one is invalid or has no effect."""
+        """Return `base` with the given options; ScenarioError if an option is invalid or has no effect."""
         chosen = scenario_with(base, {key: _own(key, value) for key, value in self.changes.items()})
         self._check_effects(chosen.to_dict(), is_fleet=len(chosen.vehicle.fleet) > 1)
         return chosen
 
     def _check_effects(self, values: Mapping[str, Any], *, is_fleet: bool) -> None:
-        """Raise ScenarioError if a given option has no effect, as the user expects an effect."""
+        """Raise ScenarioError if an option that the user gave has no effect."""
         for given in (_defined(key) for key in self.changes):
             if given.needs and values[given.needs] == all_options()[given.needs][2].initial:
                 msg = f"{given.flag} has an effect only with {flag_of(given.needs)}: give both"
@@ -269,7 +269,7 @@ def gives(
     *,
     last: bool = False,
 ) -> Callable[[Command], Command]:
-    """Give a command options in place of a parameter, whose value is then ``make(**options)``.
+    """Replace a command's parameter by command-line options, from which ``make`` makes its value.
 
     `options` are annotations and defaults by name; by default they are the parameters of `make`, which may be
     a dataclass. The options come in the place of `parameter`; if `last`, they come at the end.
@@ -279,7 +279,7 @@ def gives(
     def decorate(command: Command) -> Command:
         own = taken_by(command)
         if clash := options.keys() & own.keys():
-            msg = f"{command.__name__}: options {', '.join(sorted(clash))} are in a part and in the command"
+            msg = f"{command.__name__}: part and command both have the options {', '.join(sorted(clash))}"
             raise TypeError(msg)
 
         @functools.wraps(command)

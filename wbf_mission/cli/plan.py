@@ -47,7 +47,7 @@ class SortieOptions:
     whole: Annotated[
         bool,
         option(
-            "Do not cut a mission that is longer than a battery into sorties.",
+            "Do not cut the mission into sorties, even if it needs several batteries.",
             "--whole",
             panel=_PANEL,
         ),
@@ -55,8 +55,8 @@ class SortieOptions:
     home: Annotated[
         list[str] | None,
         option(
-            "Take-off and landing place, latitude and longitude in degrees; may be repeated, as each sortie"
-            " uses the cheapest place.  [default: the mission's home]",
+            "Take-off and landing place, latitude and longitude in degrees; may be repeated; each sortie"
+            " then uses the cheapest place.  [default: the mission's home]",
             panel=_PANEL,
             metavar="LAT,LON",
         ),
@@ -64,7 +64,7 @@ class SortieOptions:
     overlap: Annotated[
         float | None,
         option(
-            "Length at the end of a sortie that the next sortie repeats, m.  [default: twice the distance"
+            "Length of a sortie's end that the next sortie flies again, m.  [default: twice the distance"
             " between images, plus the length needed to line up with the row]",
             panel=_PANEL,
             parser=options.number,
@@ -102,7 +102,7 @@ class SortieOptions:
             raise ScenarioError(msg)
 
     def check_counted(self) -> None:
-        """Raise ScenarioError if ``--whole`` contradicts a budget in batteries."""
+        """Raise ScenarioError if ``--whole`` is given, which contradicts a budget in batteries."""
         if self.whole:
             msg = "--whole leaves the mission whole, but a budget of batteries cuts it: leave out one of them"
             raise ScenarioError(msg)
@@ -190,9 +190,9 @@ def plan_command(
     out: Annotated[
         Path | None,
         option(
-            "Mission file to write: .plan (QGroundControl), .waypoints (WPL 110), .json (ours), .kml, .kmz,"
-            " .geojson, .gpx, .csv, .wpml.kmz (DJI); several vehicles give NAME-1.plan, NAME-2.plan ...,"
-            " several sorties NAME-sortie-1.plan ...",
+            "Mission file to write: .plan (QGroundControl), .waypoints (WPL 110), .json (wbf-mission), .kml,"
+            " .kmz, .geojson, .gpx, .csv, .wpml.kmz (DJI); several vehicles give NAME-1.plan, NAME-2.plan,"
+            " ..., several sorties NAME-sortie-1.plan ...",
             panel="Output",
         ),
     ] = None,
@@ -202,7 +202,7 @@ def plan_command(
 ) -> None:
     """Plan a mission within a budget and predict its length, time, coverage and battery use.
 
-    A mission that is longer than a battery is cut into sorties where this costs least.
+    A mission that needs several batteries is cut into sorties where this costs least.
     """
     from mission.files import Firmware, writer_for
     from mission.transfer import Severity

@@ -1,8 +1,8 @@
 """Sums of an estimate over each pixel: the number of sick plants or the sum of values, and its variance.
 
 *Number of sick plants.* This is the number of observed sick plants plus the expected number of unobserved
-sick plants. The latter is the sum of the class probabilities of being sick. If the estimator has none, it is
-the sum of 1 - value over unobserved plants, divided by the mean of 1 - value over sick plants.
+sick plants. The expected number is the sum of the class probabilities of being sick or, without class
+probabilities, the sum of 1 - value over unobserved plants, divided by the mean of 1 - value over sick plants.
 
 *Variance.* The plants of an outbreak are sick together. The variance of a sum over plants is therefore larger
 than the sum of the plants' variances, by a factor of about the number of plants in an outbreak. Observations
@@ -203,7 +203,7 @@ def true_map(farm: Farm, field: Field, truth: NDArray[np.float32], k: int) -> Fi
 
 
 def _summing(grid: MapGrid) -> ModuleType:
-    """Return the module that computes the sums; for pixels of one cell, compiled code loads too slowly."""
+    """Return the module that computes the sums: numpy for pixels of one cell, otherwise compiled code."""
     if grid.pixel == 1:
         return blocks
     from wbf_mission.maps import block_sums

@@ -33,7 +33,7 @@ _MOST_KNOWN = 2000
 # Fraction of the usable battery that is kept back if a policy decides in flight. Telemetry is rounded and
 # delayed, so the price of the last path is inexact.
 _SPARED = 0.02
-# A path sets the surcharge only if its price is at least this fraction of the limit; cheaper paths fit.
+# A path sets the surcharge only if its price is at least this fraction of the limit; cheaper paths fit it.
 _NEAR = 0.5
 
 
@@ -43,7 +43,7 @@ class ReserveCharge:
 
     A path's price assumes an exact position estimate and few gusts. One flight is therefore predicted in
     full, with estimate errors and more gusts. All prices are multiplied by the ratio of this flight's bound
-    (`Prediction.most_wh`) to its price. In flight, the spread grows with the square root of the energy.
+    (`Prediction.most_wh`) to its price. In flight, the margin grows with the square root of the energy.
     """
 
     builder: MissionBuilder

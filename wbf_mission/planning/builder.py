@@ -166,7 +166,7 @@ class PlanResult:
         return max(1.0 - prediction.battery_fraction, prediction.energy_wh / self.vehicle.battery.capacity_wh)
 
     def summary(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return the plan as plain values for JSON."""
         return {
             "farm": self.farm.name,
             "vehicle": self.vehicle.name,
@@ -261,7 +261,7 @@ class MissionBuilder:
     barred: tuple[Obstacle, ...] = ()  # Obstacles too high to be flown over.
     fence_m: float | None = None  # Distance of the fence outside the land's border; None: no fence.
     imaging: Imaging | None = None  # Mapping camera; None: the leaf camera.
-    ground: FarmGround | None = None  # Ground that the flight follows; None: flat, at the height of home.
+    ground: FarmGround | None = None  # Ground that the flight follows; None: flat, at home's height.
     follows_terrain: bool = False  # Whether the autopilot itself follows the terrain.
     station_range: StationRange | None = None  # Range of the ground station's radio; None: unlimited.
     _last: list[tuple[Mission, Prediction]] = field(
@@ -313,7 +313,7 @@ class MissionBuilder:
 
     @property
     def priced_vehicle(self) -> VehicleSpec:
-        """The vehicle with which paths are priced; estimate errors give it a return margin."""
+        """The vehicle for pricing paths; if its position estimate has errors, it has a return margin."""
         return with_return_margin(self.vehicle) if self.estimate_errors else self.vehicle
 
     def mission(self, path: PlannedPath, *, camera_on_approach: bool = False) -> Mission:

@@ -86,7 +86,7 @@ def vehicles_of(
     from the farm. Ideal robots have no size and all start at home, as in the paper.
     """
     if len(options.vehicle.fleet) > 1 and options.mission.height_above_ground_m is not None:
-        msg = "height above ground: separation uses heights above home; plan for one vehicle"
+        msg = "height above ground: a fleet is separated by heights above home; plan for one vehicle"
         raise ScenarioError(msg)
     vehicles = []
     for number, one in enumerate(single_vehicles(options), start=1):

@@ -170,8 +170,8 @@ def border_fence(
     """
     count = min(_OF_OBSTACLES // _LEAST_VERTICES, len(barred))
     if count < len(barred):
-        text = f"the fence excludes the {count} obstacles nearest to the path, of {len(barred)}"
-        warnings.warn(f"{text}: autopilots store no more; the path leads round all of them", stacklevel=2)
+        text = f"the fence excludes only the {count} obstacles nearest to the path, of {len(barred)}"
+        warnings.warn(f"{text}, as autopilots store no more; the path avoids all obstacles", stacklevel=2)
     way = shapely.LineString(path_m)
     nearest = sorted(barred, key=lambda one: float(one.polygon.distance(way)))[:count]
     each = _OF_OBSTACLES // max(count, 1)

@@ -67,7 +67,7 @@ class PlannedSortie:
     plan: PlanResult
 
     def summary(self, course: Course) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return the sortie as plain values for JSON."""
         home = self.plan.mission.home
         return {
             **{
@@ -185,8 +185,8 @@ def cut_plan(
         stands = np.array([(home.latitude_deg, home.longitude_deg) for home in (own_home, *homes)])
         if (differ_m := float(np.ptp(builder.ground.ground.heights(*stands.T)))) > TOLERANCE_M:
             msg = (
-                "the plan's heights over the terrain count from the mission's home, but the ground at the"
-                f" take-off places differs by {differ_m:.1f} m; take off where the ground is as high as there"
+                "the plan's heights over the terrain count from the mission's home, but the ground at"
+                f" the take-off places differs by {differ_m:.1f} m; take off where it is as high as at home"
             )
             raise UncutError(msg)
     placed = replace(whole.mission, home=own_home)
@@ -265,7 +265,7 @@ class _Cutter:
             self.course, self.builder, begin=self.begin, homes=self.homes, overlap_m=self.overlap_m
         )
         if costs is None:
-            msg = "no sorties: the vehicle cannot fly the mission, or not home from all of its places"
+            msg = "no sorties: the vehicle cannot fly the mission, or cannot return home from all positions"
             raise UncutError(msg)
         usable_wh = battery.capacity_wh * (self.full - battery.reserve_fraction)
         charge = np.ones(len(costs.places))
@@ -284,11 +284,11 @@ class _Cutter:
             ):
                 return tuple(map(self._planned, flown))
             charge = _charge(costs, choice, takes_wh) * _SPARE**number
-        msg = f"no sorties: {_TRIES} cuts were tried, each with a sortie that takes more than a battery"
+        msg = f"no sorties: all {_TRIES} cuts that were tried have a sortie that needs more than a battery"
         raise UncutError(msg)
 
     def _too_dear(self, costs: SortieCosts, charge: NDArray[np.float64], usable_wh: float) -> str:
-        """Return why `costs` allow no cut: the dearest of the shortest sorties, if it exceeds a battery."""
+        """Return why no cut is possible: a place is too far from home, or too many sorties are needed."""
         shortest = np.arange(len(costs.places) - 1)
         takes_wh = costs.charged(charge)[:, shortest, shortest + 1].min(axis=0)
         dearest = int(takes_wh.argmax())
@@ -307,7 +307,7 @@ class _Cutter:
         )
 
     def _priced(self, flown: Sequence[Flown]) -> list[float]:
-        """Return each sortie's approximate energy bound: its price, scaled by one full prediction."""
+        """Estimate the sorties' energy bounds: price times the dearest sortie's ratio of bound to price."""
         prices = [one.energy_wh for one in self.builder.price([self.mission(one) for one in flown])]
         dearest = max(range(len(prices)), key=prices.__getitem__)
         more = self._full(flown[dearest]).most_wh / prices[dearest]
@@ -358,7 +358,7 @@ def _charge(costs: SortieCosts, choice: _Cut, takes_wh: Sequence[float]) -> NDAr
 
 @dataclass(frozen=True, slots=True)
 class _Cut:
-    """A cut, as indices of the places where sorties begin and end, and of each sortie's home."""
+    """A cut: indices of the places at which sorties begin and end, and the index of each sortie's home."""
 
     ends: tuple[int, ...]
     homes: tuple[int, ...]
@@ -404,7 +404,7 @@ class SortieCosts:
         if flown is None:
             return None
         way_m = np.maximum.accumulate(course.along(flown.seq, flown.place_m[:, 0], flown.place_m[:, 1]))
-        count = int(np.searchsorted(way_m[:-1], course.length_m)) + 1  # Later points are of the flight home
+        count = int(np.searchsorted(way_m[:-1], course.length_m)) + 1  # The rest is the flight home
         way_m, place_m = way_m[:count], flown.place_m[:count]
         frame = builder.farm.frame
         track_m = np.column_stack(frame.from_wgs84(*course.frame.to_wgs84(place_m[:, 0], place_m[:, 1])))
@@ -450,7 +450,7 @@ class SortieCosts:
         return cls(tuple(places), seconds, watt_hours, midst)
 
     def charged(self, charge: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the energy of all sorties, each times the mean `charge` of the places that it passes."""
+        """Return each sortie's energy, multiplied by the mean `charge` of the places on the sortie."""
         before, number = np.concatenate(([0.0], np.cumsum(charge[:-1]))), np.arange(len(charge))
         places = np.maximum(number[None, :] - number[:, None], 1)
         charged: NDArray[np.float64] = self.watt_hours * ((before[None, :] - before[:, None]) / places)
@@ -509,7 +509,7 @@ def _end_m(course: Course, place: Place | None) -> float:
 
 
 def _spread(straight_s: NDArray[np.float64], metres: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return some places, evenly spaced in the order of straight-line time."""
+    """Return a sample of `metres`, evenly spread from the shortest to the longest straight-line time."""
     ranks = np.unique(np.linspace(0, len(metres) - 1, _PROBES).astype(np.int64))
     chosen: NDArray[np.float64] = metres[np.argsort(straight_s, kind="stable")[ranks]]
     return chosen
@@ -518,7 +518,7 @@ def _spread(straight_s: NDArray[np.float64], metres: NDArray[np.float64]) -> NDA
 def _interpolated(
     straight_s: NDArray[np.float64], known_s: NDArray[np.float64], takes: list[float], beyond: float
 ) -> NDArray[np.float64]:
-    """Return flights' costs, interpolated by straight-line time; after the longest, a second costs `beyond`.
+    """Interpolate the costs of flights by straight-line time; after the longest, a second costs `beyond`.
 
     The interpolation is linear, since return altitudes change in steps with the distance from home.
     """

@@ -98,7 +98,7 @@ class Measure:
         return f"{number} {self.unit}".strip()
 
     def summary(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return the number and its limit as plain values for JSON."""
         return {
             "measured": self.name,
             "value": self.value,
@@ -147,7 +147,7 @@ class Finding:
         return f"{start}{self.text}{measured}" + (f"; {self.fix}" if self.fix else "")
 
     def summary(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return the finding as plain values for JSON."""
         measured = _NOTHING_MEASURED if self.measure is None else self.measure.summary()
         return {
             "severity": self.severity.value,

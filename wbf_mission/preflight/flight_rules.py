@@ -229,7 +229,7 @@ _SHORT_GUSTS_S = 1.0
         WARNING,
         "{vehicle} holds its path in at most {limit_m_s:.3g} m/s, but gusts are stronger: they blow the"
         " vehicle aside, farther than the margins to obstacles and fence allow for",
-        "wait for less wind, or stay farther away",
+        "wait for less wind, or plan farther from obstacles and fence",
         rules.at_most("time in such gusts", "s"),
     ),
 )
@@ -362,7 +362,7 @@ def check_camera(subject: Subject) -> Iterator[Finding]:
         "unseen",
         WARNING,
         "the images show less of the farm's land than was asked for",
-        "give the right --farm and --camera, or plan again; ignore this for a part of a survey",
+        "give the right --farm and --camera, or plan again; ignore this if the plan is a part of a survey",
         rules.at_least("coverage", "%"),
     )
 )

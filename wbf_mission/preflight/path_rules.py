@@ -187,7 +187,7 @@ def check_obstacles(subject: Subject) -> Iterator[Finding]:
             legs = shapely.linestrings(np.stack((track.points_m[:-1, :2], track.points_m[1:, :2]), axis=1))
             above = np.maximum(np.minimum(track.points_m[:-1, 2], track.points_m[1:, 2]) - top_m, 0.0)
             near = np.flatnonzero(shapely.dwithin(legs, obstacle.polygon, margin_m) & (above <= margin_m))
-            # This is the distance to the obstacle, beside it, above it, or diagonally to the edge of its top.
+            # Distance to the obstacle: horizontal, vertical, or diagonal to the edge of the obstacle's top.
             away = np.hypot(shapely.distance(legs[near], obstacle.polygon), above[near])
             for k, metres in zip(near, away, strict=True):
                 hits = touched if metres == 0.0 else too_near.setdefault(margin_m, [])
@@ -307,7 +307,7 @@ _LONGEST_M = 10_000.0
 
 
 @CHECKS.finds(
-    Rule("zero-leg", WARNING, "the item repeats the position before it", "remove one of the two"),
+    Rule("zero-leg", WARNING, "the item repeats the position before it", "remove one of the two items"),
     Rule(
         "long-leg",
         WARNING,

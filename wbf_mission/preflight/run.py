@@ -22,7 +22,7 @@ PLAN_CHECKS = (*plan_rules.CHECKS.all, *path_rules.CHECKS.all, *flight_rules.CHE
 
 
 def connection(name: str) -> Any:
-    """Return what an add-on provides for flights of real vehicles; LinkError if no add-on does.
+    """Return an object that an add-on for real vehicles provides; LinkError without such an add-on.
 
     The name ``LiveLink`` gives the class `wbf_mission.LiveLink`, and ``fly`` a function that makes such a
     link with the operator at the terminal. ``resume`` gives a function that takes the text of

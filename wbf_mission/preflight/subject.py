@@ -156,7 +156,7 @@ class Circumstances:
     margin_m: float = MissionOptions().margin_m
     max_altitude_m: float = MissionOptions().max_altitude_m  # Highest allowed altitude above home.
     image_interval_s: float = MIN_INTERVAL_S  # The camera's shortest interval.
-    assumed: bool = False  # Whether the vehicle is only assumed; errors about it are then warnings.
+    assumed: bool = False  # Whether the vehicle is only assumed; its errors are then warnings.
     snapshot: Answers | None = None  # The vehicle's answers.
     footprint: int = 1  # Side of an image, in cells of the farm.
     imaging: Imaging | None = None  # Mapping camera; None: the leaf camera.
@@ -244,7 +244,7 @@ def subject_of(mission: Mission, given: Circumstances) -> Subject:
     A mission without home gets the farm's home or, without a farm, the position of the vehicle.
     """
     if len(given.vehicle.fleet) > 1:
-        msg = f"vehicle {given.vehicle.name}: a plan is for one vehicle; name one vehicle"
+        msg = f"vehicle {given.vehicle.name}: a plan is for one vehicle; name only one vehicle"
         raise PreflightError(msg)
     options = given.vehicle if given.snapshot is None else given.snapshot.as_set(given.vehicle)
     placed, planned = _with_home(mission, given), flown_vehicle(given.vehicle)

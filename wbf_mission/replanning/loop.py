@@ -115,7 +115,7 @@ class Steered(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """Estimate and observations for the policy, to which `observation` adds the reports of the vehicles."""
+    """Estimate and observations for the policy; `observation` adds the reports of the vehicles to both."""
 
     farm: Farm
     day: int
@@ -250,8 +250,8 @@ class DecisionLoop:
         """Return a question with the current vehicles and observations.
 
         `model` replaces the estimate of `Knowledge` if another thread computes the answer while vehicles fly
-        on. The vehicles' reports then include the predicted cost of flying while the answer is computed, for
-        which the time limit is assumed, or twice the time of the last answer if that is longer. Without this
+        on. The vehicles' reports then include the predicted cost of flying during the computation, which is
+        assumed to take the time limit or, if that is longer, twice the time of the last answer. Without this
         margin, a new path near the end of the budget would exceed the budget when the answer arrives.
         """
         ahead_s = 0.0 if model is None else max(self._compute_s, 2.0 * self._took_s)

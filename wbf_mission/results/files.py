@@ -477,7 +477,7 @@ def _read_record(path: Path) -> _Record:
         msg = f"{path}: is not the record of a result ({error})"
         raise ResultError(msg) from None
     if record.format != FORMAT:
-        msg = f"{path}: has format {record.format}, this version reads {FORMAT}"
+        msg = f"{path}: has format {record.format}, but this version reads {FORMAT}; use another version"
         raise ResultError(msg)
     return record
 

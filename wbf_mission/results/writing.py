@@ -57,7 +57,7 @@ class ResultFolder:
     writable or is locked by another run.
 
     If a flight is killed, or a `real` flight ends with an error, its log is kept beside the folder, and
-    `warn` receives a line about the log. It also receives a line for each mission that is saved only as JSON.
+    `warn` receives a line about the log, and about each mission that is saved only as JSON.
     """
 
     def __init__(
@@ -168,14 +168,14 @@ class ResultFolder:
         made = f"{kept.with_suffix('')}-map"
         words = ["wbf-mission", "map", "--log", str(kept), "--farm", self._farm, "--out", made]
         self._warn(
-            f"a flight into {self.path} was not saved; its telemetry log is kept as {kept}."
+            f"the flight for {self.path} was not saved; its telemetry log is kept as {kept}."
             f" Make its map with '{shlex.join(words)}'"
         )
 
     def _free(self, ending: str, suffix: str = "") -> Path:
         """Return a free path beside the temporary folder: the result's name, `ending`, a number and `suffix`.
 
-        The path is given in the way in which the user wrote the result's path, if both have the same parent.
+        If the result has the same parent folder, the path begins as the user wrote the result's path.
         """
         filled = self._folder.filled
         name = f"{filled.name[1:].removesuffix('.partial')}{ending}"

@@ -39,7 +39,7 @@ from wbf_mission.run.reuse import FlightAlone, FlightMemory, FlightsAhead, can_f
 
 
 class RealSorties(Protocol):
-    """A real vehicle's progress through its sorties; if a sortie ends early, the rest is cut again."""
+    """A real vehicle's progress through its sorties; after an early end, the rest is cut into new sorties."""
 
     cut: SortiePlan  # Flown sorties, cut to their flown part, and the planned sorties.
     stopped: str  # Why the mission was stopped; empty if it goes on or is complete.

@@ -97,7 +97,7 @@ class VirtualHosting(Hosting):
     """Simulated vehicles on a virtual clock, which runs as fast as possible unless a pace is given."""
 
     impairment: Impairment | None = None  # Disturbances of the radio link.
-    faults: tuple[AnyFault, ...] = ()  # Faults injected into each flight, except those of lost vehicles.
+    faults: tuple[AnyFault, ...] = ()  # Faults injected into each flight, except faults of lost vehicles.
 
     def open(
         self,

@@ -31,9 +31,9 @@ SLICE_S = 1.0
 # Longest wait for the last answer (s); most policies answer within a second.
 LAST_ANSWER_S = 5.0
 MOST_AGAIN = 2
-"""Number of late answers after which a policy is asked again at once; then it waits for its next trigger."""
+"""Limit of late answers in a row after which a policy is asked again at once, not at its next trigger."""
 _OVER = frozenset({Status.PILOTED, Status.RETURNING, Status.ENDED, Status.LOST})
-"""In these statuses of a vehicle, a pending answer is void for the vehicle."""
+"""Statuses in which a vehicle gets no new path from a pending answer of the policy."""
 _ORDERED = "the vehicle was given an order while the policy decided"
 _AHEAD_S = 0.02
 """The flight sleeps if the simulated clock is ahead of the wall clock by more than this (s)."""
@@ -301,7 +301,7 @@ class JointFlight:
                 self._thinking = _beside(partial(self._decisions.answer, question))
 
     def _look_at_answer(self, thinking: Future[Answered]) -> None:
-        """Send a finished answer to the vehicles that can still fly it.
+        """Send the paths of a finished answer to the vehicles that can still fly them.
 
         If a vehicle is lost, taken over or returning while the policy decides, the operator is warned at
         once, since the policy may never answer.
@@ -340,7 +340,7 @@ class JointFlight:
             thinking, self._thinking = self._thinking, None
             if wait([thinking], LAST_ANSWER_S).not_done:
                 # The policy's thread is a daemon, so it ends when the program ends.
-                text = f"the policy did not answer within {LAST_ANSWER_S:g} s of the end: its answer is lost"
+                text = f"the policy did not answer within {LAST_ANSWER_S:g} s after the flight"
                 self._events.warn(text)
             elif (error := thinking.exception()) is not None:
                 raise error

@@ -90,8 +90,8 @@ _SURVEY = "survey"
 _CLOSE = 1.01
 """The search ends if the ratio of its bounds is below this."""
 _PACKED, _ENOUGH = 0.985, 0.97
-"""Fraction of all batteries' energy that the search aims at, and fraction that ends the search. Sorties can
-be cut only at certain places, so the batteries are never used up."""
+"""Fraction of all batteries' energy that the search aims at, and fraction at which the search ends. Sorties
+can be cut only at certain places, so the batteries are never used up."""
 _FARTHEST = 1.5
 """Upper bound of the distance per battery, in multiples of the length of a mission for one battery."""
 
@@ -123,8 +123,8 @@ def plan_for_batteries(
 ) -> tuple[PlanResult, SortiePlan | None]:
     """Plan the longest mission of one vehicle that `count` batteries can fly.
 
-    The function searches for the budget in metres, with at most eight plans. Each plan is cut into sorties,
-    whose energy scales the next budget; if this lies outside the bounds, the next budget is their middle.
+    The function searches for the budget in metres, with at most eight plans. Each plan is cut into sorties.
+    The sorties' energy scales the next budget; if that is out of bounds, the middle of the bounds is tried.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def plan_for_batteries(
     """
     text = "1 battery" if count == 1 else f"{count} batteries"
     if len(scenario.vehicle.fleet) > 1:
-        msg = f"budget {text}: batteries are counted for one vehicle, not for {len(scenario.vehicle.fleet)}"
+        msg = f"budget {text}: for {len(scenario.vehicle.fleet)} vehicles, give metres, minutes or steps"
         raise ScenarioError(msg)
 
     def planned(budget: str | None) -> PlanResult:
@@ -162,12 +162,12 @@ def plan_for_batteries(
         try:
             sorties = cut(whole) if whole.is_too_long else None
         except UncutError as error:
-            raise ScenarioError(f"budget {text}: no number is enough for the survey: {error}") from error
+            raise ScenarioError(f"budget {text}: no number of batteries suffices: {error}") from error
         takes = 1 if sorties is None else len(sorties.sorties)
         if takes > count:
             msg = (
-                f"budget {text}: {takes} are needed for the survey; give {takes} batteries, or rows that"
-                " are farther apart"
+                f"budget {text}: the survey needs {takes} batteries; give {takes}, or rows that are farther"
+                " apart"
             )
             raise ScenarioError(msg)
         return whole, sorties

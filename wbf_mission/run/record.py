@@ -107,7 +107,7 @@ class FlightRecord:
         return {"rms": float(np.sqrt(np.mean(error_m**2))), "max": float(error_m.max())}
 
     def summary(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return the flight as plain values for JSON."""
         return {
             "day": self.day,
             "flight": self.flight,
@@ -177,7 +177,7 @@ class DayRecord:
     model: InformationModel | None = None
 
     def summary(self, history: ScoreHistory, flights: int, observations: int) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return the day's report and scores as plain values for JSON."""
         own = history.of_day(self.day)
         last = own.entries[-1] if own.entries else None
         return {
@@ -399,7 +399,7 @@ class RunRecord:
 
     @property
     def budget_left(self) -> str:
-        """Note on the budget that a planner's first mission leaves unused; empty if that is little."""
+        """Note on the budget that a planner's first mission leaves unused; empty if little is left."""
         if self.scenario.mission.policy is not None:  # A policy's flight is longer than its first path
             return ""
         day, system_id = self.flights[0].day, self.flights[0].system_id

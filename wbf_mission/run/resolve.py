@@ -236,18 +236,18 @@ def _read_plan(file: str, builder: MissionBuilder, footprint: int, seed: int) ->
 def farm_of(
     options: FarmOptions, farm: Farm | None = None, fields: FieldSet | None = None
 ) -> tuple[Farm, FieldSet]:
-    """Return the farm, limited to the crops of the fields, and the fields; load what is None."""
+    """Return the farm, limited to the crops of the fields, and the fields; load those that are None."""
     fields = load_field_set(options.fields) if fields is None else fields
     return (options.load() if farm is None else farm).scouting(fields.crops), fields
 
 
 def _require_hosts(farm: Farm, fields: FieldSet) -> None:
-    """Refuse a field set if the farm's owner grows none of its crops, since nothing could be scored."""
+    """Refuse fields if the farm's owner grows none of their crops, since nothing could be scored."""
     wanted = fields.crops
     if wanted and set(farm.grown).isdisjoint(wanted):
         msg = (
             f"farm {farm.name}: grows {', '.join(farm.grown) or 'nothing'}, but the fields"
-            f" {', '.join(fields.names)} are of {', '.join(wanted)}: name fields of its crops (--fields)"
+            f" {', '.join(fields.names)} are of {', '.join(wanted)}: name fields for its crops (--fields)"
         )
         raise ScenarioError(msg)
 

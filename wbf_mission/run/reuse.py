@@ -1,9 +1,9 @@
 """Reuse of equal flights by several runs, and flights flown ahead in other processes.
 
-A planner's path does not depend on the camera's readings. Mission, vehicle and weather therefore decide a
-flight, and also the seed if the flight has random draws; environment, camera errors and estimator do not
-matter. The flight is flown with cameras that number their readings (`sensors.camera.leaf_camera`). For each
-run, readings of its environment then replace the numbers.
+A planner's path does not depend on the camera's readings. Mission, vehicle, weather and, for a flight with
+random draws, the seed therefore decide a flight; environment, camera errors and estimator do not matter. The
+flight is flown with cameras that number their readings (`sensors.camera.leaf_camera`). For each run, readings
+of that run's environment then replace the numbers.
 
 Flights of a run can also be flown in parallel. Each flight draws from random streams that belong to its
 number, so the order of the flights does not matter.
@@ -52,7 +52,7 @@ MOST_READINGS = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class _KeptFlight:
-    """A flight that has the numbers of its readings in place of values."""
+    """A kept flight, with the numbers of its readings in place of the values read."""
 
     records: tuple[FlightRecord, ...]
     images: ImageList
@@ -262,9 +262,9 @@ def _spare_collector() -> None:
 def can_fly_ahead(run: Run, hosting: Hosting, expected_s: float) -> bool:
     """Return whether worker processes can fly the flights of a run, and save time.
 
-    They cannot fly a policy (it needs the observations of earlier flights), or a planner object (it may not
-    be picklable), nor fly in real time (users watch such flights). A worker process starts no more workers,
-    since the cores are in use. `expected_s` is the flight time summed over vehicles and flights.
+    Workers cannot fly a policy (it needs the observations of earlier flights) or a planner object (it may not
+    be picklable), and they do not fly in real time (users watch such flights). A worker process starts no
+    more workers, since the cores are in use. `expected_s`: flight time summed over vehicles and flights.
     """
     from joblib import cpu_count
 

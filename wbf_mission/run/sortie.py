@@ -40,8 +40,8 @@ from wbf_mission.scenario.parts import MOST_VEHICLES
 
 _SLOWEST_FLIGHT_M_S = 0.1
 SILENT_S = 30.0
-"""Decisions treat a vehicle as lost after this silence (s), which counts from the expected return if the
-vehicle left radio range."""
+"""A policy sees a vehicle as lost after this silence (s). Beyond radio range, the silence counts from the
+time at which the vehicle should be back in range."""
 SLOWEST_M_S = 0.3
 _REAL_GROUNDS = (GROUND_STATION[1], *range(m.MAV_COMP_ID_USER1, m.MAV_COMP_ID_USER1 + MOST_VEHICLES))
 """Component ids of the ground stations of real vehicles. Real vehicles expect a ground station with system id
@@ -184,7 +184,7 @@ class Sortie:
         return known.copy()
 
     def _points_of(self, items: tuple[MissionItem, ...], left: list[int]) -> Points:
-        """Return the path points of the mission items `left`, which are the last items of their path."""
+        """Return the path points of the mission items with the indices `left`, the last items of a path."""
         for held, path_m, sent in self._led:
             if held is items:
                 return path_m[sent.of_point[-len(left)] :] if left else path_m[:0]

@@ -127,7 +127,7 @@ def split_choices(text: str, what: str) -> list[str]:
         msg = f"{what}s: {error}"
         raise ScenarioError(msg) from None
     if not found:
-        msg = f"{what}s {text!r} has no name: give names separated by commas"
+        msg = f"{what}s {text!r}: no name is given; give names separated by commas"
         raise ScenarioError(msg)
     return found
 

@@ -113,7 +113,7 @@ class Option:
 
 
 def option(default: Any, text: str, panel: str, /, **more: Any) -> Any:
-    """Return a dataclass field with an `Option` as metadata; by default the key gives the flag."""
+    """Return a dataclass field with an `Option` as metadata; its flag is by default made from its key."""
     metadata = {_METADATA: {"help": text, "panel": panel, **more}}
     if isinstance(default, type):
         return field(default_factory=default, metadata=metadata)

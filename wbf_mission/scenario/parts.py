@@ -76,14 +76,14 @@ class FarmOptions(Part):
         " such as wrong-rates, or a .toml file",
         RUN,
         metavar="NAME",
-        default="as published",
+        default="the published development",
     )
     crop: str | None = option(
         None, "Crop of patches in a farm file that name no crop", RUN, metavar="NAME", default="crop"
     )
     crs: str | None = option(
         None,
-        "Coordinate system, such as EPSG:32617, of a farm file that names none",
+        "Coordinate system, such as EPSG:32617, of a farm file that names no system",
         RUN,
         key="farm_crs",
         metavar="CODE",
@@ -176,7 +176,7 @@ class MissionOptions(Part):
         VEHICLE,
         low=0.5,
         high=_CEILING_M,
-        default="the vehicle's",
+        default="vehicle's height",
         not_with=("mission",),
     )
     height_above_ground_m: float | None = option(
@@ -186,7 +186,7 @@ class MissionOptions(Part):
         VEHICLE,
         low=0.5,
         high=_CEILING_M,
-        default="as --altitude above home",
+        default="heights are above home, see --altitude",
         not_with=("mission", "altitude_m"),
     )
     max_altitude_m: float = option(
@@ -215,7 +215,7 @@ class MissionOptions(Part):
         needs="height_above_ground_m",
     )
     cruise_speed_m_s: float | None = option(
-        None, "Cruise speed", VEHICLE, low=0.1, high=30.0, default="the vehicle's", not_with=("mission",)
+        None, "Cruise speed", VEHICLE, low=0.1, high=30.0, default="vehicle's speed", not_with=("mission",)
     )
     acceptance_radius_m: float | None = option(
         None,
@@ -306,7 +306,7 @@ class VehicleOptions(Part):
         flag="--param",
         metavar="NAME=VALUE",
         read=parameter_values,
-        default="the autopilot's own",
+        default="the autopilot's defaults",
     )
     gps_noise_m: float = option(
         0.0, "Standard deviation of the slow GPS position error, along each axis", VEHICLE, low=0.0, high=20.0
@@ -324,8 +324,8 @@ class VehicleOptions(Part):
     separation: str = option(
         "layers:2m",
         "Separation of the vehicles of a fleet: layers:METRES (each at its own height), distance:METRES"
-        " (at one height; a vehicle may start later) or none; position errors add to the distance, and"
-        " the paper's robots need none",
+        " (at one height; a vehicle may start later) or none; position errors increase the distance;"
+        " the paper's robots fly without separation",
         VEHICLE,
         needs_fleet=True,
         metavar="WAY",
@@ -352,7 +352,7 @@ class VehicleOptions(Part):
             raise ScenarioError(msg)
         for what, given in (("vehicle", names), ("autopilot", self.autopilot.split(","))):
             if len(given) not in (1, len(self.fleet)):
-                msg = f"{len(given)} {what} names for {len(self.fleet)} vehicles: give one, or one for each"
+                msg = f"{len(given)} {what} names for {len(self.fleet)} vehicles: give one name, or one each"
                 raise ScenarioError(msg)
         parse_separation(self.separation)
 
@@ -436,8 +436,8 @@ class WeatherOptions(Part):
         Option(
             "wind_shear",
             "Growth of the wind with height: log[,ROUGHNESS[,HEIGHT]] or power[,EXPONENT[,HEIGHT]], where"
-            " --wind holds at HEIGHT (m); sitl is as in ArduPilot's simulator, sqrt(h / 60 m), where --wind"
-            " holds at 60 m and above (only with --wind)",
+            " --wind is the wind at HEIGHT (m); sitl is the law of ArduPilot's simulator, sqrt(h / 60 m), for"
+            " which --wind is the wind at 60 m and above (only with --wind)",
             VEHICLE,
             flag="--wind-shear",
             metavar="LAW[,VALUE[,HEIGHT]]",
@@ -492,7 +492,7 @@ class CameraOptions(Part):
         CAMERA,
         key="camera_fields",
         metavar="NAMES",
-        default="all",
+        default="all fields",
         read=names_in,
     )
 

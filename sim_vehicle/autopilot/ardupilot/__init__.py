@@ -82,7 +82,7 @@ class ArduCopterProcedures(FlightProcedures):
         )
 
     def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
-        """Return the motion model of a vehicle that stands at home."""
+        """Return the motion model of a multirotor under ArduCopter that stands at home."""
         from sim_vehicle.motion.arducopter.model import ArduCopter
 
         return ArduCopter(spec, self.law, wind, yaw_rad)

@@ -85,7 +85,7 @@ class Px4MultirotorProcedures(FlightProcedures):
         )
 
     def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
-        """Return the motion model of a vehicle that stands at home."""
+        """Return the motion model of a multirotor under PX4 that stands at home."""
         from sim_vehicle.motion.px4.model import Px4Multirotor
 
         return Px4Multirotor(spec, self.law, wind, yaw_rad)

@@ -100,7 +100,7 @@ def rooted(error: float, gain: float, limit: float) -> float:
 
 @compiled(inline="always")
 def stopping_distance(speed: float, gain: float, limit: float) -> float:
-    """Return the controller's stopping distance: the error for which `rooted` returns this speed."""
+    """Return the controller's stopping distance at a speed: the error for which `rooted` is the speed."""
     if speed < limit / gain:
         return speed / gain
     return 0.5 * limit / (gain * gain) + 0.5 * speed * speed / limit
@@ -189,7 +189,7 @@ def _across_first(ax: float, ay: float, vx: float, vy: float, most: float) -> tu
 
 @compiled(inline="late", allocates=False)
 def move(state: Record, guide: Record, law: Record, rising: float) -> float:
-    """Move the airframe by one step under thrust and drag, and return the length of the step."""
+    """Move the airframe by one time step under thrust and drag, and return the length of path flown."""
     dt = law.dt
     guide.target_x += law.target_filter * (guide.asked_x - guide.target_x)
     guide.lean_x += law.lean_filter * (guide.target_x - guide.lean_x)
@@ -233,7 +233,7 @@ def move(state: Record, guide: Record, law: Record, rising: float) -> float:
 
 @compiled(inline="late", allocates=False)
 def turn(state: Record, guide: Record, law: Record, heading: float, turning: float) -> None:
-    """Turn the nose to the region of interest, at a rate, to a heading, or as the target moves."""
+    """Turn the nose: to the region of interest, at a rate, to a heading, or in the target's direction."""
     yaw, rate, change = state.heading, state.heading_rate, law.yaw_accel * law.dt
     wanted = np.nan
     if not isnan(state.look_east):

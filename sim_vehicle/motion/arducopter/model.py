@@ -76,7 +76,7 @@ class AlongCurves(CompiledMotion):
     def _set_out(
         self, route: Route, law: Floats, points_m: Floats, kind: NDArray[Any], fastest: float
     ) -> None:
-        """Begin a route with leg ends, kinds and a top speed that the vehicle's class chooses.
+        """Begin a route; the caller has chosen the legs' ends and kinds and the top speed.
 
         Parameters
         ----------
@@ -238,7 +238,7 @@ class ArduCopter(AlongCurves, Multirotor):
         self._under_way, self._interrupted = True, False
 
     def fly(self, route: Route) -> None:
-        """Begin a route from the present position and motion."""
+        """Begin a route under ArduCopter from the present position and motion."""
         fastest = self.spec.top_speed_m_s
         self.guide[Guide.ARMING_STEPS] = max(round(_ARMING_DELAY_S / self.step_s) - self._armed_steps, 0)
         self._set_out(route, self.law, route.points_m, route.legs["kind"], fastest)
@@ -300,7 +300,7 @@ class ArduCopter(AlongCurves, Multirotor):
         self.law[Law.SPEED_DOWN] = descent_m_s or self.spec.descent_speed_m_s
 
     def touch_down(self) -> None:
-        """Stand still on the ground."""
+        """Put the vehicle and ArduCopter's guidance at rest on the ground."""
         super().touch_down()
         # After a landing, the arming delay counts as over until the vehicle disarms.
         self._armed_steps = round(_ARMING_DELAY_S / self.step_s)

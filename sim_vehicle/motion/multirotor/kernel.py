@@ -3,8 +3,8 @@
 docs/vehicle-model.md describes the model and its control law. Arrays are float64 unless noted; lengths are in
 metres, angles in radians, positions east-north-up relative to home, headings clockwise from north.
 
-One vehicle is a record of `STATE` and a row of `COUNTERS` integers. A batch of vehicles has one array of each
-and a loop over `advance`.
+One vehicle is a record of `STATE` and a row of `COUNTERS` integers. A batch of vehicles has an array of
+records, an array of rows and a loop over `advance`.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ LEG, LIMITS = record_type(Leg), record_type(Limits)
 
 STOP_RADIUS = 0.05
 STOP_SPEED = 0.1
-# A leg has stalled when the vehicle stands still for this long, or when the leg takes this long in excess of
-# 1.5 times the time for its length and initial detour at the slowest speed.
+# A leg has stalled if the vehicle stands still for this long, or if the leg takes longer than this plus 1.5
+# times the time for the leg and its initial detour at the speed SLOWEST.
 STALL_S = 30.0
 SLOWEST = 0.3
 # Distance to the region of interest (m) below which the nose keeps its direction.

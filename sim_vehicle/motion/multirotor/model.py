@@ -68,7 +68,7 @@ class Multirotor(CompiledMotion):
         }
 
     def fly(self, route: Route) -> None:
-        """Begin a route from the present position and motion."""
+        """Begin a route, flown by the generic dynamics, from the present position and motion."""
         self._begin(self._prepared(route.legs))
 
     def _prepared(self, legs: Record) -> Record:

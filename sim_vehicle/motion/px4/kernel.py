@@ -256,8 +256,8 @@ def _guide(g: Record, row: Record, law: Record, px: float, py: float, pz: float,
     fastest = law.xy_vel_max
     wx, wy = min(max(wx, -fastest), fastest), min(max(wy, -fastest), fastest)
     wz = min(max(wz, -top), top)
-    # The trajectory waits for a vehicle that is behind it. For a vehicle beside it, the trajectory waits half
-    # as much if the estimate is exact; with a noisy estimate, half is the average.
+    # The trajectory slows down for a vehicle that is behind it. For a vehicle beside it, an exact estimate
+    # makes the trajectory slow down half as much, which is the average for noisy estimates.
     ex, ey = g.x - px, g.y - py
     speed2 = g.vx * g.vx + g.vy * g.vy
     lead = (ex * g.vx + ey * g.vy) / sqrt(speed2) if speed2 > 0.0 else 0.0
@@ -363,8 +363,8 @@ def _turn(g: Record, row: Record, law: Record, state: Record) -> None:
 def _fly(g: Record, law: Record, state: Record, wanted: Vector, flying: bool, turning: float) -> float:
     """Move the airframe by one step and return the path length of the step.
 
-    The thrust direction follows the attitude (an angle controller with a lagging rate), the thrust follows
-    the motors, and the drag is linear. `turning` is the yaw rate (rad/s, clockwise) that ``AttitudeControl``
+    The direction of the thrust lags as an angle controller with a rate loop does, its size lags with the
+    motors, and the drag is linear. `turning` is the yaw rate (rad/s, clockwise) that ``AttitudeControl``
     feeds forward; this rotates the tilt about the vertical.
     """
     dt, lag = law.dt, 1.0 - exp(-law.dt / MOTOR_S)

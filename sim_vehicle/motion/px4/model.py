@@ -41,7 +41,7 @@ _ERRORS = 1000
 class Px4Multirotor(Multirotor):
     """Multirotor under PX4 that flies routes.
 
-    The generic dynamics of `Multirotor` fly commanded velocities (`steer`) and falls.
+    The generic dynamics of `Multirotor` take over for commanded velocities (`steer`) and for falls.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ class Px4Multirotor(Multirotor):
         self._guided = False
 
     def fly(self, route: Route) -> None:
-        """Begin a route from the present position and motion."""
+        """Begin a route under PX4 from the present position and motion."""
         legs, points = route.legs, route.points_m
         table = np.zeros((len(legs), len(Leg)))
         # PX4 has no curves, so the vehicle flies their chords as ordinary legs.
@@ -296,7 +296,7 @@ class Px4Multirotor(Multirotor):
             self._law[index] = min(speed or math.inf, law[index])
 
     def touch_down(self) -> None:
-        """Stand still on the ground."""
+        """Put the vehicle and PX4's memory at rest on the ground."""
         super().touch_down()
         self.guide[:] = 0.0
         self.guide[Guide.HEADING] = self.state[State.HEADING]

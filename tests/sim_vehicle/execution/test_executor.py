@@ -319,7 +319,7 @@ def test_orders_that_make_no_sense():
     for altitude in (0.0, -1.0, math.nan, 1e6):
         with pytest.raises(VehicleError, match="altitude"):
             vehicle.takeoff(altitude)
-    with pytest.raises(VehicleError, match="on the ground"):
+    with pytest.raises(VehicleError, match="from the ground"):
         vehicle.land()
     for speed in (0.0, -1.0, math.nan, 99.0):
         with pytest.raises(VehicleError, match="speed"):

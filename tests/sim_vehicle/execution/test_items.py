@@ -296,7 +296,7 @@ def test_velocities_and_places_by_turns():
     with pytest.raises(VehicleError, match="not armed"):
         vehicle.steer((1.0, 0.0, 0.0))
     vehicle.arm()
-    with pytest.raises(VehicleError, match="on the ground"):
+    with pytest.raises(VehicleError, match="from the ground"):
         vehicle.steer((1.0, 0.0, 0.0))
     vehicle.steer((0.0, 0.0, 1.0))
     vehicle.advance(190.0)

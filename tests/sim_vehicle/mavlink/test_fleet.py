@@ -102,7 +102,7 @@ def test_ports_of_a_large_fleet_do_not_meet():
     [
         (HOME, 0, "1 to 250"),
         (HOME, 251, "1 to 250"),
-        ([(HOME, 0.0), (HOME, 0.0)], 3, "one for each"),
+        ([(HOME, 0.0), (HOME, 0.0)], 3, "a home for each"),
         ([], None, "1 to 250"),
     ],
 )

@@ -198,11 +198,11 @@ def test_rows_of_other_code_are_kept_apart_with_a_word(tmp_path, monkeypatch, ca
         for one in old:
             store.add(one)
     with pytest.warns(
-        UserWarning, match="2 rows of runs with the same names were flown with other behaviour"
+        UserWarning, match="2 rows with the names of these runs are kept, but do not count here"
     ):
         assert len(benchmark(spec, out=tmp_path)) == 2
     monkeypatch.setattr("wbf_mission.bench.spec.behaviour", lambda: "1.2.3")
-    with pytest.warns(UserWarning, match="4 rows of runs with the same names"):
+    with pytest.warns(UserWarning, match="4 rows with the names of these runs"):
         again = benchmark(spec, out=tmp_path)
     assert {one.codes["code"] for one in again} == {"1.2.3"}
     assert main(["bench", "report", str(tmp_path), "--json", "--out", str(tmp_path / "report")]) == 0

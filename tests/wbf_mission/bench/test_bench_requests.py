@@ -28,7 +28,7 @@ def test_a_specification_comes_back_from_its_text(tmp_path):
 def test_objects_stand_in_a_comment():
     text = specification_text(spec_of(estimators=[PointEstimator(), "gp"], seeds=3))
     assert 'estimators = ["gp"]' in text
-    assert '# estimators of your own, which no file can name: give all on the command line: ["Point' in text
+    assert '# estimators of your own cannot be in a file: give them all on the command line: ["Point' in text
     assert text.endswith("\nseeds = 3")
 
 
@@ -46,7 +46,7 @@ def test_what_is_asked_again_stands_there_once(tmp_path):
 @pytest.mark.parametrize("content", ["{", '{"asked": 3}', '{"asked": [], "cards": [], "more": 1}', "\xff"])
 def test_a_damaged_file_is_told_and_not_replaced(tmp_path, content):
     (tmp_path / ASKED).write_bytes(content.encode("latin-1"))
-    with pytest.raises(ResultError, match=r"asked.json: is not a list of requests.*; remove it"):
+    with pytest.raises(ResultError, match=r"asked.json: is not a list of requests.*; remove the file"):
         keep_asked(tmp_path, spec_of(seeds=2), "")
     assert (tmp_path / ASKED).read_bytes() == content.encode("latin-1")
 

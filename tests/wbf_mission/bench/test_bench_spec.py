@@ -162,7 +162,7 @@ def test_a_file_may_name_scenarios_beside_it(tmp_path):
         ('seeds = "1..2..3"', "'1..2..3' is neither a seed nor a range"),
         ('seeds = "-1"', "neither a seed nor a range"),
         ('seeds = "5,"', "'' is neither a seed nor a range"),
-        ('seeds = "0..99999999999"', "are too many"),
+        ('seeds = "0..99999999999"', "too many seeds"),
         ('seeds = "0"', "seeds 0 are neither a number of seeds"),
         ('seeds = "3..5,4"', "a seed is given twice"),
         ("seeds = 20_000_000", "neither a number of seeds"),

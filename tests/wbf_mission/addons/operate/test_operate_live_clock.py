@@ -219,7 +219,7 @@ def test_a_vehicle_lands_and_the_run_ends_while_a_policy_never_answers():
     assert len(policy.told) == 1, "it is not asked while it decides"
     assert ended[1] == pytest.approx(ended[0], abs=3.0)
     assert link.said(NOT_SENT + "the vehicle was returning while") < ended[1] - 5.0
-    assert link.said("its answer is lost") == pytest.approx(ended[1], abs=1.0)
+    assert link.said("did not answer within") == pytest.approx(ended[1], abs=1.0)
 
 
 def test_a_pilot_who_takes_over_is_told_of_at_once_while_a_policy_never_answers():

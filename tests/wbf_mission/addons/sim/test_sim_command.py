@@ -75,7 +75,7 @@ def test_the_list_of_faults(capsys):
     [
         (["--count", "0"], "1 to 250"),
         (["--count", "251"], "1 to 250"),
-        (["--count", "3", "--home", "1,2", "--home", "3,4"], "one for each"),
+        (["--count", "3", "--home", "1,2", "--home", "3,4"], "a home for each"),
         (["--count", "2", "--spacing", "-1"], "spacing"),
         (["--speed", "fast"], "max"),
         (["--speed", "0"], "max"),

@@ -376,7 +376,7 @@ def test_what_fails_on_the_way_is_told(server: LiveServer) -> None:
     told(server, "/api/fly", farm=crop, options={**START, "fields": "tylcv"})
     state = ended(server)
     assert state["outcome"] == "failed"
-    assert state["words"].endswith("name fields of its crops ('Fields')")
+    assert state["words"].endswith("name fields for its crops ('Fields')")
 
 
 def patch(corners: list[tuple[float, float]], **properties: Any) -> dict[str, Any]:

@@ -51,7 +51,7 @@ _FRAMES = 150
 _FRAMES_A_SECOND = 12
 _LARGEST_SHARE = 0.02  # Minimum for the top of the colour scale of sick plants, on large farms.
 _COLUMNS = ("truth", "estimate", "uncertainty")
-# The path of this duration (s), at least of one frame, is drawn: a whole path would hide the maps.
+# Only the path of the last seconds (but at least of one frame) is drawn: a whole path would hide the maps.
 _TAIL_S = 30.0
 _MARGIN = 0.02
 _UNCERTAIN = "viridis"

@@ -152,7 +152,7 @@ class ConfidenceGuided:
 
     @staticmethod
     def _reached(problem: RouteProblem, x: float, y: float, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return which cells a straight leg from (x, y) inside the area reaches; all if (x, y) is outside."""
+        """Return which cells a straight leg from (x, y) reaches within the area; all if (x, y) is outside."""
         planning_grid = problem.planning_grid
         here = np.array([x, y]) * planning_grid.cell_m
         if (

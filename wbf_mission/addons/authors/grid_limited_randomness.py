@@ -209,7 +209,7 @@ def _two_opt(points: Any, near: Any, tour: Any, returns: bool) -> None:
         better = False
         for node in range(count):
             for other in near[node]:
-                # One new leg joins `node` and `other`, the second their successors or their predecessors.
+                # One new leg joins `node` and `other`, the other leg their successors or their predecessors.
                 for before in range(2):
                     first, last = min(at[node], at[other]) - before, max(at[node], at[other]) - before
                     if first < 0 or last <= first + 1:

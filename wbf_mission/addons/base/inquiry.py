@@ -202,7 +202,7 @@ class Inquiry:
 
     def __init__(self, *, system_id: int | None = None, placed: bool = False) -> None:
         self.done = False
-        self.waits_for_place = False  # Whether all answers have arrived but the position
+        self.waits_for_place = False  # Whether only the position is still missing
         self._placed = placed
         self.search = VehicleSearch(system_id)
         self._contact = Contact()
@@ -240,7 +240,7 @@ class Inquiry:
             self._ids.add(type(message).id)
             self._told |= _changes(message)
             if not self._alternatives:
-                # Parameters measure the delay better: this message may be streamed, and not an answer.
+                # Parameters measure the delay better: this message may belong to a stream, and be no answer.
                 self._measure_pace(now_s)
         self._settle(now_s)
         return []

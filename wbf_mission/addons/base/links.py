@@ -114,7 +114,7 @@ def upload_checked(
 
 
 def links_of(heard: Iterable[Heard]) -> tuple[ServerUrl, ...]:
-    """Return the links of the vehicles that were heard; if several, each accepts only its own vehicles."""
+    """Return the links of the vehicles that were heard; several links accept only their own vehicles."""
     systems: dict[str, set[int]] = {}
     for url, vehicle in heard:
         systems.setdefault(url, set()).add(vehicle.system_id)

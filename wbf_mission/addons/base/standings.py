@@ -30,7 +30,7 @@ _NAMED = (("scenario", "code"), ("scenario", "scenario"), ("planner", "planner")
 
 
 def _of_old(row: BenchRow, key: str) -> str:
-    """Return the digest of a row's code, scenario, planner or estimator; if there is none, words for that."""
+    """Return the digest of a row's code, scenario, planner or estimator; without it "built in", "unknown"."""
     unknown = f"unknown {build_of(row)}" if key == "code" else "unknown"
     return row.codes.get(key, "") or ("built in" if row.codes else unknown)
 

@@ -72,7 +72,7 @@ class Ensemble:
         return self.header.members
 
     def __getitem__(self, member: int) -> Environment:
-        """Open a member; its days are read at their first use."""
+        """Open a member; each day is read when it is first used."""
         if not 0 <= member < len(self):
             raise IndexError(f"ensemble of {len(self)} members has no member {member}")
         return load_environment(member_folder(self.folder, member))

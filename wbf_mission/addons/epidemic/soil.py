@@ -178,7 +178,7 @@ class SoilField:
         self._posterior = None
 
     def _is_first(self, day: int) -> bool:
-        """Return whether no earlier day has readings."""
+        """Return whether no day before `day` has readings."""
         return day <= min(self._sums, default=day)
 
     def fill(self, day: int, value: NDArray[np.float32], uncertainty: NDArray[np.float32]) -> float:

@@ -81,7 +81,7 @@ class Episode:
 
     @property
     def flight(self) -> tuple[int, int]:
-        """Day of the current flight and the flight's number on this day; after the run, the last flight's."""
+        """Day of the current flight, and its number on this day; after the run, those of the last flight."""
         return self.task.flights[min(self._flight, len(self.task.flights) - 1)]
 
     @property

@@ -182,7 +182,7 @@ def join(
     """Return the observations of the farm's cells, and notes about discarded readings.
 
     A reading counts for all cells of the camera's footprint, a square with a side of `footprint` cells.
-    Observations are in order of time; if the time of one is unknown, all keep the order of the table. Raises
+    Observations are in order of time; if any time is unknown, they keep the order of the table. Raises
     ObservationError if the key needs a log, or all readings were discarded; LogError if the log lacks the
     clock of the times.
     """

@@ -84,7 +84,7 @@ def _climb(state: Record, limits: Record, height: float, full: bool) -> float:
 
 @compiled(allocates=False)
 def _height_along(state: Record, row: Record, limits: Record) -> float:
-    """Return the height along a leg, which reaches the waypoint's height one circle radius before its end."""
+    """Return the height along a leg, which is the waypoint's from one circle radius before the end on."""
     dx, dy = row.x - state.begin_x, row.y - state.begin_y
     gx, gy = row.x - state.position_x, row.y - state.position_y
     before = abs(limits.loiter_radius)

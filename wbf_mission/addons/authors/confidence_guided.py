@@ -26,7 +26,7 @@ ALL = "all"
 _NAME = "confidence-guided"
 _MOST_SPAN = 1000
 # The authors' Gaussian process has a lengthscale of 2 cells: at a distance of d cells, an observation reduces
-# the variance by the fraction exp(-d^2 / 4). These fractions affect only the waypoints that are planned after
+# the variance by the fraction exp(-d^2 / 4). The fractions affect only the waypoints that are planned after
 # the next waypoint.
 _SHARES = neighbour_shares(1.0, 4.0, 3)
 _SAME_CELLS = 0.5

@@ -228,7 +228,7 @@ class RefiningLawnmower:
     def _joined(self, vehicle: VehicleReport, pieces: list[Points]) -> Points:
         """Join the parts of `pieces` inside the area into one path, as long as the vehicle's budget lasts.
 
-        Points outside the area are dropped: a detour may begin, or the budget end, between two parts of it.
+        Points outside the area are dropped: a detour may begin, or the budget end, between parts of the area.
         """
         area = shapely.buffer(vehicle.request.room, TOLERANCE_M)
         kept = [piece[shapely.covers(area, shapely.points(piece))] for piece in pieces if len(piece)]

@@ -1,8 +1,8 @@
 """Standings of benchmark rows: scores, losses and ranks of each planner with each estimator, and tables.
 
 An environment (seed) counts only if every pair of planner and estimator has a row on it. A failed run gets
-the worst loss of any row on its environment at any scored time; this is normally the loss before the first
-observation. Therefore, neither a lucky choice of seeds nor a failed run can improve a result.
+the worst loss of any row on its environment at any scored time; the worst loss is normally that before the
+first observation. Therefore, neither a lucky choice of seeds nor a failed run can improve a result.
 """
 
 from __future__ import annotations

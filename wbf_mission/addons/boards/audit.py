@@ -239,7 +239,7 @@ _NEEDED = ("observations", "cells_observed", "path_length_m", "flight_time_s", "
 
 
 class Limits:
-    """Upper limits of one run of a catalogue scenario; they are sums over all flights unless noted."""
+    """Upper limits of one run of a catalogue scenario; unless noted, a limit is a sum over all flights."""
 
     def __init__(self, name: str) -> None:
         self.scenario = scenario = load_scenario(name)
@@ -291,7 +291,7 @@ class Limits:
         if not math.isfinite(expected):
             return 1
         points, ideal = self.scenario.score.points, self.readings_s > 0.0
-        # Some estimators are scored more often on a large farm: they exceed this minimum.
+        # On a large farm, some estimators are scored more often than this minimum.
         any_one = cast("Estimator", None)
         every = readings_a_score(points, self.farm, any_one, self.flights, expected, ideal=ideal)
         return max(1, math.floor(0.9 * readings / every))

@@ -97,7 +97,7 @@ def clear(peer: Peer) -> None:
 
 @check("mission.clear-empty")
 def clear_empty(peer: Peer) -> None:
-    """An empty mission is cleared and read without error."""
+    """An empty mission can be cleared again, and its download has no items."""
     peer.driver.clear([MissionType.MISSION])
     peer.driver.clear([MissionType.MISSION])
     if peer.download():

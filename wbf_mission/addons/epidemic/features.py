@@ -1,9 +1,9 @@
 """Features of cells for the networks: counts of observed plants of each class at each distance.
 
 A map of codes has the observed class of each cell. The features of a cell are the counts of each code in
-each ring of distances around the cell, without the cell itself. These counts are invariant under rotation
-and reflection, and depend only on cells at most `REACH` away along each axis. A few features of the whole
-field are appended.
+each ring of distances around the cell, without the cell itself. The counts are invariant under rotation and
+reflection, and depend only on cells at most `REACH` away along each axis. A few features of the whole field
+are appended.
 
 The classes of unobserved cells depend on each other: an outbreak is connected, and a farm has a known number
 of outbreaks. Refinement networks therefore also see the previous network's probabilities of all cells

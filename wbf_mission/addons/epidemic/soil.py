@@ -133,7 +133,7 @@ class SoilField:
             self._waiting.setdefault(day, []).append((x[now], y[now], values[now]))
 
     def _take_in(self) -> None:
-        """Add all queued readings to the sums and the posterior; this costs little more than one reading."""
+        """Add all queued readings to the sums and the posterior, for little more than the cost of one."""
         learned = []
         self._give_way()
         for day, parts in sorted(self._waiting.items()):

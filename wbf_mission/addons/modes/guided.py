@@ -216,8 +216,8 @@ class AttitudePilot:
     def take(self, target: AttitudeTarget = _LEVEL, manoeuvre: Callable[[float], bool] | None = None) -> None:
         """Fly an attitude until the next order.
 
-        `manoeuvre` replaces the attitude. It is a function of a time step (s) that sets `roll_rad`, calls
-        `move`, and returns whether the manoeuvre has ended.
+        `manoeuvre` replaces the attitude. `manoeuvre` is a function of a time step (s) that sets `roll_rad`,
+        calls `move`, and returns whether the manoeuvre has ended.
         """
         if self._target is None:
             state = self._controls.state

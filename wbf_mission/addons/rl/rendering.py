@@ -1,6 +1,6 @@
 """Render modes of Gymnasium: frames as arrays, and a pygame window.
 
-A frame has truth, estimate and uncertainty of one field, paths and remaining budget. It is composed from
+A frame has truth, estimate and uncertainty of one field, paths and remaining budget. A frame is composed from
 colour tables, without a plotting library.
 """
 

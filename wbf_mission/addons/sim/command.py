@@ -224,7 +224,7 @@ def _rows(simulated: Simulated, values: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _some(urls: Sequence[str]) -> list[str]:
-    """Return the links; if there are many, the first links and the number of the others."""
+    """Return the links; if there are many, the first links and the number of further links."""
     return list(urls) if len(urls) <= _SHOWN_LINKS else [*urls[:7], f"{len(urls) - 7} more"]
 
 

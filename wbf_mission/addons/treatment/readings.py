@@ -52,7 +52,7 @@ def is_cells(path: Path) -> bool:
 def read_readings(path: Path, fields: FieldSet) -> Readings:
     """Read a table of readings: key columns, which locate a row, and a column for each sensed field.
 
-    The key columns are those of the first entry of `_KEY_READERS` that the table has. An empty cell of the
+    The key is the first entry of `_KEY_READERS` whose columns the table has. An empty cell of the
     table means that the field was not sensed. Raises ObservationError if the file cannot be read, has no key
     or none of the fields, or has an invalid value.
     """

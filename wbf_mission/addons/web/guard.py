@@ -48,7 +48,7 @@ class Guard:
         if refused is None:
             await self._app(scope, receive, _with_headers(send))
         elif scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": 1008})  # Before acceptance, this sends a 403
+            await send({"type": "websocket.close", "code": 1008})  # Not yet accepted: the client gets a 403
         else:
             await refused(scope, receive, _with_headers(send))
 

@@ -45,7 +45,7 @@ from wbf_mission.scenario.option import Option
 from wbf_mission.scenario.scenario import all_options
 
 _FIRST = ("planner", "policy", "budget", "vehicle", "autopilot", "wind_speed_m_s", "wind_direction_deg")
-"""Options shown first; the others are in panels."""
+"""Options shown first; all other options are in panels."""
 _LONGEST_END_S = 5.0
 _TYPES = {bool: "flag", int: "whole", float: "number"}
 _REMEDIES = {"repair": "--repair", "crop": "--crop", "crs": "--farm-crs"}

@@ -45,7 +45,7 @@ class GridLimitedRandomness:
         Number of cells along x and y, over the bounds of the area.
     order : str
         Order of the places. ``end``: row by row of cells, to and fro (the authors' GLR-EOP). ``detour``: each
-        place is inserted where it lengthens the path least (GLR-SD). ``tour``: a short tour of all (GLR-CA).
+        place is inserted where it lengthens the path least (GLR-SD). ``tour``: a tour of all places (GLR-CA).
 
     Raises
     ------

@@ -64,7 +64,7 @@ class RefiningLawnmower:
     gap, later_gap : float
         Minimum row spacing (cells) over the first crop, and over the other crops.
     least_rate : float
-        A detour must reach at least this number of plants beside sick plants per cell of flight.
+        Minimum number of plants beside sick plants that a detour reaches per cell of flight.
     every : int
         Number of observations between two searches for a detour.
 

@@ -1,7 +1,7 @@
 """Run submitted planners, policies and estimators, each in a separate process without access to the run.
 
 The parent process simulates the run. The other process receives only the inputs of a planner, policy or
-estimator. It answers the parent process with plain numbers and texts, so this executes no submitted code. The
+estimator. It answers with plain numbers and texts, so no submitted code runs in the parent process. The
 other process is no sandbox: submitted code can read every file that its user can read.
 """
 

@@ -159,7 +159,7 @@ def _unusable(kind: str, label: str, fields: FieldSet) -> str:
             require_mover(choice)
     except WbfMissionError as error:
         return one_line(str(error), 200)
-    except (TypeError, ValueError) as error:  # A constructor refuses its parameters
+    except (TypeError, ValueError) as error:  # The constructor refused the parameters
         return one_line(f"{type(error).__name__}: {error}", 200)
     return ""
 
@@ -249,7 +249,7 @@ class Limits:
         first, camera, text = builders[0], scenario.camera, scenario.mission.budget
         ideal = all(builder.vehicle.is_ideal for builder in builders)
         self.flights = scenario.farm.days * scenario.farm.flights_per_day
-        # Texts for the budget of one flight, in rows of a planner and in rows of a policy.
+        # Budget of one flight as text, as rows of planners and rows of policies state it.
         self.budgets = {make_budget(text, first, steered=steered)[1] for steered in (False, True)}
         value, unit = math.inf, ""
         if text is None and ideal:

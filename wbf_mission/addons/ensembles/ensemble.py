@@ -144,7 +144,7 @@ def generate_ensemble(
     Parameters
     ----------
     folder : path-like
-        The ensemble's folder: new, empty, or one of the same ensemble with fewer or more members.
+        The ensemble's folder: new, empty, or with members of the same ensemble.
     seed : SeedSequence or int
         The ensemble's seed.
     days, fields, keep_days, farm_name

@@ -53,7 +53,7 @@ class Rings:
         squares = axis[:, None] ** 2 + axis**2
         number = np.searchsorted(ends, squares)
         number[0, 0] = -1
-        # A pair of distances represents all its mirror images.
+        # A pair of distances along x and y also stands for its mirror images.
         images = np.where(axis > 0, 2, 1)
         sizes = np.bincount(number[squares > 0], (images[:, None] * images)[squares > 0], len(ends))
         return cls(number.astype(np.intp), (1.0 / np.sqrt(sizes)).astype(np.float32))

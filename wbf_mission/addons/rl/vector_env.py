@@ -53,7 +53,7 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
     ------
     TrainingError
         If the scenario or the estimator cannot be batched. `gymnasium.make_vec` with
-        ``vectorization_mode="sync"`` accepts all of them.
+        ``vectorization_mode="sync"`` accepts them all.
     """
 
     def __init__(

@@ -36,7 +36,7 @@ _READS = ("GET", "HEAD")
 
 
 class Guard:
-    """Middleware that accepts only this machine's names, and requires the token if one is set."""
+    """Middleware that refuses requests to other machines' names, and requires the token if one is set."""
 
     def __init__(self, app: ASGIApp, names: tuple[str, ...] = (), token: str | None = None) -> None:
         self._app, self._token = app, token

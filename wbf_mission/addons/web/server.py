@@ -240,7 +240,7 @@ class LiveServer:
         if self._orders is None:
             return Reply("", "this page only shows the run: orders are not allowed", 0)
         try:
-            # The names of the fields show the kind of request, which an error message then names.
+            # The field names show the kind of request, so that an error message can name this kind.
             fields = msgspec.json.decode(text or "", type=dict[str, msgspec.Raw])
             kind: type[Answer | Order] = Answer if "answer" in fields else Order
             given = msgspec.json.decode(text or "", type=kind)

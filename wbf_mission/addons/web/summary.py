@@ -170,7 +170,7 @@ def _shown_warnings(record: RunRecord) -> list[str]:
 
 
 def _lines(texts: Iterable[str], columns: int) -> int:
-    """Return the approximate number of lines of some texts."""
+    """Return the approximate number of printed lines that texts take."""
     return sum(-(-len(text) // columns) for text in texts)
 
 

@@ -49,7 +49,7 @@ def require_asked(rows: Sequence[BenchRow], folder: Path) -> None:
     there = {(row.scenario, row.planner, row.estimator, row.seed) for row in rows}
     for one in read_asked(folder).asked:
         table = tomllib.loads(one.specification)
-        # Planners and estimators that are Python objects are not in these lists, only in comments.
+        # A specification names Python objects only in comments, not in these lists.
         names = [table.get(key, []) for key in ("scenarios", "planners", "estimators")]
         missing = [
             run for run in itertools.product(*names, seeds_of(str(table["seeds"]))) if run not in there

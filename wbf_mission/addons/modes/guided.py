@@ -438,7 +438,7 @@ class GuidedFlight:
             self.setpoints.fly()
 
     def take_attitude(self, target: AttitudeTarget | None) -> None:
-        """Fly an attitude in the guided modes; None stops. Modes with a stream only store the attitude."""
+        """Fly an attitude in the guided modes; None stops. Modes that need a stream store it."""
         pilot = self._pilot
         if target is not None and pilot.rules.needs_stream:
             self.setpoints.take(target)

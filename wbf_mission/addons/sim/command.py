@@ -67,7 +67,7 @@ def sim_command(
     signing_key: Annotated[
         str | None,
         option(
-            "MAVLink signing key: 64 hexadecimal digits, a phrase, or @FILE that holds one; the vehicles"
+            "MAVLink signing key: 64 hexadecimal digits, a phrase, or @FILE with the key; the vehicles"
             " sign their messages, and accept only messages signed with this key.",
             panel=LINKS,
             envvar="WBF_MISSION_SIGNING_KEY",

@@ -114,7 +114,7 @@ def upload_checked(
 
 
 def links_of(heard: Iterable[Heard]) -> tuple[ServerUrl, ...]:
-    """Return the links of the vehicles that were heard; several links accept only their own vehicles."""
+    """Return the links of the vehicles that were heard; of several, each accepts only its own vehicles."""
     systems: dict[str, set[int]] = {}
     for url, vehicle in heard:
         systems.setdefault(url, set()).add(vehicle.system_id)

@@ -79,7 +79,7 @@ class SetpointFollower:
 
     @property
     def is_fresh(self) -> bool:
-        """Whether the latest setpoint is not older than the timeout."""
+        """Whether the latest setpoint is still valid: not older than the timeout."""
         return self._controls.now_s - self._taken_s <= self._parameters.setpoint_timeout_s
 
     def listens_in(self, mode: Mode) -> bool:

@@ -189,7 +189,7 @@ def _about(report: FieldReport) -> str:
         sure = f"90 % sure: {write(report.low)} to {write(report.high)}"
     what = "of the plants are expected to be sick" if disease else "on average"
     if report.is_of_seen:
-        what = "of the plants that were looked at are sick" if disease else "on average in the cells seen"
+        what = "of the plants that were looked at are sick" if disease else "on average in observed cells"
         sure = "nothing is known of the rest"
     main = f"{write(report.expected)} {what}"
     interval = [

@@ -76,7 +76,7 @@ class Moment:
 
     @property
     def day(self) -> int:
-        """Day of the environment."""
+        """Day of the environment at this moment."""
         return self.flights[0].day
 
 

@@ -44,7 +44,7 @@ class FirmwareVersion:
 
     @classmethod
     def of(cls, number: int) -> FirmwareVersion:
-        """Return the version in AUTOPILOT_VERSION.flight_sw_version."""
+        """Return the firmware version encoded in AUTOPILOT_VERSION.flight_sw_version."""
         return cls(number >> 24 & 255, number >> 16 & 255, number >> 8 & 255, number & 255)
 
     @property
@@ -224,7 +224,7 @@ class Inquiry:
         return None if found is None else (found.system_id, found.component_id)
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Receive a message."""
+        """Take the vehicle's answers from a message."""
         source = (message.get_srcSystem(), message.get_srcComponent())
         if self.done:
             return []

@@ -243,7 +243,7 @@ class Standing:
 
     @property
     def named(self) -> str:
-        """Planner and estimator."""
+        """Names of the planner and the estimator."""
         return f"{self.planner}, {self.estimator}"
 
     @property

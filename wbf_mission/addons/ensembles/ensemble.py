@@ -79,7 +79,7 @@ class Ensemble:
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str]) -> Ensemble:
-        """Open an ensemble."""
+        """Open the ensemble in a folder; the members are read later."""
         return cls(Path(folder), _read_header(Path(folder)))
 
 

@@ -355,7 +355,7 @@ class GimbalExtra(VehicleExtra):
         self._was_in_mission = in_mission
 
     def reboot(self) -> None:
-        """Reset the gimbal."""
+        """Reset the gimbal at a reboot of the autopilot."""
         self.gimbal.boot()
 
     def execute(self, command: VehicleCommand) -> None:

@@ -76,7 +76,7 @@ class Episode:
         return self._estimate.current()
 
     def close(self) -> None:
-        """Abandon the run."""
+        """Abandon the run, and stop its estimate."""
         self._estimate.close()
 
     @property

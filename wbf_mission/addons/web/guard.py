@@ -160,7 +160,7 @@ class HurriedProtocol(H11Protocol):
         self._hurry()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Stop the deadline."""
+        """Stop the deadline of a lost connection."""
         super().connection_lost(exc)
         self._hurry()
 

@@ -311,7 +311,7 @@ def _described(key: str, option: Option) -> dict[str, Any]:
 
 
 def _default(initial: Any) -> str:
-    """Return a default in words."""
+    """Return an option's default in words, or as a number."""
     if isinstance(initial, bool):
         return "yes" if initial else "no"
     plain = _plain(initial)

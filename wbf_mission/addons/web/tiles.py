@@ -86,7 +86,7 @@ class MapTiles:
         return None if data is None or kind is None else (data, kind)
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file of map tiles."""
         with self._lock:
             self._archive.close()
 

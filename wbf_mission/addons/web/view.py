@@ -71,7 +71,7 @@ class _Rows(Generic[T]):
         self.thinned = 0  # Version of the last thinning
 
     def add(self, row: T, version: int) -> None:
-        """Append a row."""
+        """Append a row with its version; thin the older rows above the limit."""
         self.rows.append(row)
         self.versions.append(version)
         if len(self.rows) > self.limit:

@@ -86,7 +86,7 @@ class VehicleSnapshot:
     # Bits of ESTIMATOR_STATUS_FLAGS, or of EKF_STATUS_FLAGS: the lower bits of both have the same meaning.
     estimator_flags: int | None = None
     position: GeoPoint | None = None  # Position of the vehicle
-    battery: float | None = None  # Remaining fraction
+    battery: float | None = None  # Remaining fraction of the battery
     reasons: tuple[str, ...] = ()  # Reasons not to arm, in the vehicle's words
 
     @property

@@ -136,7 +136,7 @@ def check_flow() -> None:
 def levels(rooms: list[Room], arrows: dict[tuple[str, str], int]) -> dict[str, int]:
     """Return the level of each room in its floor. A room lies above all rooms of this floor that it imports.
 
-    The modules directly in a floor are no room: they are drawn at the bottom, although some import rooms.
+    Modules directly in a floor form no room: they are drawn at the bottom, although some import rooms.
     """
     names = {room.name for room in rooms if room.name != room.floor}
     below = {name: {b for (a, b) in arrows if a == name and b in names} for name in names}

@@ -2,7 +2,7 @@
 
     python docs/draw_pages.py report.png bench-page.png --out docs/images
 
-The script first flies the runs of these pages, in a temporary folder. It needs Chromium and the extra `dev`.
+The script needs Chromium and the extra `dev`. It first flies the runs of these pages, in a temporary folder.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Add-ons: what the core does not know. Each registers its commands and other parts as entry points."""
+"""Add-ons, which the core does not import: each registers its commands and other parts as entry points."""

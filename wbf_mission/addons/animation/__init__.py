@@ -1,1 +1,1 @@
-"""Animations of runs."""
+"""Animations of finished runs, as GIF or MP4."""

@@ -51,7 +51,7 @@ _FRAMES = 150
 _FRAMES_A_SECOND = 12
 _LARGEST_SHARE = 0.02  # Minimum for the top of the colour scale of sick plants, on large farms.
 _COLUMNS = ("truth", "estimate", "uncertainty")
-# The path of this duration (s), at least of one frame, is drawn: a whole path would hide the maps.
+# Only the path of the last seconds (but at least of one frame) is drawn: a whole path would hide the maps.
 _TAIL_S = 30.0
 _MARGIN = 0.02
 _UNCERTAIN = "viridis"
@@ -76,7 +76,7 @@ class Moment:
 
     @property
     def day(self) -> int:
-        """Day of the environment."""
+        """Day of the environment at this moment."""
         return self.flights[0].day
 
 
@@ -166,7 +166,7 @@ def _estimates(
                 for whole in (model.value, model.uncertainty)
             )
             known = value, uncertainty
-            del model  # This frees much memory on a large farm.
+            del model  # A model of a large farm takes much memory.
         assert known is not None
         yield moment, (truth, *known)
 
@@ -323,7 +323,7 @@ def _vehicle(axes: Axes, system_id: int) -> tuple[Line2D, Line2D]:
 
 
 _MOST_COLOURS = 255
-"""Maximum number of palette colours; index 255 marks pixels that equal those of the previous frame."""
+"""Maximum number of palette colours; index 255 marks pixels that are equal in the previous frame."""
 _GREYS = 16
 _SHADES = (0.35, 0.7, 1.0)
 """Opacities at which line colours are mixed with white and black, for anti-aliased edges."""

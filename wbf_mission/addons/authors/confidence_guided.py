@@ -26,7 +26,7 @@ ALL = "all"
 _NAME = "confidence-guided"
 _MOST_SPAN = 1000
 # The authors' Gaussian process has a lengthscale of 2 cells: at a distance of d cells, an observation reduces
-# the variance by the fraction exp(-d^2 / 4). These fractions affect only the waypoints that are planned after
+# the variance by the fraction exp(-d^2 / 4). The fractions affect only the waypoints that are planned after
 # the next waypoint.
 _SHARES = neighbour_shares(1.0, 4.0, 3)
 _SAME_CELLS = 0.5
@@ -152,7 +152,7 @@ class ConfidenceGuided:
 
     @staticmethod
     def _reached(problem: RouteProblem, x: float, y: float, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return which cells a straight leg from (x, y) inside the area reaches; all if (x, y) is outside."""
+        """Return which cells a straight leg from (x, y) reaches within the area; all if (x, y) is outside."""
         planning_grid = problem.planning_grid
         here = np.array([x, y]) * planning_grid.cell_m
         if (

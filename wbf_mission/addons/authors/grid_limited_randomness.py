@@ -45,7 +45,7 @@ class GridLimitedRandomness:
         Number of cells along x and y, over the bounds of the area.
     order : str
         Order of the places. ``end``: row by row of cells, to and fro (the authors' GLR-EOP). ``detour``: each
-        place is inserted where it lengthens the path least (GLR-SD). ``tour``: a short tour of all (GLR-CA).
+        place is inserted where it lengthens the path least (GLR-SD). ``tour``: a tour of all places (GLR-CA).
 
     Raises
     ------
@@ -209,7 +209,7 @@ def _two_opt(points: Any, near: Any, tour: Any, returns: bool) -> None:
         better = False
         for node in range(count):
             for other in near[node]:
-                # One new leg joins `node` and `other`, the second their successors or their predecessors.
+                # One new leg joins `node` and `other`, the other leg their successors or their predecessors.
                 for before in range(2):
                     first, last = min(at[node], at[other]) - before, max(at[node], at[other]) - before
                     if first < 0 or last <= first + 1:

@@ -64,7 +64,7 @@ class RefiningLawnmower:
     gap, later_gap : float
         Minimum row spacing (cells) over the first crop, and over the other crops.
     least_rate : float
-        A detour must reach at least this number of plants beside sick plants per cell of flight.
+        Minimum number of plants beside sick plants that a detour reaches per cell of flight.
     every : int
         Number of observations between two searches for a detour.
 
@@ -228,7 +228,7 @@ class RefiningLawnmower:
     def _joined(self, vehicle: VehicleReport, pieces: list[Points]) -> Points:
         """Join the parts of `pieces` inside the area into one path, as long as the vehicle's budget lasts.
 
-        Points outside the area are dropped: a detour may begin, or the budget end, between two parts of it.
+        Points outside the area are dropped: a detour may begin, or the budget end, between parts of the area.
         """
         area = shapely.buffer(vehicle.request.room, TOLERANCE_M)
         kept = [piece[shapely.covers(area, shapely.points(piece))] for piece in pieces if len(piece)]

@@ -38,7 +38,7 @@ class SklearnGaussianProcessEstimator(BaseEstimator):
     max_entries : int
         Maximum number of covariances between observations and cells in one estimate.
     random_state : Generator, SeedSequence, int or None
-        Start points of the restarts; None differs each time.
+        Start points of the restarts; with None they differ each time.
     fields : FieldSet
         Observed fields.
     """

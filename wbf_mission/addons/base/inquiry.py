@@ -44,7 +44,7 @@ class FirmwareVersion:
 
     @classmethod
     def of(cls, number: int) -> FirmwareVersion:
-        """Return the version in AUTOPILOT_VERSION.flight_sw_version."""
+        """Return the firmware version encoded in AUTOPILOT_VERSION.flight_sw_version."""
         return cls(number >> 24 & 255, number >> 16 & 255, number >> 8 & 255, number & 255)
 
     @property
@@ -86,7 +86,7 @@ class VehicleSnapshot:
     # Bits of ESTIMATOR_STATUS_FLAGS, or of EKF_STATUS_FLAGS: the lower bits of both have the same meaning.
     estimator_flags: int | None = None
     position: GeoPoint | None = None  # Position of the vehicle
-    battery: float | None = None  # Remaining fraction
+    battery: float | None = None  # Remaining fraction of the battery
     reasons: tuple[str, ...] = ()  # Reasons not to arm, in the vehicle's words
 
     @property
@@ -202,7 +202,7 @@ class Inquiry:
 
     def __init__(self, *, system_id: int | None = None, placed: bool = False) -> None:
         self.done = False
-        self.waits_for_place = False  # Whether all answers have arrived but the position
+        self.waits_for_place = False  # Whether only the position is still missing
         self._placed = placed
         self.search = VehicleSearch(system_id)
         self._contact = Contact()
@@ -224,7 +224,7 @@ class Inquiry:
         return None if found is None else (found.system_id, found.component_id)
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Receive a message."""
+        """Take the vehicle's answers from a message."""
         source = (message.get_srcSystem(), message.get_srcComponent())
         if self.done:
             return []
@@ -240,7 +240,7 @@ class Inquiry:
             self._ids.add(type(message).id)
             self._told |= _changes(message)
             if not self._alternatives:
-                # Parameters measure the delay better: this message may be streamed, and not an answer.
+                # Parameters measure the delay better: this message may belong to a stream, and be no answer.
                 self._measure_pace(now_s)
         self._settle(now_s)
         return []

@@ -7,7 +7,7 @@ distribution of t is taken from resamples (J. T. G. Hwang, "Fieller's problems a
 Statistica Sinica 5, 1995), but its limits are never narrower than the limits of Student's distribution. A
 mean is computed as a ratio whose `others` are all 1.
 
-A resample weights each environment by a draw from Beta(1/2, 3/2). To second order, this is as accurate as
+A resample weights each environment by a draw from Beta(1/2, 3/2). To second order, weights are as accurate as
 drawing whole environments, but the intervals are shorter, and the intervals of means are always finite (A. B.
 Owen, "Better bootstrap t confidence intervals for the mean", arXiv:2508.10083, 2025).
 `benchmarks/interval_coverage.py` compares this method with other methods.

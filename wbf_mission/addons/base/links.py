@@ -92,8 +92,8 @@ def upload_checked(
     """Query a vehicle, then check, upload and read back a mission; return the transfer and the findings.
 
     `around` receives the vehicle's answers, and returns the circumstances under which the mission is checked.
-    The other parameters, and the errors, are described at `mission.ground.link.upload`. If the check finds
-    errors, this raises PreflightError unless `force` is set.
+    The other parameters, and the errors, are described at `mission.ground.link.upload`. Raises PreflightError
+    if the check finds errors and `force` is not set.
     """
     snapshot = ask_vehicle(link, wait_s=wait_s, system_id=system_id, note=events.note)
     # Findings about the vehicle's present state are left out, since they matter only before a take-off.
@@ -114,7 +114,7 @@ def upload_checked(
 
 
 def links_of(heard: Iterable[Heard]) -> tuple[ServerUrl, ...]:
-    """Return the links of the vehicles that were heard; if several, each accepts only its own vehicles."""
+    """Return the links of the vehicles that were heard; of several, each accepts only its own vehicles."""
     systems: dict[str, set[int]] = {}
     for url, vehicle in heard:
         systems.setdefault(url, set()).add(vehicle.system_id)

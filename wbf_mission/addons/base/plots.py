@@ -147,7 +147,7 @@ def draw_farm(axes: Axes, farm: Farm, *, legend: bool = True) -> None:
             (shown["rally point"],) = axes.plot(
                 *np.transpose(farm.rally_m), linestyle="none", zorder=5, clip_on=False, **_RALLY
             )
-        # Handles are given so that a caller's legend of paths does not repeat the farm's artists.
+        # These handles keep the farm's artists out of a legend of paths that the caller adds.
         axes.legend(
             list(shown.values()),
             list(shown),

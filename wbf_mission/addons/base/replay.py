@@ -181,7 +181,7 @@ def _flights(result: RunRecord) -> list[_Flight]:
     firsts = [flight[0].seen_before for flight in together] + [len(result.observations)]
     found, end_s = list[_Flight](), 0.0
     for number, each in enumerate(together):
-        # Results of earlier versions lack the starts of flights: then a flight begins after the previous one.
+        # Results of earlier versions have no start times: a flight begins after the previous one.
         begun_s = max(each[0].begun_s, end_s)
         found.append(_Flight(each, begun_s, slice(firsts[number], firsts[number + 1])))
         ends = [float(one.track.time_s[-1]) for one in each if len(one.track.time_s)]

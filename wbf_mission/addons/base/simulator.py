@@ -116,7 +116,7 @@ class Simulated:
 
     @property
     def vehicle(self) -> SimVehicle:
-        """The first vehicle."""
+        """The first of the simulated vehicles."""
         return self.vehicles[0]
 
     @property

@@ -1,8 +1,8 @@
 """Standings of benchmark rows: scores, losses and ranks of each planner with each estimator, and tables.
 
 An environment (seed) counts only if every pair of planner and estimator has a row on it. A failed run gets
-the worst loss of any row on its environment at any scored time; this is normally the loss before the first
-observation. Therefore, neither a lucky choice of seeds nor a failed run can improve a result.
+the worst loss of any row on its environment at any scored time; the worst loss is normally that before the
+first observation. Therefore, neither a lucky choice of seeds nor a failed run can improve a result.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _NAMED = (("scenario", "code"), ("scenario", "scenario"), ("planner", "planner")
 
 
 def _of_old(row: BenchRow, key: str) -> str:
-    """Return the digest of a row's code, scenario, planner or estimator; if there is none, words for that."""
+    """Return the digest of a row's code, scenario, planner or estimator; without it "built in", "unknown"."""
     unknown = f"unknown {build_of(row)}" if key == "code" else "unknown"
     return row.codes.get(key, "") or ("built in" if row.codes else unknown)
 
@@ -243,7 +243,7 @@ class Standing:
 
     @property
     def named(self) -> str:
-        """Planner and estimator."""
+        """Names of the planner and the estimator."""
         return f"{self.planner}, {self.estimator}"
 
     @property

@@ -1,7 +1,7 @@
 """Run submitted planners, policies and estimators, each in a separate process without access to the run.
 
 The parent process simulates the run. The other process receives only the inputs of a planner, policy or
-estimator. It answers with plain numbers and texts, so the parent process executes no submitted code. The
+estimator. It answers with plain numbers and texts, so no submitted code runs in the parent process. The
 other process is no sandbox: submitted code can read every file that its user can read.
 """
 
@@ -166,7 +166,7 @@ class _LostError(WbfMissionError):
 
 
 class PlannerApart(Apart):
-    """A planner in another process."""
+    """A submitted planner, run in another process."""
 
     @property
     def __name__(self) -> str:
@@ -179,7 +179,7 @@ class PlannerApart(Apart):
 
 
 class PolicyApart(Apart):
-    """A policy in another process."""
+    """A submitted policy, run in another process."""
 
     @property
     def triggers(self) -> Triggers:
@@ -188,7 +188,7 @@ class PolicyApart(Apart):
         return self.said.triggers
 
     def start(self) -> None:
-        """Reset the policy."""
+        """Reset the policy in the other process."""
         self.said = self.call("start")
 
     def decide(self, observation: PolicyObservation) -> Decision:
@@ -204,7 +204,7 @@ class PolicyApart(Apart):
 
 
 class EstimatorApart(Apart):
-    """An estimator in another process."""
+    """A submitted estimator, run in another process."""
 
     fields: FieldSet
 
@@ -249,7 +249,7 @@ def _alone(request: PlanningRequest) -> PlanningRequest:
 
 
 def _nobody(_done: int, _total: int) -> None:
-    """Ignore the progress."""
+    """Ignore the progress of a computation."""
 
 
 def _sent_cost(vehicle: VehicleReport) -> Any:

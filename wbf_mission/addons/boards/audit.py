@@ -49,7 +49,7 @@ def require_asked(rows: Sequence[BenchRow], folder: Path) -> None:
     there = {(row.scenario, row.planner, row.estimator, row.seed) for row in rows}
     for one in read_asked(folder).asked:
         table = tomllib.loads(one.specification)
-        # Planners and estimators that are Python objects are not in these lists, only in comments.
+        # A specification names Python objects only in comments, not in these lists.
         names = [table.get(key, []) for key in ("scenarios", "planners", "estimators")]
         missing = [
             run for run in itertools.product(*names, seeds_of(str(table["seeds"]))) if run not in there
@@ -159,7 +159,7 @@ def _unusable(kind: str, label: str, fields: FieldSet) -> str:
             require_mover(choice)
     except WbfMissionError as error:
         return one_line(str(error), 200)
-    except (TypeError, ValueError) as error:  # A constructor refuses its parameters
+    except (TypeError, ValueError) as error:  # The constructor refused the parameters
         return one_line(f"{type(error).__name__}: {error}", 200)
     return ""
 
@@ -239,7 +239,7 @@ _NEEDED = ("observations", "cells_observed", "path_length_m", "flight_time_s", "
 
 
 class Limits:
-    """Upper limits of one run of a catalogue scenario; they are sums over all flights unless noted."""
+    """Upper limits of one run of a catalogue scenario; unless noted, a limit is a sum over all flights."""
 
     def __init__(self, name: str) -> None:
         self.scenario = scenario = load_scenario(name)
@@ -249,7 +249,7 @@ class Limits:
         first, camera, text = builders[0], scenario.camera, scenario.mission.budget
         ideal = all(builder.vehicle.is_ideal for builder in builders)
         self.flights = scenario.farm.days * scenario.farm.flights_per_day
-        # Texts for the budget of one flight, in rows of a planner and in rows of a policy.
+        # Budget of one flight as text, as rows of planners and rows of policies state it.
         self.budgets = {make_budget(text, first, steered=steered)[1] for steered in (False, True)}
         value, unit = math.inf, ""
         if text is None and ideal:
@@ -291,7 +291,7 @@ class Limits:
         if not math.isfinite(expected):
             return 1
         points, ideal = self.scenario.score.points, self.readings_s > 0.0
-        # Some estimators are scored more often on a large farm: they exceed this minimum.
+        # On a large farm, some estimators are scored more often than this minimum.
         any_one = cast("Estimator", None)
         every = readings_a_score(points, self.farm, any_one, self.flights, expected, ideal=ideal)
         return max(1, math.floor(0.9 * readings / every))

@@ -56,7 +56,7 @@ _VERIFY = "Number of rows of each method to fly again and compare; 0 flies none.
 _rows = options.whole_number_in(0, 10_000_000)
 SealFile = Annotated[Path | None, option("Seal file of a finished round; requires --secret.", panel=_CHECKED)]
 SecretFile = Annotated[
-    Path | None, option("Secret file of that round; it identifies the environments.", panel=_CHECKED)
+    Path | None, option("Secret file of this round; the secret identifies the environments.", panel=_CHECKED)
 ]
 
 
@@ -186,7 +186,7 @@ def _own(code: Sequence[Path], rows: Sequence[BenchRow]) -> dict[str, Choice]:
     try:
         return {digest: held_by(files, kind, label, digest) for kind, label, digest in sorted(wanted)}
     except ResultError as error:
-        raise ResultError(f"--code {names}: {error}; give the code that flew, or fly again") from None
+        raise ResultError(f"--code {names}: {error}; give the code of the rows, or fly again") from None
 
 
 @options.speaks()
@@ -267,7 +267,7 @@ def _write(output: Output, board: Board, out: Path) -> None:
 def seal_command(
     output: Output,
     *,
-    out: Annotated[Path, option("Path of the two files, without their suffixes.")],
+    out: Annotated[Path, option("Path of the secret file and the seal file, without their suffixes.")],
     environments: Annotated[
         int, option("Number of environments of the round.", parser=options.whole_number_in(1, 10_000))
     ] = 40,

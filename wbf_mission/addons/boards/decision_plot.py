@@ -116,7 +116,7 @@ def _draw_choice(
 
 
 def _draw_outcome(axes: Axes, record: RunRecord, counts: tuple[int, int, int]) -> None:
-    """Draw the readings; `counts` are their numbers at this decision, the next one, and the next column."""
+    """Draw the readings; `counts`: how many there are at this decision, the next one, and the next column."""
     _frame(axes, record)
     begin, until, end = counts
     seen, grid = record.observations, record.farm.grid()

@@ -45,7 +45,7 @@ class Gap:
 
     @property
     def verdict(self) -> str:
-        """Meaning of the gap, in words."""
+        """Verdict on the gap between the scores, in words."""
         if self.gap.high < 0.0:
             return "worse on unknown environments"
         return "no significant difference"
@@ -53,7 +53,7 @@ class Gap:
 
 @dataclass(frozen=True, slots=True)
 class Fresh:
-    """Results of `fly_fresh`: gaps, drawn seeds, and the methods that were not flown, with the reasons."""
+    """Results of `fly_fresh`: score gaps, drawn seeds, and the methods that were not flown, with reasons."""
 
     gaps: tuple[Gap, ...]
     seeds: dict[str, tuple[int, ...]]

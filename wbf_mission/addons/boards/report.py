@@ -282,7 +282,7 @@ class Ratio:
 
     @property
     def named(self) -> str:
-        """Planner and estimator."""
+        """Names of the planner and the estimator."""
         return f"{self.planner}, {self.estimator}"
 
 

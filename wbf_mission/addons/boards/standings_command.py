@@ -88,7 +88,7 @@ def compare_command(
     against: Annotated[
         str, option("Planners and policies, separated by commas.", panel=RUN_PANEL)
     ] = "greedy",
-    out: Annotated[Path | None, option("Folder of the results.  [default: they are not stored]")] = None,
+    out: Annotated[Path | None, option("Folder of the results.  [default: results are not stored]")] = None,
     selected: dict[str, Any],
     flying: Flying,
 ) -> int:
@@ -204,10 +204,10 @@ def replay_command(
         str, option("Formats to write, separated by commas: html, png, pdf.", "--format")
     ] = "html,png",
     planner: Annotated[
-        str | None, option("Planner or policy of the row, if it is your own: FILE.py:NAME.", panel=_OWN)
+        str | None, option("Your own planner or policy that flew the row, as FILE.py:NAME.", panel=_OWN)
     ] = None,
     estimator: Annotated[
-        str | None, option("Estimator of the row, if it is your own: FILE.py:NAME.", panel=_OWN)
+        str | None, option("Your own estimator, used for the row, as FILE.py:NAME.", panel=_OWN)
     ] = None,
 ) -> int:
     """Fly a benchmark run again, compare the rows bit for bit, and show the run's decisions.

@@ -123,7 +123,7 @@ def made_when(folder: Path) -> str:
 
 
 def _submission(rows: Sequence[BenchRow], **given: Any) -> Submission:
-    """Return the submission that summarises rows of one version; `given` are its texts and file digests."""
+    """Return the submission that summarises rows of one version; `given` has texts and file digests."""
     keys = dict.fromkeys(key for row in rows for key in row.versions)
     machines = {tuple(sorted(row.hardware.items())) for row in rows if row.hardware}
     own = {

@@ -122,7 +122,7 @@ class _Stream:
     problem: Callable[[Any], str | None] | None = None
 
     def __call__(self, peer: Peer) -> str:
-        """Wait for the message; if it does not come, request the stream, which some autopilots require."""
+        """Wait for the message; without it, request its stream, because some autopilots wait for this."""
         found, asked = peer.collect(self.kind, 2.5), ""
         if not found:
             peer.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(self.kind.id), self.interval_us)

@@ -55,7 +55,7 @@ check(
 
 @check("mission.camera-items")
 def camera_items(peer: Peer) -> None:
-    """Speed change, hold time and camera trigger distance are kept."""
+    """Speed change, hold time and camera trigger distance are downloaded as uploaded."""
     first, *rest, last = peer.items(6)
     survey = (
         MissionItem(Command.DO_CHANGE_SPEED, Frame.MISSION, 1.0, 3.0, -1.0),
@@ -97,7 +97,7 @@ def clear(peer: Peer) -> None:
 
 @check("mission.clear-empty")
 def clear_empty(peer: Peer) -> None:
-    """An empty mission is cleared and read without error."""
+    """An empty mission can be cleared again, and its download has no items."""
     peer.driver.clear([MissionType.MISSION])
     peer.driver.clear([MissionType.MISSION])
     if peer.download():

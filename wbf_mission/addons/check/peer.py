@@ -92,7 +92,7 @@ class Peer:
         return self.vehicle.system_id, self.vehicle.component_id
 
     def send(self, *messages: Message) -> None:
-        """Send messages."""
+        """Send messages to the vehicle under test."""
         for message in messages:
             self._unsettled |= type(message).id in wire.SERVER_MESSAGES
             self.endpoint.send(message)
@@ -286,7 +286,7 @@ class Peer:
         self.driver.run(upload)
 
     def download(self, kind: MissionType = MissionType.MISSION) -> tuple[MissionItem, ...]:
-        """Download a plan."""
+        """Download a plan from the vehicle under test."""
         return self.driver.download(types=[kind])[0].plan(kind)
 
     def require_equal(self, items: tuple[MissionItem, ...]) -> None:
@@ -387,7 +387,7 @@ class Sender:
         return wire.item_to_message(self.items[number], number, kind, self.peer.address, current=number == 0)
 
     def send(self, number: int) -> None:
-        """Send one item."""
+        """Send one mission item of the upload."""
         self.peer.send(self.message(number))
 
     def send_first(self, count: int) -> None:

@@ -52,8 +52,8 @@ def check_policy_command(output: Output, name: _Name) -> int:
     """Check that a policy fulfils its contract.
 
     Its paths must stay within the budget and the area, its answers must be repeatable and must not use the
-    truth. It must also answer if no cell or every cell was observed, or if a vehicle is lost. The command
-    prints the fraction of the allowed computing time that an answer takes.
+    truth. The policy must also answer if no cell or every cell was observed, or if a vehicle is lost. The
+    command prints the fraction of the allowed computing time that an answer takes.
     """
     from wbf_mission.addons.contracts.policies import check_policy
 

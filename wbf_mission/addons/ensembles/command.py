@@ -41,7 +41,7 @@ def generate_command(
 ) -> int:
     """Generate environments of a farm: diseases and soil on each day, as Zarr stores.
 
-    Ctrl-C keeps the finished environments; repeat the command to generate the others.
+    Ctrl-C keeps the finished environments; repeat the command to generate the missing environments.
     """
     import time
 

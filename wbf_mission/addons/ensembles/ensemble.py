@@ -72,14 +72,14 @@ class Ensemble:
         return self.header.members
 
     def __getitem__(self, member: int) -> Environment:
-        """Open a member; its days are read at their first use."""
+        """Open a member; each day is read when it is first used."""
         if not 0 <= member < len(self):
             raise IndexError(f"ensemble of {len(self)} members has no member {member}")
         return load_environment(member_folder(self.folder, member))
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str]) -> Ensemble:
-        """Open an ensemble."""
+        """Open the ensemble in a folder; the members are read later."""
         return cls(Path(folder), _read_header(Path(folder)))
 
 
@@ -144,7 +144,7 @@ def generate_ensemble(
     Parameters
     ----------
     folder : path-like
-        The ensemble's folder: new, empty, or one of the same ensemble with fewer or more members.
+        The ensemble's folder: new, empty, or with members of the same ensemble.
     seed : SeedSequence or int
         The ensemble's seed.
     days, fields, keep_days, farm_name

@@ -170,8 +170,8 @@ class DiseaseBelief:
     def probabilities(self) -> NDArray[np.float32]:
         """Class probabilities of all cells, float32[3, W, H]; land without the crop is healthy.
 
-        On large farms the probabilities are computed on every access. This takes as long as an update with
-        all readings.
+        On large farms the probabilities are computed on every access. Each access takes as long as an update
+        with all readings.
         """
         found = self._again()._probabilities if self._probabilities is None else self._probabilities
         assert found is not None

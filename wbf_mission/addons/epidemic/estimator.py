@@ -176,7 +176,7 @@ class EpidemicEstimator(BaseEstimator):
             value[_SOIL, *self._cells.array[taken].T] = np.clip(readings[taken], 0.0, 1.0)
         basis = self._basis
         names = tuple(field.name for field in self.fields.diseases)
-        # The correlation length of a disease is 0: its network gives the probabilities around a sick plant.
+        # 0 for a disease, because its network already gives the probabilities around a sick plant.
         lengths = (*(0.0 for _ in names), self._soil.correlation_length)
         probabilities: Mapping[str, _Values]
         loss_map: _Values | Callable[[], _Values]
@@ -202,7 +202,7 @@ class EpidemicEstimator(BaseEstimator):
         return self._beliefs[self.fields.index(disease)].probabilities
 
     def _expected_loss(self, uncertainty: NDArray[np.float32], basis: _Basis) -> NDArray[np.float32]:
-        """Return the expected loss of the model made in state `basis`; EstimatorError if that is outdated."""
+        """Return the expected loss of the model made in state `basis`; EstimatorError if it is outdated."""
         self._check_present("expected_loss", basis)
         loss = np.empty_like(uncertainty)
         for k, belief in enumerate(self._beliefs):

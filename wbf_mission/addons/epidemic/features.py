@@ -1,9 +1,9 @@
 """Features of cells for the networks: counts of observed plants of each class at each distance.
 
 A map of codes has the observed class of each cell. The features of a cell are the counts of each code in
-each ring of distances around the cell, without the cell itself. These counts are invariant under rotation
-and reflection, and depend only on cells at most `REACH` away along each axis. A few features of the whole
-field are appended.
+each ring of distances around the cell, without the cell itself. The counts are invariant under rotation and
+reflection, and depend only on cells at most `REACH` away along each axis. A few features of the whole field
+are appended.
 
 The classes of unobserved cells depend on each other: an outbreak is connected, and a farm has a known number
 of outbreaks. Refinement networks therefore also see the previous network's probabilities of all cells
@@ -53,7 +53,7 @@ class Rings:
         squares = axis[:, None] ** 2 + axis**2
         number = np.searchsorted(ends, squares)
         number[0, 0] = -1
-        # A pair of distances represents all its mirror images.
+        # A pair of distances along x and y also stands for its mirror images.
         images = np.where(axis > 0, 2, 1)
         sizes = np.bincount(number[squares > 0], (images[:, None] * images)[squares > 0], len(ends))
         return cls(number.astype(np.intp), (1.0 / np.sqrt(sizes)).astype(np.float32))

@@ -133,7 +133,7 @@ class SoilField:
             self._waiting.setdefault(day, []).append((x[now], y[now], values[now]))
 
     def _take_in(self) -> None:
-        """Add all queued readings to the sums and the posterior; this costs little more than one reading."""
+        """Add all queued readings to the sums and the posterior, for little more than the cost of one."""
         learned = []
         self._give_way()
         for day, parts in sorted(self._waiting.items()):
@@ -178,7 +178,7 @@ class SoilField:
         self._posterior = None
 
     def _is_first(self, day: int) -> bool:
-        """Return whether no earlier day has readings."""
+        """Return whether no day before `day` has readings."""
         return day <= min(self._sums, default=day)
 
     def fill(self, day: int, value: NDArray[np.float32], uncertainty: NDArray[np.float32]) -> float:

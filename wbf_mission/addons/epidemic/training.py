@@ -216,7 +216,7 @@ def _along_a_path(
         cells = chasing_path(begun, truth > 0, longest, rng)
     cells = cells[land[cells[:, 0], cells[:, 1]]]
     for look in range(_LOOKS):
-        # The first look sees the path up to a uniformly random point; later looks usually see most of the
+        # The first look has the path up to a uniformly random point; later looks usually have most of the
         # path.
         count = int(np.ceil(len(cells) * rng.random() ** (1.0 if look == 0 else 0.3)))
         codes = padded_codes(land)

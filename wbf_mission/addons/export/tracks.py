@@ -34,7 +34,7 @@ _TOLD = ("x_m", "y_m", "height_m", "speed_m_s", "heading_rad", "battery", "mode"
 
 @dataclass(slots=True)
 class _Flight:
-    """One flight of a vehicle."""
+    """One flight of a vehicle, with its states, as the files show it."""
 
     day: int
     flight: int

@@ -91,7 +91,7 @@ class FlightLogs:
 
     @property
     def all(self) -> tuple[FlightLog, ...]:
-        """Logs, oldest first."""
+        """All logs of the vehicle, oldest first."""
         return tuple(self._logs)
 
     def files(self, *, by_date: bool) -> Mapping[str, bytearray]:

@@ -75,7 +75,7 @@ class _Group:
 
 @dataclass(slots=True)
 class _Route:
-    """A mission as a wayline route, and the items that get lost. Methods return whether they keep an item."""
+    """A mission as a wayline route, and the items that are lost. Methods return whether they keep an item."""
 
     mission: Mission
     speed_m_s: float

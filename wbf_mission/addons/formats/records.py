@@ -5,7 +5,7 @@ role         the other fields
 ===========  ======================================================================================
 mission      version (1), cruise_speed_m_s, hover_speed_m_s
 home         altitude_m above mean sea level; its place
-item         index (from 0; what a DO_JUMP names), command, name, frame, param1 to param4, autocontinue
+item         index (from 0; the target of a DO_JUMP), command, name, frame, param1 to param4, autocontinue
 fence        as an item; a polygon may be one record with the places of its vertices
 rally        as an item
 ===========  ======================================================================================

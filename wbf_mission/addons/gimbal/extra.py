@@ -82,8 +82,8 @@ class Attitude(NamedTuple):
 class Gimbal:
     """Three-axis gimbal.
 
-    The gimbal is fitted if the vehicle's parameter `fitting` is above 0 at boot. If `fitting` is None, it is
-    never fitted.
+    The gimbal is fitted if the vehicle's parameter `fitting` is above 0 at boot. If `fitting` is None, the
+    gimbal is never fitted.
 
     >>> from types import SimpleNamespace
     >>> gimbal = Gimbal(SimpleNamespace(kept=lambda name, default: default), Setting("MNT1_TYPE", 1.0))
@@ -355,7 +355,7 @@ class GimbalExtra(VehicleExtra):
         self._was_in_mission = in_mission
 
     def reboot(self) -> None:
-        """Reset the gimbal."""
+        """Reset the gimbal at a reboot of the autopilot."""
         self.gimbal.boot()
 
     def execute(self, command: VehicleCommand) -> None:

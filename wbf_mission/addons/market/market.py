@@ -53,7 +53,7 @@ class Contract:
         self._left = len(self.points_m)
 
     def follow(self, rest_m: Points) -> bool:
-        """Update the progress from the vehicle's remaining path; return False if that is of another path."""
+        """Update the progress from the vehicle's remaining path; return False if it flies another path."""
         count = min(len(rest_m), len(self.points_m))
         mine, flown = self.points_m[len(self.points_m) - count :], rest_m[len(rest_m) - count :]
         if not np.allclose(mine, flown, rtol=0.0, atol=_SAME_M):

@@ -64,9 +64,9 @@ class MavsdkOrders:
     """Commands to the autopilot, carried out by MAVSDK; each result is returned as a COMMAND_ACK.
 
     Arming, return, landing and PX4's hold use the plugin action; the start of a PX4's mission uses
-    mission_raw. All other commands use mavlink_direct, which also retries. Hold on an ArduCopter uses it,
-    too, because MAVSDK's hold sets LOITER, in which an ArduCopter without sticks sinks. So does a mission
-    start: an ArduCopter takes off at MISSION_START, but MAVSDK's start_mission only sets the mode.
+    mission_raw. All other commands use mavlink_direct, which also retries. Hold on an ArduCopter uses
+    mavlink_direct, too: MAVSDK's hold sets LOITER, in which a copter without sticks sinks. So does its
+    mission start: ArduCopter takes off at MISSION_START; MAVSDK's start_mission sets only the mode.
 
     MAVSDK does not send MISSION_SET_CURRENT. Its set_current_mission_item would repeat the message whenever
     the vehicle reports another current item: for ever, if the vehicle completes the item at once.

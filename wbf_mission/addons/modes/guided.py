@@ -79,7 +79,7 @@ class SetpointFollower:
 
     @property
     def is_fresh(self) -> bool:
-        """Whether the latest setpoint is not older than the timeout."""
+        """Whether the latest setpoint is still valid: not older than the timeout."""
         return self._controls.now_s - self._taken_s <= self._parameters.setpoint_timeout_s
 
     def listens_in(self, mode: Mode) -> bool:
@@ -216,8 +216,8 @@ class AttitudePilot:
     def take(self, target: AttitudeTarget = _LEVEL, manoeuvre: Callable[[float], bool] | None = None) -> None:
         """Fly an attitude until the next order.
 
-        `manoeuvre` replaces the attitude. It is a function of a time step (s) that sets `roll_rad`, calls
-        `move`, and returns whether the manoeuvre has ended.
+        `manoeuvre` replaces the attitude. `manoeuvre` is a function of a time step (s) that sets `roll_rad`,
+        calls `move`, and returns whether the manoeuvre has ended.
         """
         if self._target is None:
             state = self._controls.state
@@ -438,7 +438,7 @@ class GuidedFlight:
             self.setpoints.fly()
 
     def take_attitude(self, target: AttitudeTarget | None) -> None:
-        """Fly an attitude in the guided modes; None stops. Modes with a stream only store the attitude."""
+        """Fly an attitude in the guided modes; None stops. Modes that need a stream store it."""
         pilot = self._pilot
         if target is not None and pilot.rules.needs_stream:
             self.setpoints.take(target)

@@ -31,7 +31,7 @@ _WIDTH = 55  # Characters per line of a panel title
 _PARTS = (0.1, 0.2, 0.5, 1.0)
 _EARLY = 0.2
 _STEPS = 501
-_TOLERANCE, _FALL = 1e-6, 0.01  # Smallest fall above rounding, and visible fall, relative to the loss before
+_TOLERANCE, _FALL = 1e-6, 0.01  # Smallest fall and smallest visible fall, as fractions of the loss before
 _LEAST_LOSS = 1e-12
 """Lower limit of a loss, against division by zero."""
 _COLUMNS = ("path", "truth", "estimate", "score, 0 is perfect")
@@ -168,7 +168,7 @@ def early_table(rows: Sequence[BenchRow]) -> Table:
 
 
 def lead_table(rows: Sequence[BenchRow]) -> Table:
-    """Return a table of the planner that leads by mean score at fractions of the time, and of its lead.
+    """Return a table of the planner with the best mean score at fractions of the time, and its lead.
 
     Leads are mean differences of pairs of runs in the same environment, with simultaneous 95 % intervals.
     """

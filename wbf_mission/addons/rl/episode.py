@@ -76,12 +76,12 @@ class Episode:
         return self._estimate.current()
 
     def close(self) -> None:
-        """Abandon the run."""
+        """Abandon the run, and stop its estimate."""
         self._estimate.close()
 
     @property
     def flight(self) -> tuple[int, int]:
-        """Day of the current flight and the flight's number on this day; after the run, the last flight's."""
+        """Day of the current flight, and its number on this day; after the run, those of the last flight."""
         return self.task.flights[min(self._flight, len(self.task.flights) - 1)]
 
     @property

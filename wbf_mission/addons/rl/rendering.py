@@ -1,6 +1,6 @@
 """Render modes of Gymnasium: frames as arrays, and a pygame window.
 
-A frame has truth, estimate and uncertainty of one field, paths and remaining budget. It is composed from
+A frame has truth, estimate and uncertainty of one field, paths and remaining budget. A frame is composed from
 colour tables, without a plotting library.
 """
 
@@ -120,7 +120,7 @@ class Drawing:
         return np.frombuffer(bytearray(picture.tobytes("raw", "RGB")), np.uint8).reshape(self.shape)
 
     def _coloured(self, array: NDArray[np.float32], tones: _Pixels) -> _Pixels:
-        """Return the colours of blocks: the map's where the field is scored, elsewhere the land's."""
+        """Return the colours of blocks: from the map where the field is scored, elsewhere from the land."""
         means = np.empty((1, *self._blocks), np.float32)
         block_means(np.ascontiguousarray(array[None]), self._block, means)
         return np.where(self._scored, tones[(means[0] * (_TONES - 1) + 0.5).astype(np.int64)], self._land)
@@ -247,7 +247,7 @@ class Rendering:
 
 
 class Window:
-    """Window of at most `FRAMES_A_SECOND` frames a second, opened by the first; a copy opens its own."""
+    """Window that shows at most `FRAMES_A_SECOND` frames a second; a copy opens a window of its own."""
 
     def __init__(self) -> None:
         try:

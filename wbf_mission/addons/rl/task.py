@@ -38,7 +38,7 @@ MOVES.flags.writeable = False
 
 
 def checked_moves(actions: object, shape: tuple[int, ...], who: str) -> NDArray[np.int64]:
-    """Return actions as int64[shape]; raise TrainingError if the shape differs or one is not 0 to 4."""
+    """Return actions as int64[shape]; TrainingError unless all are whole numbers, 0 to 4, of this shape."""
     try:
         moves = np.asarray(actions)
         fit = moves.shape == shape and moves.dtype.kind in "iu"

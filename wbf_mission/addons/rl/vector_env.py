@@ -53,7 +53,7 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
     ------
     TrainingError
         If the scenario or the estimator cannot be batched. `gymnasium.make_vec` with
-        ``vectorization_mode="sync"`` accepts all of them.
+        ``vectorization_mode="sync"`` accepts them all.
     """
 
     def __init__(
@@ -99,8 +99,8 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Restart all runs, or some of them with ``options={"reset_mask": bool[num_envs]}``.
 
-        `seed` is the seed of the first run, and each further run gets the next number; or a sequence has one
-        seed per run. TrainingError if the number of seeds or mask entries differs from the number of runs.
+        A number `seed` is the seed of the first run, and each further run gets the next number; a sequence
+        has one seed per run. TrainingError if the number of seeds or mask entries is not the number of runs.
         """
         if seed is None or isinstance(seed, int | np.integer):
             seeds = [None if seed is None else int(seed) + one for one in range(self.num_envs)]

@@ -50,7 +50,7 @@ _TRACK_LAG_S = 0.2
 
 
 class ArduRover(RoverProcedures):
-    """See `wbf_mission.addons.rovers.procedures.RoverProcedures`."""
+    """Procedures of ArduPilot's Rover; see `wbf_mission.addons.rovers.procedures.RoverProcedures`."""
 
     name = "ardupilot"
     parameters = motion_parameters("rover-motion", __package__)

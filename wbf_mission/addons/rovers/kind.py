@@ -39,7 +39,7 @@ class RoverPowerSpec(FurtherPowerSpec):
 
     @property
     def own_drag(self) -> float:
-        """Rolling drag (N)."""
+        """Rolling resistance of the vehicle (N)."""
         return self.rolling_resistance * (self.mass_kg * GRAVITY_M_S2)
 
     def steady_w(

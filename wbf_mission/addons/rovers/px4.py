@@ -35,7 +35,7 @@ _SIH_STEPS = 10.0 / 4.0
 
 
 class Px4Rover(RoverProcedures):
-    """See `wbf_mission.addons.rovers.procedures.RoverProcedures`."""
+    """Procedures of PX4 with a rover; see `wbf_mission.addons.rovers.procedures.RoverProcedures`."""
 
     name = "px4"
     parameters = motion_parameters("px4-rover-motion", __package__)

@@ -67,7 +67,7 @@ def sim_command(
     signing_key: Annotated[
         str | None,
         option(
-            "MAVLink signing key: 64 hexadecimal digits, a phrase, or @FILE that holds one; the vehicles"
+            "MAVLink signing key: 64 hexadecimal digits, a phrase, or @FILE with the key; the vehicles"
             " sign their messages, and accept only messages signed with this key.",
             panel=LINKS,
             envvar="WBF_MISSION_SIGNING_KEY",
@@ -224,7 +224,7 @@ def _rows(simulated: Simulated, values: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _some(urls: Sequence[str]) -> list[str]:
-    """Return the links; if there are many, the first links and the number of the others."""
+    """Return the links; if there are many, the first links and the number of further links."""
     return list(urls) if len(urls) <= _SHOWN_LINKS else [*urls[:7], f"{len(urls) - 7} more"]
 
 

@@ -186,7 +186,7 @@ _severity = (
     *(Action.NONE, Action.WARN, Action.HOLD, Action.RETURN),
     *(Action.LAND, Action.DISARM, Action.TERMINATE),
 ).index
-# Look-ahead time of the course of a rover that is steered.
+# A rover under stick control is ordered the course that it would have after this time.
 _STEERS_AHEAD_S = 0.5
 # Stick position of 90 % throttle, ArduPlane's threshold for a go-around (``Plane::update_flight_stage``).
 _FULL_THROTTLE = 0.8

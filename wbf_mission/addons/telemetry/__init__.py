@@ -1,1 +1,1 @@
-"""Telemetry of a simulated vehicle that is shown by ground stations but not needed for the flight."""
+"""Telemetry that a simulated vehicle sends for display in ground stations, not for the flight."""

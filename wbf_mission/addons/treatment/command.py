@@ -132,8 +132,8 @@ def map_command(
         Path | None,
         option(
             "Camera readings: the observations of 'fly', or a CSV file with a column for each field and one "
-            "column 'time', 'name' or 'image' (or two, 'latitude' and 'longitude'). [default: those in the "
-            ".tlog or results]",
+            "column 'time', 'name' or 'image' (or two, 'latitude' and 'longitude'). [default: readings in "
+            "the .tlog or results]",
             panel="What was flown",
         ),
     ] = None,

@@ -91,7 +91,7 @@ def treatment_of_result(
     Raises WbfMissionError if costs cannot be read, or the run has no observations.
     """
     if result.model is None or not len(result.observations):
-        raise ObservationError("the run saw nothing of the farm, so there is no estimate to map")
+        raise ObservationError("the run observed no cell of the farm, so there is no estimate to map")
     estimator = estimator_of(result.scenario.estimate.estimator, result.scenario.seed, result.fields)
     return TreatmentMap(
         result.farm,

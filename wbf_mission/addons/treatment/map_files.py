@@ -114,7 +114,7 @@ def write_geotiff(
     }
     # GDAL's COG driver can only copy an existing raster; this raster is a file on disk to save memory.
     plain = path.with_name(f".{path.name}.plain.tif")
-    scale = "standard deviation" if deviation else "doubt on the estimator's own scale"
+    scale = "standard deviation" if deviation else "on the estimator's own scale"
     with warnings.catch_warnings():
         # rasterio warns about tiles that are larger than the raster.
         warnings.simplefilter("ignore", rasterio.errors.RasterioDeprecationWarning)

@@ -52,7 +52,7 @@ def is_cells(path: Path) -> bool:
 def read_readings(path: Path, fields: FieldSet) -> Readings:
     """Read a table of readings: key columns, which locate a row, and a column for each sensed field.
 
-    The key columns are those of the first entry of `_KEY_READERS` that the table has. An empty cell of the
+    The key is the first entry of `_KEY_READERS` whose columns the table has. An empty cell of the
     table means that the field was not sensed. Raises ObservationError if the file cannot be read, has no key
     or none of the fields, or has an invalid value.
     """
@@ -182,7 +182,7 @@ def join(
     """Return the observations of the farm's cells, and notes about discarded readings.
 
     A reading counts for all cells of the camera's footprint, a square with a side of `footprint` cells.
-    Observations are in order of time; if the time of one is unknown, all keep the order of the table. Raises
+    Observations are in order of time; if any time is unknown, they keep the order of the table. Raises
     ObservationError if the key needs a log, or all readings were discarded; LogError if the log lacks the
     clock of the times.
     """

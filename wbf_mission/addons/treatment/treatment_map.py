@@ -188,7 +188,7 @@ class ZoneMap:
         return float(self.hectares[self.zone == zone].sum())
 
     def gain_of_looks(self, looked_at: Floats) -> float:
-        """Return the expected saving from looks; `looked_at` is the number of cells in each block.
+        """Return the expected saving from looks; `looked_at` is the number of cells looked at in each block.
 
         If the fraction of sick plants has a beta distribution (a, b), n looks reveal ``n / (n + a + b)`` of
         its variance (DeGroot, Optimal Statistical Decisions, 1970). In a continuous field a block has a
@@ -384,7 +384,7 @@ class TreatmentMap:
 
     @cached_property
     def zone_maps(self) -> tuple[ZoneMap, ...]:
-        """Zone map of each field whose crops grow on the owner's land; raises MapError if none does."""
+        """Zone map of each field whose crops grow on the owner's land; MapError without such a field."""
         maps = self._maps(grid=block_grid(self.farm, self.block_m))
         found = tuple(zone_map(of, self.costs[of.field.name]) for of in maps if of.cells.any())
         if not found:

@@ -22,7 +22,7 @@ _NAMES = 3
 _OF_TEXTS = 2
 _EXACT = 2**53
 _NUMBER = re.compile(r"[+-]?\d|-$")
-# A line may break within a long name only after one of these characters, or after 24 others.
+# A line may break within a long name only after one of these characters, or after 24 other characters.
 _PIECE = re.compile(r"[^\s/:,=-]{1,24}[/:,=-]*|[/:,=-]+|\s+")
 
 

@@ -36,7 +36,7 @@ _READS = ("GET", "HEAD")
 
 
 class Guard:
-    """Middleware that accepts only this machine's names, and requires the token if one is set."""
+    """Middleware that refuses requests to other machines' names, and requires the token if one is set."""
 
     def __init__(self, app: ASGIApp, names: tuple[str, ...] = (), token: str | None = None) -> None:
         self._app, self._token = app, token
@@ -48,7 +48,7 @@ class Guard:
         if refused is None:
             await self._app(scope, receive, _with_headers(send))
         elif scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": 1008})  # Before acceptance, this sends a 403
+            await send({"type": "websocket.close", "code": 1008})  # Not yet accepted: the client gets a 403
         else:
             await refused(scope, receive, _with_headers(send))
 
@@ -160,7 +160,7 @@ class HurriedProtocol(H11Protocol):
         self._hurry()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Stop the deadline."""
+        """Stop the deadline of a lost connection."""
         super().connection_lost(exc)
         self._hurry()
 

@@ -70,7 +70,7 @@ class Shown:
 
 
 class Layers:
-    """Layers over one farm.
+    """Map layers over one farm, in tiles that have versions.
 
     `put` is slow, and only one thread at a time may call it. `draw`, `show` and `scales` are fast, and need
     the lock of the layers. Arrays have a value per cell. A layer has at most `longest` pixels per side.

@@ -1,9 +1,9 @@
 """Report of one or two finished runs as one HTML file: a one-sheet summary, and the page that replays them.
 
-The page is that of a live run, but it plays a recording. A `View` listens to the events of the result, and
-its layers are kept at some moments. A file that is too large gets fewer moments, larger pixels, and finally
-fewer readings; its notes say so. `RunPage` keeps the layers of a run that is flown for the report. They
-include the acquisition maps of decisions, which results do not contain.
+The page is the live page of a run, but it plays a recording. A `View` listens to the events of the result,
+and its layers are kept at some moments. A file that is too large gets fewer moments, larger pixels, and
+finally fewer readings; its notes say so. `RunPage` keeps the layers of a run that is flown for the report.
+These layers include the acquisition maps of decisions, which results do not contain.
 """
 
 from __future__ import annotations
@@ -87,8 +87,8 @@ class Recorder:
 class RunPage:
     """Report of a run, recorded during the flight: a `wbf_mission.addons.base.pages.RunPage`.
 
-    It keeps the layers of estimates at about `MOMENTS` of the `scored` times at which the run is scored, and
-    the acquisition map of each decision. `decided_s` maps the `id` of a decision's record to its time.
+    The report keeps the layers of estimates at about `MOMENTS` of the `scored` scored times, and the
+    acquisition map of each decision. `decided_s` maps the `id` of a decision's record to its time.
     """
 
     def __init__(self, events: EventStream, scored: int) -> None:

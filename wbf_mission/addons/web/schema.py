@@ -166,7 +166,7 @@ class Readings(Struct):
 
 
 class Scores(Struct):
-    """Estimates as columns, and losses by field."""
+    """Scores of the estimates over time, as columns; losses by field."""
 
     time_s: list[float]
     day: list[int]

@@ -1,8 +1,8 @@
 """Web server of the page: shows a view in any number of browsers, in its own thread.
 
-The run passes events to its view and never waits for this server. Ten times per second, each browser is sent
-the data that is new to it. Browsers that need the same data are sent the same bytes. A browser that does not
-read gets no data until it reads again, and is disconnected after some seconds.
+The run passes events to its view and never waits for this server. Ten times per second, the server sends each
+browser the data that this browser lacks. Browsers that need the same data are sent the same bytes. A browser
+that does not read gets no data until it reads again, and is disconnected after some seconds.
 
 Once per second each browser is also sent a beat, which shows the age of the browser's data. Requests carry
 the newest beat that the page has received, and the time since then by the page's clock. The server can
@@ -240,7 +240,7 @@ class LiveServer:
         if self._orders is None:
             return Reply("", "this page only shows the run: orders are not allowed", 0)
         try:
-            # The names of the fields show the kind of request, which an error message then names.
+            # The field names show the kind of request, so that an error message can name this kind.
             fields = msgspec.json.decode(text or "", type=dict[str, msgspec.Raw])
             kind: type[Answer | Order] = Answer if "answer" in fields else Order
             given = msgspec.json.decode(text or "", type=kind)

@@ -45,7 +45,7 @@ from wbf_mission.scenario.option import Option
 from wbf_mission.scenario.scenario import all_options
 
 _FIRST = ("planner", "policy", "budget", "vehicle", "autopilot", "wind_speed_m_s", "wind_direction_deg")
-"""Options shown first; the others are in panels."""
+"""Options shown first; all other options are in panels."""
 _LONGEST_END_S = 5.0
 _TYPES = {bool: "flag", int: "whole", float: "number"}
 _REMEDIES = {"repair": "--repair", "crop": "--crop", "crs": "--farm-crs"}
@@ -311,7 +311,7 @@ def _described(key: str, option: Option) -> dict[str, Any]:
 
 
 def _default(initial: Any) -> str:
-    """Return a default in words."""
+    """Return an option's default in words, or as a number."""
     if isinstance(initial, bool):
         return "yes" if initial else "no"
     plain = _plain(initial)

@@ -170,7 +170,7 @@ def _shown_warnings(record: RunRecord) -> list[str]:
 
 
 def _lines(texts: Iterable[str], columns: int) -> int:
-    """Return the approximate number of lines of some texts."""
+    """Return the approximate number of printed lines that texts take."""
     return sum(-(-len(text) // columns) for text in texts)
 
 
@@ -189,7 +189,7 @@ def _about(report: FieldReport) -> str:
         sure = f"90 % sure: {write(report.low)} to {write(report.high)}"
     what = "of the plants are expected to be sick" if disease else "on average"
     if report.is_of_seen:
-        what = "of the plants that were looked at are sick" if disease else "on average in the cells seen"
+        what = "of the plants that were looked at are sick" if disease else "on average in observed cells"
         sure = "nothing is known of the rest"
     main = f"{write(report.expected)} {what}"
     interval = [

@@ -86,7 +86,7 @@ class MapTiles:
         return None if data is None or kind is None else (data, kind)
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file of map tiles."""
         with self._lock:
             self._archive.close()
 
@@ -209,7 +209,7 @@ class _PMTiles:
         ids, offsets, at, end = [], [], 0, 0
         for step, size, place in zip(steps, lengths, places, strict=True):
             at += step
-            start = place - 1 if place else end  # 0: follows the previous entry
+            start = place - 1 if place else end  # 0: the tile follows the previous one
             end = start + size
             ids.append(at)
             offsets.append(start)

@@ -40,7 +40,7 @@ Cursor = NewType("Cursor", int)
 MAX_STATES = 20_000
 """Maximum number of states per vehicle, and of scores; above it, half of the older rows are dropped."""
 MAX_ALL_STATES = 400_000
-"""Maximum number of states of all vehicles, shared between them."""
+"""Maximum number of states of all vehicles together."""
 MAX_PLANS = 500
 MAX_DECISIONS = 2_000
 MAX_SAID = 2_000
@@ -71,7 +71,7 @@ class _Rows(Generic[T]):
         self.thinned = 0  # Version of the last thinning
 
     def add(self, row: T, version: int) -> None:
-        """Append a row."""
+        """Append a row with its version; thin the older rows above the limit."""
         self.rows.append(row)
         self.versions.append(version)
         if len(self.rows) > self.limit:

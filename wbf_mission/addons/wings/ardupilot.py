@@ -46,7 +46,7 @@ _NOTICES_S = 2.9
 
 
 class ArduPlane(WingProcedures):
-    """See `wbf_mission.addons.wings.procedures.WingProcedures`."""
+    """Procedures of ArduPlane; see `wbf_mission.addons.wings.procedures.WingProcedures`."""
 
     name = "ardupilot"
     parameters = motion_parameters("arduplane-motion", __package__)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Px4FixedWing(WingProcedures):
-    """See `wbf_mission.addons.wings.procedures.WingProcedures`."""
+    """Procedures of PX4 with a fixed wing; see `wbf_mission.addons.wings.procedures.WingProcedures`."""
 
     name = "px4"
     parameters = motion_parameters("px4-fixed-wing-motion", __package__)

@@ -325,7 +325,7 @@ def test_code_that_is_not_what_flew_is_not_packed(own, source, why, tmp_path, mo
         code, told = submit(own / "r", tmp_path / "a.zip", "--code", str(there), capsys=capsys)
         assert code == 2
         assert told.err.startswith(f"error: --code {there}: planner zigzag: ") and why in told.err
-        assert told.err.count("\n") == 1 and told.err.endswith("give the code that flew, or fly again\n")
+        assert told.err.count("\n") == 1 and told.err.endswith("give the code of the rows, or fly again\n")
         assert not (tmp_path / "a.zip").exists()
 
 

@@ -303,7 +303,7 @@ def test_an_estimator_without_a_deviation_is_told(tmp_path):
     of = treatment_of(FARMS["north"][0], states_deviation=False)
     write_map(of, tmp_path / "map", silent)
     with rasterio.open(tmp_path / "map" / "map_tylcv.tif") as file:
-        assert file.descriptions[1] == "TYLCV (tomato): uncertainty (doubt on the estimator's own scale)"
+        assert file.descriptions[1] == "TYLCV (tomato): uncertainty (on the estimator's own scale)"
         assert file.units[1] in ("", None)
     assert "gives no uncertainty" in (tmp_path / "map" / "report.html").read_text()
     assert all(one.zone != LOOK for one in of.zones)

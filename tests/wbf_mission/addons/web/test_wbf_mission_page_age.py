@@ -104,7 +104,7 @@ def test_a_page_whose_program_stands_still_says_so_and_gives_no_order(browser: B
         one.stop()
         expect(pill).to_have_text(re.compile(r"No news for 0:0\d"))
         expect(page.locator(".lost")).to_have_text(
-            "Nothing comes from the program: what is shown is old, and it takes no orders."
+            "The program sends no data: the page shows old data, and takes no orders."
         )
         for name in ("Arm", "Hold", "Resume", "Return", "Land"):
             expect(order(page, name)).to_be_disabled()
@@ -137,7 +137,7 @@ def test_what_was_ordered_while_the_program_stood_still_is_not_carried_out_when_
         # Before the page can know it.
         page.get_by_role("dialog").get_by_role("button", name="Yes").click()
         expect(page.locator(".became")).to_have_text(
-            "Arm, drone-1: not answered: it may or may not have arrived"
+            "Arm, drone-1: not answered: the request may or may not have arrived"
         )
         expect(page.locator(".connection")).to_have_text(re.compile("No news for"))
         one.go_on()
@@ -207,7 +207,7 @@ def test_a_vehicle_that_is_not_heard_is_told_while_the_program_lives(browser: Br
         first, second = page.locator(".card").all()
         expect(first).to_contain_text("no news for 0:08")
         expect(second).not_to_contain_text("no news")
-        expect(page.locator(".lost")).to_have_text("No news of drone-1: what is shown is old.")
+        expect(page.locator(".lost")).to_have_text("No news of drone-1: the page shows old data.")
         expect(page.locator(".connection")).to_have_text("Vehicle not heard")
         view.take(moved(4.0, 1))
         expect(page.locator(".lost")).to_be_empty()
@@ -438,7 +438,7 @@ def test_an_order_carries_the_newest_beat_and_the_time_since(told: Told) -> None
     order(told.page, "Hold").click()
     # It lives, and does not answer.
     expect(told.page.locator(".became")).to_have_text(
-        "Hold, drone-2: not answered: it may or may not have arrived"
+        "Hold, drone-2: not answered: the request may or may not have arrived"
     )
     expect(told.pill).to_have_text("Live")
     first, second = told.asked
@@ -453,7 +453,7 @@ def test_nothing_that_was_ordered_is_sent_again_over_the_next_connection(told: T
     expect(told.page.locator(".became")).to_have_text("Hold, drone-1 …")
     told.sockets[-1].close()
     expect(told.page.locator(".became")).to_have_text(
-        "Hold, drone-1: not answered: it may or may not have arrived"
+        "Hold, drone-1: not answered: the request may or may not have arrived"
     )
     expect(order(told.page, "Hold")).to_be_disabled()
     while len(told.sockets) < 2:

@@ -425,7 +425,7 @@ PLACES = [
     ("12; 13", "12, 13"),
     ("12, 13", "12, 13"),
     ("12,13", "longitude is missing"),
-    ("28,05,82,15", "write points"),
+    ("28,05,82,15", "write decimal points"),
     ("28.05", "longitude is missing"),
     ("somewhere", "is not understood"),
     ("28 70 0 N 82 0 0 W", "0 to 60"),
@@ -725,7 +725,7 @@ def test_an_idle_studio_says_that_its_program_stands_still(browser: Browser) -> 
             planned(page)
             expect(lost).to_be_empty()
             program.send_signal(signal.SIGSTOP)
-            expect(lost).to_have_text(re.compile("Nothing comes from the program: nothing"), timeout=SLOW_MS)
+            expect(lost).to_have_text(re.compile("The program sends no data: nothing"), timeout=SLOW_MS)
             program.send_signal(signal.SIGCONT)
             expect(lost).to_be_empty(timeout=SLOW_MS)
             program.kill()

@@ -1,1 +1,1 @@
-"""Motion of a rover."""
+"""Motion of rovers: compiled pure pursuit, and ArduPilot's Rover."""

@@ -18,7 +18,7 @@ _TIME_BYTES = 8
 def read_track(path: Path | str) -> LogTrack:
     """Read a telemetry log (.tlog), an ArduPilot (.bin) or PX4 (.ulg) log, or a folder of pictures.
 
-    A truncated log is read up to its cut. Raises LogError if the format is unknown, or the log is larger
+    A truncated log is read up to its end. Raises LogError if the format is unknown, or the log is larger
     than 1 GiB, cannot be read, or has no position.
     """
     path = Path(path)

@@ -92,7 +92,7 @@ class LogTrack:
             after = np.minimum(after, len(fix_s) - 1)
             inside = (asked >= fix_s[0]) & (asked <= fix_s[-1])
             inside &= (fix_s[after] - fix_s[before] <= LONGEST_GAP_S) | (fix_s[after] == asked)
-            longitude_deg = np.unwrap(self.longitude_deg[known], period=360.0)  # It may cross the date line
+            longitude_deg = np.unwrap(self.longitude_deg[known], period=360.0)  # across the date line
             for row, positions in zip(found, (self.latitude_deg[known], longitude_deg), strict=True):
                 row[wanted] = np.where(inside, np.interp(asked, fix_s, positions), np.nan)
         found[1] -= 360.0 * np.round(found[1] / 360.0)
@@ -122,7 +122,7 @@ def is_position(latitude_deg: Floats, longitude_deg: Floats) -> NDArray[np.bool_
 
 @contextlib.contextmanager
 def _silence() -> Iterator[None]:
-    """Discard a library's output, also what its compiled code writes to stderr."""
+    """Discard a library's output, including output of its compiled code on stderr."""
     with Path(os.devnull).open("w", encoding="utf-8") as nowhere, contextlib.ExitStack() as stack:
         stack.enter_context(contextlib.redirect_stdout(nowhere))
         stack.enter_context(contextlib.redirect_stderr(nowhere))

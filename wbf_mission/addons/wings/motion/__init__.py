@@ -1,1 +1,1 @@
-"""Motion of a fixed wing."""
+"""Motion of fixed wings: compiled airframe and guidance, and the control of PX4 and ArduPlane."""

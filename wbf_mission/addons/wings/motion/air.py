@@ -153,7 +153,7 @@ def fly(
 
 @compiled(allocates=False)
 def drop(state: Record, limits: Record, wx: float, wy: float) -> None:
-    """Fall one step."""
+    """Let the vehicle fall for one time step, at most at the final speed."""
     dt = limits.step_s
     keep = 1.0 - dt / FALL_S
     ve, vn = wx + (state.velocity_x - wx) * keep, wy + (state.velocity_y - wy) * keep

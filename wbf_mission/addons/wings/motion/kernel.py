@@ -1,6 +1,6 @@
 """Compiled motion of a fixed wing: coordinated turns, energy, guidance along the legs of a route.
 
-This module controls height, airspeed and bank as PX4 does; `arduplane` does so as ArduPlane does.
+This module controls height, airspeed and bank as PX4 does; `arduplane` controls them as ArduPlane does.
 
 docs/fixed-wing-and-rover.md describes the model. Lengths are in metres, angles in radians, and axes
 east-north-up from home. Headings are clockwise from north; banks and accelerations to the right are positive.
@@ -84,7 +84,7 @@ def _climb(state: Record, limits: Record, height: float, full: bool) -> float:
 
 @compiled(allocates=False)
 def _height_along(state: Record, row: Record, limits: Record) -> float:
-    """Return the height along a leg, which reaches the waypoint's height one circle radius before its end."""
+    """Return the height along a leg, which is the waypoint's from one circle radius before the end on."""
     dx, dy = row.x - state.begin_x, row.y - state.begin_y
     gx, gy = row.x - state.position_x, row.y - state.position_y
     before = abs(limits.loiter_radius)
@@ -348,7 +348,7 @@ def _leave(
 ) -> None:
     """End a leg; after the last leg, set the circle that the vehicle then flies.
 
-    This is the last leg's circle or, if the leg has no circle, a circle around the leg's end.
+    That circle is the last leg's circle or, if the leg has no circle, a circle around the leg's end.
     """
     if counters[col.ARRIVED] == 0:
         state.give_up_step = inf

@@ -222,7 +222,7 @@ export class Controls {
     if (what === undefined) return;
     // A reply may still arrive and then replaces this message.
     this.open.delete(number);
-    this.say(`${what}: not answered: it may or may not have arrived`, true);
+    this.say(`${what}: not answered: the request may or may not have arrived`, true);
   }
 
   private say(text: string, isBad: boolean): void {

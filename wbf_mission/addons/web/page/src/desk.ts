@@ -117,7 +117,7 @@ async function told<T>(response: Response): Promise<T> {
   }
   const { error, superseded, remedy } = answer;
   if (superseded === "another page")
-    throw new Refused("another page of the studio took over: ask again here", superseded);
+    throw new Refused("another page of the studio replaced this draft: plan again here", superseded);
   if (error !== undefined) throw new Refused(error, superseded, remedy);
   return answer;
 }

@@ -20,7 +20,7 @@ const LONG_PRESS_MS = 650;
 const MOST_MARKS = 50;
 const CROSSES = "The border crosses itself at the mark";
 
-const RING = "click its corners, then the first one again, a double click or Enter; Backspace takes one back, Escape ends";
+const RING = "click its corners, then the first corner again or Enter; Backspace removes the last corner, Escape cancels";
 /** Tools of the editor: label and hint. */
 export const TOOLS = {
   select: ["Select", ""],
@@ -163,9 +163,9 @@ export class Editor {
 
   private setDrawn(ring: Position[]): void {
     this.drawn = ring;
-    const closes = "corners; Enter, a double click or the first corner closes";
+    const closes = "corners; Enter, a double click or the first corner closes the shape";
     const count = `${ring.length} ${ring.length < 3 ? "of at least 3 corners" : closes}`;
-    this.studio.tell(crossings(ring, false).length ? `${CROSSES}: Backspace takes the corner back` : count);
+    this.studio.tell(crossings(ring, false).length ? `${CROSSES}: Backspace removes the corner` : count);
     this.show();
   }
 
@@ -183,7 +183,7 @@ export class Editor {
       const number = fieldAt(sketch, ring[0]!);
       if (number === null) {
         this.show();
-        return this.studio.tell("A hole begins on a field: there is none at its first corner");
+        return this.studio.tell("A hole must begin on a field: there is no field at its first corner");
       }
       this.studio.take("select");
       this.studio.edit(withShape(sketch, number, { rings: [...sketch.shapes[number]!.rings, ring] }), "Hole drawn");

@@ -49,7 +49,7 @@ export class Heart {
 
   /** Reason for old data. */
   get trouble(): string {
-    return this.isLost ? "The connection to the program is lost" : "Nothing comes from the program";
+    return this.isLost ? "The connection to the program is lost" : "The program sends no data";
   }
 
   beat({ time_s }: Beat): void {

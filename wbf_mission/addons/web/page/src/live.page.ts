@@ -230,8 +230,8 @@ class App implements Receiver {
     const isBad = isOld || quiet.length > 0;
     this.link.dataset["state"] = isBad ? "lost" : words === LINKS.live ? "live" : "recording";
     // Changes are read aloud, so the seconds are shown elsewhere.
-    let warns = quiet.length ? `No news of ${quiet.join(", ")}: what is shown is old.` : "";
-    if (isOld) warns = `${this.heart.trouble}: what is shown is old${isLost ? ". Trying again …" : ", and it takes no orders."}`;
+    let warns = quiet.length ? `No news of ${quiet.join(", ")}: the page shows old data.` : "";
+    if (isOld) warns = `${this.heart.trouble}: the page shows old data${isLost ? ". Trying again …" : ", and takes no orders."}`;
     setText(this.lost, warns);
     this.root.classList.toggle("old", isOld);
     this.parts?.controls?.show();

@@ -43,7 +43,7 @@ export class Messages {
       const text = element("span", { class: "text" }, who ? element("b", {}, `${who} `) : null, words + one.text);
       return element("li", { class: grade }, element("time", {}, clock(one.time_s)), text);
     });
-    fill(this.element, lines, "Nothing was said yet.");
+    fill(this.element, lines, "There are no messages yet.");
     const last = said.at(-1);
     if (last && last.one.severity <= WARNS)
       setText(this.aloud, `${speaker(last.model, last.one)} ${SEVERITIES[last.one.severity] ?? ""}: ${last.one.text}`);
@@ -109,7 +109,7 @@ export class Decisions {
     if (key === this.shown) return;
     this.shown = key;
     const items = told.slice(-SHOWN).map(({ model, decision }) => this.item(model, decision));
-    fill(this.list, items, "Nothing was decided yet.");
+    fill(this.list, items, "There are no decisions yet.");
   }
 
   private item(model: Model, decision: Decision): HTMLElement {

@@ -53,7 +53,7 @@ function tokensOf(text: string): string[] {
   let plain = SPELLINGS.reduce((known, [spelling, mark]) => known.replace(spelling, mark), text).toUpperCase();
   if (!/\d\.\d/.test(plain)) {
     // Without a decimal point, a comma between digits is a decimal comma.
-    if (/\d,\d+,\d/.test(plain)) throw new Unread("its commas may be decimal commas or separate numbers; write points");
+    if (/\d,\d+,\d/.test(plain)) throw new Unread("its commas may be decimal or separate numbers; write decimal points");
     plain = plain.replace(/(\d),(?=\d)/g, "$1.");
   }
   return [...plain.matchAll(TOKEN)].map(({ 1: token, index }) => {
@@ -104,7 +104,7 @@ function angleOf(tokens: string[]): Angle {
   const parts = tokens.slice(begin, end + 1);
   const axes = new Set(letters.map((letter) => AXES[letter]!));
   const sides = letters.filter((letter) => /[NSEW]/.test(letter));
-  if (parts.some(isLetter) || axes.size > 1 || sides.length > 1) throw new Unread("its directions do not fit");
+  if (parts.some(isLetter) || axes.size > 1 || sides.length > 1) throw new Unread("it has a misplaced or second direction (N, S, E, W)");
   if (parts.some((part) => /[,;]/.test(part))) throw new Unread("it has more than two angles");
   let [value, place] = [0, 0];
   for (let k = 0; k < parts.length; place++) {

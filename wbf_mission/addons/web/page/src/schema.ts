@@ -139,7 +139,7 @@ export interface Readings {
   values: Record<string, (number | null)[]>;
 }
 
-/** Estimates as columns, and losses by field. */
+/** Scores of the estimates over time, as columns; losses by field. */
 export interface Scores {
   time_s: number[];
   day: number[];

@@ -86,7 +86,7 @@ export class Studio {
     );
     const side = element(
       "aside",
-      { class: "side", "aria-label": "Farm, options and what to do with the plan" },
+      { class: "side", "aria-label": "Farm, options, and uses of the plan" },
       panel("Farm", { class: "panel" }, this.farmLine(), this.toolbar(), this.outline.element),
       panel("Plan", { class: "panel" }, this.choices.element),
       panel("Take it along", { class: "panel" }, this.takeaway.element),

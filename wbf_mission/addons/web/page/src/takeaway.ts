@@ -5,7 +5,7 @@ import { capital } from "./text.js";
 
 const FOLLOW_MS = 500;
 const PACES: [string, string][] = [
-  ["1", "real time"], ["10", "10 times as fast"], ["60", "60 times as fast"], ["", "as fast as it goes"],
+  ["1", "real time"], ["10", "10 times as fast"], ["60", "60 times as fast"], ["", "as fast as possible"],
 ];
 const CHECKED = "The vehicle is checked first, and the mission is read back afterwards. No motor starts.";
 const LINK = "udpin:127.0.0.1:14550";
@@ -133,7 +133,7 @@ export class Takeaway {
     const sure = element("input", { type: "checkbox", required: true });
     const held = `${mission.plan.items.length} mission items${mission.plan.fence.length ? " and the fence" : ""}`;
     const parts = [
-      element("p", {}, `${held} replace what the vehicle holds. ${CHECKED}`),
+      element("p", {}, `${held} replace the vehicle's present plans. ${CHECKED}`),
       element("label", {}, "Link (udpin:, udpout:, tcp:, tcpin: or serial:)", link),
       element("label", {}, "System id", system),
       element("label", { class: "check" }, sure, "Replace the vehicle's mission"),

@@ -171,7 +171,7 @@ def unlock_file(descriptor: int) -> None:
 def lock_held(path: Path) -> Iterator[None]:
     """Hold a lock on the file `path`; the file is removed at the end of the block.
 
-    The system releases the lock when the process ends. If another process holds it, raise BlockingIOError.
+    Raise BlockingIOError if another process holds the lock. The system releases a lock when its process ends.
     """
     is_held = False
     while not is_held:
@@ -207,7 +207,7 @@ def made_by_one(path: Path) -> Iterator[None]:
         yield
 
 
-_LONGEST_NAME = 240  # Longer names leave no room for suffixes within 255 bytes
+_LONGEST_NAME = 240  # File names have at most 255 bytes, suffixes included
 
 
 class FolderError(WbfMissionError, ValueError):
@@ -311,7 +311,7 @@ class AtomicFolder:
         self._held.close()
 
     def commit(self, filled: Path | None = None) -> None:
-        """Replace the content with the entries of `filled`, on the same disk (default: `self.filled`)."""
+        """Replace the content with that of `filled`, a folder on the same disk (default: `self.filled`)."""
         filled = filled or self.filled
         for entry in filled.iterdir():
             to_disk(entry)

@@ -79,8 +79,7 @@ def load_farm(
     Raises
     ------
     FarmError
-        If the file cannot be read or is no farm file, or a feature cannot be used; the text names the
-        feature.
+        If the file cannot be read, is no farm file, or has an unusable feature, which the text names.
     """
     text = os.fspath(path)
     try:
@@ -141,7 +140,7 @@ def _farm_of(document: Document, default_name: str, crop: str | None, *, repair:
     features = _completed(features, crop, notes)
     fields = [feature for feature in features if not feature.obstacle]
     if not fields:
-        raise FarmError("has obstacles only, no patch with a crop")
+        raise FarmError("has only obstacles; add a polygon for each field")
     owner = text_member(members, "owner", str(fields[0].owner), "the farm")
     frame, origin_given = _frame(document, fields)
     polygons = [(feature, _polygon(feature, frame)) for feature in features]
@@ -206,7 +205,7 @@ def _closed(feature: Feature, notes: list[str]) -> Feature:
 
 
 def _contents(document: Document, *, repair: bool) -> tuple[list[Feature], list[Place]]:
-    """Return the features and places of a file; add a note for each reason to leave out entries."""
+    """Return the features and places of a file; add a note for each reason to leave out features."""
     features: list[Feature] = []
     places: list[Place] = []
     vertices = 0
@@ -228,7 +227,8 @@ def _contents(document: Document, *, repair: bool) -> tuple[list[Feature], list[
             raise FarmError(msg)
     for (layer, reason), names in left_out.items():
         some = ", ".join(one_line(name, 40) for name in names[:5]) + (", ..." if len(names) > 5 else "")
-        document.notes.append(f"{layer}{len(names)} left out, {reason}: {some}")
+        what = f"{len(names)} feature{'s' if len(names) > 1 else ''}"
+        document.notes.append(f"{layer}{what} left out ({reason}): {some}")
     if not features:
         why = "; ".join(document.notes[:3])
         raise FarmError(f"holds no polygons{': ' if why else ''}{why}; draw the fields as polygons")
@@ -288,9 +288,10 @@ def _rally(document: Document, places: list[Place], frame: LocalFrame) -> list[t
     """Return longitude and latitude of each rally point in the file."""
     given = document.members.get("rally", [])
     points = [place for place in places if place.kind == "rally"]
-    if not isinstance(given, list) or len(given) + len(points) > _MAX_RALLY:
-        msg = f'member "rally": {shortened(given)} is no list of at most {_MAX_RALLY} positions'
-        raise FarmError(msg)
+    if not isinstance(given, list):
+        raise FarmError(f'member "rally": {shortened(given)} is no list of positions')
+    if (count := len(given) + len(points)) > _MAX_RALLY:
+        raise FarmError(f"has {count} rally points; give at most {_MAX_RALLY}")
     named = [(f'member "rally", entry {k}', position) for k, position in enumerate(given, 1)]
     positions = [(where, position_of(position, where, document.crs)) for where, position in named]
     positions += [(place.where, place.position) for place in points]
@@ -401,7 +402,7 @@ def _size(members: dict[str, Any], right: float, top: float, cell_size_m: float)
         needed = (size[0], size[1])
     if needed[0] * needed[1] > MAX_CELLS:
         raise FarmError(
-            f"a grid of {needed[0]} x {needed[1]} cells is larger than {MAX_CELLS}; "
+            f"a grid of {needed[0]} x {needed[1]} has more than {MAX_CELLS} cells; "
             f'set a "cell_size_m" above {cell_size_m:g}'
         )
     return needed

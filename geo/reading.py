@@ -82,7 +82,7 @@ _NO_NUMBER = re.compile(rb"-?(NaN|nan|Infinity|inf)\b")
 _BYTE = re.compile(r"\(byte (\d+)\)")
 _SYNTAX = {
     "expected ':'": "a colon is missing",
-    "trailing characters": "something follows the end",
+    "trailing characters": "text follows the end of the document",
     "trailing comma in object": "a comma stands before a closing brace",
     "trailing comma in array": "a comma stands before a closing bracket",
     "object keys must be strings": "a name has to stand in double quotes",
@@ -171,7 +171,7 @@ def not_json(error: msgspec.DecodeError | ValueError, data: bytes, line: int = 1
         text = f"{number[0].decode()} is no number in JSON; write null"
     elif message == "invalid character":
         shown = data[at : at + 1].decode("ascii", "backslashreplace")
-        text = f"{shown!r} must not stand there" if shown else "it ends in the middle"
+        text = f"{shown!r} is not allowed here" if shown else "it ends in the middle"
     else:
         text = _SYNTAX.get(message, message)
     return one_line(f"line {line}, column {column}: {text}")

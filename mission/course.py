@@ -375,7 +375,7 @@ class MissionProgress:
         Raises MissionError if the vehicle never flew its mission.
         """
         if not self._flown:
-            msg = "no message shows that the vehicle flew its mission by itself"
+            msg = "no message shows the vehicle armed in its mission mode, at a known position"
             raise MissionError(msg)
         course = self.course
         items, latitude, longitude = np.array(self._flown).T

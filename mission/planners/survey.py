@@ -45,7 +45,7 @@ MOST_PASSES = 20
 _EVERY_DEG = 30  # Step between the directions tried first, together with the directions of the hull's edges.
 _FINER_DEG = (12.0, 6.0, 3.0)  # Steps for refining the best direction.
 _HULL_ANGLES = 6
-# Longer paths are compared by length and number of turns, because predictions of all flights take minutes.
+# Longer paths are compared by length and number of turns: predicting all their flights takes minutes.
 _PRICED_M = 400_000.0
 _TURN_M = 20.0  # Length of a row that costs about as much as a turn.
 _LONGER = 2.5  # Layouts longer than this multiple of the shortest layout are not evaluated.
@@ -354,7 +354,7 @@ class _Search:
                 )
 
     def _cut(self, ways: Callable[[Polygon], list[list[Polygon]]]) -> None:
-        """Try the decompositions that `ways` finds for each part, with a common and with own directions."""
+        """Try each part's decompositions by `ways`, with a common row direction and with one per piece."""
         layout = self._best()
         angle = self._angle(layout)
         found: list[Layout] = []

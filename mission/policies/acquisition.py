@@ -170,7 +170,7 @@ class WithCoverage:
     reach: float = 3.0
 
     def __call__(self, observation: PolicyObservation, /) -> AcquisitionValues:
-        """Return the acquisition value of each cell, with the bonus."""
+        """Return the acquisition value of each cell, with the bonus for plants far from all observations."""
         values = self.acquisition(observation)
         if self.caution <= 0.0:
             return values

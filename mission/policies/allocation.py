@@ -133,9 +133,9 @@ def reallocate(
 ) -> dict[int, tuple[Points, Share]]:
     """Return new paths and land of the vehicles `takers`, which take over the lost vehicles' unflown land.
 
-    Each of the `takers` gets a piece of this land, in proportion to its unused budget. It flies its path to
-    the end, then rows over the piece. If the budget allows no rows or only rows much farther apart, all its
-    unflown land is planned again. If even this costs too much, it keeps its path.
+    Each of the `takers` gets a piece of this land, in proportion to its unused budget, and flies its own
+    path, then rows over the piece. If the budget allows no rows or only rows much farther apart, all the
+    vehicle's unflown land is planned again. If even this costs too much, the vehicle keeps its path.
     """
     left = [shares[vehicle.system_id].unflown(vehicle) for vehicle in lost]
     flying = [vehicle for vehicle in takers if vehicle.system_id in shares]

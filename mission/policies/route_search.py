@@ -241,7 +241,7 @@ def _expand(
 
 @compiled
 def _insert(ranks: Any, ends: Any, parents: Any, rank: float, end: Any, node: int) -> None:
-    """Insert a route into its group (sorted, best first), unless all routes of the group are as good."""
+    """Insert a route into its group (sorted, best first), unless all its routes are at least as good."""
     k = len(ranks) - 1
     if rank <= ranks[k]:
         return

@@ -332,7 +332,7 @@ class _Writer:
                 self.entries[k] = (number, replace(item, param1=there))
         most = self._dialect.most_jumps
         if most is not None and jumps > most:
-            text = f"{jumps} DO_JUMP items: many {self._profile.name} boards count only {most}"
+            text = f"{jumps} DO_JUMP items: many {self._profile.name} boards can repeat only {most} of them"
             self._say(None, Severity.WARNING, text, "fly the mission in parts")
 
     def remark_ignored(self) -> None:

@@ -36,7 +36,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
     only be noise and are clipped.
 
     Readings of earlier days are carried forward by the field's dynamics (`sensors.estimators.days`). The
-    uncertainty of a carried reading is the remaining fraction of the variance.
+    uncertainty of a carried reading is its variance as a fraction of the variance without a reading.
 
     Parameters
     ----------

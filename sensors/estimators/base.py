@@ -185,7 +185,7 @@ class BaseEstimator(ABC):
         """
         self._check_fitted("advance")
         if self.latest_day_ is not None and day < self.latest_day_:
-            msg = f"{type(self).__name__}.advance: day {day} is over, as day {self.latest_day_} was reached"
+            msg = f"{type(self).__name__}.advance: day {day} is over; give day {self.latest_day_} or later"
             raise EstimatorError(msg)
         self._reach(day)
         return self

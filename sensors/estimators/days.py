@@ -80,7 +80,7 @@ def carried(
     day: int,
     seed: int = 0,
 ) -> tuple[_Floats, _Floats]:
-    """Carry readings of several days forward to `day`; return values and remaining fractions of variance."""
+    """Carry readings of several days forward to `day`; return values, and each `Transition.doubt` (0..1)."""
     value, doubt = np.asarray(values, np.float64).copy(), np.zeros(len(values))
     for earlier in np.unique(days[days < day]).tolist():
         of_day = days == earlier

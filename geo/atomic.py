@@ -38,7 +38,7 @@ DISK_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
 @contextlib.contextmanager
 def disk_errors_named(path: Path, temporary: Path | None = None) -> Iterator[None]:
-    """Put `path` as the file name into an OSError of a full disk, or an OSError that names `temporary`."""
+    """Put the file name `path` into an OSError of a full disk, or of a fault of the file `temporary`."""
     try:
         yield
     except OSError as error:
@@ -193,7 +193,7 @@ def lock_held(path: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def made_by_one(path: Path) -> Iterator[None]:
-    """Let one process make the file `path`; other processes wait until it is done, then find the file.
+    """Let one process make the file `path`; other processes wait, then find the finished file.
 
     The lock is a file beside `path`. If the lock file cannot be written, no process waits for another.
     """
@@ -202,7 +202,7 @@ def made_by_one(path: Path) -> Iterator[None]:
             path.parent.mkdir(parents=True, exist_ok=True)
             lock = stack.enter_context(path.with_name(f"{path.name}.lock").open("ab"))
             lock_file(lock.fileno(), wait=True)
-            # A process that another thread forked may hold the file open, so closing it may not unlock it.
+            # Closing the file may not unlock it, as a process that another thread forked may hold it open.
             stack.callback(unlock_file, lock.fileno())
         yield
 

@@ -36,10 +36,10 @@ from geo.imports import entry_points, load_named
 from geo.texts import FOOT_M, one_line
 
 FORMATS_GROUP = "wbf_mission.farm_formats"
-"""Group of entry points, each named by a file suffix without the dot. The value is a function of a path,
-an optional layer and an optional coordinate system, which returns a `geo.features.Document`."""
+"""Group of entry points, each named by a file suffix without the dot. Each is a function of a path, an
+optional layer and an optional coordinate system, which returns the file's `geo.features.Document`."""
 REPAIRS_GROUP = "wbf_mission.farm_repairs"
-"""Group of entry points. ``mended`` returns the repaired parts of a feature and adds notes on the repair."""
+"""Group of the entry point ``mended``, a function that repairs a feature and adds notes on the repair."""
 _GEOJSON = (".geojson", ".json", ".geojsonl", ".geojsons", ".ndjson", ".jsonl")
 _ADDED = (".kml", ".kmz", ".shp", ".zip", ".gpkg", ".gpx", ".poly")  # The add-on `formats` reads these
 _MAX_RALLY = 100
@@ -103,7 +103,7 @@ def _document(file: Path, layer: str | None, crs: str | None) -> Document:
 
 
 def farm_suffixes() -> tuple[str, ...]:
-    """Return the suffixes of farm files: GeoJSON suffixes, then suffixes that packages read.
+    """Return the suffixes of farm files: GeoJSON suffixes, then suffixes of formats that packages read.
 
     >>> farm_suffixes()[:2]
     ('.geojson', '.json')
@@ -135,7 +135,7 @@ def _farm_of(document: Document, default_name: str, crop: str | None, *, repair:
         mended = load_named(REPAIRS_GROUP, "mended", "repairs farms, as", "farms", FarmError)
         features = [part for feature in features for part in mended(feature, notes)]
     systems = dict.fromkeys(entry.crs for entry in document.entries if entry.crs is not None)
-    # Layers of one coordinate system give equal notes, as each layer has its own Coordinates object.
+    # Each layer has its own Coordinates object; layers with equal notes get a single note.
     notes.extend(filter(None, dict.fromkeys(crs.accuracy_note() for crs in systems)))
     features = _completed(features, crop, notes)
     fields = [feature for feature in features if not feature.obstacle]

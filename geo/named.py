@@ -64,8 +64,8 @@ def parse_named(text: str) -> tuple[str, dict[str, Parameter]]:
 def format_named(name: str, parameters: Mapping[str, object]) -> str:
     """Return a name and its parameters as one text that `parse_named` reads.
 
-    `parse_named` gets equal values back from the text for all values that it can return: finite numbers,
-    true, false and none, texts without quotation marks, and sequences of these.
+    `parse_named` reads the same values back if they are finite numbers, true, false, none, texts without
+    quotation marks, or sequences of such values.
 
     Examples
     --------

@@ -22,7 +22,7 @@ class UnreadableError(WbfMissionError, ValueError):
 
 
 def read_file(path: Path, max_bytes: int) -> bytes:
-    """Return the bytes of a regular file; raise UnreadableError for other or larger files.
+    """Return the bytes of a regular file of at most `max_bytes`; otherwise raise UnreadableError.
 
     Examples
     --------

@@ -277,7 +277,7 @@ class FieldSet:
             )
 
     def scored(self, grid: FarmGrid) -> NDArray[np.bool_]:
-        """Return `masks`, the scored cells; on a large farm as a `LazyFields`, which takes no memory."""
+        """Return the masks of the scored cells; on a large farm as a `LazyFields`, which takes no memory."""
         if grid.crop.size < LARGE_FROM_CELLS:
             return self.masks(grid)
 

@@ -49,7 +49,7 @@ _COLUMNS = (
     *("seq", "current", "frame", "command", "param1", "param2", "param3", "param4"),
     *("x (latitude)", "y (longitude)", "z (altitude)", "autocontinue"),
 )
-# WPL 100 has action numbers, which are older than MAV_CMD; this is the MAV_CMD of each (pymavlink, mavwp.py).
+# MAV_CMD of each action number of WPL 100, which is older than MAV_CMD (pymavlink, mavwp.py).
 _ACTIONS_100 = {2: 22, 3: 20, 4: 21, 24: 22, 26: 21, 25: 16, 27: 17}
 
 
@@ -139,7 +139,7 @@ def _rows(text: str) -> tuple[str, list[_Row]]:
 
 
 def _columns_of_100(words: list[str], line: int) -> list[str]:
-    """Return the columns of a version 100 row in the order of version 110."""
+    """Return the columns of a WPL 100 row in the order of WPL 110."""
     action = _whole(words[2], line, "action")
     if action not in _ACTIONS_100:
         raise MissionFileError(

@@ -385,7 +385,7 @@ class Stream(ABC):
     def __init__(self, name: str, most_bytes: int) -> None:
         self.name = name
         self.dropped = 0
-        # Frames wait with the time of their `send`, which is infinite for the rest of a partly sent frame.
+        # A frame waits with the time of its `send`; the rest of a partly sent frame never expires (infinity).
         self._backlog: deque[tuple[float, bytes]] = deque()
         self._backlog_bytes, self._most_bytes = 0, most_bytes
 

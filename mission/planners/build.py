@@ -313,7 +313,7 @@ def _followed(
     *,
     homewards: bool,
 ) -> tuple[Points, NDArray[np.float64], NDArray[np.float64], int, int]:
-    """Return points, altitudes and holds over uneven ground, and how many were added before and after."""
+    """Return points, altitudes and holds over uneven ground, and how many come before and after the path."""
     way = np.vstack((home_xy_m, points, *([home_xy_m] if homewards else [])))
     places, altitudes, owner = heights.follow(way)
     # The take-off item replaces a waypoint at home.

@@ -185,7 +185,7 @@ class _Plans:
         self._ring_lines = ring_strips(request.area, swath, passes)[0]
 
     def common(self, land: Area, angle_rad: float) -> Layout:
-        """Return the layout of the land that has the same row direction in all parts but narrow parts."""
+        """Return the layout of the land with this row direction in all parts except narrow parts."""
         return tuple((part, 0.0 if self.is_narrow(part) else angle_rad) for part in self.core(land))
 
     def core(self, land: Area) -> list[Polygon]:

@@ -265,7 +265,7 @@ class GeometricTravelCost:
     def rest(self, paths_m: Sequence[Points]) -> list[float]:
         """Return the cost of each path from the position, plus the return if the budget counts it.
 
-        A point that is repeated costs nothing, because in flight it only joins two pieces of a path.
+        A repeated point costs nothing, because in flight the repetition only joins two pieces of a path.
         """
         here = np.asarray(self.position_m, dtype=np.float64)
         return [self.budget.cost(np.vstack((here, drop_coincident(path)))) for path in paths_m]

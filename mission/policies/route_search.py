@@ -132,7 +132,7 @@ def pool(left: Any, shares: Any, x_0: int, x_1: int, y_0: int, y_1: int, out: An
                 share = shares[i - x + radius, aside + radius]
                 low, high = max(first, -aside), min(end, height - aside)
                 if low < high:
-                    # Numba vectorises an inner loop only if it starts at 0.
+                    # Numba vectorises an inner loop only if the loop index starts at 0.
                     seen, taken = left[i, low + aside : high + aside], out[x, low:high]
                     for k in range(high - low):
                         taken[k] += share * seen[k]

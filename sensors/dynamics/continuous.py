@@ -172,7 +172,7 @@ class Measured(ContinuousDynamics):
         )
 
 
-# The smoothing Gaussian is cut at this many standard deviations; beyond lies less than 1e-4 of its weight.
+# The smoothing Gaussian is cut at this many standard deviations; the cut tails weigh less than 1e-4.
 _TRUNCATED_AT = 4.0
 
 

@@ -113,7 +113,7 @@ _KINDS = {type(None): "None", np.ndarray: "an array"}
 
 
 class BaseEstimator(ABC):
-    """Base class of estimators that stores the farm, validates observations, and names parameters.
+    """Base class of estimators: stores the farm, validates observations, and accesses parameters by name.
 
     A subclass stores its parameters in ``__init__`` and has three methods: ``_start`` validates the
     parameters and starts over on a new farm, ``_learn`` learns from at least one validated observation, and

@@ -1,10 +1,10 @@
 """Predicts the values of a day from readings of earlier days.
 
-A reading is replaced by the mean of the later value given the reading, with the variance given the reading.
-This is the prediction step of a Kalman filter (Kalman 1960, "A new approach to linear filtering and
-prediction problems"). The transition is learned from simulated environments with separate seeds. A disease
-has transitions between its classes: infected plants age, and lost plants stay lost. A continuous field's
-later values are predicted from earlier values by linear regression.
+A reading is replaced by the conditional mean and variance of the later value, given the reading. This is the
+prediction step of a Kalman filter (Kalman 1960, "A new approach to linear filtering and prediction
+problems"). The transition is learned from simulated environments with separate seeds. A disease has
+transitions between its classes: infected plants age, and lost plants stay lost. A continuous field's later
+values are predicted from earlier values by linear regression.
 
 A smooth field, such as soil humidity under rain, changes by a smooth increment per day. The errors of an
 earlier day's readings are therefore correlated, and an average of many readings does not remove these errors.

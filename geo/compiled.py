@@ -28,7 +28,7 @@ _IMPORT = re.compile(
     r"^(?:from[ ]+([\w.]+)[ ]+import[ ]+(\([^)]*\)|[^\n]*)|import[ ]+([\w.]+))", re.MULTILINE
 )
 
-_VERSIONS_KEPT = 8  # Versions of a module that stay cached, for a return to another git branch
+_VERSIONS_KEPT = 8  # Versions of a module that stay cached, so that a git branch need not be recompiled
 
 _INTERNALS = {
     "numba.core.caching": "_CacheLocator CompileResultCacheImpl._locator_classes FunctionCache._impl_class "

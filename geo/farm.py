@@ -68,7 +68,7 @@ class Obstacle:
     polygon : shapely.Polygon
         Outline, metres of the farm's frame.
     height_m : float or None
-        Height above the ground. Flights higher by the margin pass over the obstacle; with None, none do.
+        Height above the ground; flights higher by the margin pass over. None: no flight passes over.
     margin_m : float or None
         Distance that flights keep from the obstacle; None takes the flight's default margin.
     name : str

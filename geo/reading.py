@@ -48,7 +48,7 @@ def read_file(path: Path, max_bytes: int) -> bytes:
 
 
 def read_text(path: Path, max_bytes: int = MAX_TEXT_BYTES) -> str:
-    """Return a regular file's text; raise UnreadableError as `read_file` does, or if it is not UTF-8."""
+    """Return a file's UTF-8 text; raise UnreadableError as `read_file` does, or if the text is not UTF-8."""
     try:
         return read_file(path, max_bytes).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -56,7 +56,7 @@ def read_text(path: Path, max_bytes: int = MAX_TEXT_BYTES) -> str:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the table of a TOML file; raise UnreadableError as `read_text` does, or if it is not TOML."""
+    """Return the table of a TOML file; raise UnreadableError as `read_text` does, or for invalid TOML."""
     text = read_text(path)
     try:
         return tomllib.loads(text)

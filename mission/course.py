@@ -318,7 +318,8 @@ def unrolled(mission: Mission) -> Mission:
             msg = f"item {k + 1}: the DO_JUMP repeats without end; give a number of repetitions"
             raise MissionError(msg)
         if target is None or not 0 <= target < len(items):
-            msg = f"item {k + 1} (DO_JUMP): there is no item {target if target is None else int(target) + 1}"
+            where = "unset" if target is None else int(target) + 1
+            msg = f"item {k + 1}: the target of the DO_JUMP is {where}; give an item from 1 to {len(items)}"
             raise MissionError(msg)
         if taken.get(k, 0) < repeat:
             taken[k] = taken.get(k, 0) + 1

@@ -217,7 +217,7 @@ _HOLD: Mapping[int | None, str] = {FIXED_WING: "LOITER", ROVER: "HOLD", _BOAT: "
 
 
 def _numbers(vehicle_type: int) -> Mapping[str, tuple[float, float, float]]:
-    from pymavlink import mavutil  # mavutil loads a dialect that transfers do not need
+    from pymavlink import mavutil  # Late import: mavutil loads a dialect that transfers do not need
 
     table = mavutil.mode_mapping_bynumber(vehicle_type) or {}
     return {

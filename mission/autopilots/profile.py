@@ -90,7 +90,7 @@ class FlightModes:
     """Function from a MAV_TYPE and the last command of a mission to the modes in which the mission may end,
     besides the mission modes."""
     aliases: Mapping[str, str] = field(default_factory=dict)
-    """Name of a mode, by its alternative name."""
+    """Name of a flight mode, by the alternative name of the mode."""
     in_pymavlink: bool = False
     """Whether pymavlink knows the names of the modes; if not, `name` finds the name of a custom_mode."""
 

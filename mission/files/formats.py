@@ -53,7 +53,7 @@ def differences(mission: Mission, kept: Mission) -> list[Loss]:
 
 
 def dropped(what: str, count: int, of: int) -> list[Loss]:
-    """Return a loss in a list, for `count` items lost out of `of` items; an empty list if `count` is 0.
+    """Return a list with the loss of `count` out of `of` items, or an empty list if `count` is 0.
 
     >>> dropped("fence item", 4, 4)[0].text
     'fence items are not kept (4 of 4)'

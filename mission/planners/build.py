@@ -265,7 +265,7 @@ def build_mission(
     count = len(points) + twice + 2 + (2 if camera else 0) + (ending if return_home else 0)
     if count > MAX_ITEMS:
         raise PlanningError(
-            f"planner {path.planner}: the path has {len(points)} points, a mission of {count} items; "
+            f"planner {path.planner}: the path's {len(points)} points make a mission of {count} items; "
             f"a vehicle stores at most {MAX_ITEMS}: use a smaller budget or a wider footprint"
         )
 

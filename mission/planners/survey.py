@@ -99,8 +99,7 @@ def survey(
     Raises
     ------
     PlanningError
-        If covering the whole area costs more than the budget; the text gives the cost. If a parameter is out
-        of range.
+        If the whole area costs more than the budget (the text names the cost) or a parameter is out of range.
 
     Examples
     --------
@@ -209,7 +208,7 @@ class _Plans:
     def path(self, layout: Layout, *, exact: bool = False, returns: bool = True) -> Points:
         """Return the path of a layout.
 
-        With `exact`, transits are measured round corners and short legs are removed. With `returns`, the
+        With `exact`, transit lengths go round corners, and short legs are removed. With `returns`, the
         order of the cells takes the return to the start into account.
         """
         start = np.asarray(self.request.start_xy_m)

@@ -100,9 +100,9 @@ class Acquisition(Protocol):
 def expected_loss(observation: PolicyObservation) -> AcquisitionValues:
     """Return, for each cell, the expected loss of the current estimate; an observation would save this loss.
 
-    The loss is summed over the fields with their weights. For a field with class probabilities, it is the
-    expectation of the score's loss. For other fields, it is the variance of the estimate times the mean of
-    the two weights of squared errors (above and below the truth).
+    The loss is summed over the fields with their weights. For a field with class probabilities, the expected
+    loss is the expectation of the score's loss. For other fields, the expected loss is the variance of the
+    estimate times the mean of the two weights of squared errors (above and below the truth).
     """
     known = observation.model.expected_loss
     if known is not None:

@@ -517,7 +517,7 @@ class MissionServer(ServerInputs):
         """End the download, because the request skips items."""
         following = self._session.next
         said = self._status(self.profile.text_prefix + f"REJ. request of {message.seq}: next is {following}")
-        text = f"item {message.seq} was requested, {following} is next"
+        text = f"item {message.seq} was requested, but item {following} is next"
         failed = self._failed(FailureReason.BROKEN, text)
         return self._answer(wire.ERROR, message.mission_type, sender, failed, said)
 

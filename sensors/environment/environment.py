@@ -230,7 +230,7 @@ class Environment:
         return values
 
     def truth(self, day: int) -> NDArray[np.float32]:
-        """Return `values` of a kept day; on a large farm return a `LazyFields`, which takes no memory."""
+        """Return the true values on a kept day; on a large farm as a `LazyFields`, which takes no memory."""
         if self.shape[0] * self.shape[1] < LARGE_FROM_CELLS:
             return self.values(day)
         self._check_day(day)
@@ -335,7 +335,7 @@ def _fill_disease(field: NDArray[np.float32], onset: NDArray[np.int8], table: ND
 
 
 def _few_cells(ix: ArrayLike, iy: ArrayLike, shape: tuple[int, int]) -> list[tuple[int, int]]:
-    """Return two short integer arrays as pairs; an empty list for other input or for cells off the farm."""
+    """Return the cells of two short integer arrays as pairs; [] for other input or cells off the farm."""
     if not (isinstance(ix, np.ndarray) and isinstance(iy, np.ndarray)) or ix.ndim != 1 or ix.size > _FEW:
         return []
     if ix.shape != iy.shape or ix.dtype.kind not in "iu" or iy.dtype.kind not in "iu":

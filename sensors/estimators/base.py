@@ -284,7 +284,7 @@ def advance_estimator(estimator: Estimator, day: int) -> None:
 
 
 def estimator_memory(estimator: Estimator, shape: tuple[int, int], n_observations: int) -> int:
-    """Return the bytes that an estimator needs, by its method `memory_bytes` or else its model's size."""
+    """Return the bytes that an estimator needs: the result of `memory_bytes`, or else its model's size."""
     own = getattr(estimator, "memory_bytes", None)
     width, height = shape
     return (

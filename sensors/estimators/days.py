@@ -34,7 +34,7 @@ _OUTBREAKS = 100
 _WEATHERS = 64
 _SOIL_CELLS = 24
 _DAYS_AT_ONCE = 16
-_LEAST_CORRELATION = 1e-3  # Above zero, because readings are divided by the correlation
+_LEAST_CORRELATION = 1e-3  # Not zero, because readings are divided by the correlation
 _CLASSES = (0.0, 0.5, 1.0)
 _Floats = NDArray[np.float64]
 

@@ -28,7 +28,7 @@ from sensors.scoring.score import RunningScore, Score
 
 @dataclass(slots=True)
 class ScoreHistory:
-    """Scores of a run. Every list has an entry for each scored time, in seconds since the run began."""
+    """Scores of a run. Each list has an entry for each scored time; times are seconds since the run began."""
 
     times_s: list[float] = field(default_factory=list)
     observations: list[int] = field(default_factory=list)

@@ -86,7 +86,7 @@ class WaitingDatagrams:
         self._held_bytes += more_bytes
 
     def _admit(self, peer: Any) -> _Share:
-        """Return the share of a new sender: its own share, or the share that later senders have together."""
+        """Return the share of a new sender: its own share, or the common share of later senders."""
         if len(self._shares) >= _SHARES - 1:
             weakest = min(self._shares, key=lambda known: self._shares[known].taken)
             if self._shares[weakest].waiting:

@@ -47,9 +47,8 @@ def shared(vehicles: Sequence[VehicleReport], partition: str) -> dict[int, Area]
     """Return each vehicle's part of the land, by system id.
 
     Vehicles of equal reach get strips of equal area; the first vehicle gets the outer strip nearer to home.
-    Otherwise, and always with Voronoi cells, each vehicle's rows, approach and return use the same fraction
-    of its reach (`mission.planners.partition.balanced`). Vehicles that already have different areas keep
-    these areas.
+    Otherwise, and always with Voronoi cells, all vehicles fly the same fraction of their reach
+    (`mission.planners.partition.balanced`). Vehicles that already have different areas keep these areas.
     """
     check_partition(partition)
     area = vehicles[0].request.area

@@ -84,8 +84,8 @@ class TravelCost(Protocol):
     def change(self, points_m: Points) -> float:
         """Return the additional cost of switching from the current path to another path.
 
-        The cost is 0 if the vehicle keeps its speed during the change, as with most autopilots. Only if the
-        cost is above 0, a policy needs to compare a new path with the current path.
+        The cost is 0 if the vehicle keeps its speed during the change, as with most autopilots. A policy
+        needs to compare a new path with the current path only if the cost is above 0.
         """
 
 

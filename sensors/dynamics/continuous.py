@@ -132,7 +132,7 @@ class _DailyCourse:
 
 @dataclass(frozen=True, slots=True)
 class Measured(ContinuousDynamics):
-    """Prior of a field that is only measured and, for want of a model of its changes, cannot be simulated.
+    """Prior of a field that is only measured, because no model to simulate the field is known.
 
     Values are normally distributed about the mean of the readings. Readings of all days count equally.
 

@@ -1,6 +1,6 @@
 """Parses and formats names with parameters, such as ``lawnmower:direction=0.3``.
 
-The name is followed by a colon and by ``key=value`` pairs with commas between them. A value is
+The name is followed by a colon and by ``key=value`` pairs, separated by commas. A value is
 
 - a number: ``3``, ``0.3``, ``-1e-3``;
 - ``true``, ``false`` or ``none``;

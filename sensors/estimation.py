@@ -105,7 +105,7 @@ class RunEstimate:
         self._waiting: deque[Future[Any]] = deque()
 
     def add(self, parts: Sequence[Observations], offset_s: float = 0.0) -> None:
-        """Add observations; the estimator learns those up to a scored time once all of these have arrived."""
+        """Add observations; the estimator learns all observations up to a scored time together."""
         while self._waiting and self._waiting[0].done():
             self._waiting.popleft().result()
         for part in parts:

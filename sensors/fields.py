@@ -294,7 +294,7 @@ class FieldSet:
         return masks
 
     def with_dynamics(self, **dynamics: Dynamics) -> FieldSet:
-        """Return the same fields with new dynamics for some of them, given as ``name=dynamics``.
+        """Return the same fields with new dynamics for some fields, given as ``name=dynamics``.
 
         Examples
         --------

@@ -211,7 +211,7 @@ class Profile:
     keeps_default: bool = True
     """Whether a NaN parameter reads back as NaN, not as 0."""
     keeps_frame: bool = True
-    """Whether an item without a position keeps its frame; if not, it reads back as GLOBAL."""
+    """Whether an item without a position keeps its frame; if not, the frame reads back as GLOBAL."""
     int_frames: bool = False
     """Whether MISSION_ITEM_INT has the frames 5 and 6 in place of 0 and 3."""
     strict_frames: bool = True

@@ -279,7 +279,7 @@ def _parts(area: Area, cells: Sequence[shapely.Polygon]) -> list[Area]:
 
 
 def _connected(pieces: list[list[shapely.Polygon]]) -> list[list[shapely.Polygon]]:
-    """Move all pieces but the largest of each part to the part with which they have the longest border."""
+    """Move each part's pieces, except the largest, to the part with which they share the longest border."""
     largest = [max(polygons, key=lambda piece: piece.area) for polygons in pieces]
     loose = [
         piece

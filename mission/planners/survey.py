@@ -296,7 +296,7 @@ class _Search:
         return self._ranked()[0]
 
     def _ranked(self) -> list[Layout]:
-        """Return layouts, cheapest first; layouts that cover clearly less than others come last."""
+        """Return layouts, cheapest first; layouts that cover clearly less than other layouts come last."""
         enough = max(self._seen.values(), default=0.0) - _AS_MUCH
         return sorted(self._known, key=lambda layout: (self._seen[layout] < enough, self._known[layout]))
 

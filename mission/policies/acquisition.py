@@ -196,8 +196,8 @@ class WithCorrelationLength:
 
     Observations of a field with correlation length l also reduce the variance beside the track: a squared
     exponential process keeps only ``1 - exp(-d^2 / l^2)`` of its variance at a distance d. A step along the
-    track therefore saves the loss of a swath ``sqrt(pi) l`` wide, not only the loss of its cell. Diseases
-    keep their weights, because the route search itself adds the value of the cells beside the track.
+    track therefore saves the loss of a swath ``sqrt(pi) l`` wide, not only the loss of the step's cell.
+    Diseases keep their weights, because the route search itself adds the value of the cells beside the track.
 
     Parameters
     ----------

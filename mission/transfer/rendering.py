@@ -127,7 +127,7 @@ def refuse_errors(rendered: Rendered, *, arming: bool = True) -> None:
 
 
 def _merged(remarks: list[Remark]) -> list[Remark]:
-    """Merge equal remarks on the same command into the first of them."""
+    """Merge equal remarks on the same command into the first remark."""
     alike: dict[Remark, list[Remark]] = {}
     for remark in remarks:
         alike.setdefault(replace(remark, item=None, others=()), []).append(remark)

@@ -65,7 +65,7 @@ class Estimator(Protocol):
         ...
 
     def partial_fit(self, observations: Observations) -> Self:
-        """Learn from further observations, made after all earlier ones."""
+        """Learn from further observations, made after all earlier observations."""
         ...
 
     def predict(self) -> InformationModel:

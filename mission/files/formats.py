@@ -219,7 +219,7 @@ def ending(path: str | os.PathLike[str]) -> str:
 
 
 def _found(path: str | os.PathLike[str], *, writing: bool) -> MissionFormat:
-    """Return the format of a file name; raise MissionFileError if it has no reader (or no writer)."""
+    """Return the format of a file name; raise MissionFileError if the format has no reader (or no writer)."""
     suffix = ending(path)
     found = _known().get(suffix)
     if found is None or (found.dumps if writing else found.loads) is None:

@@ -358,7 +358,7 @@ def _decode(frame: bytes, kind: _Kind, codec: Any) -> Message | None:
 
 
 def _frame_end(data: bytes, at: int) -> int:
-    """Return the index after the frame at ``at``, beyond the data if it is incomplete, or 0 if it is none."""
+    """Return the index after the frame at ``at`` (beyond the data if incomplete), or 0 without a frame."""
     end = len(data)
     if data[at] == _V1:
         return at + _V1_OVERHEAD + data[at + 1] if at + 1 < end else end + 1

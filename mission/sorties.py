@@ -183,7 +183,7 @@ def _approach(
 
 
 def _settings(items: Iterable[MissionItem]) -> dict[str, MissionItem]:
-    """Return the item of each setting in force after `items`, by name of the setting, in the order of `items`."""
+    """Return the item of each setting in force after `items`, by setting name, in the order of `items`."""
     held: dict[str, MissionItem] = {}
     for item in items:
         name = _SETTINGS.get(item.command)

@@ -192,7 +192,7 @@ def _set_up() -> None:
 
 @cache
 def _cache_class() -> Any:
-    """Return the class of the caches; a function defines it because importing numba takes a second."""
+    """Return the cache class for numba, defined in a function because importing numba takes a second."""
     caching: Any = import_module("numba.core.caching")
 
     class Locator(caching._CacheLocator):  # type: ignore[misc]

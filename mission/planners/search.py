@@ -232,7 +232,8 @@ def swept_lands(request: PlanningRequest) -> list[Area]:
 def densest_over(request: PlanningRequest, plan: Callable[[Area], PlannedPath]) -> PlannedPath:
     """Call `plan` for each of the `swept_lands`, and return the path with the least spacing.
 
-    A path that skips gaps is chosen only if 5 % denser. If `plan` always fails, its PlanningError is raised.
+    A path that skips gaps is chosen only if it is 5 % denser. If `plan` always fails, its PlanningError is
+    raised.
     """
     lands = swept_lands(request)
     if len(lands) == 1:

@@ -216,7 +216,7 @@ def test_kml_as_google_earth_writes_it(tmp_path: Path) -> None:
     assert farm.rally_m == (pytest.approx((98.35, 0.0), abs=0.05),)
     assert farm.notes == (
         "layer 'Fields', feature 2 ('walked'): a line, closed over 1.1 m",
-        "layer 'Fields', 1 left out, lines that are open by more than 5 m: road",
+        "layer 'Fields', 1 feature left out (lines that are open by more than 5 m): road",
     )
 
 

@@ -272,7 +272,7 @@ def test_gpx_of_garmin_and_osmand(tmp_path: Path) -> None:
     assert len(farm.rally_m) == 1
     assert farm.notes == (
         "layer 'tracks', feature 1 ('2026-05-01_10-00'): a line, closed over 2.2 m",
-        "layer 'waypoints', 1 left out, points that are neither home nor rally: gate",
+        "layer 'waypoints', 1 feature left out (points that are neither home nor rally): gate",
     )
 
 

@@ -38,7 +38,7 @@ DISK_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
 @contextlib.contextmanager
 def disk_errors_named(path: Path, temporary: Path | None = None) -> Iterator[None]:
-    """Put `path` as the file name into an OSError of a full disk, or an OSError that names `temporary`."""
+    """Put the file name `path` into an OSError of a full disk, or of a fault of the file `temporary`."""
     try:
         yield
     except OSError as error:
@@ -171,7 +171,7 @@ def unlock_file(descriptor: int) -> None:
 def lock_held(path: Path) -> Iterator[None]:
     """Hold a lock on the file `path`; the file is removed at the end of the block.
 
-    The system releases the lock when the process ends. If another process holds it, raise BlockingIOError.
+    Raise BlockingIOError if another process holds the lock. The system releases a lock when its process ends.
     """
     is_held = False
     while not is_held:
@@ -193,7 +193,7 @@ def lock_held(path: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def made_by_one(path: Path) -> Iterator[None]:
-    """Let one process make the file `path`; other processes wait until it is done, then find the file.
+    """Let one process make the file `path`; other processes wait, then find the finished file.
 
     The lock is a file beside `path`. If the lock file cannot be written, no process waits for another.
     """
@@ -202,12 +202,12 @@ def made_by_one(path: Path) -> Iterator[None]:
             path.parent.mkdir(parents=True, exist_ok=True)
             lock = stack.enter_context(path.with_name(f"{path.name}.lock").open("ab"))
             lock_file(lock.fileno(), wait=True)
-            # A process that another thread forked may hold the file open, so closing it may not unlock it.
+            # Closing the file may not unlock it, as a process that another thread forked may hold it open.
             stack.callback(unlock_file, lock.fileno())
         yield
 
 
-_LONGEST_NAME = 240  # Longer names leave no room for suffixes within 255 bytes
+_LONGEST_NAME = 240  # File names have at most 255 bytes, suffixes included
 
 
 class FolderError(WbfMissionError, ValueError):
@@ -311,7 +311,7 @@ class AtomicFolder:
         self._held.close()
 
     def commit(self, filled: Path | None = None) -> None:
-        """Replace the content with the entries of `filled`, on the same disk (default: `self.filled`)."""
+        """Replace the content with that of `filled`, a folder on the same disk (default: `self.filled`)."""
         filled = filled or self.filled
         for entry in filled.iterdir():
             to_disk(entry)

@@ -28,7 +28,7 @@ _IMPORT = re.compile(
     r"^(?:from[ ]+([\w.]+)[ ]+import[ ]+(\([^)]*\)|[^\n]*)|import[ ]+([\w.]+))", re.MULTILINE
 )
 
-_VERSIONS_KEPT = 8  # Number of versions of a module that stay cached, for switching git branches
+_VERSIONS_KEPT = 8  # Versions of a module that stay cached, so that a git branch need not be recompiled
 
 _INTERNALS = {
     "numba.core.caching": "_CacheLocator CompileResultCacheImpl._locator_classes FunctionCache._impl_class "
@@ -123,7 +123,7 @@ def _is_known_inside() -> bool:
             attrgetter(*names.split())(import_module(module))
         attrgetter("_impl.locator", "_py_func")(_cache_class()(compiled_folder))
     except (ImportError, AttributeError) as error:
-        text = f"numba {numba.__version__} is unknown inside ({error}): every run compiles anew"
+        text = f"numba {numba.__version__} lacks internals of the cache ({error}): every run compiles again"
         warnings.warn(text, RuntimeWarning, stacklevel=2)
         return False
     return True
@@ -167,7 +167,7 @@ def _without_literals(dispatcher: Any) -> None:
 
 @cache
 def _set_up() -> None:
-    """Cache the implementation that numba chooses for an operator and types; silence a warning.
+    """Cache the implementation that numba chooses for an operator and operand types; silence a warning.
 
     Without this cache numba tries a dozen candidates for each ``+``, which takes a third of the compile time.
     Candidates that are compiled functions depend on the caller's options and are not cached. The silenced
@@ -192,7 +192,7 @@ def _set_up() -> None:
 
 @cache
 def _cache_class() -> Any:
-    """Return the cache class, which is defined here because importing numba takes a second."""
+    """Return the cache class for numba, defined in a function because importing numba takes a second."""
     caching: Any = import_module("numba.core.caching")
 
     class Locator(caching._CacheLocator):  # type: ignore[misc]

@@ -24,7 +24,7 @@ Land: TypeAlias = shapely.Polygon | shapely.MultiPolygon
 
 MAX_CELLS = 200_000_000
 """Largest number of cells of a farm: six times as many as Waterberry has. A map of this size takes 0.4 GB."""
-_NOT_SEEN = "not scouted, as none of the fields concerns this crop; name a field that does"
+_NOT_SEEN = "not scouted, as no field concerns this crop; name a field that concerns it"
 _SNAP_M = 1e-6  # Borders are rounded to this step, so that adjacent borders coincide.
 _ARC_SEGMENTS = 16  # With this many segments per quarter circle the error is 0.1 % of the radius.
 _EDGE_CELLS = 1e-9  # Larger than the rounding error of a multiple of the cell size.
@@ -36,7 +36,7 @@ def united(areas: Sequence[Land]) -> Land:
 
 
 def _overlay(operation: Callable[..., Land], *areas: Land | Sequence[Land]) -> Land:
-    """Return the result of a set operation, or its result on a grid if the two differ by more than rounding.
+    """Return the exact result of a set operation, or the result on a grid if they differ beyond rounding.
 
     Where borders differ by rounding alone, GEOS can lose a whole area and report nothing (of five parts of a
     field GEOS 3.14 lost two). Operations on a grid have no such fault.
@@ -68,7 +68,7 @@ class Obstacle:
     polygon : shapely.Polygon
         Outline, metres of the farm's frame.
     height_m : float or None
-        Height above the ground. Flights higher than this by the margin pass over; with None, no flight does.
+        Height above the ground; flights higher by the margin pass over. None: no flight passes over.
     margin_m : float or None
         Distance that flights keep from the obstacle; None takes the flight's default margin.
     name : str
@@ -85,7 +85,7 @@ class Obstacle:
         return default_m if self.margin_m is None else self.margin_m
 
     def widened(self, margin_m: float, more_m: float = 0.0) -> shapely.Polygon:
-        """Return the outline, buffered by `more_m` plus the obstacle's own margin, or else `margin_m`."""
+        """Return the outline, buffered by `more_m` plus the obstacle's margin (default: `margin_m`)."""
         return shapely.buffer(self.polygon, self.margin(margin_m) + more_m, quad_segs=_ARC_SEGMENTS)
 
     def bars(self, altitude_m: float, margin_m: float) -> bool:
@@ -160,11 +160,11 @@ class Farm:
             raise FarmError(msg)
         if self.width_cells * self.height_cells > MAX_CELLS:
             raise FarmError(
-                f"farm {self.name!r}: a grid of {self.width_cells} x {self.height_cells} cells is larger "
-                f"than {MAX_CELLS} cells; choose larger cells than {self.cell_size_m:g} m"
+                f"farm {self.name!r}: a grid of {self.width_cells} x {self.height_cells} has more "
+                f"than {MAX_CELLS} cells; choose cells larger than {self.cell_size_m:g} m"
             )
         if len(self.crops) > MAX_CROPS:
-            raise FarmError(f"farm {self.name!r}: {len(self.crops)} crops, at most {MAX_CROPS} are possible")
+            raise FarmError(f"farm {self.name!r}: {len(self.crops)} crops; give at most {MAX_CROPS} crops")
         if not any(patch.owner == self.owner for patch in self.patches):
             raise FarmError(f"farm {self.name!r}: no patch belongs to the owner {self.owner!r}")
 
@@ -233,8 +233,7 @@ class Farm:
         """Return the owner's land with these crops (m), or an empty polygon if there is no such land."""
         shapes = np.array([patch.polygon for patch in self.patches])
         wanted = np.array([patch.owner == self.owner and patch.crop in crops for patch in self.patches])
-        # Later patches are cut out of each patch, then all pieces are joined in one call, because joining
-        # piece by piece takes quadratic time.
+        # Later patches are cut out of each patch. Joining the pieces one by one would take quadratic time.
         tree = shapely.STRtree(shapes)
         pieces = []
         for number in np.nonzero(wanted)[0]:
@@ -244,7 +243,7 @@ class Farm:
                 piece = shapely.difference(piece, shapes[over], grid_size=_SNAP_M)
             pieces.append(piece)
         land = pieces[0] if len(pieces) == 1 else shapely.union_all(pieces, grid_size=_SNAP_M)
-        # Precision is reset, as GEOS would round derived geometry too, even a buffer narrower than a step.
+        # The precision is reset, as GEOS would also round shapes made from this land, even narrow buffers.
         land = shapely.set_precision(shapely.simplify(land, _SNAP_M), 0.0)
         parts = [part for part in shapely.get_parts(land) if part.geom_type == "Polygon" and part.area > 0]
         if len(parts) == 1:

@@ -36,15 +36,15 @@ from geo.imports import entry_points, load_named
 from geo.texts import FOOT_M, one_line
 
 FORMATS_GROUP = "wbf_mission.farm_formats"
-"""Group of entry points, each named by a file suffix without the dot. The value is a function of a path,
-an optional layer and an optional coordinate system, which returns a `geo.features.Document`."""
+"""Group of entry points, each named by a file suffix without the dot. Each is a function of a path, an
+optional layer and an optional coordinate system, which returns the file's `geo.features.Document`."""
 REPAIRS_GROUP = "wbf_mission.farm_repairs"
-"""Group of entry points. ``mended`` returns the repaired parts of a feature and adds notes on the repair."""
+"""Group of the entry point ``mended``, a function that repairs a feature and adds notes on the repair."""
 _GEOJSON = (".geojson", ".json", ".geojsonl", ".geojsons", ".ndjson", ".jsonl")
 _ADDED = (".kml", ".kmz", ".shp", ".zip", ".gpkg", ".gpx", ".poly")  # The add-on `formats` reads these
 _MAX_RALLY = 100
 _MAX_RASTER_STEPS = 20_000_000  # Painting takes minutes if edges cross more cell columns than this.
-_MAX_GAP = 2.0  # A ring's closing side may be at most twice as long as its longest side.
+_MAX_GAP = 2.0  # The side that closes a ring may be at most twice as long as the ring's longest side.
 _MAX_SPAN_M = 20_000.0  # Features farther apart belong to several farms, or have wrong coordinates.
 _SENSIBLE_CELLS = 4_000_000  # Farms with more cells get larger cells, unless the file gives the size.
 _ROUND_CELLS_M = (FOOT_M, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
@@ -79,8 +79,7 @@ def load_farm(
     Raises
     ------
     FarmError
-        If the file cannot be read or is no farm file, or a feature cannot be used; the text names the
-        feature.
+        If the file cannot be read, is no farm file, or has an unusable feature, which the text names.
     """
     text = os.fspath(path)
     try:
@@ -104,7 +103,7 @@ def _document(file: Path, layer: str | None, crs: str | None) -> Document:
 
 
 def farm_suffixes() -> tuple[str, ...]:
-    """Return the suffixes of farm files: GeoJSON suffixes, then suffixes that packages read.
+    """Return the suffixes of farm files: GeoJSON suffixes, then suffixes of formats that packages read.
 
     >>> farm_suffixes()[:2]
     ('.geojson', '.json')
@@ -136,12 +135,12 @@ def _farm_of(document: Document, default_name: str, crop: str | None, *, repair:
         mended = load_named(REPAIRS_GROUP, "mended", "repairs farms, as", "farms", FarmError)
         features = [part for feature in features for part in mended(feature, notes)]
     systems = dict.fromkeys(entry.crs for entry in document.entries if entry.crs is not None)
-    # Layers of one coordinate system give equal notes, as each layer has its own Coordinates object.
+    # Each layer has its own Coordinates object; layers with equal notes get a single note.
     notes.extend(filter(None, dict.fromkeys(crs.accuracy_note() for crs in systems)))
     features = _completed(features, crop, notes)
     fields = [feature for feature in features if not feature.obstacle]
     if not fields:
-        raise FarmError("has obstacles only, no patch with a crop")
+        raise FarmError("has only obstacles; add a polygon for each field")
     owner = text_member(members, "owner", str(fields[0].owner), "the farm")
     frame, origin_given = _frame(document, fields)
     polygons = [(feature, _polygon(feature, frame)) for feature in features]
@@ -206,7 +205,7 @@ def _closed(feature: Feature, notes: list[str]) -> Feature:
 
 
 def _contents(document: Document, *, repair: bool) -> tuple[list[Feature], list[Place]]:
-    """Return the features and places of a file; add a note for each reason to leave out entries."""
+    """Return the features and places of a file; add a note for each reason to leave out features."""
     features: list[Feature] = []
     places: list[Place] = []
     vertices = 0
@@ -228,7 +227,8 @@ def _contents(document: Document, *, repair: bool) -> tuple[list[Feature], list[
             raise FarmError(msg)
     for (layer, reason), names in left_out.items():
         some = ", ".join(one_line(name, 40) for name in names[:5]) + (", ..." if len(names) > 5 else "")
-        document.notes.append(f"{layer}{len(names)} left out, {reason}: {some}")
+        what = f"{len(names)} feature{'s' if len(names) > 1 else ''}"
+        document.notes.append(f"{layer}{what} left out ({reason}): {some}")
     if not features:
         why = "; ".join(document.notes[:3])
         raise FarmError(f"holds no polygons{': ' if why else ''}{why}; draw the fields as polygons")
@@ -288,9 +288,10 @@ def _rally(document: Document, places: list[Place], frame: LocalFrame) -> list[t
     """Return longitude and latitude of each rally point in the file."""
     given = document.members.get("rally", [])
     points = [place for place in places if place.kind == "rally"]
-    if not isinstance(given, list) or len(given) + len(points) > _MAX_RALLY:
-        msg = f'member "rally": {shortened(given)} is no list of at most {_MAX_RALLY} positions'
-        raise FarmError(msg)
+    if not isinstance(given, list):
+        raise FarmError(f'member "rally": {shortened(given)} is no list of positions')
+    if (count := len(given) + len(points)) > _MAX_RALLY:
+        raise FarmError(f"has {count} rally points; give at most {_MAX_RALLY}")
     named = [(f'member "rally", entry {k}', position) for k, position in enumerate(given, 1)]
     positions = [(where, position_of(position, where, document.crs)) for where, position in named]
     positions += [(place.where, place.position) for place in points]
@@ -401,7 +402,7 @@ def _size(members: dict[str, Any], right: float, top: float, cell_size_m: float)
         needed = (size[0], size[1])
     if needed[0] * needed[1] > MAX_CELLS:
         raise FarmError(
-            f"a grid of {needed[0]} x {needed[1]} cells is larger than {MAX_CELLS}; "
+            f"a grid of {needed[0]} x {needed[1]} has more than {MAX_CELLS} cells; "
             f'set a "cell_size_m" above {cell_size_m:g}'
         )
     return needed

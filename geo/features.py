@@ -118,7 +118,7 @@ def _converted(key: str, value: Any) -> Any:
 
 
 def short_line(value: object, end: str = "") -> str:
-    """Return a value as one printable line, cut so that it has at most 200 characters with its `end`."""
+    """Return a value as one printable line that ends in `end`, cut to 200 characters with `end` included."""
     text = str(value)
     if not text.isprintable():
         text = " ".join("".join(char if char.isprintable() else " " for char in text).split())
@@ -267,7 +267,7 @@ def _members(geometry: dict[str, Any]) -> list[dict[str, Any]] | None:
 
 
 def _no_area(geometry: dict[str, Any]) -> str:
-    """Return the reason to leave out a geometry without area; empty for any other or invalid geometry."""
+    """Return the reason to leave out a geometry without area; empty if it has an area or is invalid."""
     inner = _members(geometry)
     if inner is not None:
         reasons = [_NO_AREA.get(str(member.get("type")), "") for member in inner]

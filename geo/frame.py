@@ -178,7 +178,7 @@ class Coordinates:
         """Return a note on the error of the last conversion; empty if the error is at most 1.5 m."""
         if self._accuracy_m <= _BORDER_ACCURACY_M:
             return ""
-        return f"{self.name} is converted to WGS 84 to within {self._accuracy_m:g} m"
+        return f"{self.name} is converted to WGS 84 with an error of up to {self._accuracy_m:g} m"
 
 
 @lru_cache(maxsize=32)

@@ -166,7 +166,7 @@ def farm_document(farm: Farm) -> dict[str, Any]:
 class _DegreesOf:
     """Converts a farm's points to degrees; points read from the farm's file get their original degrees.
 
-    Projecting a point and back moves it by a nanometre, which can decide a comparison in a planner.
+    Converting a point to metres and back moves it by a nanometre, which can change a planner's choice.
     """
 
     def __init__(self, farm: Farm) -> None:

@@ -100,7 +100,7 @@ class FarmGrid:
         return "".join(f"{name};" for name in self.crops[len(Crop) :])
 
     def of_crops(self, names: Iterable[str], where: Any = ...) -> NDArray[np.bool_]:
-        """Return a new mask of cells with these crops, of any owner, as bool[W, H] or its part `where`."""
+        """Return a new mask of all owners' cells with these crops: bool[W, H], or its part `where`."""
         crop = self.crop[where]
         mask = np.zeros(crop.shape, np.bool_)
         numbers = [self.crops.index(name) for name in names if name in self.crops]

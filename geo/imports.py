@@ -120,9 +120,9 @@ def load_named(group: str, name: str, verb: str, what: str, error: type[Exceptio
     >>> load_named("wbf_mission.pages", "none", "brings the page", "the page", ValueError)
     Traceback (most recent call last):
     ...
-    ValueError: no package that is installed brings the page 'none' (wbf_mission.pages): install...
+    ValueError: no installed package brings the page 'none' (wbf_mission.pages): install...
     """
     entry = entry_named(group, name)
     if entry is None:
-        raise error(f"no package that is installed {verb} '{name}' ({group}): install wbf-mission anew")
+        raise error(f"no installed package {verb} '{name}' ({group}): install wbf-mission anew")
     return load_entry(entry, f"{what} {name}", error)

@@ -1,6 +1,6 @@
 """Parses and formats names with parameters, such as ``lawnmower:direction=0.3``.
 
-The name is followed by a colon and by ``key=value`` pairs with commas between them. A value is
+The name is followed by a colon and by ``key=value`` pairs, separated by commas. A value is
 
 - a number: ``3``, ``0.3``, ``-1e-3``;
 - ``true``, ``false`` or ``none``;
@@ -64,8 +64,8 @@ def parse_named(text: str) -> tuple[str, dict[str, Parameter]]:
 def format_named(name: str, parameters: Mapping[str, object]) -> str:
     """Return a name and its parameters as one text that `parse_named` reads.
 
-    `parse_named` gets equal values back from the text for all values that it can return: finite numbers,
-    true, false and none, texts without quotation marks, and sequences of these.
+    `parse_named` reads the same values back if they are finite numbers, true, false, none, texts without
+    quotation marks, or sequences of such values.
 
     Examples
     --------

@@ -119,7 +119,7 @@ def interrupts_held() -> Iterator[None]:
         with interrupts_noted():
             yield
         return
-    # The resource tracker is started now; if the first worker started it, it would unblock the signals.
+    # Starting the resource tracker unblocks the signals, so it is started before they are blocked.
     resource_tracker.ensure_running()
     # The mask applies only to this thread and processes that it starts; another thread may get the signal.
     with interrupts_noted():

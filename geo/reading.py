@@ -22,7 +22,7 @@ class UnreadableError(WbfMissionError, ValueError):
 
 
 def read_file(path: Path, max_bytes: int) -> bytes:
-    """Return the bytes of a regular file; raise UnreadableError for other or larger files.
+    """Return the bytes of a regular file of at most `max_bytes`; otherwise raise UnreadableError.
 
     Examples
     --------
@@ -48,7 +48,7 @@ def read_file(path: Path, max_bytes: int) -> bytes:
 
 
 def read_text(path: Path, max_bytes: int = MAX_TEXT_BYTES) -> str:
-    """Return a regular file's text; raise UnreadableError as `read_file` does, or if it is not UTF-8."""
+    """Return a file's UTF-8 text; raise UnreadableError as `read_file` does, or if the text is not UTF-8."""
     try:
         return read_file(path, max_bytes).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -56,7 +56,7 @@ def read_text(path: Path, max_bytes: int = MAX_TEXT_BYTES) -> str:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the table of a TOML file; raise UnreadableError as `read_text` does, or if it is not TOML."""
+    """Return the table of a TOML file; raise UnreadableError as `read_text` does, or for invalid TOML."""
     text = read_text(path)
     try:
         return tomllib.loads(text)
@@ -82,7 +82,7 @@ _NO_NUMBER = re.compile(rb"-?(NaN|nan|Infinity|inf)\b")
 _BYTE = re.compile(r"\(byte (\d+)\)")
 _SYNTAX = {
     "expected ':'": "a colon is missing",
-    "trailing characters": "something follows the end",
+    "trailing characters": "text follows the end of the document",
     "trailing comma in object": "a comma stands before a closing brace",
     "trailing comma in array": "a comma stands before a closing bracket",
     "object keys must be strings": "a name has to stand in double quotes",
@@ -171,7 +171,7 @@ def not_json(error: msgspec.DecodeError | ValueError, data: bytes, line: int = 1
         text = f"{number[0].decode()} is no number in JSON; write null"
     elif message == "invalid character":
         shown = data[at : at + 1].decode("ascii", "backslashreplace")
-        text = f"{shown!r} must not stand there" if shown else "it ends in the middle"
+        text = f"{shown!r} is not allowed here" if shown else "it ends in the middle"
     else:
         text = _SYNTAX.get(message, message)
     return one_line(f"line {line}, column {column}: {text}")

@@ -26,7 +26,7 @@ from numpy.random import PCG64, Generator, SeedSequence
 
 from geo.errors import WbfMissionError
 
-_SEALED_WORDS = 8  # 512 bits exceed the entropy of a seed
+_SEALED_WORDS = 8  # 64-bit words; 512 bits are more than the entropy of a seed
 _HINT = "give a non-negative integer or a numpy.random.SeedSequence"
 
 

@@ -170,7 +170,7 @@ def require_memory(what: str, parts: Mapping[str, int], *, available: AvailableM
     >>> require_memory("a kite", {"string": 3 * 10**9}, available=little)
     Traceback (most recent call last):
     ...
-    geo.system.NotEnoughMemoryError: a kite needs 3.0 GB of memory (string 3.0 GB), available are 2.0 GB (RAM)
+    geo.system.NotEnoughMemoryError: a kite needs 3.0 GB of memory (string 3.0 GB), but 2.0 GB are free (RAM)
     """
     limit = available_memory() if available is None else available
     total = sum(parts.values())
@@ -180,7 +180,7 @@ def require_memory(what: str, parts: Mapping[str, int], *, available: AvailableM
     named = ", ".join(f"{name} {human_bytes(size)}" for name, size in large)
     raise NotEnoughMemoryError(
         f"{what} needs {human_bytes(total)} of memory ({named}), "
-        f"available are {human_bytes(limit.bytes)} ({limit.limited_by})"
+        f"but {human_bytes(limit.bytes)} are free ({limit.limited_by})"
     )
 
 
@@ -201,7 +201,7 @@ def _machine() -> Iterator[AvailableMemory]:
     import psutil
 
     with contextlib.suppress(OSError):  # /proc may not be mounted
-        yield AvailableMemory(psutil.virtual_memory().available, "what the machine has free")
+        yield AvailableMemory(psutil.virtual_memory().available, "memory of the machine")
 
 
 def _control_groups(root: Path) -> Iterator[AvailableMemory]:
@@ -292,7 +292,7 @@ def warn_of_cache(folder: Path, error: Exception) -> None:
     reason = str(error)
     if isinstance(error, OSError) and error.strerror:
         reason = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-    msg = f"{folder}: cannot keep anything in this cache ({reason}); every run makes the content anew"
+    msg = f"{folder}: cannot write this cache ({reason}); every run computes the content again"
     warnings.warn(msg, CacheWarning, stacklevel=3)
 
 

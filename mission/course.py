@@ -318,7 +318,8 @@ def unrolled(mission: Mission) -> Mission:
             msg = f"item {k + 1}: the DO_JUMP repeats without end; give a number of repetitions"
             raise MissionError(msg)
         if target is None or not 0 <= target < len(items):
-            msg = f"item {k + 1} (DO_JUMP): there is no item {target if target is None else int(target) + 1}"
+            where = "unset" if target is None else int(target) + 1
+            msg = f"item {k + 1}: the target of the DO_JUMP is {where}; give an item from 1 to {len(items)}"
             raise MissionError(msg)
         if taken.get(k, 0) < repeat:
             taken[k] = taken.get(k, 0) + 1
@@ -375,7 +376,7 @@ class MissionProgress:
         Raises MissionError if the vehicle never flew its mission.
         """
         if not self._flown:
-            msg = "no message shows that the vehicle flew its mission by itself"
+            msg = "no message shows the vehicle armed in its mission mode, at a known position"
             raise MissionError(msg)
         course = self.course
         items, latitude, longitude = np.array(self._flown).T

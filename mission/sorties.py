@@ -136,8 +136,8 @@ def part_of(
 def resumed_at(course: Course, begin: Place, overlap_m: float) -> Place | None:
     """Return the first place to fly in order to resume at `begin`, or None if no leg with images remains.
 
-    This place is `overlap_m` before `begin`; but if the leg of `begin` has no images, it is the start of the
-    next leg with images.
+    This place is `overlap_m` before `begin`, or the start of the next leg with images if the leg of `begin`
+    has no images.
     """
     following = course.after(begin)
     return course.back(begin, overlap_m) if following == begin else following
@@ -183,7 +183,7 @@ def _approach(
 
 
 def _settings(items: Iterable[MissionItem]) -> dict[str, MissionItem]:
-    """Return the items of the settings in force after `items`, by name, in the order of `items`."""
+    """Return the item of each setting in force after `items`, by setting name, in the order of `items`."""
     held: dict[str, MissionItem] = {}
     for item in items:
         name = _SETTINGS.get(item.command)
@@ -212,7 +212,7 @@ def _is_for_next(item: MissionItem) -> bool:
 
 
 def _reachable(course: Course, first: Place, end: Place | None) -> Place | None:
-    """Return a place near `end` at which a part can end, or None if it ends with the mission."""
+    """Return a place near `end` at which a part can end, or None if the part ends with the mission."""
     # A curved leg cannot be cut and is flown whole. Trailing legs without images are left out.
     if end is None or (number := course.leg_of(end)) >= len(course.legs):
         return None

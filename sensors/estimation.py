@@ -28,7 +28,7 @@ from sensors.scoring.score import RunningScore, Score
 
 @dataclass(slots=True)
 class ScoreHistory:
-    """Scores of a run. Every list has an entry for each scored time, in seconds since the run began."""
+    """Scores of a run. Each list has an entry for each scored time; times are seconds since the run began."""
 
     times_s: list[float] = field(default_factory=list)
     observations: list[int] = field(default_factory=list)
@@ -65,9 +65,9 @@ class RunEstimate:
     added. The results depend neither on the speed of the threads nor on the parts in which observations
     arrive. If the estimator fails, a later call raises the error. The caller ends the thread with `close`.
 
-    The estimate is scored after each `every` observations of a flight and at the flight's end, and on later
-    days also before the first observation. If a flight is cancelled, `hold` scores the present estimate as
-    often as the flight would have been scored. Before it learns, the thread calls `ready`, which may wait.
+    The estimate is scored every `every` observations of a flight and at the flight's end; on later days, also
+    before the first observation. If a flight is cancelled, `hold` scores the present estimate as often as the
+    flight would have been scored. Before it learns, the thread calls `ready`, which may wait.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class RunEstimate:
         self._waiting: deque[Future[Any]] = deque()
 
     def add(self, parts: Sequence[Observations], offset_s: float = 0.0) -> None:
-        """Add observations; the estimator learns them when all of them up to a scored time have arrived."""
+        """Add observations; the estimator learns all observations up to a scored time together."""
         while self._waiting and self._waiting[0].done():
             self._waiting.popleft().result()
         for part in parts:

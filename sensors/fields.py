@@ -4,8 +4,7 @@ Arrays, columns and readings have the order of a `FieldSet`. `PAPER_FIELDS` are 
 benchmark; `sensors.field_files` reads other fields from files.
 
 All values are in 0..1. A disease has the value 1 for a healthy, 0.5 for an infected and 0 for a lost plant. A
-continuous field is scaled so that its minimum is 0 and its maximum is 1; `Field.range` gives both in the
-field's unit.
+continuous field is scaled to 0..1; `Field.range` gives its minimum and maximum in the field's unit.
 
 >>> PAPER_FIELDS.names, PAPER_FIELDS["ccr"].kind, PAPER_FIELDS["soil"].kind
 (('tylcv', 'ccr', 'soil'), 'disease', 'continuous')
@@ -136,9 +135,9 @@ class Field:
             raise self._error(f"colours {self.colours!r:.70} are not two or more of the form #rrggbb")
         low, high = self.range
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
-            raise self._error(f"range {low:g}, {high:g} is not two numbers, the lower first")
+            raise self._error(f"range {low:g}, {high:g}: give two finite numbers, the lower first")
         if self.kind == "disease" and self.range != (0.0, 1.0):
-            raise self._error("range: a disease has no range; it is 1 if healthy, 0.5 infected, 0 lost")
+            raise self._error("a disease has the values 1 (healthy), 0.5 and 0 (lost); leave out its range")
         if not self.title:
             object.__setattr__(self, "title", self.name)
         if not self.colours:
@@ -183,13 +182,13 @@ class Field:
         return np.clip((np.asarray(values, np.float64) - low) / (high - low), 0.0, 1.0)
 
     def hosts(self, grid: FarmGrid, where: Any = ...) -> NDArray[np.bool_]:
-        """Return a new mask, bool[W, H] or its part `where`, of cells of any owner with the field's crops."""
+        """Return a new mask of all owners' cells with the field's crops: bool[W, H], or its part `where`."""
         every = ALL_CROPS in self.crops
         names = [crop for crop in grid.crops if crop not in NOT_GROWN] if every else self.crops
         return grid.of_crops(names, where)
 
     def mask(self, grid: FarmGrid, where: Any = ...) -> NDArray[np.bool_]:
-        """Return a new mask, bool[W, H] or its part `where`, of the owner's cells with the field's crops."""
+        """Return a new mask of the owner's cells with the field's crops: bool[W, H], or its part `where`."""
         cells = self.hosts(grid, where)
         cells &= grid.owned[where]
         return cells
@@ -278,7 +277,7 @@ class FieldSet:
             )
 
     def scored(self, grid: FarmGrid) -> NDArray[np.bool_]:
-        """Return `masks`; on a large farm return a `LazyFields`, which takes no memory."""
+        """Return the masks of the scored cells; on a large farm as a `LazyFields`, which takes no memory."""
         if grid.crop.size < LARGE_FROM_CELLS:
             return self.masks(grid)
 
@@ -288,14 +287,14 @@ class FieldSet:
         return cast("NDArray[np.bool_]", LazyFields((len(self.fields), *grid.shape), read, np.bool_))
 
     def masks(self, grid: FarmGrid) -> NDArray[np.bool_]:
-        """Return the mask of each field's scored cells, which are the owner's, as bool[n, W, H]."""
+        """Return for each field the mask of the owner's cells in which the field is scored, bool[n, W, H]."""
         masks = np.empty((len(self.fields), *grid.shape), np.bool_)
         for field, mask in zip(self.fields, masks, strict=True):
             mask[...] = field.mask(grid)
         return masks
 
     def with_dynamics(self, **dynamics: Dynamics) -> FieldSet:
-        """Return the same fields with new dynamics for some of them, given as ``name=dynamics``.
+        """Return the same fields with new dynamics for some fields, given as ``name=dynamics``.
 
         Examples
         --------

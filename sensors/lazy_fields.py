@@ -49,7 +49,7 @@ class LazyFields(NDArrayOperatorsMixin):
         if not isinstance(field, int | np.integer):
             return np.stack([self[(k, *rest)] for k in np.arange(len(self))[field]])
         if not -len(self) <= field < len(self):
-            raise IndexError(f"field {field} of {len(self)}")
+            raise IndexError(f"field {field}: the array has {len(self)} fields")
         columns = slice(0, self.shape[1])
         if rest and isinstance(rest[0], slice) and rest[0].step in (None, 1):
             columns = slice(*rest[0].indices(self.shape[1])[:2])

@@ -135,7 +135,7 @@ class Observations:
     def check_fields(self, fields: tuple[str, ...]) -> None:
         """Raise ObservationError unless these are the fields of the observations, in the same order."""
         if self.fields != fields:
-            msg = f"observations: they have {', '.join(self.fields)}, expected {', '.join(fields)}"
+            msg = f"observations: the fields are {', '.join(self.fields)} instead of {', '.join(fields)}"
             raise ObservationError(msg)
 
     def check_inside(self, shape: tuple[int, int]) -> None:

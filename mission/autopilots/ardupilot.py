@@ -196,7 +196,7 @@ _ROVER: Questions = {
     Meaning.LINK_LOST: {"FS_GCS_ENABLE": 1.0},
     **_ANY,
 }
-# These parameters determine how long climbs, return and landing take; ArduCopter 4.7 renamed them (SI units).
+# These parameters determine how long climbs, return and landing take; ArduCopter 4.7 renamed parameters.
 _MOTION: Motion = {
     "WPNAV_SPEED": {"WP_SPD": 100.0, "WPNAV_SPEED": 1.0},
     "WPNAV_SPEED_UP": {"WP_SPD_UP": 100.0, "WPNAV_SPEED_UP": 1.0},
@@ -217,7 +217,7 @@ _HOLD: Mapping[int | None, str] = {FIXED_WING: "LOITER", ROVER: "HOLD", _BOAT: "
 
 
 def _numbers(vehicle_type: int) -> Mapping[str, tuple[float, float, float]]:
-    from pymavlink import mavutil  # imported here because it loads a dialect that transfers do not need
+    from pymavlink import mavutil  # Late import: mavutil loads a dialect that transfers do not need
 
     table = mavutil.mode_mapping_bynumber(vehicle_type) or {}
     return {
@@ -236,7 +236,7 @@ _MODES = FlightModes(
     mission=frozenset({"AUTO"}),
     resume="AUTO",
     hold=_HOLD,
-    # ArduCopter does not arm in AUTO. Without a throttle stick, it cannot arm in altitude-hold modes either.
+    # ArduCopter does not arm in AUTO. Without a throttle stick it does not arm in altitude-hold modes either.
     arming={FIXED_WING: None, ROVER: None, None: "GUIDED"},
     ends=_ends,
     in_pymavlink=True,

@@ -85,7 +85,7 @@ class IgnoredField:
 
 @dataclass(frozen=True, slots=True)
 class ArmingCondition:
-    """Condition on the mission, imposed by a vehicle parameter; a vehicle that violates it does not arm."""
+    """Condition that a parameter imposes on the mission; a vehicle whose mission violates it does not arm."""
 
     parameter: str
     refusing: frozenset[float]

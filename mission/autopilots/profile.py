@@ -90,7 +90,7 @@ class FlightModes:
     """Function from a MAV_TYPE and the last command of a mission to the modes in which the mission may end,
     besides the mission modes."""
     aliases: Mapping[str, str] = field(default_factory=dict)
-    """Name of a mode, by its alternative name."""
+    """Name of a flight mode, by the alternative name of the mode."""
     in_pymavlink: bool = False
     """Whether pymavlink knows the names of the modes; if not, `name` finds the name of a custom_mode."""
 
@@ -111,13 +111,13 @@ class Meaning(Enum):
     FASTEST = "the greatest speed"
     ACCEPTANCE_RADIUS = "the acceptance radius of waypoints"
     RETURN_HEIGHT = "the height of the return"
-    LOW_BATTERY = "what a low battery does"
-    LINK_LOST = "what a lost link does"
+    LOW_BATTERY = "the action on a low battery"
+    LINK_LOST = "the action on a lost link"
     LINK_LOST_OPTIONS = "whether a mission goes on without a link"
     TAKEOFF_AND_LANDING = "whether a mission needs a take-off and a landing"
     FENCE_ON = "whether the fence is enabled"
-    FENCE_ACTION = "what a broken fence does"
-    FENCE_TYPES = "what belongs to the fence"
+    FENCE_ACTION = "the action on a fence breach"
+    FENCE_TYPES = "the kinds of fences that are enabled"
     FENCE_CEILING = "the ceiling of the fence"
     FENCE_RADIUS = "the largest distance from home"
     LANDS_AS_MISSION = "whether a return ends with the landing of the mission"
@@ -211,7 +211,7 @@ class Profile:
     keeps_default: bool = True
     """Whether a NaN parameter reads back as NaN, not as 0."""
     keeps_frame: bool = True
-    """Whether an item without a position keeps its frame; if not, it reads back as GLOBAL."""
+    """Whether an item without a position keeps its frame; if not, the frame reads back as GLOBAL."""
     int_frames: bool = False
     """Whether MISSION_ITEM_INT has the frames 5 and 6 in place of 0 and 3."""
     strict_frames: bool = True

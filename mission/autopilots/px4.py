@@ -139,7 +139,7 @@ _HOLD = "LOITER"
 
 
 def _numbers(_vehicle_type: int) -> Mapping[str, tuple[float, float, float]]:
-    from pymavlink import mavutil  # imported here because it loads a dialect that transfers do not need
+    from pymavlink import mavutil  # Late import: mavutil loads a dialect that transfers do not need
 
     table = mavutil.px4_map.items()
     return {name: (float(base), float(main), float(sub)) for name, (base, main, sub) in table}

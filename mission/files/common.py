@@ -244,7 +244,7 @@ def resolve_jumps(
         if item.command == Command.DO_JUMP:
             target = jump_target(item, where)
             if counts[target] != 1:
-                problem = "is there more than once" if target in index_of else "does not exist"
+                problem = "occurs more than once" if target in index_of else "does not exist"
                 raise MissionFileError(f"{where}: DO_JUMP to {numbering} {target}, which {problem}")
             item = replace(item, param1=float(index_of[target]))
         resolved.append(item)

@@ -48,12 +48,12 @@ def differences(mission: Mission, kept: Mission) -> list[Loss]:
         found.append(Loss(f"home, which is {_shown(mission.home)}, is written as {_shown(kept.home)}"))
     names = ("cruise_speed_m_s", "hover_speed_m_s")
     if any(getattr(mission, name) != getattr(kept, name) for name in names):
-        found.append(Loss("the speeds for estimates of time are not kept"))
+        found.append(Loss("the cruise and hover speeds for time estimates are not kept"))
     return found
 
 
 def dropped(what: str, count: int, of: int) -> list[Loss]:
-    """Return a loss in a list, for `count` items lost out of `of` items; an empty list if `count` is 0.
+    """Return a list with the loss of `count` out of `of` items, or an empty list if `count` is 0.
 
     >>> dropped("fence item", 4, 4)[0].text
     'fence items are not kept (4 of 4)'
@@ -76,7 +76,7 @@ def _of_plan(name: str, before: Sequence[MissionItem], after: Sequence[MissionIt
 def _change(field: str, old: MissionItem, new: MissionItem) -> Loss:
     was, is_now = getattr(old, field), getattr(new, field)
     if field == "frame" and not old.has_position:
-        return Loss("commands without a position are written in frame 2, which changes nothing")
+        return Loss("commands without a position are written in frame 2, with no effect on the flight")
     if was is None:
         return Loss(f"an unset {field} is written as {is_now:g}")
     return Loss(f"{_FIELDS[field]} is not kept", True)
@@ -219,7 +219,7 @@ def ending(path: str | os.PathLike[str]) -> str:
 
 
 def _found(path: str | os.PathLike[str], *, writing: bool) -> MissionFormat:
-    """Return the format of a file name; raise MissionFileError if it has no reader (or no writer)."""
+    """Return the format of a file name; raise MissionFileError if the format has no reader (or no writer)."""
     suffix = ending(path)
     found = _known().get(suffix)
     if found is None or (found.dumps if writing else found.loads) is None:
@@ -317,7 +317,7 @@ def losses(
     Examples
     --------
     >>> [loss.text for loss in losses(Mission((), cruise_speed_m_s=9.0), "field.waypoints")]
-    ['the speeds for estimates of time are not kept']
+    ['the cruise and hover speeds for time estimates are not kept']
     """
     chosen = _found(path, writing=True)
     if chosen.losses is not None:

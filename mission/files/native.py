@@ -80,7 +80,7 @@ _FILE = msgspec.json.Decoder(_File)
 
 
 def loads(data: bytes) -> Mission:
-    """Read a mission from the content of a file, or raise MissionFileError."""
+    """Read a mission from the content of a native mission file, or raise MissionFileError."""
     check_json(data, NATIVE_KIND)
     version = decode_json(data, _VERSION).version
     if version != VERSION:
@@ -113,7 +113,7 @@ def _items(items: list[_Item], name: str) -> tuple[MissionItem, ...]:
 
 
 def dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> str:  # noqa: ARG001  one signature for all
-    """Return a mission as text; `firmware` has no effect in this format.
+    """Return a mission as the text of a native mission file; `firmware` has no effect.
 
     >>> loads(dumps(Mission((MissionItem.waypoint(28.05, -82.15, 10.0),))).encode()).items[0].z
     10.0

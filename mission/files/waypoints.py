@@ -49,7 +49,7 @@ _COLUMNS = (
     *("seq", "current", "frame", "command", "param1", "param2", "param3", "param4"),
     *("x (latitude)", "y (longitude)", "z (altitude)", "autocontinue"),
 )
-# WPL 100 has action numbers, which are older than MAV_CMD; this is the MAV_CMD of each (pymavlink, mavwp.py).
+# MAV_CMD of each action number of WPL 100, which is older than MAV_CMD (pymavlink, mavwp.py).
 _ACTIONS_100 = {2: 22, 3: 20, 4: 21, 24: 22, 26: 21, 25: 16, 27: 17}
 
 
@@ -75,7 +75,7 @@ class _Row:
 
 
 def loads(data: bytes) -> Mission | WithNotes:
-    """Read a mission, a fence or rally points from the content of a file.
+    """Read a mission, a fence or rally points from the content of a waypoint list.
 
     The reader also accepts comments (``#``), any white space between columns, CRLF, headers of versions 100
     and 120, a missing home row, gaps in seq, a home row with command 0, and commands without a position in
@@ -99,8 +99,8 @@ def loads(data: bytes) -> Mission | WithNotes:
         if alone or version != "120":
             home = _home(rows.pop(0))
         if version == "120":
-            meaning = "home" if alone else "the first waypoint, as QGroundControl reads it, not home"
-            notes.append(f"version 120 does not mark home: row 0 is taken for {meaning}")
+            meaning = "home" if alone else "the first waypoint, not as home, as in QGroundControl"
+            notes.append(f"version 120 does not mark home: row 0 is read as {meaning}")
     flown = [row for row in rows if row.command not in _FENCE | _RALLY]
     mission = make_mission(
         resolve_jumps([row.seq for row in flown], ((f"line {row.line}", row.item()) for row in flown), "seq"),
@@ -139,7 +139,7 @@ def _rows(text: str) -> tuple[str, list[_Row]]:
 
 
 def _columns_of_100(words: list[str], line: int) -> list[str]:
-    """Return the columns of a version 100 row in the order of version 110."""
+    """Return the columns of a WPL 100 row in the order of WPL 110."""
     action = _whole(words[2], line, "action")
     if action not in _ACTIONS_100:
         raise MissionFileError(

@@ -117,8 +117,7 @@ class LinkAddress:
     host : str
         Host name or IP address; for ``serial``, the device.
     port : int
-        Port number, where 0 lets the system choose one for ``udpin`` and ``tcpin``; for ``serial``, the speed
-        (bit/s).
+        Port number (``udpin`` and ``tcpin``: 0 for any free port); for ``serial``, the speed (bit/s).
     """
 
     scheme: str
@@ -195,7 +194,7 @@ class MavlinkEndpoint:
     wanted : iterable of int, optional
         Message ids that `receive` returns; None returns all. Other messages are only checked and counted.
     tap : callable, optional
-        Called for each frame with the bytes and True if the frame was sent, False if received.
+        Called for each frame with its bytes, and with True for a sent or False for a received frame.
     signing : Signing, optional
         Signs sent frames and checks the signatures of received frames.
 

@@ -86,7 +86,7 @@ class WaitingDatagrams:
         self._held_bytes += more_bytes
 
     def _admit(self, peer: Any) -> _Share:
-        """Return the share of a new sender: its own share, or the share that later senders have together."""
+        """Return the share of a new sender: its own share, or the common share of later senders."""
         if len(self._shares) >= _SHARES - 1:
             weakest = min(self._shares, key=lambda known: self._shares[known].taken)
             if self._shares[weakest].waiting:
@@ -385,7 +385,7 @@ class Stream(ABC):
     def __init__(self, name: str, most_bytes: int) -> None:
         self.name = name
         self.dropped = 0
-        # Frames wait with the time of their `send`, which is infinite for the rest of a partly sent frame.
+        # A frame waits with the time of its `send`; the rest of a partly sent frame never expires (infinity).
         self._backlog: deque[tuple[float, bytes]] = deque()
         self._backlog_bytes, self._most_bytes = 0, most_bytes
 

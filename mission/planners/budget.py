@@ -41,7 +41,7 @@ class Budget(Protocol):
 
     The cost need not be a length: `wbf_mission` predicts seconds or watt hours with a model of the vehicle. A
     planner assumes only that denser paths usually cost more, and checks the cost of each path that it
-    returns. A budget may also be a `BatchBudget`, if it computes the costs of many paths together faster.
+    returns. A budget that computes many costs faster together than one by one is also a `BatchBudget`.
     """
 
     @property

@@ -265,7 +265,7 @@ def build_mission(
     count = len(points) + twice + 2 + (2 if camera else 0) + (ending if return_home else 0)
     if count > MAX_ITEMS:
         raise PlanningError(
-            f"planner {path.planner}: the path has {len(points)} points, a mission of {count} items; "
+            f"planner {path.planner}: the path's {len(points)} points make a mission of {count} items; "
             f"a vehicle stores at most {MAX_ITEMS}: use a smaller budget or a wider footprint"
         )
 
@@ -313,7 +313,7 @@ def _followed(
     *,
     homewards: bool,
 ) -> tuple[Points, NDArray[np.float64], NDArray[np.float64], int, int]:
-    """Return points, altitudes and holds over uneven ground, and how many were added before and after."""
+    """Return points, altitudes and holds over uneven ground, and how many come before and after the path."""
     way = np.vstack((home_xy_m, points, *([home_xy_m] if homewards else [])))
     places, altitudes, owner = heights.follow(way)
     # The take-off item replaces a waypoint at home.

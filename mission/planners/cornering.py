@@ -31,7 +31,7 @@ class Waypoints:
     points_m: Points  # Positions in metres of the farm frame, float64[n, 2].
     of_point: NDArray[np.int64]  # Index of the path point of each waypoint, ascending, int64[n].
     radius_m: float  # Acceptance radius; 0: the autopilot's default.
-    loiters: NDArray[np.int64]  # Number of times that the path repeats each point at once, int64[n].
+    loiters: NDArray[np.int64]  # Number of immediate repetitions of each point in the path, int64[n].
 
 
 @dataclass(frozen=True, slots=True)

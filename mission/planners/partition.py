@@ -89,7 +89,7 @@ def balanced(
 
     A vehicle's reach is the distance that it can fly. Rows with spacing s over a part of area A are A / s
     long. `ways_m` maps a vehicle's number and part to the length of approach and return. The areas are
-    corrected, up to 25 times, until the used fractions differ by less than 4 %; the best partition counts.
+    corrected, up to 25 times, until the used fractions differ by less than 4 %; the best areas are returned.
     """
     reach = np.asarray(reach_m, dtype=np.float64)
     shares = reach / reach.sum()
@@ -279,7 +279,7 @@ def _parts(area: Area, cells: Sequence[shapely.Polygon]) -> list[Area]:
 
 
 def _connected(pieces: list[list[shapely.Polygon]]) -> list[list[shapely.Polygon]]:
-    """Move all pieces but the largest of each part to the part with which they have the longest border."""
+    """Move each part's pieces, except the largest, to the part with which they share the longest border."""
     largest = [max(polygons, key=lambda piece: piece.area) for polygons in pieces]
     loose = [
         piece

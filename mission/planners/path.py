@@ -74,7 +74,7 @@ def path_length(path_xy_m: ArrayLike) -> float:
 
 
 def drop_coincident(path_xy_m: ArrayLike, tolerance_m: float = COINCIDENT_M) -> Points:
-    """Return the path without points that are closer than `tolerance_m` to the last point kept before them.
+    """Return the path without points that are closer than `tolerance_m` to the last kept point.
 
     >>> drop_coincident([[0.0, 0.0], [0.001, 0.0], [1.0, 0.0]]).tolist()
     [[0.0, 0.0], [1.0, 0.0]]

@@ -16,7 +16,7 @@ from mission.planners.terrain import TOLERANCE_M, Terrain, draw_places
 
 MAX_WAYPOINTS = 30_000
 _FIRST_BLOCK = 16
-_CUTS = 10  # Greatest number of trial lengths of the last leg.
+_CUTS = 10  # Greatest number of lengths tried for the last leg.
 _UNUSED = 1e-6  # Fraction of the budget that may remain unused.
 # Near positions are skipped if a circle with the least leg as radius covers a larger fraction of the area.
 _OFTEN = 1 / 6

@@ -214,7 +214,7 @@ def with_gaps(area: Area, gaps: Sequence[Polygon]) -> Area:
 def swept_lands(request: PlanningRequest) -> list[Area]:
     """Return the areas to try for rows: the area itself, with its enclosed gaps, and with all its gaps.
 
-    Neither is always better: rows that skip a pond are shorter than rows across it, but have more turns.
+    None of these is always best: rows that skip a pond are shorter than rows across it, but have more turns.
     """
     area = request.area
     if request.passable is None or not (gaps := gaps_of(area, request.passable)):
@@ -232,7 +232,8 @@ def swept_lands(request: PlanningRequest) -> list[Area]:
 def densest_over(request: PlanningRequest, plan: Callable[[Area], PlannedPath]) -> PlannedPath:
     """Call `plan` for each of the `swept_lands`, and return the path with the least spacing.
 
-    A path that skips gaps is chosen only if 5 % denser. If `plan` always fails, its PlanningError is raised.
+    A path that skips gaps is chosen only if it is 5 % denser. If `plan` always fails, its PlanningError is
+    raised.
     """
     lands = swept_lands(request)
     if len(lands) == 1:

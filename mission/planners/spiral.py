@@ -36,8 +36,8 @@ def spiral(
     inside a ring falls into pieces, each piece gets its own rings. Rings cross passable land between the
     parts of the area, unless rings without these crossings can lie at least 5 % closer together.
 
-    The search tries spacings down to the footprint, each 0.1 % smaller than the previous spacing. The spacing
-    that follows the chosen spacing would exceed the budget.
+    The search tries spacings down to the footprint, each 0.1 % smaller than the previous spacing. With the
+    next smaller spacing, the path would exceed the budget.
 
     Parameters
     ----------

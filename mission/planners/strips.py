@@ -62,7 +62,7 @@ class Swath:
         return _LEAST_UNSEEN * max(self.across_m, self.spacing_m) * max(self.along_m, self.spacing_m)
 
     def seen_from(self, path: Points) -> shapely.Geometry:
-        """Return the area covered by square images along a path; too small an area at turns above 97°."""
+        """Return the area that square images along a path cover (too small an area at turns above 97°)."""
         line = shapely.LineString(path) if path_length(path) > TOLERANCE_M else shapely.Point(path[0])
         return _valid(
             shapely.buffer(line, 0.5 * self.across_m, cap_style="square", join_style="mitre", mitre_limit=1.5)

@@ -45,7 +45,7 @@ MOST_PASSES = 20
 _EVERY_DEG = 30  # Step between the directions tried first, together with the directions of the hull's edges.
 _FINER_DEG = (12.0, 6.0, 3.0)  # Steps for refining the best direction.
 _HULL_ANGLES = 6
-# Longer paths are compared by length and number of turns, because predictions of all flights take minutes.
+# Longer paths are compared by length and number of turns: predicting all their flights takes minutes.
 _PRICED_M = 400_000.0
 _TURN_M = 20.0  # Length of a row that costs about as much as a turn.
 _LONGER = 2.5  # Layouts longer than this multiple of the shortest layout are not evaluated.
@@ -99,8 +99,7 @@ def survey(
     Raises
     ------
     PlanningError
-        If covering the whole area costs more than the budget; the text gives the cost. If a parameter is out
-        of range.
+        If the whole area costs more than the budget (the text names the cost) or a parameter is out of range.
 
     Examples
     --------
@@ -185,7 +184,7 @@ class _Plans:
         self._ring_lines = ring_strips(request.area, swath, passes)[0]
 
     def common(self, land: Area, angle_rad: float) -> Layout:
-        """Return the layout of the land that has the same row direction in all parts but narrow parts."""
+        """Return the layout of the land with this row direction in all parts except narrow parts."""
         return tuple((part, 0.0 if self.is_narrow(part) else angle_rad) for part in self.core(land))
 
     def core(self, land: Area) -> list[Polygon]:
@@ -209,7 +208,7 @@ class _Plans:
     def path(self, layout: Layout, *, exact: bool = False, returns: bool = True) -> Points:
         """Return the path of a layout.
 
-        With `exact`, transits are measured round corners and short legs are removed. With `returns`, the
+        With `exact`, transit lengths go round corners, and short legs are removed. With `returns`, the
         order of the cells takes the return to the start into account.
         """
         start = np.asarray(self.request.start_xy_m)
@@ -297,7 +296,7 @@ class _Search:
         return self._ranked()[0]
 
     def _ranked(self) -> list[Layout]:
-        """Return layouts, cheapest first; layouts that cover clearly less than others come last."""
+        """Return layouts, cheapest first; layouts that cover clearly less than other layouts come last."""
         enough = max(self._seen.values(), default=0.0) - _AS_MUCH
         return sorted(self._known, key=lambda layout: (self._seen[layout] < enough, self._known[layout]))
 
@@ -354,7 +353,7 @@ class _Search:
                 )
 
     def _cut(self, ways: Callable[[Polygon], list[list[Polygon]]]) -> None:
-        """Try the decompositions that `ways` finds for each part, with a common and with own directions."""
+        """Try each part's decompositions by `ways`, with a common row direction and with one per piece."""
         layout = self._best()
         angle = self._angle(layout)
         found: list[Layout] = []

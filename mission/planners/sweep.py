@@ -201,7 +201,7 @@ def sweep_angle(area: Area, direction: str | float | None = None) -> float:
     - ``"longest-side"``: along the longest straight side.
     - ``"fewest-turns"``: along the edge of the convex hull across which the area is narrowest.
     - A number: the angle itself. An angle that equals the angle of a hull edge to four decimals snaps to this
-      edge, because otherwise the outermost of rows almost parallel to a border would be lost.
+      edge, because rows almost parallel to a border would otherwise lose the outermost row.
     - None: ``"x"`` for an axis-aligned rectangle, as in the paper, otherwise ``"fewest-turns"``.
 
     Any other value raises PlanningError.

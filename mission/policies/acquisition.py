@@ -100,9 +100,9 @@ class Acquisition(Protocol):
 def expected_loss(observation: PolicyObservation) -> AcquisitionValues:
     """Return, for each cell, the expected loss of the current estimate; an observation would save this loss.
 
-    The loss is summed over the fields with their weights. For a field with class probabilities, it is the
-    expectation of the score's loss. For other fields, it is the variance of the estimate times the mean of
-    the two weights of squared errors (above and below the truth).
+    The loss is summed over the fields with their weights. For a field with class probabilities, the expected
+    loss is the expectation of the score's loss. For other fields, the expected loss is the variance of the
+    estimate times the mean of the two weights of squared errors (above and below the truth).
     """
     known = observation.model.expected_loss
     if known is not None:
@@ -170,7 +170,7 @@ class WithCoverage:
     reach: float = 3.0
 
     def __call__(self, observation: PolicyObservation, /) -> AcquisitionValues:
-        """Return the acquisition value of each cell, with the bonus."""
+        """Return the acquisition value of each cell, with the bonus for plants far from all observations."""
         values = self.acquisition(observation)
         if self.caution <= 0.0:
             return values
@@ -196,8 +196,8 @@ class WithCorrelationLength:
 
     Observations of a field with correlation length l also reduce the variance beside the track: a squared
     exponential process keeps only ``1 - exp(-d^2 / l^2)`` of its variance at a distance d. A step along the
-    track therefore saves the loss of a swath ``sqrt(pi) l`` wide, not only the loss of its cell. Diseases
-    keep their weights, because the route search itself adds the value of the cells beside the track.
+    track therefore saves the loss of a swath ``sqrt(pi) l`` wide, not only the loss of the step's cell.
+    Diseases keep their weights, because the route search itself adds the value of the cells beside the track.
 
     Parameters
     ----------

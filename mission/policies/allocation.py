@@ -47,9 +47,8 @@ def shared(vehicles: Sequence[VehicleReport], partition: str) -> dict[int, Area]
     """Return each vehicle's part of the land, by system id.
 
     Vehicles of equal reach get strips of equal area; the first vehicle gets the outer strip nearer to home.
-    Otherwise, and always with Voronoi cells, each vehicle's rows, approach and return use the same fraction
-    of its reach (`mission.planners.partition.balanced`). Vehicles that already have different areas keep
-    these areas.
+    Otherwise, and always with Voronoi cells, all vehicles fly the same fraction of their reach
+    (`mission.planners.partition.balanced`). Vehicles that already have different areas keep these areas.
     """
     check_partition(partition)
     area = vehicles[0].request.area
@@ -133,9 +132,9 @@ def reallocate(
 ) -> dict[int, tuple[Points, Share]]:
     """Return new paths and land of the vehicles `takers`, which take over the lost vehicles' unflown land.
 
-    Each of the `takers` gets a piece of this land, in proportion to its unused budget. It flies its path to
-    the end, then rows over the piece. If the budget allows no rows or only rows much farther apart, all its
-    unflown land is planned again. If even this costs too much, it keeps its path.
+    Each of the `takers` gets a piece of this land, in proportion to its unused budget, and flies its own
+    path, then rows over the piece. If the budget allows no rows or only rows much farther apart, all the
+    vehicle's unflown land is planned again. If even this costs too much, the vehicle keeps its path.
     """
     left = [shares[vehicle.system_id].unflown(vehicle) for vehicle in lost]
     flying = [vehicle for vehicle in takers if vehicle.system_id in shares]

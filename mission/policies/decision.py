@@ -154,7 +154,7 @@ def _checked_cost(name: str, vehicle: VehicleReport, points: Points) -> float:
     if len(points) and not cost <= vehicle.left + budget.limit * _OF_LIMIT:
         over = f"the budget of {budget.limit:g} {budget.unit}"
         if vehicle.spent > 0.0:
-            over = f"the {vehicle.left:.6g} {budget.unit} that are left of {budget.limit:g}"
+            over = f"the {vehicle.left:.6g} {budget.unit} left of the budget of {budget.limit:g}"
         msg = f"{who} returned a path that takes {cost:.6g} {budget.unit}, over {over}"
         raise AnswerError(msg, "over the budget")
     area = vehicle.request.room

@@ -87,7 +87,7 @@ class MapPolicy(ABC):
 
     reason: ClassVar[str]
     """Reason shown in the record of each decision."""
-    _wider: ClassVar[dict[str, tuple[float, float]]] = {}  # Bounds that replace those in `_BOUNDS`
+    _wider: ClassVar[dict[str, tuple[float, float]]] = {}  # Bounds in place of the bounds in `_BOUNDS`
 
     acquisition: str | Acquisition = "expected-loss"
     share: float = 0.12

@@ -84,8 +84,8 @@ class TravelCost(Protocol):
     def change(self, points_m: Points) -> float:
         """Return the additional cost of switching from the current path to another path.
 
-        The cost is 0 if the vehicle keeps its speed during the change, as with most autopilots. Only if the
-        cost is above 0, a policy needs to compare a new path with the current path.
+        The cost is 0 if the vehicle keeps its speed during the change, as with most autopilots. A policy
+        needs to compare a new path with the current path only if the cost is above 0.
         """
 
 
@@ -265,7 +265,7 @@ class GeometricTravelCost:
     def rest(self, paths_m: Sequence[Points]) -> list[float]:
         """Return the cost of each path from the position, plus the return if the budget counts it.
 
-        A point that is repeated costs nothing, because in flight it only joins two pieces of a path.
+        A repeated point costs nothing, because in flight the repetition only joins two pieces of a path.
         """
         here = np.asarray(self.position_m, dtype=np.float64)
         return [self.budget.cost(np.vstack((here, drop_coincident(path)))) for path in paths_m]

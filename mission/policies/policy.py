@@ -160,7 +160,7 @@ class FixedPlan:
         who = ", ".join(str(vehicle.system_id) for vehicle in lost)
         return Decision(
             {system_id: points for system_id, (points, _) in taken.items()},
-            reason=f"the rest of lost vehicle {who} is handed over",
+            reason=f"the unflown land of lost vehicle {who} is taken over",
         )
 
 
@@ -217,7 +217,7 @@ def make_policy(policy: str | Policy, /, **parameters: Any) -> Policy:
     if not isinstance(policy, str):
         if inspect.isclass(policy) or not isinstance(policy, Policy):
             what = policy.__name__ if inspect.isclass(policy) else type(policy).__name__
-            fault = "is a class; give an object of it" if inspect.isclass(policy) else "is no policy"
+            fault = "is a class; give an instance of it" if inspect.isclass(policy) else "is no policy"
             msg = f"policy {what} {fault}: a policy has triggers, start() and decide(observation)"
             raise PlanningError(msg)
         if parameters:

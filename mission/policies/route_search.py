@@ -132,7 +132,7 @@ def pool(left: Any, shares: Any, x_0: int, x_1: int, y_0: int, y_1: int, out: An
                 share = shares[i - x + radius, aside + radius]
                 low, high = max(first, -aside), min(end, height - aside)
                 if low < high:
-                    # Numba vectorises an inner loop only if it starts at 0.
+                    # Numba vectorises an inner loop only if the loop index starts at 0.
                     seen, taken = left[i, low + aside : high + aside], out[x, low:high]
                     for k in range(high - low):
                         taken[k] += share * seen[k]
@@ -241,7 +241,7 @@ def _expand(
 
 @compiled
 def _insert(ranks: Any, ends: Any, parents: Any, rank: float, end: Any, node: int) -> None:
-    """Insert a route into its group (sorted, best first), unless all routes of the group are as good."""
+    """Insert a route into its group (sorted, best first), unless all its routes are at least as good."""
     k = len(ranks) - 1
     if rank <= ranks[k]:
         return

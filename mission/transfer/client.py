@@ -397,7 +397,7 @@ class ClientTransfer(ABC):
         return self._failed(FailureReason.REFUSED, text, message.type, notify=False)
 
     def _fail_given_up(self, message: wire.AckMessage, now_s: float) -> Output:
-        """Fail as refused, and cancel, because a vehicle that still expects items refuses the next COUNT."""
+        """Fail as refused, and cancel the transfer: a vehicle that expects items refuses the next COUNT."""
         refused = self._fail_refused(message, now_s)
         return Output((wire.ack(self.target, wire.OPERATION_CANCELLED, self.mission_type),)) + refused
 

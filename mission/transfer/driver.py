@@ -260,8 +260,7 @@ class TransferDriver(Closing):
         Raises
         ------
         LocalTransferError
-            If a plan cannot be sent, or the autopilot would refuse it. No message has been sent in that
-            case.
+            If a plan cannot be sent, or the autopilot would refuse it; nothing has been sent in that case.
         RemoteTransferError
             If the vehicle refuses, does not answer, or holds a different plan afterwards.
         LinkError

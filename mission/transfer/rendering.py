@@ -127,7 +127,7 @@ def refuse_errors(rendered: Rendered, *, arming: bool = True) -> None:
 
 
 def _merged(remarks: list[Remark]) -> list[Remark]:
-    """Merge equal remarks on the same command into the first of them."""
+    """Merge equal remarks on the same command into the first remark."""
     alike: dict[Remark, list[Remark]] = {}
     for remark in remarks:
         alike.setdefault(replace(remark, item=None, others=()), []).append(remark)
@@ -167,7 +167,7 @@ class _Writer:
         return placed is None or unplaced is None or command in placed or command in unplaced
 
     def replace_unknown(self) -> None:
-        """Replace or remove unknown commands for which a substitute is known; add errors for the others."""
+        """Replace unknown commands by their substitutes, or add an error if there is no substitute."""
         commands = {item.command for _, item in self.entries}
         unknown = {command for command in commands if not self._knows(command)}
         written = []
@@ -278,7 +278,7 @@ class _Writer:
             if problem is not None:
                 self._say(number, Severity.ERROR, *problem)
             elif item.frame in GLOBAL_FRAMES and abs(item.z) >= dialect.highest_m:
-                text = f"altitude {item.z:g} m: {name} takes less than {dialect.highest_m:g} m"
+                text = f"altitude {item.z:g} m: {name} accepts altitudes below {dialect.highest_m:g} m"
                 self._say(number, Severity.ERROR, text, "fly lower")
             elif (
                 dialect.roi_modes is not None
@@ -290,7 +290,7 @@ class _Writer:
                 self._say(number, Severity.ERROR, text, "use DO_SET_ROI_LOCATION")
 
     def _frame_problem(self, command: int, frame: int) -> tuple[str, str] | None:
-        """Return the problem of a position command in a frame, and the fix, or None without a problem."""
+        """Return why the autopilot refuses a command with a position in this frame, and the fix, or None."""
         profile = self._profile
         without = frame == Frame.MISSION and profile.unplaced is not None
         if without and command not in (profile.unplaced or ()):
@@ -332,7 +332,7 @@ class _Writer:
                 self.entries[k] = (number, replace(item, param1=there))
         most = self._dialect.most_jumps
         if most is not None and jumps > most:
-            text = f"{jumps} DO_JUMP items: many {self._profile.name} boards count only {most}"
+            text = f"{jumps} DO_JUMP items: many {self._profile.name} boards can repeat only {most} of them"
             self._say(None, Severity.WARNING, text, "fly the mission in parts")
 
     def remark_ignored(self) -> None:

@@ -68,7 +68,7 @@ def _always(result: int) -> Callable[[Profile], int]:
 
 
 def _where_denied(result: int) -> Callable[[Profile], int | None]:
-    """Return ``result`` for an autopilot that sends DENIED while busy; None for others, which send a text."""
+    """Return ``result`` if the autopilot sends DENIED while busy; None if it sends a STATUSTEXT instead."""
     return lambda profile: int(result) if profile.busy_result == wire.DENIED else None
 
 
@@ -409,7 +409,7 @@ class MissionServer(ServerInputs):
         """End the upload after a timeout."""
         session = self._session
         item = f"item {session.expected} of {session.count}"
-        text = f"{item} did not come in {self.profile.abort_s:g} s"
+        text = f"{item} did not arrive within {self.profile.abort_s:g} s"
         said = StatusText(session.type, _CRITICAL, self.profile.timeout_text)
         events = (*self._given_up(FailureReason.TIMEOUT, text), said)
         if self.profile.abort_result is None:
@@ -517,7 +517,7 @@ class MissionServer(ServerInputs):
         """End the download, because the request skips items."""
         following = self._session.next
         said = self._status(self.profile.text_prefix + f"REJ. request of {message.seq}: next is {following}")
-        text = f"item {message.seq} was requested, {following} is next"
+        text = f"item {message.seq} was requested, but item {following} is next"
         failed = self._failed(FailureReason.BROKEN, text)
         return self._answer(wire.ERROR, message.mission_type, sender, failed, said)
 
@@ -534,6 +534,6 @@ class MissionServer(ServerInputs):
         session = self._session
         if session.all_sent:
             return Output(events=(self._failed(FailureReason.TIMEOUT, "the last item was never confirmed"),))
-        text = f"item {session.next} was not requested in {self.profile.abort_s:g} s"
+        text = f"item {session.next} was not requested within {self.profile.abort_s:g} s"
         said = StatusText(session.type, _CRITICAL, "Operation timeout")
         return Output(events=(self._failed(FailureReason.TIMEOUT, text), said))

@@ -401,7 +401,7 @@ class ServerInputs:
         return _I.ACK_DONE if session.all_sent else _I.ACK_OTHER
 
     def _read_item(self, message: wire.ItemMessage) -> tuple[MissionItem | None, int]:
-        """Return the item of a message and its MAV_MISSION_RESULT."""
+        """Return the item of a message, and the MAV_MISSION_RESULT for the item."""
         kind = self._session.type
         if self._store.home_items(kind) and message.seq == 0:
             return MissionItem(Command.NAV_WAYPOINT), int(wire.ACCEPTED)

@@ -43,7 +43,7 @@ class UncheckedItem(MissionItem):
 
 
 def validate_numbers(message: wire.ItemMessage, profile: Profile) -> int:
-    """Return the MAV_MISSION_RESULT for a received item, as some parameters must not be NaN."""
+    """Return the MAV_MISSION_RESULT for the numbers of a received item; some parameters must not be NaN."""
     if profile.nan_parameters is None:
         return int(wire.ACCEPTED)
     allowed = profile.nan_parameters.get(message.command, frozenset())

@@ -65,7 +65,7 @@ def check_plan(items: Sequence[MissionItem], mission_type: MissionType) -> None:
     mission.transfer.events.LocalTransferError: item 1: command 5100 does not belong in a mission plan
     """
     if len(items) >= wire.MAX_ITEMS:
-        msg = f"{len(items)} items: MAVLink needs fewer than {wire.MAX_ITEMS}; send a shorter plan"
+        msg = f"{len(items)} items: MAVLink allows fewer than {wire.MAX_ITEMS}; send a shorter plan"
         raise LocalTransferError(msg)
     for sequence, item in enumerate(items):
         if plan_of(item.command) != mission_type:

@@ -254,7 +254,7 @@ class VerifiedUpload:
         )
 
     def _continue(self, output: Output, now_s: float) -> Output:
-        """Begin the next step if an upload or download has ended; its output replaces their last event."""
+        """If an upload or download has ended, begin the next step, whose output replaces the last event."""
         for event in output.events:
             if isinstance(event, Progress) and self._part is self._upload:
                 self._sent = event.done

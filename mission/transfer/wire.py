@@ -96,7 +96,7 @@ _MEANINGS = {
     11: "the longitude (y, parameter 6) of an item is invalid",
     12: "the altitude (z, parameter 7) of an item is invalid",
     INVALID_SEQUENCE: "an item came out of order",
-    DENIED: "commands from here are not accepted; another ground station may be transferring",
+    DENIED: "mission commands of this sender are not accepted; another station may be transferring a plan",
     OPERATION_CANCELLED: "the transfer was cancelled",
 }
 

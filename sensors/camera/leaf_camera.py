@@ -23,7 +23,7 @@ MAX_FOOTPRINT_CELLS = 64
 NOWHERE_M = 1e7
 """East and north offset (m) of an image that shows no ground: a place outside every farm."""
 MOST_READINGS = 1 << 24
-"""Most readings that can be numbered: 32-bit floats hold all whole numbers up to this limit exactly."""
+"""Largest number of a reading: 32-bit floats hold all whole numbers up to this limit exactly."""
 _FARTHEST_M = 10_000.0
 # Rounding to single precision tilts a vertical axis by at most this angle (rad, less than 0.01 degrees).
 _STRAIGHT = 5e-5

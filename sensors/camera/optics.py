@@ -17,7 +17,7 @@ from sensors.errors import CameraError
 
 MOST_OVERLAP = 0.95
 BLUR_PX = 1.0
-"""Default limit of motion blur, which is how many pixels the ground moves in the image during an exposure."""
+"""Default limit of motion blur: the ground's movement in the image during an exposure (pixels)."""
 
 
 @dataclass(frozen=True, slots=True)

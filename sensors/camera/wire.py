@@ -156,8 +156,9 @@ class ObservationAssembler:
         if not self.statistics.other_fields:
             return None
         sensed = self._announcement.fields
-        other = f"the camera senses {', '.join(sensed)}" if sensed else "the camera senses other fields"
-        return f"{other}, expected {', '.join(self._layout.fields)}; give both sides the same fields"
+        found = f"{', '.join(sensed)} instead of" if sensed else "other fields than"
+        expected = ", ".join(self._layout.fields)
+        return f"the camera senses {found} {expected}; give this command and the camera the same fields"
 
     def _add_image(self, message: Any) -> None:
         index: int = message.image_index

@@ -132,7 +132,7 @@ class _DailyCourse:
 
 @dataclass(frozen=True, slots=True)
 class Measured(ContinuousDynamics):
-    """Prior of a field that is only measured: without a model, the field cannot be simulated.
+    """Prior of a field that is only measured, because no model to simulate the field is known.
 
     Values are normally distributed about the mean of the readings. Readings of all days count equally.
 
@@ -172,7 +172,7 @@ class Measured(ContinuousDynamics):
         )
 
 
-# The smoothing Gaussian is cut at this many standard deviations; beyond lies less than 1e-4 of its weight.
+# The smoothing Gaussian is cut at this many standard deviations; the cut tails weigh less than 1e-4.
 _TRUNCATED_AT = 4.0
 
 

@@ -43,7 +43,7 @@ NEVER = -1
 """Onset of a cell that was never infected."""
 NO_HOST = -2
 """Onset of a cell that cannot be infected."""
-_STRIP_ROWS = 64  # The hosts of this many rows are listed at once, in 2.5 MB on Waterberry
+_STRIP_ROWS = 64  # Hosts are listed for this many rows at a time, which takes 2.5 MB on Waterberry
 _VALUES = {SUSCEPTIBLE: 1.0, REMOVED: 0.0, IMMUNE: 1.0}
 
 Draws = Callable[[NDArray[np.intp]], NDArray[np.float64]] | NDArray[np.float64]
@@ -167,7 +167,7 @@ class EpidemicParameters:
     def on_window(self, shape: tuple[int, int], seeds: int) -> EpidemicParameters:
         """Return the parameters for simulating only a window of a farm of this shape (cells).
 
-        The kernel gets the size that it has on the whole farm; by the window's width it could be smaller.
+        The kernel keeps its size on the whole farm; the width of the window might give a smaller kernel.
 
         >>> TYLCV.on_window((100, 100), seeds=2).kernel_size
         5

@@ -157,7 +157,7 @@ def _profiles(corners: NDArray[np.int64], cells: int, side: int, spread: float) 
 def hump_factors(
     corners: NDArray[np.int64], shape: tuple[int, int], parameters: SoilParameters
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return two matrices, float64[W, k] and float64[k, H], with the sum of all humps as their product."""
+    """Return two matrices, float64[W, k] and float64[k, H], whose product is the sum of all humps."""
     sides = parameters.hump_sides(shape)
     along_x = _profiles(corners[:, 0], shape[0], sides[0], parameters.spread)
     along_y = _profiles(corners[:, 1], shape[1], sides[1], parameters.spread)
@@ -167,7 +167,7 @@ def hump_factors(
 def rain_factors(
     shower: Shower, shape: tuple[int, int], parameters: SoilParameters
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Return two matrices with a shower's rain as their product, scaled to the shower's mean.
+    """Return two matrices whose product is a shower's rain, scaled to the shower's mean.
 
     Return None if all humps are off the farm, so that no rain falls.
     """

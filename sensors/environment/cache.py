@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 LIMIT_VARIABLE = "WBF_MISSION_ENVIRONMENT_CACHE_MB"
 DEFAULT_LIMIT_MB = 2000
 CACHED_FROM_CELLS = 1_000_000
-"""Farms with at least this number of cells are cached; smaller farms are generated faster than read."""
+"""Farms with at least this number of cells are cached; on smaller farms generating is faster than reading."""
 
 _ENTRY = re.compile(r"[0-9a-f]{32}")
 _LEFTOVER = re.compile(r"\.[0-9a-f]{32}\.(partial|older)")
@@ -161,7 +161,7 @@ MOST_CELLS = 100_000
 
 
 class EnvironmentMemory:
-    """Cache in memory of the small environments that were used last.
+    """In-memory cache of the small environments that were used last.
 
     Examples
     --------

@@ -219,7 +219,7 @@ class Environment:
         return self._levels[name, day].whole()
 
     def values(self, day: int, out: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
-        """Return E on a kept day, float32[n, W, H], in the array `out` if it is given.
+        """Return the true values of all fields on a kept day, float32[n, W, H], in `out` if it is given.
 
         The value of a disease is 1.0 for healthy plants and land without host plants, 0.5 for infected plants
         and 0.0 for lost plants. Raise EnvironmentDataError if the day is not kept.
@@ -230,7 +230,7 @@ class Environment:
         return values
 
     def truth(self, day: int) -> NDArray[np.float32]:
-        """Return `values` of a kept day; on a large farm return a `LazyFields`, which takes no memory."""
+        """Return the true values on a kept day; on a large farm as a `LazyFields`, which takes no memory."""
         if self.shape[0] * self.shape[1] < LARGE_FROM_CELLS:
             return self.values(day)
         self._check_day(day)
@@ -238,7 +238,7 @@ class Environment:
         return cast("NDArray[np.float32]", lazy)
 
     def _columns(self, day: int, field: int, columns: slice) -> NDArray[np.float32]:
-        """Return E of one field on a kept day in some columns of the farm, float32[columns, H]."""
+        """Return one field's true values on a kept day in some columns of the farm, float32[columns, H]."""
         part = columns, slice(0, self.shape[1])
         values = np.empty((columns.stop - columns.start, self.shape[1]), np.float32)
         for index, layer, table in self._diseases[day]:
@@ -250,7 +250,7 @@ class Environment:
         return values
 
     def window(self, day: int, x: slice, y: slice) -> NDArray[np.float32]:
-        """Return E in a window of the farm on a kept day (see `values`), a new array float32[n, w, h].
+        """Return all fields' true values in a window of the farm on a kept day, as a new float32[n, w, h].
 
         The slices have no step; a missing start or stop means the farm's border. Only chunks in the window
         are decoded. Raise EnvironmentDataError if the day is not kept or the window is off the farm.
@@ -283,7 +283,7 @@ class Environment:
             values[index] = read(level)
 
     def sample(self, day: int, ix: ArrayLike, iy: ArrayLike) -> NDArray[np.float32]:
-        """Return E of n fields at k cells on a kept day, float32[k, n], without decoding the whole day.
+        """Return the true values at k cells on a kept day, float32[k, n]; only the cells' chunks are decoded.
 
         Raise EnvironmentDataError if the day is not kept, a cell is off the farm, or an index is no integer.
         """
@@ -311,7 +311,7 @@ class Environment:
         return samples
 
     def _sample_few(self, day: int, cells: list[tuple[int, int]]) -> NDArray[np.float32]:
-        """Return E at a few cells on the farm, float32[k, n]; a loop is faster than array operations here."""
+        """Return true values at a few cells, float32[k, n]; a loop is faster than array operations here."""
         samples = np.empty((len(cells), len(self.fields)), np.float32)
         diseases, layers = self._diseases[day], self._layers[day]
         for k, (x, y) in enumerate(cells):
@@ -323,7 +323,7 @@ class Environment:
 
 
 def _fill_disease(field: NDArray[np.float32], onset: NDArray[np.int8], table: NDArray[np.float32]) -> None:
-    """Fill `field`, float32[w, h], with E of a disease; `table` gives the value for each onset."""
+    """Fill `field`, float32[w, h], with the values of a disease; `table` gives the value for each onset."""
     field.fill(1.0)
     # Few cells are ever infected, so setting only these cells is several times faster than looking up all.
     if onset.flags.c_contiguous and field.flags.c_contiguous:
@@ -335,7 +335,7 @@ def _fill_disease(field: NDArray[np.float32], onset: NDArray[np.int8], table: ND
 
 
 def _few_cells(ix: ArrayLike, iy: ArrayLike, shape: tuple[int, int]) -> list[tuple[int, int]]:
-    """Return two short integer arrays as pairs; an empty list for other input or for cells off the farm."""
+    """Return the cells of two short integer arrays as pairs; [] for other input or cells off the farm."""
     if not (isinstance(ix, np.ndarray) and isinstance(iy, np.ndarray)) or ix.ndim != 1 or ix.size > _FEW:
         return []
     if ix.shape != iy.shape or ix.dtype.kind not in "iu" or iy.dtype.kind not in "iu":

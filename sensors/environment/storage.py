@@ -33,7 +33,7 @@ def load_environment(path: str | os.PathLike[str], *, lazy: bool = True) -> Envi
     """Load an environment from a folder that `save_environment` or `generate_environment` wrote.
 
     With `lazy`, data are decoded on demand, not all at once. If a file is missing or invalid, raise
-    EnvironmentDataError, which names the file. Later decoding may raise it, too.
+    EnvironmentDataError, which names the file. Later decoding may also raise EnvironmentDataError.
     """
     store = open_store(path)
     store.check()

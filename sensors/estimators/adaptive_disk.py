@@ -28,15 +28,15 @@ class AdaptiveDiskEstimator(BaseEstimator):
     """The paper's adaptive disk. A cell has the value of the latest observation whose disk covers the cell.
 
     The radius shrinks as observations arrive, so that all disks together have about twice the farm's area
-    (`sensors.estimators.disks.adaptive_radius`). A field's disks are those of observations that sensed the
-    field. The uncertainty is 0 inside disks and 1 elsewhere.
+    (`sensors.estimators.disks.adaptive_radius`). A field's disks are the disks of the observations that
+    sensed the field. The uncertainty is 0 inside disks and 1 elsewhere.
 
     The model is changed in place. While the radius is constant, an update writes only the cells of the new
     disks. When the radius shrinks, an update writes all cells of old and new disks. Readings beyond 0..1 can
     only be noise and are clipped.
 
     Readings of earlier days are carried forward by the field's dynamics (`sensors.estimators.days`). The
-    uncertainty of a carried reading is the remaining fraction of the variance.
+    uncertainty of a carried reading is its variance as a fraction of the variance without a reading.
 
     Parameters
     ----------

@@ -65,7 +65,7 @@ class Estimator(Protocol):
         ...
 
     def partial_fit(self, observations: Observations) -> Self:
-        """Learn from further observations, made after all earlier ones."""
+        """Learn from further observations, made after all earlier observations."""
         ...
 
     def predict(self) -> InformationModel:
@@ -113,7 +113,7 @@ _KINDS = {type(None): "None", np.ndarray: "an array"}
 
 
 class BaseEstimator(ABC):
-    """Base class of estimators that stores the farm, validates observations, and names parameters.
+    """Base class of estimators: stores the farm, validates observations, and accesses parameters by name.
 
     A subclass stores its parameters in ``__init__`` and has three methods: ``_start`` validates the
     parameters and starts over on a new farm, ``_learn`` learns from at least one validated observation, and
@@ -185,7 +185,7 @@ class BaseEstimator(ABC):
         """
         self._check_fitted("advance")
         if self.latest_day_ is not None and day < self.latest_day_:
-            msg = f"{type(self).__name__}.advance: day {day} is over, as day {self.latest_day_} was reached"
+            msg = f"{type(self).__name__}.advance: day {day} is over; give day {self.latest_day_} or later"
             raise EstimatorError(msg)
         self._reach(day)
         return self
@@ -284,7 +284,7 @@ def advance_estimator(estimator: Estimator, day: int) -> None:
 
 
 def estimator_memory(estimator: Estimator, shape: tuple[int, int], n_observations: int) -> int:
-    """Return the bytes that an estimator needs, by its method `memory_bytes` or else its model's size."""
+    """Return the bytes that an estimator needs: the result of `memory_bytes`, or else its model's size."""
     own = getattr(estimator, "memory_bytes", None)
     width, height = shape
     return (

@@ -1,10 +1,10 @@
 """Predicts the values of a day from readings of earlier days.
 
-A reading is replaced by the mean of the later value given the reading, with the variance given the reading.
-This is the prediction step of a Kalman filter (Kalman 1960, "A new approach to linear filtering and
-prediction problems"). The transition is learned from simulated environments with separate seeds. A disease
-has transitions between its classes: infected plants age, and lost plants stay lost. A continuous field's
-later values are predicted from earlier values by linear regression.
+A reading is replaced by the conditional mean and variance of the later value, given the reading. This is the
+prediction step of a Kalman filter (Kalman 1960, "A new approach to linear filtering and prediction
+problems"). The transition is learned from simulated environments with separate seeds. A disease has
+transitions between its classes: infected plants age, and lost plants stay lost. A continuous field's later
+values are predicted from earlier values by linear regression.
 
 A smooth field, such as soil humidity under rain, changes by a smooth increment per day. The errors of an
 earlier day's readings are therefore correlated, and an average of many readings does not remove these errors.
@@ -34,7 +34,7 @@ _OUTBREAKS = 100
 _WEATHERS = 64
 _SOIL_CELLS = 24
 _DAYS_AT_ONCE = 16
-_LEAST_CORRELATION = 1e-3  # Above zero, because readings are divided by the correlation
+_LEAST_CORRELATION = 1e-3  # Not zero, because readings are divided by the correlation
 _CLASSES = (0.0, 0.5, 1.0)
 _Floats = NDArray[np.float64]
 
@@ -80,7 +80,7 @@ def carried(
     day: int,
     seed: int = 0,
 ) -> tuple[_Floats, _Floats]:
-    """Carry readings of several days forward to `day`; return values and remaining fractions of variance."""
+    """Carry readings of several days forward to `day`; return values, and each `Transition.doubt` (0..1)."""
     value, doubt = np.asarray(values, np.float64).copy(), np.zeros(len(values))
     for earlier in np.unique(days[days < day]).tolist():
         of_day = days == earlier

@@ -111,8 +111,8 @@ class DiskMap:
     def outstanding(self) -> Painting:
         """Return the disks to paint, and mark them as painted.
 
-        Only the new disks must be painted, but all disks if the radius has changed. The tiles to paint are
-        all tiles that these disks touch and, if the radius has changed, all tiles that the old disks touch.
+        After a change of the radius, all disks must be painted, otherwise only the new disks. The tiles to
+        paint are the tiles that these disks touch and, after a change, those that the old disks touch.
         """
         n = len(self._cells)
         radius = 0 if n == 0 else self._fixed_radius or adaptive_radius(n, self.shape)

@@ -72,7 +72,7 @@ def _spiral(sides: tuple[int, int], rng: Generator) -> Cells:
 
 
 def _legs(points: list[tuple[float, float]]) -> Cells:
-    """Return the cells on straight legs between points, about one cell per step of one cell's length."""
+    """Return the cells on straight legs between points, one cell for about each cell length of a leg."""
     corners = np.array(points)
     parts = [np.floor(corners[:1])]
     for begin, end in itertools.pairwise(corners):

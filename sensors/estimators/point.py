@@ -22,8 +22,8 @@ class PointEstimator(BaseEstimator):
     """Estimates an observed cell by its last reading, and any other cell by the default.
 
     The uncertainty is 0 in observed cells and 1 elsewhere. Readings of earlier days are carried forward by
-    the field's dynamics (`sensors.estimators.days`); the uncertainty of a carried reading is the remaining
-    fraction of the variance. Readings beyond 0..1 can only be noise and are clipped.
+    the field's dynamics (`sensors.estimators.days`); the uncertainty of a carried reading is its variance as
+    a fraction of the variance without a reading. Readings beyond 0..1 can only be noise and are clipped.
 
     Parameters
     ----------

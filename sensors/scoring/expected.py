@@ -141,7 +141,7 @@ def probability_of_sick(model: InformationModel, k: int, cells: NDArray[np.bool_
 
 
 def of_classes(probability: NDArray[np.floating], sick: NDArray[np.bool_]) -> dict[str, float]:
-    """Return the calibration measures of float[n] probabilities that plants are sick.
+    """Return the calibration measures of the probabilities, float[n], that plants are sick.
 
     Examples
     --------
@@ -166,7 +166,7 @@ def of_classes(probability: NDArray[np.floating], sick: NDArray[np.bool_]) -> di
 def of_normal(
     truth: NDArray[np.floating], value: NDArray[np.floating], deviation: NDArray[np.floating]
 ) -> dict[str, float]:
-    """Return the calibration measures of float[n] normal distributions with these means and deviations.
+    """Return the calibration measures of normal distributions with these means and deviations, float[n].
 
     Examples
     --------

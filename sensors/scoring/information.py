@@ -24,7 +24,7 @@ CLASSES = ("healthy", "infected", "lost")
 """Classes of plants, in the order that class probabilities have."""
 HELD = 0.9
 """Fraction of the unobserved sick plants that the set `InformationModel.may_be_sick` should contain."""
-_CERTAIN = 1e-6  # A certain plant's probability may differ from 1 by this much, by rounding
+_CERTAIN = 1e-6  # Rounding error of the probability of a plant whose class is certain
 
 TILE_CELLS = 64
 SQUARES, WORSE_SQUARES, ABSOLUTE, WORSE_ABSOLUTE = range(4)

@@ -149,7 +149,7 @@ class RunningScore:
             msg = f"score: masks are {masks.dtype}{list(masks.shape)}, expected bool[{len(fields)}, W, H]"
             raise EstimatorError(msg)
         if len(weights.field) != len(fields):
-            msg = f"score: weights of {len(weights.field)} fields, expected {', '.join(fields.names)}"
+            msg = f"score: {len(weights.field)} weights for the fields {', '.join(fields.names)}"
             raise EstimatorError(msg)
         self._parts = [_ScoredField(k, masks, weights) for k in range(len(fields))]
         self.fields = fields.names

@@ -160,7 +160,7 @@ def test_cells_outside_and_nowhere() -> None:
     ("change", "text"),
     [
         ({"width_cells": 0}, "has no cells"),
-        ({"width_cells": 10**6, "height_cells": 10**6}, "larger than"),
+        ({"width_cells": 10**6, "height_cells": 10**6}, "more than"),
         ({"cell_size_m": 0.0}, "is not positive"),
         ({"cell_size_m": float("nan")}, "is not positive"),
         ({"owner": "nobody"}, "no patch belongs to the owner 'nobody'"),

@@ -52,8 +52,8 @@ def areas(farm: Farm) -> list[tuple[str, str, float]]:
     [
         ("macos.zip", 3.00, CROP_NOTE),
         ("dji_mapping.kmz", 4.12, "feature 1 ('patch 1'): an open ring was closed over 221.83 m"),
-        ("label.geojson", 3.19, "1 left out, points that are neither home nor rally: Silo"),
-        ("tramline.geojson", 3.19, "1 left out, lines: tramline"),
+        ("label.geojson", 3.19, "1 feature left out (points that are neither home nor rally): Silo"),
+        ("tramline.geojson", 3.19, "1 feature left out (lines): tramline"),
         ("bare_feature.geojson", 4.12, CROP_NOTE),
         ("missionplanner.poly", 4.12, CROP_NOTE),
     ],
@@ -85,11 +85,11 @@ def test_what_is_no_land_is_left_out_and_told() -> None:
     farm = loaded(json.dumps(document))
     assert [name for name, *_ in areas(farm)] == ["a", "b"]
     assert farm.notes == (
-        "3 left out, points that are neither home nor rally: Silo, feature 3, feature 9",
-        "5 left out, without geometry: nowhere, deleted, feature 10, without, feature 12",
-        "2 left out, lines: tramline, tramlines",
+        "3 features left out (points that are neither home nor rally): Silo, feature 3, feature 9",
+        "5 features left out (without geometry): nowhere, deleted, feature 10, without, feature 12",
+        "2 features left out (lines): tramline, tramlines",
     )
-    with pytest.raises(FarmError, match=r"holds no polygons: 3 left out, points .*; draw the fields as pol"):
+    with pytest.raises(FarmError, match=r"holds no polygons: 3 features left out .*; draw the fields as pol"):
         loaded(json.dumps({"type": "FeatureCollection", "features": LABELS}))
 
 

@@ -302,9 +302,10 @@ def test_wrong_axis_order(tmp_path: Path) -> None:
         ({"origin": "here"}, '"origin"'),
         ({"origin": [0, 0]}, 'from the farm\'s "origin"'),
         ({"origin": [LON + 0.0005, LAT]}, "south or west"),
+        ({"rally": [[LON, LAT]] * 101}, "has 101 rally points; give at most 100"),
         ({"size_cells": [5]}, "size_cells"),
         ({"size_cells": [10, 10]}, "less than the patches need"),
-        ({"size_cells": [10**7, 10**7]}, "larger than"),
+        ({"size_cells": [10**7, 10**7]}, "more than"),
         ({"size_cells": [10**12, -1]}, "is not a usable"),
         ({"name": True}, '"name"'),
         ({"name": "\t"}, '"name"'),
@@ -456,7 +457,7 @@ def test_large_farms_get_larger_cells_unless_the_file_says_otherwise(tmp_path: P
 
 def test_absurd_sizes(tmp_path: Path) -> None:
     wide = document(feature(), feature([ring(0.09, 0.09)]), cell_size_m=0.05)
-    assert "larger than" in refused(tmp_path, wide)
+    assert "more than" in refused(tmp_path, wide)
     zigzag = [[LON + 0.01 * (k % 2), LAT + 1e-6 * k] for k in range(3000)]
     comb = [*zigzag, [LON + 0.02, LAT + 0.003], [LON + 0.02, LAT], zigzag[0]]
     assert "too detailed" in refused(tmp_path, document(feature([comb]), cell_size_m=0.1))
@@ -491,7 +492,7 @@ def test_numbers_beyond_floats(tmp_path: Path) -> None:
 
 
 def test_only_obstacles(tmp_path: Path) -> None:
-    assert "obstacles only" in refused(tmp_path, document(feature(obstacle=True)))
+    assert "only obstacles" in refused(tmp_path, document(feature(obstacle=True)))
 
 
 def test_paths_that_are_no_files(tmp_path: Path) -> None:

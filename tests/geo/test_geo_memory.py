@@ -32,7 +32,7 @@ def system(root, *, groups="", files=None):
 
 @pytest.mark.usefixtures("machine")
 def test_the_machines_free_memory_counts(tmp_path):
-    assert available_memory(tmp_path) == AvailableMemory(16 * GB, "what the machine has free")
+    assert available_memory(tmp_path) == AvailableMemory(16 * GB, "memory of the machine")
 
 
 @pytest.mark.usefixtures("machine")
@@ -81,8 +81,7 @@ def test_the_error_is_one_line_with_sum_parts_and_limit():
     with pytest.raises(NotEnoughMemoryError) as caught:
         require_memory("a run", {"small": 10**6, "b": 2 * GB, "c": 9 * GB}, available=little)
     assert str(caught.value) == (
-        "a run needs 11.0 GB of memory (c 9.0 GB, b 2.0 GB), "
-        "available are 1.0 GB (control group limit 2.0 GB)"
+        "a run needs 11.0 GB of memory (c 9.0 GB, b 2.0 GB), but 1.0 GB are free (control group limit 2.0 GB)"
     )
     assert isinstance(caught.value, WbfMissionError)
     assert isinstance(caught.value, MemoryError)

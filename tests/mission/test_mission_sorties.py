@@ -296,7 +296,8 @@ def test_jumps_are_written_out_or_refused():
     assert unrolled(written) is written
     for params, text in (
         ((2.0, -1.0), "without end"),
-        ((70.0, 1.0), "no item 71"),
+        ((70.0, 1.0), "is 71; give an item"),
+        ((None, 1.0), "is unset; give an item"),
         ((2.0, 65000.0), "65535"),
     ):
         endless = replace(jump, param1=params[0], param2=params[1])

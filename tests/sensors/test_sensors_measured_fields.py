@@ -74,13 +74,13 @@ def test_files_and_units_come_back(low: float, width: float, part: int, values: 
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"range": [9.0, 4.0]}, "range 9, 4 is not two numbers, the lower first"),
+        ({"range": [9.0, 4.0]}, "range 9, 4: give two finite numbers, the lower first"),
         ({"range": [4.0]}, "range: give a list with 2 entries"),
-        ({"range": [4.0, float("inf")]}, "is not two numbers"),
+        ({"range": [4.0, float("inf")]}, "give two finite numbers"),
         ({"default": 3.0}, "default 3 is not in 4..9"),
         (
             {"kind": "disease", "dynamics": {"likelihood": 0.1, "duration_days": 3}},
-            "range: a disease has no range",
+            "lost); leave out its range",
         ),
         ({"dynamics": {"correlation_length_m": 0.0}}, "correlation_length_m 0.0 is not above 0"),
         ({"dynamics": {"spread": 0.0}}, "spread 0.0 is not in 0.001..1"),

@@ -126,7 +126,7 @@ def test_preflight_checks_the_plan_of_plan_over_the_same_farm(crop, folder, caps
     told = capsys.readouterr()
     assert json.loads(told.out)["coverage"] == pytest.approx(planned["coverage"], rel=1e-3)
     assert main(["preflight", str(made), "--farm", str(DATA / "label.geojson"), "--json"]) in (0, 1)
-    assert "note: farm: 1 left out, points that are neither home nor rally: Silo" in capsys.readouterr().err
+    assert "note: farm: 1 feature left out (points that are neither home nor rally): Silo" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["preflight", "upload", "monitor"])
@@ -177,5 +177,5 @@ def test_what_is_left_out_of_a_farm_is_told(name, folder, capsys):
     (folder / "fields.geojsonl").write_text("\n".join(lines))
     assert main(words(name, folder / "fields.geojsonl", folder)) in (0, 1, 3)
     told = capsys.readouterr().err
-    assert "1 left out, points that are neither home nor rally: Silo" in told
+    assert "1 feature left out (points that are neither home nor rally): Silo" in told
     assert "feature 1 ('patch 1'): an open ring was closed over " in told

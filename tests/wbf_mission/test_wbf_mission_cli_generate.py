@@ -95,7 +95,7 @@ def test_too_little_memory_is_one_line_and_exit_code_2(
     )
     assert code == 2
     assert err.startswith("error: ensemble: generating 2 environments of 6000 x 5000 cells at once needs ")
-    assert err.rstrip().endswith("available are 300 MB (the test); take fewer jobs")
+    assert err.rstrip().endswith("but 300 MB are free (the test); take fewer jobs")
     assert err.count("\n") == 1
 
 

@@ -125,7 +125,7 @@ def test_estimators_advance_and_do_not_go_back(name: str) -> None:
     estimator.partial_fit(Observations([5], [5], [0.0], [3], [[1.0, 1.0, 0.5]]))
     advance_estimator(estimator, 5)
     assert estimator.latest_day_ == 5
-    with pytest.raises(EstimatorError, match=r"advance: day 4 is over, as day 5 was reached"):
+    with pytest.raises(EstimatorError, match=r"advance: day 4 is over; give day 5 or later"):
         advance_estimator(estimator, 4)
     assert estimator.fit(get_farm("miniberry-10").grid()).latest_day_ is None
 

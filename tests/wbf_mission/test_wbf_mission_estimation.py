@@ -129,7 +129,7 @@ def test_a_run_that_would_not_fit_is_refused_before_it_starts(monkeypatch, capsy
     assert (
         "flying waterberry (6000 x 5000 cells) with AdaptiveDiskEstimator needs 1.8 GB of memory" in lines[0]
     )
-    assert "available are 900 MB (control group limit 1.0 GB)" in lines[0]
+    assert "but 900 MB are free (control group limit 1.0 GB)" in lines[0]
     assert not list(tmp_path.iterdir())
 
 

@@ -169,7 +169,7 @@ def test_a_vehicle_that_senses_other_fields_is_warned_of(
     monkeypatch.setattr("wbf_mission.run.hosting.LeafCameraComponent", carry)
     out = tmp_path / "run"
     assert main([*FLY, "--out", str(out), "--no-plots", "-q"]) == 1
-    told = "the camera senses tylcv, ccr, soil, nitrogen, expected tylcv, ccr, soil; give both sides the same"
+    told = "the camera senses tylcv, ccr, soil, nitrogen instead of tylcv, ccr, soil; give this command and"
     assert f"warning: {told}" in " ".join(capsys.readouterr().err.split())
     (warning,) = json.loads((out / "summary.json").read_text())["warnings"]
     assert warning.startswith(told)

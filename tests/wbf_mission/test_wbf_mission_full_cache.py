@@ -34,7 +34,7 @@ def test_learned_priors_are_used_where_they_cannot_be_kept(
     monkeypatch.setattr(prior, "_MOST_SIMULATIONS", 20)
     monkeypatch.setattr(prior, "_SOIL_SIMULATIONS", 16)
     grid = get_farm("miniberry-10").grid()
-    with pytest.warns(CacheWarning, match="cannot keep anything in this cache") as told:
+    with pytest.warns(CacheWarning, match="cannot write this cache") as told:
         for seed in (9001, 9002) if is_full else (9003, 9004):
             learned = prior.learn_priors(grid, PAPER_FIELDS, 6, seed, folder)
             assert len(learned) == 3
@@ -60,6 +60,6 @@ def test_a_flight_without_a_cache_says_so_in_one_line(tmp_path: Path) -> None:
         env=environment,
     )
     assert done.stderr.startswith("warning: ")
-    assert "cannot keep anything in this cache" in done.stderr
+    assert "cannot write this cache" in done.stderr
     assert done.stderr.count("\n") == 1, done.stderr
     assert "completed" in done.stdout

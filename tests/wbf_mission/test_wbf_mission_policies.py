@@ -168,7 +168,7 @@ def test_equal_runs_are_equal_to_the_bit_and_load_again(tmp_path: Path) -> None:
     ("answer", "why"),
     [
         (lambda s: Decision({1: [[-1.0, 0.0]]}), "leaves its area (request.room) at (-1.0, 0.0) m"),
-        (lambda s: Decision({1: np.tile([[0.5, 0.5], [8.0, 8.0]], (20, 1))}), "that are left of 80"),
+        (lambda s: Decision({1: np.tile([[0.5, 0.5], [8.0, 8.0]], (20, 1))}), "left of the budget of 80"),
         (lambda s: Decision({9: [[1.0, 1.0]]}), "no vehicle has the system id 9"),
         (lambda s: 1 / 0, "failed: ZeroDivisionError"),
         (lambda s: "west", "answered with a str"),

@@ -116,7 +116,7 @@ def test_a_question_beside_a_flight_keeps_what_was_known_and_looks_ahead():
     ("path_m", "later", "why"),
     [
         ([(5.0, 1.0)], {}, None),
-        ([(5.0, 1.0)], {"spent": 31.0}, "policy returned a path that takes 14 steps, over the 9 steps that"),
+        ([(5.0, 1.0)], {"spent": 31.0}, "policy returned a path that takes 14 steps, over the 9 steps left"),
         ([], {"spent": 40.0}, None),
         ([(5.0, 1.0)], {"status": Status.SILENT}, "policy changes the path of a vehicle that is silent"),
         ([(5.0, 1.0)], {"status": Status.CHANGING}, "policy changes the path of a vehicle that is changing"),

@@ -35,8 +35,8 @@ def lighten(dialect: Any) -> None:
     """Make the messages of a generated dialect build their headers on first access.
 
     pymavlink creates a header object and eight frame attributes for each message. `FrameWriter` does not need
-    them, and the headers of most received messages are never read. Without a header, a message is created in
-    little more than half the time. The values of the attributes stay the same.
+    these objects, and most received messages' headers are never read. Without a header, a message is created
+    in little more than half the time. The values of the attributes stay the same.
     """
     base = dialect.MAVLink_message
     if isinstance(vars(base).get("_header"), _Header):

@@ -287,7 +287,7 @@ class FrameReader:
         number = data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16 if newer else data[at + 5]
         kind = _KINDS[number]
         if kind is None:
-            # Without CRC_EXTRA the checksum cannot be verified; instead, a frame must follow, or the end.
+            # The checksum of an unknown message cannot be verified; instead, a frame or the end must follow.
             if after < len(data) and data[after] not in (_V1, _V2):
                 return False
             self.unknown += 1
@@ -358,7 +358,7 @@ def _decode(frame: bytes, kind: _Kind, codec: Any) -> Message | None:
 
 
 def _frame_end(data: bytes, at: int) -> int:
-    """Return the index after the frame at ``at``, beyond the data if it is incomplete, or 0 if it is none."""
+    """Return the index after the frame at ``at`` (beyond the data if incomplete), or 0 without a frame."""
     end = len(data)
     if data[at] == _V1:
         return at + _V1_OVERHEAD + data[at + 1] if at + 1 < end else end + 1

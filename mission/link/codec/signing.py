@@ -105,7 +105,7 @@ class Signing:
         may_setup: bool = False,
     ) -> None:
         if key is not None and len(key) != KEY_BYTES:
-            raise LinkError(f"signing key: {len(key)} bytes; give {KEY_BYTES}")
+            raise LinkError(f"signing key: {len(key)} bytes; give {KEY_BYTES} bytes")
         if not 0 <= link_id <= 255:
             raise LinkError(f"signing: link {link_id} is outside 0..255")
         self.may_setup = may_setup
@@ -132,7 +132,7 @@ class Signing:
         if not self.may_setup:
             raise LinkError("signing: the key may not be changed over this link")
         if len(key) != KEY_BYTES:
-            raise LinkError(f"signing key: {len(key)} bytes; give {KEY_BYTES}")
+            raise LinkError(f"signing key: {len(key)} bytes; give {KEY_BYTES} bytes")
         self._key = bytes(key) if any(key) else None
         self._time = max(self._time, min(initial_timestamp, _LATEST))
         self._heard.clear()

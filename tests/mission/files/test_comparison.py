@@ -28,14 +28,14 @@ def items(index, **changes):
 
 
 HOME = "home, which is 28.0500000, -82.1500000, 30 m, is written as"
-FRAME = "commands without a position are written in frame 2, which changes nothing (mission item 2)"
+FRAME = "commands without a position are written in frame 2, with no effect on the flight (mission item 2)"
 
 
 @pytest.mark.parametrize(
     ("changes", "texts"),
     [
         ({}, []),
-        ({"cruise_speed_m_s": 1.0}, [("the speeds for estimates of time are not kept", False)]),
+        ({"cruise_speed_m_s": 1.0}, [("the cruise and hover speeds for time estimates are not kept", False)]),
         ({"home": None}, [(f"{HOME} unknown", False)]),
         ({"home": GeoPoint(28.05 + 9e-8, -82.15, 30.0)}, []),
         ({"home": GeoPoint(28.05, -82.1500002, 30.0)}, [(f"{HOME} 28.0500000, -82.1500002, 30 m", False)]),

@@ -23,8 +23,8 @@ FIRST = "0 1 3 16 0 0 0 0 28.05 -82.15 30 1\n"
 @pytest.mark.parametrize(
     ("rows", "home", "items", "said"),
     [
-        (HOME + TAKEOFF + SPEED, GeoPoint(28.05, -82.15, 30.0), 2, "row 0 is taken for home"),
-        (HOME + AT_SEA_LEVEL, None, 2, "row 0 is taken for the first waypoint, as QGroundControl reads it"),
+        (HOME + TAKEOFF + SPEED, GeoPoint(28.05, -82.15, 30.0), 2, "row 0 is read as home"),
+        (HOME + AT_SEA_LEVEL, None, 2, "row 0 is read as the first waypoint, not as home"),
         (FIRST + AT_SEA_LEVEL, None, 2, None),
         ("", None, 0, None),
     ],

@@ -123,7 +123,7 @@ def test_bad_jumps(target, part):
 
 
 def test_jump_to_a_repeated_seq():
-    with pytest.raises(MissionFileError, match="line 5: DO_JUMP to seq 1, which is there more than once"):
+    with pytest.raises(MissionFileError, match="line 5: DO_JUMP to seq 1, which occurs more than once"):
         read(HOME, TAKEOFF, TAKEOFF, "2 0 2 177 1 3 0 0 0 0 0 1\n")
 
 

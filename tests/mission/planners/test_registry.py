@@ -48,7 +48,7 @@ def test_planners_of_other_packages(monkeypatch):
         "gone": r"planner gone \(no_such_package.planning:planner\) cannot be loaded: No module named",
         "empty": "planner empty .* cannot be loaded: .* no attribute 'nothing'",
         "number": "planner number .* is no callable: a planner is called with a PlanningRequest",
-        "class": "planner class .* is a class; give an object of it",
+        "class": "planner class .* is a class; give an instance of it",
     }.items():
         with pytest.raises(PlanningError, match=text) as caught:
             make_planner(name)

@@ -99,7 +99,7 @@ def fly(policy, lost_after, *, steps=360.0, lost=2):
 def test_the_rest_of_a_lost_vehicle_is_seen_by_the_others():
     policy = FixedPlan("lawnmower")
     paths, now, answer = fly(policy, 5)
-    assert set(answer.paths) == {1, 3} and "lost vehicle 2 is handed over" in answer.reason
+    assert set(answer.paths) == {1, 3} and "lost vehicle 2 is taken over" in answer.reason
     flown = [seen_by(np.vstack(paths[number][:6]), 0.62) for number in (1, 2, 3)]
     flown += [
         seen_by(np.vstack((one.position_m, answer.paths[one.system_id])), 0.62)

@@ -73,7 +73,7 @@ def test_policies_are_made_by_name_or_taken_as_they_are():
     assert make_policy(policy) is policy
     with pytest.raises(PlanningError, match="unknown policy 'nosuch'"):
         make_policy("nosuch")
-    with pytest.raises(PlanningError, match="FixedPlan is a class; give an object of it"):
+    with pytest.raises(PlanningError, match="FixedPlan is a class; give an instance of it"):
         make_policy(FixedPlan)
     with pytest.raises(PlanningError, match="policy object is no policy"):
         make_policy(object())

@@ -70,7 +70,7 @@ def test_a_plain_mission_is_sent_as_it_is(profile):
         (MissionItem(2003, 2, 1.0), ARDUPILOT, COPTER, "use DO_SET_CAM_TRIGG_DIST"),
         (of(16, 1), ARDUPILOT, COPTER, "does not take frame 1"),
         (MissionItem(16, 2, x=28.0, y=-82.0), ARDUPILOT, COPTER, "frame 2 (MISSION)"),
-        (of(16, 3, z=90_000.0), ARDUPILOT, COPTER, "takes less than 83000 m"),
+        (of(16, 3, z=90_000.0), ARDUPILOT, COPTER, "accepts altitudes below 83000 m"),
     ],
 )
 def test_what_would_be_refused_is_an_error_with_what_would_be_accepted(item, profile, vehicle_type, says):

@@ -163,7 +163,7 @@ def test_a_cache_that_is_off_or_a_small_farm_writes_nothing(
 def test_a_folder_that_cannot_be_written_costs_only_time(grid: FarmGrid, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     blocked = EnvironmentCache(tmp_path / "file" / "cache", 10**9)
-    with pytest.warns(CacheWarning, match="cannot keep anything in this cache") as told:
+    with pytest.warns(CacheWarning, match="cannot write this cache") as told:
         for seed in (7, 8):
             assert blocked.environment(grid, day=6, seed=seed)[0].days == (6,)
     assert len(told) == 1
@@ -177,7 +177,7 @@ def test_a_full_disk_leaves_nothing_half_written(
 
     monkeypatch.setattr(EnvironmentStore, "write_level", full)
     kept = EnvironmentCache(tmp_path / "full", 10**9)
-    with pytest.warns(CacheWarning, match="full: cannot keep .*No space left on device"):
+    with pytest.warns(CacheWarning, match="full: cannot write this cache .*No space left on device"):
         assert not kept.environment(grid, day=6, seed=7)[1]
     assert list(kept.folder.iterdir()) == []
 

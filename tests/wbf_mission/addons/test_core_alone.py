@@ -142,7 +142,7 @@ def test_a_part_that_no_add_on_brings_is_named_before_anything_is_done(alone, wo
     line = re.fullmatch(r"(?:note: no pictures, .*\n)?error: (?:farm file \S+: )?(.*)\n", done.err)
     assert (done.code, line and line[1]) == (
         2,
-        f"no package that is installed {missing}: install wbf-mission anew",
+        f"no installed package {missing}: install wbf-mission anew",
     ), done.err
     assert done.is_kept
 
@@ -232,7 +232,7 @@ def test_add_ons_ask_for_pages_as_the_core_does(tmp_path, monkeypatch, capsys, c
 def test_a_contract_check_that_no_add_on_brings_is_named():
     command = [sys.executable, "-c", "from wbf_mission import check_policy"]
     done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=False)
-    said = "no package that is installed brings 'check_policy' (wbf_mission.contracts): "
+    said = "no installed package brings 'check_policy' (wbf_mission.contracts): "
     assert done.stderr.endswith(f"geo.errors.WbfMissionError: {said}install wbf-mission anew\n")
 
 

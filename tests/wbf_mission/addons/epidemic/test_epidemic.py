@@ -323,7 +323,7 @@ def test_a_network_that_cannot_be_kept_is_said_once(tmp_path, monkeypatch, is_fu
     network = Network((np.ones((2, 1), np.float32),), (np.zeros(1, np.float32),))
     if is_full:
         monkeypatch.setattr(store, "atomic_write", Mock(side_effect=OSError(errno.ENOSPC, "full")))
-    with pytest.warns(CacheWarning, match="cannot keep anything in this cache") as told:
+    with pytest.warns(CacheWarning, match="cannot write this cache") as told:
         for name in ("a.npz", "b.npz"):
             store.save_network(network, folder / name)
     assert len(told) == 1

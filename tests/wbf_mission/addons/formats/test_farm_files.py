@@ -132,7 +132,7 @@ def test_one_farm_in_every_coordinate_system(kind: str, crs: str, tmp_path: Path
         ("South, two parts 2", "kale", "owner"),
     ]
     assert [(one.name, one.height_m) for one in farm.obstacles] == [("Silo", 8.5)]
-    inexact = [one for one in farm.notes if "is converted to WGS 84 to within" in one]
+    inexact = [one for one in farm.notes if "is converted to WGS 84 with an error of up to" in one]
     assert bool(inexact) == (crs in ("EPSG:27700", "EPSG:26917")), farm.notes
 
 
@@ -161,9 +161,8 @@ def test_layers_of_a_geopackage(tmp_path: Path) -> None:
     assert farm.home_m == pytest.approx(
         farm.frame.from_wgs84(FLORIDA.latitude_deg, FLORIDA.longitude_deg), abs=0.01
     )
-    assert farm.notes == (
-        "layer 'samples', 2 left out, points that are neither home nor rally: North, South, two parts",
-    )
+    why = "points that are neither home nor rally"
+    assert farm.notes == (f"layer 'samples', 2 features left out ({why}): North, South, two parts",)
     assert len(load_farm(f"{path}|layername=fields 2026").patches) == 1
     assert len(load_farm(f"{path}|fields 2026").patches) == 1
     with pytest.raises(FarmError, match="there is no layer 'field'; its layers are 'fields 2026', "):
@@ -217,7 +216,7 @@ def test_kml_as_google_earth_writes_it(tmp_path: Path) -> None:
     assert farm.rally_m == (pytest.approx((98.35, 0.0), abs=0.05),)
     assert farm.notes == (
         "layer 'Fields', feature 2 ('walked'): a line, closed over 1.1 m",
-        "layer 'Fields', 1 left out, lines that are open by more than 5 m: road",
+        "layer 'Fields', 1 feature left out (lines that are open by more than 5 m): road",
     )
 
 
@@ -273,7 +272,7 @@ def test_gpx_of_garmin_and_osmand(tmp_path: Path) -> None:
     assert len(farm.rally_m) == 1
     assert farm.notes == (
         "layer 'tracks', feature 1 ('2026-05-01_10-00'): a line, closed over 2.2 m",
-        "layer 'waypoints', 1 left out, points that are neither home nor rally: gate",
+        "layer 'waypoints', 1 feature left out (points that are neither home nor rally): gate",
     )
 
 

@@ -126,7 +126,8 @@ def test_preflight_checks_the_plan_of_plan_over_the_same_farm(crop, folder, caps
     told = capsys.readouterr()
     assert json.loads(told.out)["coverage"] == pytest.approx(planned["coverage"], rel=1e-3)
     assert main(["preflight", str(made), "--farm", str(DATA / "label.geojson"), "--json"]) in (0, 1)
-    assert "note: farm: 1 feature left out (points that are neither home nor rally): Silo" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "note: farm: 1 feature left out (points that are neither home nor rally): Silo" in said
 
 
 @pytest.mark.parametrize("name", ["preflight", "upload", "monitor"])

@@ -94,7 +94,8 @@ def loads(data: bytes) -> Mission | WithNotes:
         raise MissionFileError(f"more than {_MOST_LINES} lines; a mission has at most {MAX_ITEMS} items")
     version, rows = _rows(decode_text(data))
     home, notes = None, list[str]()
-    if rows and _is_home(rows[0]):
+    home_like = (Command.NAV_WAYPOINT, Frame.GLOBAL)
+    if rows and rows[0].seq == 0 and (rows[0].command == 0 or (rows[0].command, rows[0].frame) == home_like):
         alone = not any(row.frame == Frame.GLOBAL and any(row.place[:2]) for row in rows[1:])
         if alone or version != "120":
             home = _home(rows.pop(0))
@@ -180,11 +181,6 @@ def _whole(word: str, line: int, column: str) -> int:
     if value is None or not value.is_integer() or abs(value) > 1e9:
         raise MissionFileError(f"line {line}: {column} is {word[:40]!r}; give a whole number")
     return int(value)
-
-
-def _is_home(row: _Row) -> bool:
-    is_position = row.command == Command.NAV_WAYPOINT and row.frame == Frame.GLOBAL
-    return row.seq == 0 and (row.command == 0 or is_position)
 
 
 def _home(row: _Row) -> GeoPoint | None:

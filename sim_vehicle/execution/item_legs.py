@@ -115,7 +115,9 @@ class _Planner:
         following = seq + 1
         while following < len(items) and items[following].command not in PASSED_COMMANDS:
             done, following = do_items(items, following, self._settings, self._spec.top_speed_m_s)
-            plan.unsure |= any(_may_change_plan(items[index]) for index in done)
+            for item in (items[index] for index in done):
+                vertical = item.command == Command.DO_CHANGE_SPEED and number(item.param1) > 1.0
+                plan.unsure |= vertical or item.command in _CHANGE_PLAN
             if not 0 <= following < len(items) or items[following].command not in CONDITIONS:
                 break
             plan.unsure = True
@@ -259,11 +261,6 @@ class _Planner:
                 share = _FAR_M / math.hypot(east, north)
                 return None, (position[0] + share * east, position[1] + share * north, position[2])
         return None, None
-
-
-def _may_change_plan(item: MissionItem) -> bool:
-    vertical = item.command == Command.DO_CHANGE_SPEED and number(item.param1) > 1.0
-    return vertical or item.command in _CHANGE_PLAN
 
 
 def lands(legs: Sequence[Leg]) -> bool:

@@ -235,7 +235,9 @@ class MissionSequencer:
         before = self.items[: max(self.current_seq, 0)]
         triggers = [item for item in before if item.command in _TRIGGERS]
         positions = [seq for seq, item in enumerate(before[:-1]) if item.command in PLACED_COMMANDS]
-        if triggers and positions and _starts_images(triggers[-1]):
+        if not triggers or not positions or triggers[-1].command == Command.IMAGE_STOP_CAPTURE:
+            return
+        if triggers[-1].command == Command.IMAGE_START_CAPTURE or number(triggers[-1].param1) > 0.0:
             self._set_current(positions[-1])
 
     def apply_speed(self) -> None:
@@ -402,7 +404,12 @@ class MissionSequencer:
             self._continue(self._following(seq - 1))
             return
         if self.goes_around:
-            self._restart_landing(seq, time_s)
+            at = landing_restart(self.items, self._positions, seq, self._motion.position_m)
+            if at is None:
+                self._cannot_fly("unable to restart the landing sequence", seq)
+                return
+            self.flight.emit(LandingRestarted(time_s, at))
+            self._continue(at)
             return
         if not final:
             if plan.after_last is AfterLastLeg.TOUCHDOWN and plan.legs[leg + 1].descends:
@@ -424,15 +431,6 @@ class MissionSequencer:
             elif self.flight.phase in (FlightPhase.TAKEOFF, FlightPhase.GOTO):
                 self.flight.phase = FlightPhase.HOLD
                 self.flight.emit(TargetReached(self.flight.time_s))
-
-    def _restart_landing(self, seq: int, time_s: float) -> None:
-        """Restart an aborted landing."""
-        at = landing_restart(self.items, self._positions, seq, self._motion.position_m)
-        if at is None:
-            self._cannot_fly("unable to restart the landing sequence", seq)
-            return
-        self.flight.emit(LandingRestarted(time_s, at))
-        self._continue(at)
 
     def _next_leg(self, plan: LegPlan, leg: int, time_s: float) -> None:
         """Continue with the next item of the plan, or plan again if commands before that item require it."""
@@ -621,10 +619,3 @@ class MissionSequencer:
                 self.flight.disarm_step = None
             return
         self.flight.drop_plan(FlightPhase.GROUND)
-
-
-def _starts_images(trigger: MissionItem) -> bool:
-    """Whether a camera command starts images (and does not stop them)."""
-    if trigger.command == Command.IMAGE_START_CAPTURE:
-        return True
-    return trigger.command != Command.IMAGE_STOP_CAPTURE and number(trigger.param1) > 0.0

@@ -202,11 +202,6 @@ def _autopilot_version(source: WireState) -> Message:
     )
 
 
-def _estimator_status(source: WireState) -> Message:
-    flags = ESTIMATES_OK if source.pilot.position_ok else ESTIMATES_BLIND
-    return m.MAVLink_estimator_status_message(source.unix_us, flags, 0.1, 0.1, 0.1, 0.1, 0.0, 0.0, 0.5, 0.8)
-
-
 def _ekf_status_report(source: WireState) -> Message:
     flags = ESTIMATES_OK if source.pilot.position_ok else ESTIMATES_BLIND
     boot, cold = source.boot, source.firmware.cold_boot
@@ -286,7 +281,18 @@ BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
     m.MAVLINK_MSG_ID_PROTOCOL_VERSION: lambda _: m.MAVLink_protocol_version_message(
         200, 100, 200, [0] * 8, [0] * 8
     ),
-    m.MAVLINK_MSG_ID_ESTIMATOR_STATUS: _estimator_status,
+    m.MAVLINK_MSG_ID_ESTIMATOR_STATUS: lambda s: m.MAVLink_estimator_status_message(
+        s.unix_us,
+        ESTIMATES_OK if s.pilot.position_ok else ESTIMATES_BLIND,
+        0.1,
+        0.1,
+        0.1,
+        0.1,
+        0.0,
+        0.0,
+        0.5,
+        0.8,
+    ),
     m.MAVLINK_MSG_ID_EKF_STATUS_REPORT: _ekf_status_report,
     m.MAVLINK_MSG_ID_TIMESYNC: lambda s: m.MAVLink_timesync_message(0, s.unix_us * 1000),
     m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: lambda s: m.MAVLink_gps_global_origin_message(

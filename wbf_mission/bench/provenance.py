@@ -87,13 +87,11 @@ def versions() -> dict[str, str]:
     For an installed package, it is the commit of the source repository.
     """
     found = {"wbf-mission": __version__, "python": platform.python_version(), "numpy": np.__version__}
-    commit = _checked_out() if (_ROOT / ".git").exists() else _installed()
+    if not (_ROOT / ".git").exists():
+        commit = _installed()
+    elif commit := _git("rev-parse", "HEAD").strip():
+        commit += _CHANGES if _git("status", "--porcelain", "--", *PACKAGES) else ""
     return found | {"commit": commit} if commit else found
-
-
-def _checked_out() -> str:
-    head = _git("rev-parse", "HEAD").strip()
-    return head + (_CHANGES if head and _git("status", "--porcelain", "--", *PACKAGES) else "")
 
 
 def _git(*arguments: str) -> str:

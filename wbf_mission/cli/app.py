@@ -70,8 +70,15 @@ def _root(
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line and return the exit code; print each error as one line on stderr."""
-    warnings.formatwarning = _one_line_warning
-    _silence_asyncio()
+    warnings.formatwarning = lambda message, *_, **__: (
+        f"warning: {' '.join(printable(str(message)).split())}\n"
+    )
+    logger = logging.getLogger(
+        "asyncio"
+    )  # Ctrl-C leaves tasks of libraries unfinished; no tracebacks of them
+    logger.propagate = False
+    if not logger.handlers:
+        logger.addHandler(logging.NullHandler())
     try:
         code = _run(sys.argv[1:] if arguments is None else arguments)
         with to_stdout():
@@ -82,14 +89,6 @@ def main(arguments: list[str] | None = None) -> int:
             return ExitCode.OUTPUT_CLOSED
         return _complain(f"stdout cannot be written to: {error}", ExitCode.BAD_INPUT)
     return signals.exit_code(code) if code == ExitCode.INTERRUPTED else code
-
-
-def _silence_asyncio() -> None:
-    """Suppress tracebacks of libraries' tasks that Ctrl-C leaves unfinished."""
-    logger = logging.getLogger("asyncio")
-    logger.propagate = False
-    if not logger.handlers:
-        logger.addHandler(logging.NullHandler())
 
 
 def _run(arguments: list[str]) -> int:
@@ -141,10 +140,6 @@ def _usage(error: typer.TyperException) -> str:
     at: Any = getattr(error, "ctx", None)
     text = error.format_message().replace("Value error, ", "", 1).replace("\n\t", " ")
     return f"{text} (see '{'wbf-mission' if at is None else at.command_path} --help')"
-
-
-def _one_line_warning(message: Warning | str, *_where: object, **_also: object) -> str:
-    return f"warning: {' '.join(printable(str(message)).split())}\n"
 
 
 def _complain(text: str, code: int) -> int:

@@ -339,6 +339,8 @@ def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dic
     losses = ", ".join(
         f"{name} {value:.4g}" for name, value in summary["losses"].items() if value is not None
     )
+    farm, vehicles = result.scenario.farm, len({flight.system_id for flight in result.flights})
+    sorties = len(result.flights) // max(vehicles * farm.days * farm.flights_per_day, 1)
     # Of a policy's flight, only the first path is known beforehand.
     plans = result.scenario.mission.policy is None
     predicted = filled(" (predicted {predicted_coverage:.2%})", summary) if plans else ""
@@ -350,7 +352,7 @@ def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dic
         "observations": filled("{observations}, of {cells_observed} different cells", summary),
         "coverage": filled("{coverage:.2%} of the land to be seen", summary) + predicted,
         "flown": result.flown(predicted=plans),
-        **_sortie_rows(result),
+        **({"sorties": f"{sorties}, with a full battery each"} if sorties > 1 else {}),
         **_decision_rows(result),
         "battery used": filled("{battery_used:.1%}", summary),
         "mission transfer": f"{transfer['items']} items, {transfer['retries']} retries, "
@@ -364,13 +366,6 @@ def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dic
     if summary["least_distance_m"] is not None:
         rows["least distance"] = distance(summary["least_distance_m"])
     return rows
-
-
-def _sortie_rows(result: Result) -> dict[str, str]:
-    """Return the row with the number of sorties, or no row if there was only one sortie."""
-    farm, vehicles = result.scenario.farm, len({flight.system_id for flight in result.flights})
-    sorties = len(result.flights) // max(vehicles * farm.days * farm.flights_per_day, 1)
-    return {"sorties": f"{sorties}, with a full battery each"} if sorties > 1 else {}
 
 
 def _decision_rows(result: Result) -> dict[str, str]:

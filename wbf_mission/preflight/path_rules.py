@@ -130,7 +130,11 @@ def check_fence(subject: Subject) -> Iterator[Finding]:
         if not told:
             yield found(subject, "bad-fence", plan="fence", error=error)
         return
-    fence = _fence_of(subject)
+    from sim_vehicle.autopilot import autopilot_of_number
+
+    # The autopilot decides whether being inside one inclusion area is enough.
+    rules = autopilot_of_number(subject.profile.autopilot).for_vehicle(subject.vehicle.kind).rules
+    fence = Fence.of(subject.mission.fence, subject.frame, any_inclusion=rules.any_inclusion)
     home_m = fence.margin_m(0.0, 0.0)
     if home_m < 0.0:
         yield found(subject, "home-outside-fence", plan="fence", measured=(home_m, 0.0))
@@ -149,14 +153,6 @@ def check_fence(subject: Subject) -> Iterator[Finding]:
         yield from worst(subject, "outside-fence", outside, 0.0)
     else:
         yield from worst(subject, "near-fence", near, subject.given.margin_m)
-
-
-def _fence_of(subject: Subject) -> Fence:
-    """Return the fence; the autopilot decides whether being inside one inclusion area is enough."""
-    from sim_vehicle.autopilot import autopilot_of_number
-
-    firmware = autopilot_of_number(subject.profile.autopilot).for_vehicle(subject.vehicle.kind)
-    return Fence.of(subject.mission.fence, subject.frame, any_inclusion=firmware.rules.any_inclusion)
 
 
 @CHECKS.finds(

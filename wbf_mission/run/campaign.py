@@ -290,7 +290,10 @@ class Campaign:
     ) -> None:
         planned, self._next = self._planned(day, flight), None
         if not planned.sorties:
-            self._skip()
+            # The estimate does not change; it is scored again.
+            assert self.evidence.estimate is not None
+            self.evidence.estimate.hold(self._scored_a_flight, self.simulated_s)
+            self.watch.lap("estimate and score")
             return
         try:
             flown = fly_once(
@@ -325,12 +328,6 @@ class Campaign:
         if self.cut is None or self.real is not None or flown.records[0].flight % len(self.cut.sorties) == 0:
             return 0.0
         return self.cut.change_s
-
-    def _skip(self) -> None:
-        """Skip a flight without paths: score the unchanged estimate."""
-        assert self.evidence.estimate is not None
-        self.evidence.estimate.hold(self._scored_a_flight, self.simulated_s)
-        self.watch.lap("estimate and score")
 
     def _planned(self, day: int, flight: int) -> PlannedFlight:
         """Return the next flight; plan it if necessary."""

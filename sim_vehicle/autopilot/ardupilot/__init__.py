@@ -206,11 +206,6 @@ def _fastest_airspeed_m_s(spec: VehicleSpec, value: Mapping[str, float]) -> floa
 ARDUCOPTER = ArduCopterProcedures()
 
 
-def _simulator_urls(index: int) -> tuple[str, ...]:
-    """Return the address of instance `index` of SITL, which listens on TCP port 5760 + 10 `index`."""
-    return (f"tcpin:127.0.0.1:{5760 + 10 * index}",)
-
-
 # Copters have 690 bytes of storage for rally points of 15 bytes each (StorageManager.cpp). Other vehicles
 # have 9842 bytes for missions (655 items with home), 672 for the fence and 750 for rally points.
 _COPTER_PROFILE = replace(PROFILE, capacity=(649, 70, 46))
@@ -233,5 +228,5 @@ ARDUPILOT = Autopilot(
             return_height=("RTL_ALT", 0.01),
         ),
     },
-    simulator_urls=_simulator_urls,
+    simulator_urls=lambda index: (f"tcpin:127.0.0.1:{5760 + 10 * index}",),  # as SITL
 )

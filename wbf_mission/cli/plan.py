@@ -37,7 +37,7 @@ BEGINNERS = (
 
 _PANEL = "Sorties"
 _DAY_S = 86_400.0
-_REST = "rest.plan"
+_RESTS = ("rest.plan", "rest.json")  # The plan is missing if it cannot hold the rest
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,7 @@ class SortieOptions:
         if self.resume is not None and mission is None:
             msg = (
                 "--resume continues a mission: give the mission file with --mission, too, or give --resume"
-                f" a results folder that has a {_REST}"
+                f" a results folder that has a {' or a '.join(_RESTS)}"
             )
             raise ScenarioError(msg)
         others = [name for name in ("home", "overlap", "resume") if getattr(self, name) is not None]
@@ -108,11 +108,11 @@ class SortieOptions:
             raise ScenarioError(msg)
 
     def with_rest(self, given: options.Given) -> tuple[options.Given, SortieOptions]:
-        """If ``--resume`` is a results folder with a ``rest.plan``, take this file as the mission file."""
+        """If ``--resume`` is a results folder with the rest of a mission, take it as the mission file."""
         if self.resume is None or "mission" in given.changes:
             return given, self
-        rest = Path(self.resume) / _REST
-        if not rest.is_file():
+        rest = next((file for name in _RESTS if (file := Path(self.resume, name)).is_file()), None)
+        if rest is None:
             return given, self
         return replace(given, changes={**given.changes, "mission": str(rest)}), replace(self, resume=None)
 

@@ -88,18 +88,15 @@ class SortieOptions:
         """Raise ScenarioError if a number is out of range or options contradict each other."""
         for name, value, most in (("overlap", self.overlap, 1e4), ("change-time", self.change_time, _DAY_S)):
             if value is not None and not 0.0 <= value <= most:
-                msg = f"--{name} {value:g} is out of range: give 0 to {most:g}"
-                raise ScenarioError(msg)
+                raise ScenarioError(f"--{name} {value:g} is out of range: give 0 to {most:g}")
         if self.resume is not None and mission is None:
-            msg = (
+            raise ScenarioError(
                 "--resume continues a mission: give the mission file with --mission, too, or give --resume"
                 f" a results folder that has a {' or a '.join(_RESTS)}"
             )
-            raise ScenarioError(msg)
         others = [name for name in ("home", "overlap", "resume") if getattr(self, name) is not None]
         if self.whole and others:
-            msg = f"--whole leaves the mission as it is: leave out --{others[0]} or --whole"
-            raise ScenarioError(msg)
+            raise ScenarioError(f"--whole leaves the mission as it is: leave out --{others[0]} or --whole")
 
     def check_counted(self) -> None:
         """Raise ScenarioError if ``--whole`` contradicts a budget in batteries."""

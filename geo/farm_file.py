@@ -159,8 +159,7 @@ def _farm_of(document: Document, default_name: str, crop: str | None, *, repair:
     if origin_given:
         for feature, polygon in polygons:
             if not feature.obstacle and min(polygon.bounds[:2]) < -_ORIGIN_SLACK_M:
-                msg = f'{feature.where}: lies partly south or west of the farm\'s "origin"'
-                raise FarmError(msg)
+                raise FarmError(f'{feature.where}: lies partly south or west of the farm\'s "origin"')
     width, height = _size(members, bounds[2] / cell_size_m, bounds[3] / cell_size_m, cell_size_m)
     _check_detail([polygon for _, polygon in polygons], cell_size_m)
     if all(patch.owner != owner for patch in patches):
@@ -217,11 +216,9 @@ def _contents(document: Document, *, repair: bool) -> tuple[list[Feature], list[
             name = called if isinstance(called, str) and called else f"feature {entry.number}"
             left_out.setdefault((entry.layer, found), []).append(name)
             continue
-        if isinstance(found, Place):
-            places.append(found)
-            continue
-        features += found
-        vertices += sum(len(ring) for feature in found for ring in feature.rings)
+        places += [part for part in found if isinstance(part, Place)]
+        features += [part for part in found if isinstance(part, Feature)]
+        vertices += sum(len(ring) for part in found if isinstance(part, Feature) for ring in part.rings)
         if vertices > MAX_VERTICES:
             msg = f"{features[-1].where}: more than {MAX_VERTICES} vertices up to here; simplify the polygons"
             raise FarmError(msg)

@@ -194,8 +194,8 @@ _AREAS = ("Polygon", "MultiPolygon")
 GEOMETRIES = (*_NO_AREA, *_AREAS, "GeometryCollection")
 
 
-def read_entry(entry: Entry, notes: list[str], *, repair: bool) -> list[Feature] | Place | str:
-    """Return an entry's polygons or point, or a text with the reason to leave the entry out.
+def read_entry(entry: Entry, notes: list[str], *, repair: bool) -> list[Feature | Place] | str:
+    """Return an entry's polygons or points, or a text with the reason to leave the entry out.
 
     If the feature cannot be read, raise FarmError with the feature's name. With `repair`, latitudes and
     longitudes in the wrong order are exchanged. Rings may still be open; `geo.farm_file` closes them.
@@ -205,20 +205,24 @@ def read_entry(entry: Entry, notes: list[str], *, repair: bool) -> list[Feature]
     properties = farm_properties(entry.properties, literal=True)
     geometry = entry.geometry if isinstance(entry.geometry, dict) else {}
     kind, called = kind_of(properties.get("kind")), properties.get("name")
-    is_place = geometry.get("type") == "Point" and (kind or kind_of(called)) in ("home", "rally")
+    given = geometry.get("coordinates")
+    points: Any = {"Point": [given], "MultiPoint": given}.get(str(geometry.get("type")))
+    is_place = isinstance(points, list) and points and (kind or kind_of(called)) in ("home", "rally")
     if not is_place and (reason := _no_area(geometry)):
-        return reason
+        bars = kind in ("obstacle", "no-fly") or True in map(properties.get, ("obstacle", "no_fly"))
+        return "obstacles that are not polygons" if bars and reason != _WITHOUT else reason
     name = text_member(properties, "name", f"patch {entry.number}", entry.where)
     where = f"{entry.where} ({name!r})"
     if is_place:
-        position = position_of(geometry.get("coordinates"), where, entry.crs)
-        return Place(where, kind or kind_of(called), position)
+        return [Place(where, kind or kind_of(called), position_of(at, where, entry.crs)) for at in points]
     obstacle, no_fly = (_flag(properties, key, kind, where) for key in ("obstacle", "no_fly"))
-    height_m = number_member(properties, "height_m", None, 0.0, 1000.0, f"{where}: property")
-    margin_m = number_member(properties, "margin_m", None, 0.0, 1000.0, f"{where}: property")
+    obstacle = obstacle or no_fly
+    height_m, margin_m = (
+        number_member(properties, key, None, 0.0, 1000.0, f"{where}: property") if obstacle else None
+        for key in ("height_m", "margin_m")
+    )
     if no_fly and height_m is not None:
         raise FarmError(f'{where}: is a no-fly zone, which has no height; leave out "height_m" or "no_fly"')
-    obstacle = obstacle or no_fly
     crop: str | None = str(Crop.NONE) if obstacle else None
     owner: str | None = "" if obstacle else None
     if not obstacle and "crop" in properties:
@@ -228,7 +232,7 @@ def read_entry(entry: Entry, notes: list[str], *, repair: bool) -> list[Feature]
     if not obstacle and "owner" in properties:
         owner = text_member(properties, "owner", "", where)
     parts = _parts(geometry, where)
-    found = []
+    found: list[Feature | Place] = []
     for number, part in enumerate(parts, 1):
         at, called = (
             (where, name) if len(parts) == 1 else (f"{where}, part {number}", short_line(name, f" {number}"))
@@ -376,7 +380,7 @@ def number_member(
     if value is None:
         return default
     if type(value) not in (int, float) or not low <= value <= high:
-        raise FarmError(f'{what} "{key}": {shortened(value)} is not a number in {low:g}..{high:g}')
+        raise FarmError(f'{what} "{key}": {shortened(repr(value))} is not a number in {low:g}..{high:g}')
     return float(value)
 
 

@@ -102,8 +102,7 @@ def load_vehicle(path: Path) -> VehicleSpec:
     try:
         data = read_toml(path)
     except UnreadableError as error:
-        msg = f"{where}: {error}"
-        raise VehicleError(msg) from None
+        raise VehicleError(f"{where}: {error}") from None
     if not data:
         bases = ", ".join(vehicle_names())
         msg = f"{where} is empty: give at least kind ({', '.join(kind_names())}) or base ({bases})"

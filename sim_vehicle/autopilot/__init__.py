@@ -179,8 +179,7 @@ def _load(name: str) -> Autopilot:
         raise VehicleError(unknown("autopilot", name, known, "" if known else f"; {_NOT_INSTALLED}"))
     autopilot = load_entry(entry, f"autopilot {entry.name}", VehicleError)
     if not isinstance(autopilot, Autopilot):
-        msg = f"autopilot {entry.name} ({entry.value}) is no sim_vehicle.autopilot.Autopilot"
-        raise VehicleError(msg)
+        raise VehicleError(f"autopilot {entry.name} ({entry.value}) is no sim_vehicle.autopilot.Autopilot")
     if autopilot.name != entry.name:
         msg = f"autopilot {entry.name} ({entry.value}) calls itself {autopilot.name}: the names must be equal"
         raise VehicleError(msg)
@@ -315,11 +314,10 @@ def with_autopilot(
     """
     if spec.is_ideal:
         if parameters:
-            msg = (
+            raise VehicleError(
                 f"vehicle {spec.name}: the ideal vehicle has no autopilot and no parameter "
                 f"{next(iter(parameters))}: leave the parameters out or choose another vehicle"
             )
-            raise VehicleError(msg)
         return spec
     if name == NO_AUTOPILOT and not spec.vehicle_kind.procedures:
         name = DEFAULT_AUTOPILOT

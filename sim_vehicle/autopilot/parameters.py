@@ -8,6 +8,7 @@ one, the constant of the law of motion. Parameter editors show the ``*-details``
 from __future__ import annotations
 
 import csv
+import difflib
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -104,14 +105,16 @@ def check_parameters(spec: VehicleSpec, table: Mapping[str, ParameterSpec]) -> N
     for name, value in spec.parameters:
         known = table.get(name)
         if known is None:
-            msg = f"vehicle {spec.name}: {spec.autopilot} has no parameter {name} that moves the vehicle"
-            raise VehicleError(msg)
+            near = difflib.get_close_matches(name, table, 1, cutoff=0.7)
+            meant = f" (is {near[0]} meant?)" if near else ""
+            raise VehicleError(
+                f"vehicle {spec.name}: {spec.autopilot} has no parameter {name} that moves the vehicle{meant}"
+            )
         if not (math.isfinite(value) and known.low <= value <= known.high):
-            msg = (
+            raise VehicleError(
                 f"vehicle {spec.name}: {name} {value:g} is out of range: "
                 f"give {known.low:g} to {known.high:g} {known.unit}".rstrip()
             )
-            raise VehicleError(msg)
 
 
 @dataclass(frozen=True, slots=True)

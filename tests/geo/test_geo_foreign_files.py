@@ -93,6 +93,24 @@ def test_what_is_no_land_is_left_out_and_told() -> None:
         loaded(json.dumps({"type": "FeatureCollection", "features": LABELS}))
 
 
+def test_multipoints_are_places_and_obstacles_without_area_are_named() -> None:
+    """GIS tools store points as MultiPoint; heights of fields are not read as those of obstacles."""
+    corners = [[LON, LAT], [LON + 0.0005, LAT]]
+    features = [
+        feature(polygon(), name="a", crop="wheat", height=1520, margin="wide"),
+        feature({"type": "MultiPoint", "coordinates": corners[:1]}, kind="home"),
+        feature({"type": "MultiPoint", "coordinates": corners}, name="rally points"),
+        feature({"type": "Point", "coordinates": corners[0]}, name="mast", obstacle=True, height=30),
+        feature({"type": "LineString", "coordinates": corners}, name="cable", kind="no-fly zone"),
+    ]
+    farm = loaded(json.dumps({"type": "FeatureCollection", "features": features}))
+    assert farm.home_m == pytest.approx(farm.frame.from_wgs84(LAT, LON))
+    assert np.array(farm.rally_m) == pytest.approx(
+        np.array([farm.frame.from_wgs84(latitude, longitude) for longitude, latitude in corners])
+    )
+    assert farm.notes == ("2 left out, obstacles that are not polygons: mast, cable",)
+
+
 TEXTS = st.lists(
     st.tuples(
         st.text(st.characters(codec="utf-8", exclude_categories=("C", "Z")), min_size=1, max_size=8),

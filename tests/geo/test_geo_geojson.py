@@ -251,7 +251,7 @@ SWAPPED = [[[lat, lon] for lon, lat in ring()]]
         (feature([[7, 7, 7, 7]]), "is not a position"),
         (feature("ring"), "the polygon is empty"),
         (feature(obstacle=True, height_m=-1), 'property "height_m": -1 is not a number in 0..1000'),
-        (feature(obstacle=True, margin_m="2"), 'property "margin_m": 2 is not a number in 0..1000'),
+        (feature(obstacle=True, margin_m="2"), "property \"margin_m\": '2' is not a number in 0..1000"),
         (feature(no_fly=1), 'property "no_fly" is not true or false'),
         (feature(no_fly=True, height_m=3), "is a no-fly zone, which has no height"),
         (feature(crop=None), 'property "crop" is missing'),

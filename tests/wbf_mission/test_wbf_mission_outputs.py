@@ -121,9 +121,12 @@ def test_fly_names_the_file_in_which_the_rest_is(
     said = " ".join(capsys.readouterr().err.split())
     name = "rest.plan" if has_home else "rest.json"
     assert f"in run/{name}: continue with fly --mission" in said
-    assert ("plan --resume run" in said) is has_home
+    assert "plan --resume run" in said
     assert ("rest.plan is left out, use rest.json" in said) is not has_home
     assert Path("run", name).is_file()
+    again = ["--resume", "run", "--out", "again.json"]
+    assert main(["plan", "--farm", "miniberry-10", "--vehicle", "ideal", *again]) == 0
+    assert Path("again.json").is_file()
 
 
 def test_the_wall_time_is_that_of_the_process(tmp_path: Path) -> None:

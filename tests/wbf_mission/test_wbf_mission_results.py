@@ -242,6 +242,15 @@ def test_the_rest_of_an_older_run_does_not_stay(result: Result, tmp_path: Path) 
     assert load_result(run).rest is None
 
 
+def test_saving_warns_of_a_mission_that_a_plan_cannot_hold(result: Result, tmp_path: Path) -> None:
+    there = result.plan.mission.items[2]
+    rally = MissionItem(Command.NAV_RALLY_POINT, Frame.GLOBAL, x=there.x, y=there.y, z=90.0)
+    rest = dataclasses.replace(result.plan.mission, home=None, rally=(rally,))
+    with pytest.warns(UserWarning, match=r"rest\.plan is left out, use rest\.json"):
+        dataclasses.replace(result, rest=rest).save(tmp_path / "run", plots=False)
+    assert [path.name for path in (tmp_path / "run").glob("rest.*")] == ["rest.json"]
+
+
 def test_the_folder_in_which_one_is(result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     here = tmp_path / "here"
     here.mkdir()

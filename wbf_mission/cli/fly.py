@@ -316,11 +316,10 @@ def _show(
         output.warn(f"no image shows the farm {result.farm.name}: there is no estimate and no score")
     if result.rest is not None and summary["files"]:
         folder = summary["files"]
-        name, resume = "rest.plan", f", or with plan --resume {folder}"
-        if not Path(folder, name).is_file():  # The format of rest.plan cannot hold this mission
-            name, resume = "rest.json", ""
+        name = "rest.plan" if Path(folder, "rest.plan").is_file() else "rest.json"
         output.note(
-            f"the unflown rest of the mission is in {folder}/{name}: continue with fly --mission{resume}"
+            f"the unflown rest of the mission is in {folder}/{name}: continue with fly --mission, or with"
+            f" plan --resume {folder}"
         )
     title = f"{result.farm.name}: {result.plan.planner or 'mission file'}, {result.estimator}"
     title += f", {result.plan.vehicle.name}, seed {result.scenario.seed}"

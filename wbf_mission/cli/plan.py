@@ -37,7 +37,7 @@ BEGINNERS = (
 
 _PANEL = "Sorties"
 _DAY_S = 86_400.0
-_REST = "rest.plan"
+_RESTS = ("rest.plan", "rest.json")  # The plan is missing if it cannot hold the rest
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,18 +88,15 @@ class SortieOptions:
         """Raise ScenarioError if a number is out of range or options contradict each other."""
         for name, value, most in (("overlap", self.overlap, 1e4), ("change-time", self.change_time, _DAY_S)):
             if value is not None and not 0.0 <= value <= most:
-                msg = f"--{name} {value:g} is out of range: give 0 to {most:g}"
-                raise ScenarioError(msg)
+                raise ScenarioError(f"--{name} {value:g} is out of range: give 0 to {most:g}")
         if self.resume is not None and mission is None:
-            msg = (
+            raise ScenarioError(
                 "--resume continues a mission: give the mission file with --mission, too, or give --resume"
-                f" a results folder that has a {_REST}"
+                f" a results folder that has a {' or a '.join(_RESTS)}"
             )
-            raise ScenarioError(msg)
         others = [name for name in ("home", "overlap", "resume") if getattr(self, name) is not None]
         if self.whole and others:
-            msg = f"--whole leaves the mission as it is: leave out --{others[0]} or --whole"
-            raise ScenarioError(msg)
+            raise ScenarioError(f"--whole leaves the mission as it is: leave out --{others[0]} or --whole")
 
     def check_counted(self) -> None:
         """Raise ScenarioError if ``--whole`` is given, which contradicts a budget in batteries."""
@@ -108,11 +105,11 @@ class SortieOptions:
             raise ScenarioError(msg)
 
     def with_rest(self, given: options.Given) -> tuple[options.Given, SortieOptions]:
-        """If ``--resume`` is a results folder with a ``rest.plan``, take this file as the mission file."""
+        """If ``--resume`` is a results folder with the rest of a mission, take it as the mission file."""
         if self.resume is None or "mission" in given.changes:
             return given, self
-        rest = Path(self.resume) / _REST
-        if not rest.is_file():
+        rest = next((file for name in _RESTS if (file := Path(self.resume, name)).is_file()), None)
+        if rest is None:
             return given, self
         return replace(given, changes={**given.changes, "mission": str(rest)}), replace(self, resume=None)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
@@ -94,7 +95,8 @@ class Result(RunRecord):
     def save(self, path: str | Path, *, plots: bool = True, overwrite: bool = False) -> Path:
         """Save the result into a folder, which `wbf_mission.load_result` reads.
 
-        The files are written to a temporary folder, which replaces the target when it is complete.
+        The files are written to a temporary folder, which replaces the target when it is complete. A mission
+        that a plan cannot hold is saved as JSON only, with a UserWarning.
 
         Parameters
         ----------
@@ -112,7 +114,8 @@ class Result(RunRecord):
         OSError
             If a file cannot be written.
         """
-        with ResultFolder(Path(path), scenario=self.scenario.to_dict(), overwrite=overwrite) as folder:
+        scenario = self.scenario.to_dict()
+        with ResultFolder(Path(path), scenario=scenario, overwrite=overwrite, warn=warnings.warn) as folder:
             folder.write(self, products=[PICTURES] if plots else ())
         return Path(path)
 

@@ -7,6 +7,7 @@ import pytest
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import flight_procedures, with_autopilot
 from sim_vehicle.autopilot.parameters import reference_parameters
+from sim_vehicle.errors import VehicleError
 
 # Units as PX4's parameter sources spell them ("celcius" is theirs).
 PX4_UNITS = frozenset(
@@ -63,3 +64,11 @@ def test_the_numbers_that_parameters_name_are_those_of_the_motion(autopilot, veh
     named = [one.law for one in procedures.parameters.values() if one.law]
     assert len(named) == len(set(named)) > 0
     assert set(named) <= known
+
+
+def test_a_misspelt_parameter_of_motion_is_answered_with_the_nearest_name() -> None:
+    quad = get_vehicle("quad")
+    with pytest.raises(VehicleError, match=r"no parameter MPC_XY_CRUSE .* \(is MPC_XY_CRUISE meant\?\)$"):
+        with_autopilot(quad, "px4", {"MPC_XY_CRUSE": 3.0})
+    with pytest.raises(VehicleError, match=r"px4 has no parameter ZZ that moves the vehicle$"):
+        with_autopilot(quad, "px4", {"ZZ": 3.0})

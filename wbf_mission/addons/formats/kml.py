@@ -91,13 +91,15 @@ def _paths(node: Node) -> list[DrawnPath]:
     boundaries = {id(ring) for polygon in node.iter("Polygon") for ring in polygon.iter("LinearRing")}
     lines = [shape for shape in node.iter(*_LINES) if id(shape) not in boundaries]
     name = node.child_text("name") or f"the placemark of line {node.line}"
-    if len(lines) == 1:
-        return [DrawnPath(name, _points(lines[0], ""))]
-    return [DrawnPath(f"{name}, part {k}", _points(shape, "")) for k, shape in enumerate(lines, 1)]
+    outer = {id(track): several for several in node.iter("MultiTrack") for track in several.iter("Track")}
+    parts = [_points(shape, "", outer.get(id(shape), shape).child_text("altitudeMode")) for shape in lines]
+    if len(parts) == 1:
+        return [DrawnPath(name, parts[0])]
+    return [DrawnPath(f"{name}, part {k}", points) for k, points in enumerate(parts, 1)]
 
 
-def _points(shape: Node, where: str) -> list[Point]:
-    frame = _FRAMES.get(shape.child_text("altitudeMode"))
+def _points(shape: Node, where: str, outer_mode: str = "") -> list[Point]:
+    frame = _FRAMES.get(shape.child_text("altitudeMode") or outer_mode)
     made = []
     for number, text in enumerate(_tuples(shape), 1):
         place = f"{where or f'line {shape.line}'}, point {number}"

@@ -29,6 +29,7 @@ Floats: TypeAlias = NDArray[np.float64]
 
 _MOST_BYTES = 2**28
 _MOST_ROWS = 5_000_000
+_SAME_PLACE_DEG = 2e-5  # About 2 m: reports of one image may differ by so much.
 
 
 @dataclass(slots=True)
@@ -238,8 +239,16 @@ def _places(readings: Readings, track: LogTrack | None) -> tuple[Floats, Floats,
     number = {key: k for k, key in enumerate(keys)}
     rows = np.array([number.get(key, -1) for key in readings.keys])
     time_s = images.boot_s if np.isfinite(images.boot_s).all() else images.utc_s
+    placed = np.column_stack((*track.of_images(), time_s))
+    off_deg = np.abs(placed[:, :2] - placed[[number[key] for key in keys], :2]).max(axis=1)
+    several = {keys[k] for k in np.flatnonzero(off_deg > _SAME_PLACE_DEG)} & set(readings.keys)
+    if several:
+        raise ObservationError(
+            f"{readings.key[0]} {min(several)!r} is at several places in the {track.kind}, as after a restart"
+            " of the camera; give a column time in UTC"
+        )
     found = np.full((count, 3), np.nan)
-    found[rows >= 0] = np.column_stack((*track.of_images(), time_s))[rows[rows >= 0]]
+    found[rows >= 0] = placed[rows[rows >= 0]]
     latitude, longitude, time_s = found.T
     # If a picture has no time, all rows keep the order of the table.
     return latitude, longitude, time_s if np.isfinite(time_s).all() else np.arange(count, dtype=np.float64)

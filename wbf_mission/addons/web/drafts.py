@@ -29,11 +29,11 @@ from sensors.field_files import field_names
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.builder import coverage_together
 from wbf_mission.planning.fleet import SingleVehicle, single_vehicles
-from wbf_mission.planning.sorties import SortiePlan, sorties_of
+from wbf_mission.planning.sorties import SortiePlan, UncutError, sorties_of
 from wbf_mission.preflight.finding import Finding, Report
 from wbf_mission.preflight.run import check_plan
 from wbf_mission.progress import Progress
-from wbf_mission.run.plan import batteries_in, cut_if_too_long, plan_fleet, plan_for_batteries
+from wbf_mission.run.plan import batteries_in, plan_fleet, plan_for_batteries
 from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.scenario.choice import names_of
 from wbf_mission.scenario.option import Option
@@ -83,6 +83,7 @@ class PlannedMission:
     system_id: int
     plan: PlanResult
     report: Report
+    why_whole: str = ""  # Why a mission beyond the battery is not cut into sorties
 
     def place_of(self, finding: Finding) -> tuple[float, float] | None:
         """Return a finding's place on the farm (m); None if the finding is about the whole plan."""
@@ -310,33 +311,41 @@ def planned(draft: Draft, progress: Progress) -> PlannedDraft:
     scenario, vehicles = draft.scenario, single_vehicles(draft.scenario)
 
     results: tuple[PlanResult, ...]
+    cuts: tuple[SortiePlan | None, ...]
+    uncut: tuple[str, ...]
     batteries = batteries_in(scenario.mission.budget)
     if batteries is None:
         results = plan_fleet(scenario, farm=draft.farm, progress=progress)
-        # If no cut is possible, the check of the whole mission finds that a battery is not enough.
-        cuts = tuple(
-            cut_if_too_long(plan, partial(sorties_of, one=vehicle))
-            for plan, vehicle in zip(results, vehicles, strict=True)
-        )
+        tried = [_cut(plan, vehicle) for plan, vehicle in zip(results, vehicles, strict=True)]
+        cuts, uncut = zip(*tried, strict=True)
     else:
         whole, sorties = plan_for_batteries(
             without_budget(scenario), batteries, partial(sorties_of, one=vehicles[0])
         )
-        results, cuts = (whole,), (sorties,)
+        results, cuts, uncut = (whole,), (sorties,), ("",)
     planned_s, missions = time.perf_counter(), []
     coverage = coverage_together(results, scenario.camera.footprint)
-    for number, (result, pieces, vehicle) in enumerate(zip(results, cuts, vehicles, strict=True), start=1):
+    zipped = zip(results, cuts, uncut, vehicles, strict=True)
+    for number, (result, pieces, why_whole, vehicle) in enumerate(zipped, start=1):
         plans = (result,) if pieces is None else pieces.plans
         for sortie, plan in enumerate(plans, start=1):
             which = [f"vehicle {number}"] * (len(results) > 1) + [f"sortie {sortie}"] * (len(plans) > 1)
             progress("checking", sortie, len(plans))
             missions.append(
-                PlannedMission(", ".join(which), number, plan, check_plan(plan, vehicle, coverage))
+                PlannedMission(", ".join(which), number, plan, check_plan(plan, vehicle, coverage), why_whole)
             )
     ended_s = time.perf_counter()
     return PlannedDraft(
         draft, results, cuts, vehicles, tuple(missions), coverage, planned_s - begun_s, ended_s - planned_s
     )
+
+
+def _cut(whole: PlanResult, vehicle: SingleVehicle) -> tuple[SortiePlan | None, str]:
+    """Return a mission's sorties, if one battery is not enough, and the reason if it cannot be cut."""
+    try:
+        return (sorties_of(whole, one=vehicle) if whole.is_too_long else None), ""
+    except UncutError as error:
+        return None, str(error)
 
 
 def written_suffixes() -> dict[str, str]:

@@ -276,7 +276,9 @@ def _mission(sortie: drafts.PlannedMission) -> dict[str, Any]:
         "energy_wh": prediction.energy_wh,
         # Omit warnings that the findings repeat.
         "warnings": [
-            worded(text) for text in plan.warnings if not any(finding.text in text for finding in found)
+            worded(text)
+            for text in (*filter(None, (sortie.why_whole,)), *plan.warnings)
+            if not any(finding.text in text for finding in found)
         ],
         "findings": [
             {

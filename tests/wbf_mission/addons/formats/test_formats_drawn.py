@@ -88,6 +88,10 @@ TRACK = """<Placemark
 xmlns:gx="http://www.google.com/kml/ext/2.2"><gx:Track><altitudeMode>absolute</altitudeMode>
 <when>2026-01-01T00:00:00Z</when><gx:coord>-82.15 28.05 40</gx:coord>
 <when>2026-01-01T00:00:01Z</when><gx:coord>-82.151 28.051 41</gx:coord></gx:Track></Placemark>"""
+MULTI_TRACK = TRACK.replace(
+    "<gx:Track><altitudeMode>absolute</altitudeMode>",
+    "<gx:MultiTrack><altitudeMode>absolute</altitudeMode><gx:Track>",
+).replace("</gx:Track>", "</gx:Track></gx:MultiTrack>")
 PINS = """<Placemark><Point><altitudeMode>relativeToGround</altitudeMode>
 <coordinates>-82.15,28.05,7</coordinates></Point></Placemark><Folder><Placemark><Point><altitudeMode>absolute</altitudeMode>
 <coordinates>-82.151,28.051,8</coordinates></Point></Placemark></Folder>"""
@@ -100,6 +104,7 @@ PINS = """<Placemark><Point><altitudeMode>relativeToGround</altitudeMode>
         (".kml", kml(line(mode="absolute")), Frame.GLOBAL, (10, 20)),
         (".kml", kml(line(coordinates="\n -82.15, 28.05, 10\n\t-82.151 ,28.051,20 \n")), 3, (10, 20)),
         (".kml", kml(TRACK), Frame.GLOBAL, (40, 41)),
+        (".kml", kml(MULTI_TRACK), Frame.GLOBAL, (40, 41)),
         (".gpx", gpx(f"<rte><name>R</name>{points('rtept', *PLACES)}</rte>"), Frame.GLOBAL, (30, 30)),
         (".gpx", gpx(f"<trk><trkseg>{points('trkpt', *PLACES)}</trkseg></trk>"), Frame.GLOBAL, (30, 30)),
         (".gpx", gpx(f"<trk><trkseg/></trk>{points('wpt', *PLACES)}"), Frame.GLOBAL, (30, 30)),

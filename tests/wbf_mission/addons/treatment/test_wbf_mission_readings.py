@@ -40,6 +40,20 @@ def track(tmp_path):
     return read_track(write_telemetry(tmp_path / "x.tlog", fixes, images))
 
 
+def test_image_numbers_that_begin_again_after_a_restart_are_refused(table, tmp_path):
+    """Each flight has an image 100, at another place; image 101 is reported twice at one place."""
+    (first, second, third) = places()
+    fixes = [(10.0 + k + part, *place) for k, place in enumerate(places()) for part in (0.0, 0.9)]
+    images = [(100, 10.5, *first), (101, 11.5, *second), (101, 11.5, *second), (100, 12.5, *third)]
+    track = read_track(write_telemetry(tmp_path / "x.tlog", fixes, images))
+    assert track.images.index.tolist() == [100, 101, 100]
+    one = read_readings(table("image,tylcv\n101,1\n"), PAPER_FIELDS)
+    assert cells_of(join(one, track, FARM, NAMES, 1, 6)[0]) == [CELLS[1]]
+    both = read_readings(table("image,tylcv\n101,1\n100,0\n"), PAPER_FIELDS)
+    with pytest.raises(ObservationError, match="image 100 is at several places in the telemetry log"):
+        join(both, track, FARM, NAMES, 1, 6)
+
+
 def cells_of(observations):
     return list(zip(observations.x.tolist(), observations.y.tolist(), strict=True))
 

@@ -27,6 +27,8 @@ from wbf_mission.addons.web.server import LiveServer
 from wbf_mission.addons.web.studio import Flown, Studio, worded
 from wbf_mission.addons.web.view import View
 from wbf_mission.cli.app import main
+from wbf_mission.planning import PlanResult
+from wbf_mission.planning.sorties import UncutError
 from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario
 from wbf_mission.scenario.scenario import all_options
@@ -140,6 +142,18 @@ def test_a_plan_is_what_planning_gives(server: LiveServer) -> None:
     assert summary["batteries"] == 1
     assert [one["code"] for one in mission["findings"]] == ["flight"]
     assert found["farm"]["name"] == "miniberry-30"
+
+
+def test_the_page_is_told_why_a_mission_beyond_the_battery_is_not_cut(
+    server: LiveServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def uncut(*_: object, **__: object) -> None:
+        raise UncutError("no sorties: not home from all of its places")
+
+    monkeypatch.setattr("wbf_mission.addons.web.drafts.sorties_of", uncut)
+    monkeypatch.setattr(PlanResult, "is_too_long", True)
+    (mission,) = told(server, "/api/plan", options={"budget": "2min", "seed": 5})["missions"]
+    assert mission["warnings"] == ["no sorties: not home from all of its places"]
 
 
 def test_findings_tell_where_they_are(server: LiveServer) -> None:

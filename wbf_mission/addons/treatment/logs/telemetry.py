@@ -23,7 +23,8 @@ _NOWHERE = float("nan")
 def read_telemetry(path: Path) -> LogTrack:
     """Read from a .tlog the track (GLOBAL_POSITION_INT) and images of the vehicle with the most positions."""
     fixes: dict[int, list[tuple[float, ...]]] = {}
-    images: dict[int, dict[int, tuple[float, ...]]] = {}
+    # Images by number and place, or time: a restarted camera uses numbers again
+    images: dict[int, dict[tuple[float, ...], tuple[float, ...]]] = {}
     messages = 0
     try:
         for time_s, message in read_tlog(path):
@@ -33,9 +34,9 @@ def read_telemetry(path: Path) -> LogTrack:
                 place = message.lat / _E7, message.lon / _E7
                 fixes.setdefault(system, []).append((message.time_boot_ms / 1e3, time_s, *place))
             elif (image := _image(message, time_s)) is not None:
-                known, index = images.setdefault(system, {}), int(image[0])
-                if index not in known or math.isnan(known[index][-1]):
-                    known[index] = image
+                index, _, utc_s, *where = image
+                key = (index, utc_s) if math.isnan(where[0]) else (index, *where)
+                images.setdefault(system, {}).setdefault(key, image)
     except LinkError as error:
         raise LogError(str(error)) from None
     if not messages:
@@ -50,6 +51,8 @@ def read_telemetry(path: Path) -> LogTrack:
             f"positions and images are read for vehicle {system} only; other vehicles in the log: {named}"
         )
     rows = list(images.get(system, {}).values())
+    placed = {row[0] for row in rows if not math.isnan(row[-1])}
+    rows = [row for row in rows if row[0] not in placed or not math.isnan(row[-1])]
     return LogTrack.of("telemetry log", fixes.get(system, []), LogImages.of(rows), tuple(notes))
 
 

@@ -11,8 +11,9 @@ import pytest
 from stand_in import scenario
 
 from mission.ground.command import MotorsStandError
+from mission.ground.modes import Maneuver
 from mission.ground.vehicle_state import VehicleState
-from mission.outcome import Outcome
+from mission.outcome import Outcome, Phase
 from mission.policies.decision import Decision
 from mission.policies.observation import Event
 from mission.policies.policy import Triggers
@@ -154,6 +155,41 @@ def test_an_old_position_is_told_as_old_although_the_vehicle_is_heard(beat_s, no
     sortie = SimpleNamespace(ground=ground, assembler=SimpleNamespace(statistics=SimpleNamespace(images=3)))
     line = operator_console.status_line(sortie, now_s)
     assert line == f"{told}, battery -, 3 images, link 90%"
+
+
+def heard_vehicle(heard_s, *, phase=Phase.FLIGHT, taken_out=False):
+    """A vehicle on the console that was last heard at a time."""
+    ground = SimpleNamespace(
+        phase=phase,
+        vehicle_state=VehicleState(heard_s=heard_s, item=1),
+        mission=SimpleNamespace(items=range(4)),
+        pilot=SimpleNamespace(mode="AUTO", ordered=None, obeyed="", taken_out=taken_out),
+        link=SimpleNamespace(heard_s=heard_s),
+    )
+    return operator_console._Vehicle(SimpleNamespace(ground=ground, done=False), Output(), alone=True)
+
+
+@pytest.mark.parametrize(
+    ("heard_s", "told"), [(9.0, "the vehicle flies on: "), (2.0, "the vehicle may fly on: ")]
+)
+def test_a_silent_vehicle_is_not_said_to_fly_on(heard_s, told, capsys):
+    """Its answer to an order may be lost, although it obeys."""
+    vehicle = heard_vehicle(heard_s)
+    vehicle._ordered, vehicle._ordered_s = Maneuver.HOLD, 3.0
+    vehicle._report_silence(10.0)
+    vehicle._report_obedience(10.0)
+    assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("given", "continues"),
+    [({}, True), ({"phase": Phase.READY}, False), ({"taken_out": True}, False)],
+    ids=["in its mission", "on the ground", "taken out"],
+)
+def test_only_a_silent_vehicle_in_its_mission_is_said_to_continue_it(given, continues, capsys):
+    heard_vehicle(2.0, **given)._report_silence(10.0)
+    told = capsys.readouterr().err
+    assert "nothing is heard of the vehicle" in told and ("continues" in told) is continues
 
 
 class Page:

@@ -107,22 +107,28 @@ def test_what_was_typed_before_the_question_does_not_start_the_motors(quick_stan
     assert "start the motors? [y/N]" in capsys.readouterr().err
 
 
-def test_what_was_typed_before_does_not_let_a_command_start_the_motors(typed, monkeypatch):
-    asked, given = [], []
+@pytest.mark.parametrize(("answer", "given"), [("\n", [(False, None)]), ("y\n", [(False, None), (True, 7)])])
+def test_a_command_starts_the_motors_of_the_named_vehicle_after_an_answer_to_its_question(
+    typed, monkeypatch, answer, given
+):
+    """What was typed before does not count, and another vehicle may be heard first the second time."""
+    asked, orders = [], []
 
-    def give(wanted, *_link):
-        given.append(wanted.arms)
-        raise MotorsStandError("the motors stand still")
+    def give(wanted, _url, system_id, _wait):
+        orders.append((wanted.arms, system_id))
+        error = None if wanted.arms else MotorsStandError("the motors stand still")
+        return SimpleNamespace(vehicle=(system_id or 7, 1), error=error, texts=[], mode="MISSION")
 
     def note(_output, text, **_options):
         asked.append(text)
-        typed("\n")
+        typed(answer)
 
     monkeypatch.setattr(operate_command, "_give", give)
     monkeypatch.setattr(Output, "note", note)
     typed("y\n")
-    assert main(["command", "tcp:127.0.0.1:1", "mission"]) == 2
-    assert given == [False] and asked[0].endswith("start the motors? [y/N]")
+    assert main(["command", "tcp:127.0.0.1:1", "mission"]) == (0 if len(given) > 1 else 2)
+    assert orders == given
+    assert asked[0].startswith("system 7: ") and asked[0].endswith("start the motors? [y/N]")
 
 
 @pytest.mark.parametrize(

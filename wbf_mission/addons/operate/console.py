@@ -7,6 +7,7 @@ import os
 import re
 import select
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
@@ -88,8 +89,10 @@ class _Vehicle:
             if ground.phase is Phase.DONE and self.at:
                 self._output.note(self.at + in_words(ground.outcome, ground.reason))
         self._report_silence(now_s)
-        for _, _, text in ground.texts[self._texts :]:
-            self._output.note(f"{self.who.removeprefix('the ')}: {text}", publish=False)
+        # ArduPilot repeats two texts for each item of a changed mission.
+        for text, times in Counter(text for _, _, text in ground.texts[self._texts :]).items():
+            often = f" ({times} times)" * (times > 1)
+            self._output.note(f"{self.who.removeprefix('the ')}: {text}{often}", publish=False)
         self._texts = len(ground.texts)
         for _, event in ground.pilot.events[self._events :]:
             waits = "; this program gives no orders until the vehicle is back in its mission"

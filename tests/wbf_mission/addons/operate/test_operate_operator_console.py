@@ -198,6 +198,25 @@ def test_only_a_silent_vehicle_in_its_mission_is_said_to_continue_it(given, cont
     assert "nothing is heard of the vehicle" in told and ("continues" in told) is continues
 
 
+def test_texts_that_a_vehicle_repeats_are_shown_once_with_their_number(capsys):
+    vehicle = heard_vehicle(10.0)
+    ground = vehicle.sortie.ground
+    ground.arming_gate, ground.parameters_set, ground.pilot.events = None, [], []
+    ground.pilot.somebody_else_flies = False
+    ground.texts = [(9.0, 6, text) for text in ("Mission: 6 WP", "restarted command") * 3] + [
+        (9.5, 6, "Land")
+    ]
+    vehicle._status_s = 9.0
+    vehicle.report(10.0)
+    vehicle.report(10.5)
+    assert capsys.readouterr().err.splitlines() == [
+        "flying",
+        "vehicle: Mission: 6 WP (3 times)",
+        "vehicle: restarted command (3 times)",
+        "vehicle: Land",
+    ]
+
+
 class Page:
     """Who watches a flight: orders one thing after the other, each when what it waits for has happened."""
 

@@ -326,6 +326,8 @@ class MissionBehaviour:
     stays_after_last: bool = False
     """Whether the vehicle stays in the mission mode after the last item, until MISSION_START (ArduPilot).
     Otherwise the vehicle enters the hold mode."""
+    start_resumes: bool = False
+    """Whether MISSION_START with item 0 resumes the mission (ArduPilot); otherwise it restarts it (PX4)."""
     return_lag_s: float | None = None
     """Time after which a return item at the end of a mission ends the mission and starts the return mode
     (PX4). None if the vehicle flies the return item in the mission mode."""

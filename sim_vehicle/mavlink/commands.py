@@ -306,12 +306,12 @@ def _set_home(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
 
 
 def _mission_start(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    first = command.number(1)
+    pilot, first = vehicle.pilot, command.number(1)
+    restarts = first == 0 < pilot.mission.current_seq and not pilot.behaviour.start_resumes
     with _refused_as(vehicle.state, vehicle.state.mavlink.modes[Mode.MISSION]):
-        reason = vehicle.pilot.mission.why_not
-        if reason is not None:
+        if (reason := pilot.mission.why_not) is not None:
             raise RefusedError(f"Mission start refused: {reason}")
-        vehicle.pilot.start_mission(vehicle.state.own_seq(first) if first > 0 else None)
+        pilot.start_mission(vehicle.state.own_seq(first) if first > 0 or restarts else None)
 
 
 def _land_start(vehicle: CommandedVehicle, _command: VehicleCommand) -> None:
@@ -327,10 +327,7 @@ def _land_start(vehicle: CommandedVehicle, _command: VehicleCommand) -> None:
 def _pause_continue(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
     if command.params[0] not in (0.0, 1.0):
         raise RefusedError(f"Pause refused: parameter 1 is {command.params[0]:g}, not 0 or 1", denied=True)
-    if command.params[0]:
-        vehicle.pilot.resume()
-    else:
-        vehicle.pilot.pause()
+    vehicle.pilot.resume() if command.params[0] else vehicle.pilot.pause()
 
 
 def _set_current(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:

@@ -298,6 +298,7 @@ MISSION = MissionBehaviour(
     keeps_jumps=True,
     clears_in_flight=False,
     stays_after_last=True,
+    start_resumes=True,
     forgets_speed_in=frozenset({Mode.MISSION, Mode.GUIDED}),
     pauses_shots=False,
     tells_shots=True,

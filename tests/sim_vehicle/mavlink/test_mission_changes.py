@@ -609,6 +609,33 @@ def test_px4_holds_after_the_last_item_and_starts_from_a_chosen_one():
     flight.reaches(0, 30)
 
 
+def left_at_the_turn(autopilot, *hold):
+    """A vehicle that was ordered out of its mission, and got the same mission again."""
+    flight = Flight(autopilot).fly().to_the_change()
+    assert flight.result(176, 1.0, *hold) == 0
+    flight.wait(3.0)
+    assert flight.upload(BASE).type == 0
+    assert flight.seq == TURN
+    return flight
+
+
+@pytest.mark.parametrize("landed", [False, True], ids=["in the air", "landed"])
+def test_px4_restarts_its_mission_at_mission_start(landed):
+    flight = left_at_the_turn(PX4, 4.0, 3.0)
+    if landed:
+        flight.result(21)
+        flight.wait(100.0, lambda: not flight.pilot.armed)
+        assert flight.seq == TURN
+    flight.fly()
+    assert flight.seq == 0
+
+
+def test_ardupilot_resumes_its_mission_at_mission_start():
+    flight = left_at_the_turn(ARDUPILOT, 17.0)
+    flight.fly()
+    assert flight.seq == TURN
+
+
 @pytest.mark.parametrize("by_upload", [False, True], ids=["chosen", "uploaded"])
 @pytest.mark.parametrize("landed", [False, True], ids=["in the air", "landed"])
 def test_px4_goes_on_at_what_came_on_the_way_home_of_its_mission(by_upload, landed):
@@ -624,9 +651,8 @@ def test_px4_goes_on_at_what_came_on_the_way_home_of_its_mission(by_upload, land
     if landed:
         flight.wait(200.0, lambda: not flight.pilot.armed)
         assert flight.pilot.outcome is Outcome.COMPLETED
-        flight.fly()
-    else:
-        assert flight.result(176, 1.0, 4.0, 4.0) == 0
+        assert flight.result(400, 1.0) == 0
+    assert flight.result(176, 1.0, 4.0, 4.0) == 0
     assert flight.seq == 1
     flight.reaches(0, 30)
     if by_upload:

@@ -99,17 +99,22 @@ def upload_checked(
     # Findings about the vehicle's present state are left out, since they matter only before a take-off.
     found = check_mission(mission, around(snapshot)).report.about(Concern.PLAN, Concern.PARAMETERS)
     found.require_no_errors("nothing was sent", events, force=force)
-    report = upload(
-        mission,
-        link,
-        wait_s=wait_s,
-        system_id=snapshot.system_id,
-        progress=events.progress,
-        note=events.note,
-        force=force,
-        parameters=snapshot.parameters,
-        open_driver=open_driver,
-    )
+    try:
+        report = upload(
+            mission,
+            link,
+            wait_s=wait_s,
+            system_id=snapshot.system_id,
+            progress=events.progress,
+            note=events.note,
+            force=force,
+            parameters=snapshot.parameters,
+            open_driver=open_driver,
+        )
+    except KeyboardInterrupt:
+        held = "it may hold a mixture of the old mission and the new one; upload the mission again"
+        events.warn(f"system {snapshot.system_id}: the upload is incomplete: {held}")
+        raise
     return report, found
 
 

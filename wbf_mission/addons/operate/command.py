@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from mission.ground.command import OperatorCommand
     from mission.ground.contact import Contact
     from sim_vehicle.component import Component
+    from wbf_mission.addons.operate.command_session import CommandSession
     from wbf_mission.addons.operate.watching import FleetWatch
 
 MONITOR_EXAMPLES = """
@@ -259,22 +260,36 @@ def command_command(
 ) -> None:
     """Give a vehicle one order, and wait until its telemetry shows that it obeys."""
     from mission.ground.command import MotorsStandError, OperatorCommand
+
+    session = _give(OperatorCommand(order, value, arm), url, system_id, wait)
+    assert session.vehicle is not None
+    number = session.vehicle[0]
+    if isinstance(session.error, MotorsStandError) and _lets_start(number, output):
+        # The answer is about this vehicle, although another may be heard first now.
+        session = _give(OperatorCommand(order, value, arms=True), url, number, wait)
+    for text in session.texts:
+        output.note(f"vehicle: {text}")
+    if session.error is not None:
+        raise session.error
+    done = {"system_id": number, "order": order, "value": value or None, "mode": session.mode}
+    text = f"{order} {value}".strip()
+    output.result(done, {"vehicle": f"system {number}", "done": text, "mode": session.mode})
+
+
+def _lets_start(number: int, output: Output) -> bool:
+    """Ask at the terminal whether the motors of a vehicle may start; without a terminal they may not."""
     from wbf_mission.addons.operate.console import discard_typed
 
-    try:
-        _give(OperatorCommand(order, value, arm), url, system_id, wait, output)
-    except MotorsStandError:
-        if not sys.stdin.isatty():
-            raise
-        discard_typed()
-        output.note("the motors stand still: the order starts them for take-off; start the motors? [y/N]")
-        if sys.stdin.readline().strip().lower() not in ("y", "yes"):
-            raise
-        _give(OperatorCommand(order, value, arms=True), url, system_id, wait, output)
+    if not sys.stdin.isatty():
+        return False
+    discard_typed()
+    state = f"system {number}: the motors stand still: the order starts them for take-off"
+    output.note(f"{state}; start the motors? [y/N]")
+    return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
-def _give(wanted: OperatorCommand, url: str, system_id: int | None, wait: float, output: Output) -> None:
-    """Open a link, give an order, and print the result."""
+def _give(wanted: OperatorCommand, url: str, system_id: int | None, wait: float) -> CommandSession:
+    """Open a link and give an order; return the ended session. Raises NoVehicleError without a vehicle."""
     from sim_vehicle.host.server import Server
     from sim_vehicle.host.simulation import StopReason
     from wbf_mission.addons.operate.command_session import CommandSession
@@ -289,18 +304,7 @@ def _give(wanted: OperatorCommand, url: str, system_id: int | None, wait: float,
         raise KeyboardInterrupt
     if session.vehicle is None:
         raise session.error or session.search.failure(name, wait)
-    for text in session.texts:
-        output.note(f"vehicle: {text}")
-    if session.error is not None:
-        raise session.error
-    done = {
-        "system_id": session.vehicle[0],
-        "order": wanted.order,
-        "value": wanted.value or None,
-        "mode": session.mode,
-    }
-    order = f"{wanted.order} {wanted.value}".strip()
-    output.result(done, {"vehicle": f"system {session.vehicle[0]}", "done": order, "mode": session.mode})
+    return session
 
 
 MONITOR = Command(monitor_command, MONITOR_EXAMPLES)

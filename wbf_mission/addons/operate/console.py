@@ -7,6 +7,7 @@ import os
 import re
 import select
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
@@ -88,8 +89,10 @@ class _Vehicle:
             if ground.phase is Phase.DONE and self.at:
                 self._output.note(self.at + in_words(ground.outcome, ground.reason))
         self._report_silence(now_s)
-        for _, _, text in ground.texts[self._texts :]:
-            self._output.note(f"{self.who.removeprefix('the ')}: {text}", publish=False)
+        # ArduPilot repeats two texts for each item of a changed mission.
+        for text, times in Counter(text for _, _, text in ground.texts[self._texts :]).items():
+            often = f" ({times} times)" * (times > 1)
+            self._output.note(f"{self.who.removeprefix('the ')}: {text}{often}", publish=False)
         self._texts = len(ground.texts)
         for _, event in ground.pilot.events[self._events :]:
             waits = "; this program gives no orders until the vehicle is back in its mission"
@@ -156,7 +159,8 @@ class _Vehicle:
         elif ground.phase is not Phase.FLIGHT:
             self._output.warn(f"{self.at}the flight was over before the vehicle had obeyed")
         elif pilot.ordered is None:
-            self._output.warn(f"{self.who} flies on: {doing(ground, now_s)}")
+            flies = "may fly on" if self._silent else "flies on"
+            self._output.warn(f"{self.who} {flies}: {doing(ground, now_s)}")
         elif now_s - ordered_s > _OBEYS_S + 4.0 * (ground.link.round_trip.known_s or 0.0):
             seen = doing(ground, now_s)
             self._output.warn(
@@ -167,12 +171,15 @@ class _Vehicle:
         self._ordered_s = None
 
     def _report_silence(self, now_s: float) -> None:
-        heard_s = self.sortie.ground.link.heard_s
+        ground = self.sortie.ground
+        heard_s = ground.link.heard_s
         silent = heard_s > float("-inf") and now_s - heard_s > _SILENCE_S and not self.sortie.done
         if silent != self._silent:
             self._silent = silent
             if silent:
-                self._output.warn(f"nothing is heard of {self.who}; by its plan, it continues the flight")
+                flies = ground.phase is Phase.FLIGHT and not ground.pilot.taken_out
+                goes_on = "; by its plan, it continues the flight" * flies
+                self._output.warn(f"nothing is heard of {self.who}{goes_on}")
             elif not self.sortie.done:
                 self._output.warn(f"{self.who} is heard again")
 

@@ -200,6 +200,10 @@ class BatteryWait:
                     why = None
                     while why is None:
                         host.run(limit_s=_LOOK_S)
+                        vehicle = watch.vehicles.get(system_id)
+                        if vehicle is not None and vehicle.is_silent(host.now_s):
+                            # It reported the charge of a battery that may be out by now.
+                            del watch.vehicles[system_id]
                         why = self._settled(watch.vehicles.get(system_id), time.monotonic() - began_s)
                 return why
             except LinkError as error:

@@ -170,7 +170,7 @@ class WatchedVehicle(Contact):
             "longitude_deg": state.longitude_deg if located else None,
             "height_m": state.height_m if located else None,
             "ground_speed_m_s": state.ground_speed_m_s if located else None,
-            "item": None if state.item is None else state.item + 1,
+            "item": None if state.item is None or state.total == 0 else state.item + 1,
             "seq": self.monitor.seq,
             "items": state.total,
             "battery": None if (percent := self.monitor.battery_percent) is None else percent / 100.0,

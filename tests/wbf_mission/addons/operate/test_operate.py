@@ -155,6 +155,7 @@ def test_monitor_shows_one_header_and_a_line_for_each_vehicle(quick_stand_in, ca
     for line in lines:
         assert line[header.index("autopilot") :].startswith("PX4 ")
         assert line[header.index("mode") :].startswith("LOITER ")
+        assert line[header.index("item") :].startswith("- "), "there is no item 1 of 0"
         assert line[header.index("link") :].startswith("100%")
         assert line.split()[2] in ("1", "2")
     assert " ms" in lines[-1]

@@ -11,12 +11,14 @@ from tcp_relay import TcpRelay
 from mission.course import Course, Place
 from mission.files import read_mission
 from mission.ground.modes import Maneuver
+from mission.link import FrameReader, FrameWriter
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import read_tlog
 from mission.outcome import Outcome, Phase
 from mission.sorties import part_of
 from wbf_mission import load_result
 from wbf_mission.addons.operate import console as operator_console
+from wbf_mission.addons.operate import real_sorties
 from wbf_mission.addons.operate.console import TerminalConsole
 from wbf_mission.addons.operate.link import LiveLink
 from wbf_mission.addons.operate.real_sorties import (
@@ -290,6 +292,43 @@ def test_a_vehicle_that_tells_no_reading_is_believed_with_a_note():
     alone = BatteryWait(0.8, None, 0.7, 60.0, notes.append)
     alone._settled(watched(None), 1.0)
     assert "confirm the change" in alone._settled(watched(None), 8.0)
+
+
+class SilentHost:
+    """A link to a vehicle that is silent from 1 to 9 s, while its battery is changed."""
+
+    def __init__(self, components, _urls):
+        (self.watch,), self.now_s = components, 0.0
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_error):
+        pass
+
+    def run(self, limit_s):
+        self.now_s += limit_s
+        if self.now_s == 1.0 or self.now_s >= 9.0:
+            self.hear(m.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3))
+        if self.now_s == 1.0 or self.now_s >= 10.0:
+            reads = 70 if self.now_s == 1.0 else 99
+            unknown = [65535] * 10
+            self.hear(m.MAVLink_battery_status_message(0, 0, 0, 32767, unknown, -1, -1, -1, reads))
+
+    def hear(self, message):
+        self.watch.receive(FrameReader().feed(FrameWriter(1, 1).encode(message))[0], self.now_s)
+
+
+def test_the_reading_of_a_vehicle_without_its_battery_does_not_count(monkeypatch):
+    """Enter is pressed at 6 s; the charge from before would be enough, too."""
+    hosts, notes = [], []
+    monkeypatch.setattr(
+        real_sorties, "LinkHost", lambda *given: hosts.append(SilentHost(*given)) or hosts[-1]
+    )
+    wait = BatteryWait(0.5, lambda: True if hosts[-1].now_s == 6.0 else None, None, 60.0, notes.append)
+    assert wait.wait("tcp:there:1", 1) == ""
+    assert hosts[-1].now_s == 10.0
+    assert notes == ["waiting for the vehicle"]
 
 
 def test_the_operator_is_asked_at_the_terminal(monkeypatch, capsys):

@@ -11,8 +11,9 @@ import pytest
 from stand_in import scenario
 
 from mission.ground.command import MotorsStandError
+from mission.ground.modes import Maneuver
 from mission.ground.vehicle_state import VehicleState
-from mission.outcome import Outcome
+from mission.outcome import Outcome, Phase
 from mission.policies.decision import Decision
 from mission.policies.observation import Event
 from mission.policies.policy import Triggers
@@ -124,22 +125,28 @@ def test_what_was_typed_before_the_question_does_not_start_the_motors(quick_stan
     assert "start the motors? [y/N]" in capsys.readouterr().err
 
 
-def test_what_was_typed_before_does_not_let_a_command_start_the_motors(typed, monkeypatch):
-    asked, given = [], []
+@pytest.mark.parametrize(("answer", "given"), [("\n", [(False, None)]), ("y\n", [(False, None), (True, 7)])])
+def test_a_command_starts_the_motors_of_the_named_vehicle_after_an_answer_to_its_question(
+    typed, monkeypatch, answer, given
+):
+    """What was typed before does not count, and another vehicle may be heard first the second time."""
+    asked, orders = [], []
 
-    def give(wanted, *_link):
-        given.append(wanted.arms)
-        raise MotorsStandError("the motors stand still")
+    def give(wanted, _url, system_id, _wait):
+        orders.append((wanted.arms, system_id))
+        error = None if wanted.arms else MotorsStandError("the motors stand still")
+        return SimpleNamespace(vehicle=(system_id or 7, 1), error=error, texts=[], mode="MISSION")
 
     def note(_output, text, **_options):
         asked.append(text)
-        typed("\n")
+        typed(answer)
 
     monkeypatch.setattr(operate_command, "_give", give)
     monkeypatch.setattr(Output, "note", note)
     typed("y\n")
-    assert main(["command", "tcp:127.0.0.1:1", "mission"]) == 2
-    assert given == [False] and asked[0].endswith("start the motors? [y/N]")
+    assert main(["command", "tcp:127.0.0.1:1", "mission"]) == (0 if len(given) > 1 else 2)
+    assert orders == given
+    assert asked[0].startswith("system 7: ") and asked[0].endswith("start the motors? [y/N]")
 
 
 @pytest.mark.parametrize(
@@ -172,6 +179,60 @@ def test_an_old_position_is_told_as_old_although_the_vehicle_is_heard(beat_s, no
     sortie = SimpleNamespace(ground=ground, assembler=SimpleNamespace(statistics=SimpleNamespace(images=3)))
     line = operator_console.status_line(sortie, now_s)
     assert line == f"{told}, battery -, 3 images, link 90%"
+
+
+def heard_vehicle(heard_s, *, phase=Phase.FLIGHT, taken_out=False):
+    """A vehicle on the console that was last heard at a time."""
+    ground = SimpleNamespace(
+        phase=phase,
+        vehicle_state=VehicleState(heard_s=heard_s, item=1),
+        mission=SimpleNamespace(items=range(4)),
+        pilot=SimpleNamespace(mode="AUTO", ordered=None, obeyed="", taken_out=taken_out),
+        link=SimpleNamespace(heard_s=heard_s),
+    )
+    return operator_console._Vehicle(SimpleNamespace(ground=ground, done=False), Output(), alone=True)
+
+
+@pytest.mark.parametrize(
+    ("heard_s", "told"), [(9.0, "the vehicle flies on: "), (2.0, "the vehicle may fly on: ")]
+)
+def test_a_silent_vehicle_is_not_said_to_fly_on(heard_s, told, capsys):
+    """Its answer to an order may be lost, although it obeys."""
+    vehicle = heard_vehicle(heard_s)
+    vehicle._ordered, vehicle._ordered_s = Maneuver.HOLD, 3.0
+    vehicle._report_silence(10.0)
+    vehicle._report_obedience(10.0)
+    assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("given", "continues"),
+    [({}, True), ({"phase": Phase.READY}, False), ({"taken_out": True}, False)],
+    ids=["in its mission", "on the ground", "taken out"],
+)
+def test_only_a_silent_vehicle_in_its_mission_is_said_to_continue_it(given, continues, capsys):
+    heard_vehicle(2.0, **given)._report_silence(10.0)
+    told = capsys.readouterr().err
+    assert "nothing is heard of the vehicle" in told and ("continues" in told) is continues
+
+
+def test_texts_that_a_vehicle_repeats_are_shown_once_with_their_number(capsys):
+    vehicle = heard_vehicle(10.0)
+    ground = vehicle.sortie.ground
+    ground.arming_gate, ground.parameters_set, ground.pilot.events = None, [], []
+    ground.pilot.somebody_else_flies = False
+    ground.texts = [(9.0, 6, text) for text in ("Mission: 6 WP", "restarted command") * 3] + [
+        (9.5, 6, "Land")
+    ]
+    vehicle._status_s = 9.0
+    vehicle.report(10.0)
+    vehicle.report(10.5)
+    assert capsys.readouterr().err.splitlines() == [
+        "flying",
+        "vehicle: Mission: 6 WP (3 times)",
+        "vehicle: restarted command (3 times)",
+        "vehicle: Land",
+    ]
 
 
 class Page:

@@ -9,6 +9,7 @@ from preflight_plans import box, farm_with_obstacle, fenced, good
 from geo import save_farm
 from mission.files import read_mission, write_mission
 from mission.ground.link import upload
+from wbf_mission.addons.base import links
 from wbf_mission.cli.app import main
 
 
@@ -22,6 +23,16 @@ def file(tmp_path):
     path = tmp_path / "good.plan"
     write_mission(good(), path)
     return path
+
+
+def test_an_interrupted_upload_says_what_the_vehicle_may_hold(quick_stand_in, file, monkeypatch, capsys):
+    def interrupted(*_given, **_options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(links, "upload", interrupted)
+    with quick_stand_in("ardupilot", speed=6.0) as (url, _):
+        err = run(capsys, "upload", str(file), "--connect", url, "--force", code=130).err
+    assert "warning: system 1: the upload is incomplete: it may hold a mixture of the old mission and" in err
 
 
 def test_what_is_stored_and_then_rejected_is_not_verified(quick_stand_in, tmp_path, capsys):

@@ -85,7 +85,7 @@ class FieldProcess:
         self._fitted = 0
         self._conditioned = 0
         self._posterior: CellPosterior | LocalPosterior | WholePosterior | None = None
-        self._made_for: tuple[RbfKernel, _Method | None, int | None, float | None] | None = None
+        self._made_for: tuple[RbfKernel, _Method | None, int | None, ClassMap | float | None] | None = None
         self._crowding = self._no_crowd()
         self._written: tuple[object, ...] | None = None
         self._shown = 0
@@ -135,7 +135,7 @@ class FieldProcess:
             return
         posterior = self._posterior
         method = self._method(exact, window_bytes)
-        state = self.kernel, method, self._day, None
+        state = self.kernel, method, self._day, self.classes
         gone = self._newly_superseded()
         # An exact posterior cannot remove observations, so a superseded reading requires a new posterior.
         if posterior is None or self._made_for != state or (exact and (gone < self._conditioned).any()):
@@ -345,7 +345,9 @@ class FieldProcess:
         from sensors.estimators.gp.local import LEAST_NOISE, LocalPosterior
 
         noise = max(self.kernel.noise, LEAST_NOISE * self.kernel.amplitude)
-        return LocalPosterior(self._shape, replace(self.kernel, noise=noise))
+        # Land without the crop is healthy with certainty, whatever the posterior there.
+        hosts = None if self.classes is None else self.classes.hosts
+        return LocalPosterior(self._shape, replace(self.kernel, noise=noise), hosts)
 
     def _whole_posterior(self) -> WholePosterior | None:
         """Return a posterior in sine functions over the whole farm; None if too many are needed."""

@@ -85,7 +85,7 @@ class FieldProcess:
         self._fitted = 0
         self._conditioned = 0
         self._posterior: CellPosterior | LocalPosterior | WholePosterior | None = None
-        self._made_for: tuple[RbfKernel, _Method | None, int | None, ClassMap | float | None] | None = None
+        self._made_for: tuple[RbfKernel, _Method | None, int | None, float | None] | None = None
         self._crowding = self._no_crowd()
         self._written: tuple[object, ...] | None = None
         self._shown = 0
@@ -135,7 +135,7 @@ class FieldProcess:
             return
         posterior = self._posterior
         method = self._method(exact, window_bytes)
-        state = self.kernel, method, self._day, self.classes
+        state = self.kernel, method, self._day, None
         gone = self._newly_superseded()
         # An exact posterior cannot remove observations, so a superseded reading requires a new posterior.
         if posterior is None or self._made_for != state or (exact and (gone < self._conditioned).any()):

@@ -345,7 +345,9 @@ class FieldProcess:
         from sensors.estimators.gp.local import LEAST_NOISE, LocalPosterior
 
         noise = max(self.kernel.noise, LEAST_NOISE * self.kernel.amplitude)
-        return LocalPosterior(self._shape, replace(self.kernel, noise=noise))
+        # Land without the crop is healthy with certainty, whatever the posterior there.
+        hosts = None if self.classes is None else self.classes.hosts
+        return LocalPosterior(self._shape, replace(self.kernel, noise=noise), hosts)
 
     def _whole_posterior(self) -> WholePosterior | None:
         """Return a posterior in sine functions over the whole farm; None if too many are needed."""

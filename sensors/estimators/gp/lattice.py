@@ -24,6 +24,7 @@ POINTS = 6
 MARGIN = POINTS // 2
 
 Values = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 
 
 def lagrange_weights(step: int) -> Values:
@@ -234,6 +235,15 @@ class NodeLattice:
         self._touched[i, j] = True
         self._tiles.append(np.zeros((np.count_nonzero(new), *self._tiles.array.shape[1:]), np.float32))
         return np.column_stack([self._slots[i, j], self.x.edges[i], self.y.edges[j]])
+
+    def tiles_of(self, hosts: Callable[[Any], Mask]) -> Mask:
+        """Return the tiles whose nodes any cell of a mask depends on; `hosts` returns parts of the mask."""
+        starts, ends = np.array([self.y.span(j, j) for j in range(self.y.tiles)]).T
+        tiles = np.empty((self.x.tiles, self.y.tiles), np.bool_)
+        for i in range(self.x.tiles):
+            rows = np.flatnonzero(hosts((slice(*self.x.span(i, i)), slice(None))).any(axis=0))
+            tiles[i] = np.searchsorted(rows, starts) < np.searchsorted(rows, ends)
+        return tiles
 
     def changed(self, tiles: NDArray[np.bool_]) -> None:
         """Mark the tiles at whose nodes the posterior has changed."""

@@ -10,7 +10,8 @@ repeated observations of a cell is exact. The parameter `weights` reduces the in
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from geo.linear_algebra import cholesky, exp, product, solve_lower
 from geo.system import in_parallel
 from sensors.estimators.days import pass_day
 from sensors.estimators.gp import tile as gp_tile
-from sensors.estimators.gp.lattice import NodeLattice
+from sensors.estimators.gp.lattice import Mask, NodeLattice
 from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel
 
 TILE_LENGTHS = 8.0
@@ -89,9 +90,15 @@ class Spectrum:
 
 
 class LocalPosterior:
-    """Posterior that is solved tile by tile, for lengthscales that are short compared with the farm."""
+    """Posterior that is solved tile by tile, for lengthscales that are short compared with the farm.
 
-    def __init__(self, shape: tuple[int, int], kernel: RbfKernel) -> None:
+    `hosts`, if given, returns the part of a mask of cells at given indices. Tiles on which no masked cell
+    depends keep the prior.
+    """
+
+    def __init__(
+        self, shape: tuple[int, int], kernel: RbfKernel, hosts: Callable[[Any], Mask] | None = None
+    ) -> None:
         self.kernel = kernel
         lengths = kernel.length_x, kernel.length_y
         tile = [max(TILE_LENGTHS * length, float(_LEAST_TILE_CELLS)) for length in lengths]
@@ -110,6 +117,7 @@ class LocalPosterior:
         self._cells = np.empty(0, np.int64)
         self._sums = np.empty((0, 2))
         self._waiting = np.zeros((x.tiles, y.tiles), np.bool_)
+        self._wanted = ~self._waiting if hosts is None else self.lattice.tiles_of(hosts)
 
     def condition(self, x: Cells, y: Cells, values: Floats, weights: Floats | None = None) -> None:
         """Add observations with weights; negative weights remove observations."""
@@ -129,7 +137,8 @@ class LocalPosterior:
             for part in axis.reached(cells, reach)
         ]
         for i0, i1, j0, j1 in np.unique(np.stack(spans, axis=1), axis=0).tolist():
-            self._waiting[i0 : i1 + 1, j0 : j1 + 1] = True
+            reached = slice(i0, i1 + 1), slice(j0, j1 + 1)
+            self._waiting[reached] = self._wanted[reached]
 
     def solve(self) -> None:
         """Solve the tiles that are within reach of new observations."""

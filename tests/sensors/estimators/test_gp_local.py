@@ -17,7 +17,7 @@ from sensors.estimators.gp import prior
 from sensors.estimators.gp.cell_posterior import LEAST_NOISE as WINDOWED_NOISE
 from sensors.estimators.gp.cell_posterior import ExactPosterior, WindowedPosterior
 from sensors.estimators.gp.estimator import GaussianProcessEstimator
-from sensors.estimators.gp.lattice import POINTS, lagrange_weights
+from sensors.estimators.gp.lattice import POINTS, NodeLattice, lagrange_weights
 from sensors.estimators.gp.local import LEAST_NOISE, LocalPosterior, Spectrum, WholePosterior
 from sensors.estimators.gp.rbf import RbfKernel
 from sensors.fields import PAPER_FIELDS
@@ -158,6 +158,57 @@ def test_an_update_touches_only_what_it_reaches():
     np.testing.assert_array_equal(uncertainty, full[1])
     nothing = posterior.lattice.write(0.5, clip=True, whole=False, value=value, uncertainty=uncertainty)
     assert not nothing.any()
+
+
+@pytest.mark.parametrize(
+    ("kernel", "shape"), [(SICK, (90, 70)), (RbfKernel(9.0, 14.0, 1e-3, 0.01), (200, 260))]
+)
+def test_tiles_on_which_no_host_depends_keep_the_prior_and_hosts_get_the_same_estimate(kernel, shape):
+    rng = np.random.default_rng(2)
+    x, y = (rng.integers(0, side, 300).astype(np.int32) for side in shape)
+    values = rng.standard_normal(300)
+
+    def solved(hosts=None):
+        posterior = LocalPosterior(shape, kernel, hosts)
+        for part in (slice(200), slice(200, None)):
+            posterior.condition(x[part], y[part], values[part])
+            posterior.solve()
+        return posterior
+
+    whole = solved()
+    lattice = whole.lattice
+    edge_x, edge_y = (axis.first + int(axis.edges[1]) * axis.step for axis in (lattice.x, lattice.y))
+    near = [-9, -6, -5, -3, -1, 0, 1, 3, 5, 6, 9, 30]
+    hosts = {(edge_x + a, edge_y + b) for a, b in [*((a, 30) for a in near), *((30, b) for b in near)]}
+    for cell in [(0, 0), (shape[0] - 1, shape[1] - 1), *sorted(hosts)]:
+        mask = np.zeros(shape, np.bool_)
+        mask[cell] = True
+        posterior = solved(mask.__getitem__)
+        assert 0 < posterior._wanted.sum() < posterior._wanted.size
+        for some, every in zip(written(posterior, shape), written(whole, shape), strict=True):
+            assert some[cell] == every[cell]
+    assert not solved(np.zeros(shape, np.bool_).__getitem__).lattice._touched.any()
+
+
+def test_land_without_the_crop_changes_no_estimate(monkeypatch):
+    grid = get_farm("miniberry-100").grid()
+
+    def flown():
+        estimator, rng = GaussianProcessEstimator(method="local").fit(grid), np.random.default_rng(3)
+        for day in (6, 6, 7):
+            x, y = rng.integers(0, 100, (2, 300))
+            readings = rng.choice([0.5, 1.0], (300, 3))
+            seen = Observations(x, y, np.arange(300.0), np.full(300, day), readings)
+            model = estimator.partial_fit(seen).predict()
+        tiles = [int(process._posterior.lattice._touched.sum()) for process in estimator._fields[:2]]
+        return model.value, model.uncertainty, model.loss_map(), tiles
+
+    *found, few = flown()
+    monkeypatch.setattr(NodeLattice, "tiles_of", lambda self, _hosts: np.ones(self._touched.shape, np.bool_))
+    *right, many = flown()
+    for some, every in zip(found, right, strict=True):
+        np.testing.assert_array_equal(some, every)
+    assert 0 < few[0] < many[0] and 0 < few[1] < many[1]
 
 
 def test_an_update_between_nodes_writes_all_cells_that_depend_on_them():

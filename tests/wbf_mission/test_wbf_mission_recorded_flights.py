@@ -42,7 +42,7 @@ NAMES = sorted(
 
 
 # The vehicle alone flies all of them in the default suite, too: sim_vehicle/motion and mavlink.
-QUICK = {"ardupilot-ground-takeoff-rtl", "ardupilot-random-10", "px4-climbs-holds", "px4-random-10"}
+QUICK = {"ardupilot-ground-takeoff-rtl", "px4-random-10"}
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """What all tests share: property tests have no deadlines, and the same examples on every run in CI."""
 
+import gc
 import os
 import signal
 import sys
@@ -45,6 +46,17 @@ def pytest_xdist_make_scheduler(config, log):
 
     config.option.loadscopereorder = False
     return LoadFileScheduling(config, log)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Collect without the garbage collector, which then never looks at the modules and tests again."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_configure(config):

@@ -4,10 +4,9 @@ import json
 import queue
 
 import pytest
+from sweeps import autopilots
 
 from mission.link import read_tlog
-
-pytestmark = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 
 
 def finished(start, limit_s=60.0):
@@ -20,6 +19,7 @@ def finished(start, limit_s=60.0):
             return name
 
 
+@autopilots()
 @pytest.mark.parametrize("burst", [False, True])
 def test_mavsdk_puts_lists_compares_gets_and_removes_a_file(autopilot, burst, connected, tmp_path):
     from mavsdk.plugins.ftp import Ftp, FtpError
@@ -44,6 +44,7 @@ def test_mavsdk_puts_lists_compares_gets_and_removes_a_file(autopilot, burst, co
     ftp.remove_directory("/data")
 
 
+@autopilots()
 def test_mavsdk_asks_for_logs_and_for_metadata(autopilot, connected, tools):
     from mavsdk.plugins.component_metadata import ComponentMetadata, MetadataType
     from mavsdk.plugins.log_files import LogFiles, LogFilesError
@@ -67,6 +68,7 @@ def test_mavsdk_asks_for_logs_and_for_metadata(autopilot, connected, tools):
     assert names == {parameter.name for parameter in table}
 
 
+@autopilots()
 def test_mavsdk_downloads_the_log_of_a_flight(autopilot, connected, tools, tmp_path):
     from mavsdk.plugins.ftp import Ftp
     from mavsdk.plugins.log_files import LogFiles
@@ -100,6 +102,8 @@ def test_mavsdk_downloads_the_log_of_a_flight(autopilot, connected, tools, tmp_p
     assert "HEARTBEAT" in {kind for _, kind in told}
 
 
+# MAVSDK does the same with a PX4 above.
+@autopilots(slow_with=("px4",))
 def test_mavftp_lists_puts_and_gets(autopilot, fly, tools, tmp_path):
     from pymavlink import mavutil
     from pymavlink.mavftp import MAVFTP

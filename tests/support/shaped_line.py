@@ -5,11 +5,12 @@ import os
 import pty
 import random
 import select
-import threading
 import time
 import tty
 from collections import deque
 from pathlib import Path
+
+from in_a_thread import InAThread
 
 from mission.link.codec.frames import FrameReader
 
@@ -56,7 +57,7 @@ class _Way:
         return self._flying[0][0] if self._flying else float("inf")
 
 
-class ShapedLine:
+class ShapedLine(InAThread):
     """Two devices joined by a bad radio, shaped in a thread.
 
     Attributes
@@ -76,9 +77,7 @@ class ShapedLine:
         near, far = (self._ends[device][0] for device in self.devices)
         self.down = _Way(near, far, seed=seed, **shape)
         self.up = _Way(far, near, seed=seed + 1, **shape)
-        self._stopping = threading.Event()
-        self._lock = threading.Lock()
-        self._thread = threading.Thread(target=self._run, daemon=True)
+        super().__init__()
 
     def _plug(self, device):
         near, far = pty.openpty()
@@ -117,12 +116,6 @@ class ShapedLine:
                 select.select(sources, [], [], min(wait_s, 0.01))
             time.sleep(0.002)
 
-    def __enter__(self):
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_):
-        self._stopping.set()
-        self._thread.join(10.0)
+    def _close(self):
         for end in sum(self._ends.values(), ()):
             os.close(end)

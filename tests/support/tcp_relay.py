@@ -3,10 +3,11 @@
 import contextlib
 import select
 import socket
-import threading
+
+from in_a_thread import InAThread
 
 
-class TcpRelay:
+class TcpRelay(InAThread):
     """Relays connections to a host; `drop` ends those that there are, new ones are taken.
 
     Attributes
@@ -24,9 +25,7 @@ class TcpRelay:
         self.url = f"tcp:127.0.0.1:{self._listener.getsockname()[1]}"
         self.accepted = 0
         self._pairs = {}
-        self._lock = threading.Lock()
-        self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
+        super().__init__()
 
     def drop(self):
         """End all connections."""
@@ -64,12 +63,6 @@ class TcpRelay:
                 end.close()
                 del self._pairs[end]
 
-    def __enter__(self):
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_):
-        self._stopping.set()
-        self._thread.join(10.0)
+    def _close(self):
         self.drop()
         self._listener.close()

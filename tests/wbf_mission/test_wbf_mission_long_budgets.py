@@ -66,6 +66,11 @@ def test_what_is_not_used_of_a_budget_is_said(small, budget, capsys):
     assert len(said) == (budget != "40s"), said
 
 
+@pytest.fixture(scope="module")
+def spiral():
+    return replace(plan(planned("quad", "400m")), budget_text="1000 m")
+
+
 @pytest.mark.parametrize(
     ("length_m", "says"),
     [
@@ -75,17 +80,17 @@ def test_what_is_not_used_of_a_budget_is_said(small, budget, capsys):
         (1000.0, ""),
     ],
 )
-def test_a_seventh_of_a_budget_is_left_without_a_word(length_m, says):
+def test_a_seventh_of_a_budget_is_left_without_a_word(spiral, length_m, says):
     """Planners that add row by row leave as much."""
-    made = replace(plan(planned("quad", "400m")), budget_text="1000 m", length_m=length_m)
+    made = replace(spiral, length_m=length_m)
     left = budget_left([made])
     assert says in left and bool(left) is bool(says)
     assert budget_left([replace(made, length_m=0.5 * length_m)] * 2) == left
 
 
 @pytest.mark.parametrize(("length_m", "is_over"), [(1049.0, False), (1051.0, True)])
-def test_sorties_say_that_they_take_a_twentieth_more_than_the_budget(length_m, is_over):
-    made = replace(plan(planned("quad", "400m")), budget_text="1000 m", length_m=0.5 * length_m)
+def test_sorties_say_that_they_take_a_twentieth_more_than_the_budget(spiral, length_m, is_over):
+    made = replace(spiral, length_m=0.5 * length_m)
     assert ("the 2 sorties take" in budget_left([made, made])) is is_over
     assert budget_left([replace(made, length_m=length_m)]) == ""
 

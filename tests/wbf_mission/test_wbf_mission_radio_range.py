@@ -27,7 +27,7 @@ ROWS = {
     "altitude_m": 3.0,
 }
 AUTOPILOTS = ("px4", "ardupilot")
-RANGES_M = (1.0, 4.0, 6.0)
+RANGES_M = (1.0, 6.0)
 
 
 def test_reach_tells_how_long_a_plan_explains_silence():

@@ -65,6 +65,15 @@ def seen(motion):
     return InFlight((x, y), motion.position_m[2], (along, aside), up, motion.heading_rad)
 
 
+def check_rests(predictor, points, flight, every, *, seconds_share, energy_share):
+    """Compare prices on the way with what the rest of the flight took, by shares of the whole flight."""
+    states, end_s, used_wh = flight
+    for time_s, before_wh, motion, target in states[every]:
+        seconds, watt_hours = predictor.rest(seen(motion), [points[target:]])
+        assert seconds[0] == pytest.approx(end_s - time_s, abs=seconds_share * end_s)
+        assert watt_hours[0] == pytest.approx(used_wh - before_wh, abs=energy_share * used_wh)
+
+
 @pytest.mark.parametrize("wind", [None, Wind(3.0, -2.0)], ids=["calm", "windy"])
 @pytest.mark.parametrize(
     ("vehicle", "autopilot"),
@@ -74,7 +83,7 @@ def test_the_rest_of_a_mission_costs_what_the_whole_flight_says(vehicle, autopil
     spec = with_autopilot(get_vehicle(vehicle), autopilot)
     speed = min(SPEED_M_S, spec.top_speed_m_s)
     points = rows(6)
-    states, end_s, used_wh = flown(spec, points, RETURN_HOME, wind, speed)
+    flight = flown(spec, points, RETURN_HOME, wind, speed)
     predictor = OnwardPredictor(
         spec,
         FARM,
@@ -84,11 +93,8 @@ def test_the_rest_of_a_mission_costs_what_the_whole_flight_says(vehicle, autopil
         waypoints=Cornering(RADIUS_M).waypoints,
         wind=wind,
     )
-    assert len(states) > 50
-    for time_s, before_wh, motion, target in states[5::17]:
-        seconds, watt_hours = predictor.rest(seen(motion), [points[target:]])
-        assert seconds[0] == pytest.approx(end_s - time_s, abs=0.0125 * end_s)
-        assert watt_hours[0] == pytest.approx(used_wh - before_wh, abs=0.0125 * used_wh)
+    assert len(flight[0]) > 50
+    check_rests(predictor, points, flight, slice(5, None, 17), seconds_share=0.0125, energy_share=0.0125)
 
 
 def test_a_fixed_wing_is_priced_with_its_own_landing():
@@ -100,7 +106,7 @@ def test_a_fixed_wing_is_priced_with_its_own_landing():
         MissionItem(21, 3, 0, 0, 0, 0, *HOME.to_wgs84(0.0, 0.0), 0.0),
     )
     points = rows(4, 500.0, 90.0)
-    states, end_s, used_wh = flown(spec, points, ending, None, 15.0, 20.0, takeoff=(150.0, 0.0))
+    flight = flown(spec, points, ending, None, 15.0, 20.0, takeoff=(150.0, 0.0))
     predictor = OnwardPredictor(
         spec,
         FARM,
@@ -110,10 +116,7 @@ def test_a_fixed_wing_is_priced_with_its_own_landing():
         waypoints=Cornering(20.0).waypoints,
         ending=ending,
     )
-    for time_s, before_wh, motion, target in states[20::40]:
-        seconds, watt_hours = predictor.rest(seen(motion), [points[target:]])
-        assert seconds[0] == pytest.approx(end_s - time_s, abs=0.02 * end_s)
-        assert watt_hours[0] == pytest.approx(used_wh - before_wh, abs=0.03 * used_wh)
+    check_rests(predictor, points, flight, slice(20, None, 40), seconds_share=0.02, energy_share=0.03)
 
 
 def test_a_path_is_priced_by_the_waypoints_that_fly_it():

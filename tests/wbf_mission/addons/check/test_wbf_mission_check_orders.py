@@ -5,6 +5,7 @@ import random
 from itertools import count
 
 import pytest
+from sweeps import slow
 
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint
@@ -106,7 +107,7 @@ def bad_checks(checks, monkeypatch, seed, answers_s=0.4):
 CHECKS = chosen_checks(("mission", "transfer"), fly=False)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [slow(0), 1])
 def test_in_any_order_of_the_checks_all_pass(seed, monkeypatch):
     checks = list(CHECKS)
     if seed:

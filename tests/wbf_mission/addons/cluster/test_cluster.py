@@ -1,6 +1,7 @@
 """Benchmarks on a real Dask scheduler with workers in processes of their own."""
 
 import contextlib
+import importlib.util
 import os
 import signal
 import socket
@@ -18,7 +19,7 @@ from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.cli.app import main
 from wbf_mission.own_code import own_choice
 
-pytest.importorskip("distributed")
+pytestmark = pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="needs distributed")
 
 TEN = ["WBF/Miniberry-10-v1"]
 COSTS = ("wall_time_s", "cpu_time_s", "timings_s")

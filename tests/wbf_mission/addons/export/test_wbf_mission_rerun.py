@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 from exported_runs import fleet_run
-from rerun.chunk import RrdReader
 
 from sim_vehicle.execution.state import EPOCH_UNIX_S
 from wbf_mission.addons.export.formats import export
@@ -38,11 +37,18 @@ def file(folder: Path, result: Result, tmp_path_factory: pytest.TempPathFactory)
 Rows = dict[str, list[tuple[np.datetime64 | None, dict[str, Any]]]]
 
 
+def reader_of(file: Path) -> Any:
+    """Read a recording; a module that takes a second is imported only where this is done."""
+    from rerun.chunk import RrdReader
+
+    return RrdReader(file)
+
+
 @pytest.fixture(scope="module")
 def rows(file: Path) -> Rows:
     """The rows of each entity in the order of their times; those that hold for all times have none."""
     found: Rows = {}
-    for chunk in RrdReader(file).stream().to_chunks():
+    for chunk in reader_of(file).stream().to_chunks():
         batch = chunk.to_record_batch()
         times = None if chunk.is_static else batch.column("time").to_numpy(zero_copy_only=False)
         for k, row in enumerate(batch.to_pylist()):
@@ -71,7 +77,7 @@ def test_rerun_itself_finds_nothing_wrong(file: Path, tmp_path: Path) -> None:
         env={**os.environ, "HOME": str(tmp_path)},
     )
     assert (done.returncode, "1 file verified without error" in done.stdout + done.stderr) == (0, True)
-    reader = RrdReader(file)
+    reader = reader_of(file)
     assert [one.application_id for one in reader.recordings()] == ["wbf-mission"]
     assert len(reader.blueprints()) == 1
 

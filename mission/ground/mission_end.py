@@ -40,6 +40,7 @@ class PilotWatch:
         self._held: list[tuple[float, str]] = []
         self._restarted = False
         self.mission_over = False  # whether the vehicle reported the end of its mission
+        self.replaced = False  # whether another station has sent the vehicle another mission
         self._over_s = -math.inf
         self._doubt: tuple[float, str] | None = None
         self._is_stopped = False
@@ -62,7 +63,7 @@ class PilotWatch:
     @property
     def ended_mission(self) -> bool:
         """Whether the vehicle left its mission, by another pilot or by an order that the vehicle obeyed."""
-        return self._in_mission is False or bool(self.obeyed)
+        return self._in_mission is False or bool(self.obeyed) or self.replaced
 
     @property
     def reason(self) -> str:
@@ -111,6 +112,13 @@ class PilotWatch:
     def on_new_mission(self) -> None:
         """Discard a reported end, which belongs to the previous mission."""
         self.mission_over = False
+
+    def on_other_mission(self, items: int | None, now_s: float) -> None:
+        """Report once that the vehicle holds a mission of another station."""
+        if not self.replaced:
+            self.replaced = True
+            count = "" if items is None else f" ({items} items)"
+            self.events.append((now_s, f"{_TAKEN}: another station has sent another mission{count}"))
 
     def poll(self, now_s: float, *, unsure: bool = False) -> None:
         """Report a takeover if no message explains the mode within 5 s; ``unsure`` delays all reports."""
@@ -422,7 +430,7 @@ class MissionEnd:
         if pilot.ordered is not None and pilot.obeyed:
             return Outcome.INTERRUPTED, f"the operator ordered the vehicle to {pilot.ordered.value}"
         cause = self.failures.cause(texts.texts[texts_before:])
-        if cause is None and pilot.somebody_else_flies:
+        if cause is None and (pilot.somebody_else_flies or pilot.replaced):
             return Outcome.PILOT_TOOK_OVER, pilot.reason
         if cause is None and self.says_finished and pilot.mission_over and not pilot.ended_mission:
             # The reported state belongs to a new mission, which arrived after the flown mission had ended.

@@ -34,6 +34,8 @@ _STATE_S, _STATE_BEHIND_LINK_S = 2.5, 5.0
 _CLOCK_S = 5.0
 """Longest wait for the vehicle's clock after a silence (s); three round trips are added."""
 _BEFORE_FLIGHT = frozenset({Phase.CONTACT, Phase.UPLOAD}) | STARTING
+_SETTLES_S = 5.0
+"""Time after the start and after each change in which the vehicle may still report the mission before (s)."""
 _BEFORE_ARMING = _BEFORE_FLIGHT - {Phase.ARM, Phase.START}
 _OTHER_FLIES = "the motors run, but not by this program: somebody else flies the vehicle; disarm it first"
 _TWINS = "two vehicles use this system id, and both would obey; give each vehicle its own system id"
@@ -139,6 +141,7 @@ class GroundStation:
         self._before = StateBefore.of(self._monitor, -math.inf)  # State when the pending order was given.
         self._ordered_modes: frozenset[str] = frozenset()  # Modes that the pending order leads to.
         self._chosen = range(0)  # Current items that show that the pending set-item was obeyed.
+        self._mission_id = 0  # Id of the mission that the vehicle reported after the start or a change.
         self._no_position = True  # no position was received since the last HEARTBEAT
         self._armed = self._flew = False
         self._texts_before = 0
@@ -274,6 +277,7 @@ class GroundStation:
             raise NotFlyingError(msg)
         if self.changing:
             raise NotFlyingError("the mission is being changed; wait until that is over")
+        self._check_mission_known()
         out = self._changes.begin(mission, resume_at, self._uploads.seconds_an_item, now_s)
         if not self._end_of_mission.says_finished:
             self.pilot.on_new_mission()
@@ -462,6 +466,14 @@ class GroundStation:
             and (self._disarmed_s is not None or end.ends_flight)
         ):
             self._land(*end.completed(self._texts_before), now_s)
+        if self._flies_mission and self.arming_gate is not None and not self._changes.broken_off:
+            state, known_id = self._monitor.state, self._mission_id
+            if now_s < max(self.started_s or 0.0, self._changes.changed_s) + _SETTLES_S:
+                self._mission_id = state.mission_id
+            elif state.total not in (None, len(self.mission.items)) or (
+                known_id and state.mission_id not in (0, known_id)
+            ):
+                self.pilot.on_other_mission(state.total, now_s)
         item = self._monitor.item
         if self._chosen and item is not None:
             first, before = self._chosen.start, self._before.item
@@ -652,11 +664,11 @@ class GroundStation:
         return bool(mission) and self._before.is_overruled(self._monitor, expected)
 
     def _check_mission_known(self) -> None:
+        why = "another station has sent another mission" if self.pilot.replaced else ""
         if self._changes.broken_off:
-            raise NotFlyingError(
-                "the vehicle was taken out of its mission during a change, so its mission is unknown; order"
-                " the vehicle to return or to land"
-            )
+            why = "the vehicle was taken out of its mission during a change"
+        if why:
+            raise NotFlyingError(f"{why}, so its mission is unknown; order the vehicle to return or to land")
 
     def _check_takes_orders(self) -> None:
         """Raise NotFlyingError before or after the flight, and while another pilot flies the vehicle."""

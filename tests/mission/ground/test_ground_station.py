@@ -632,6 +632,52 @@ def test_an_order_that_follows_an_answered_or_a_forgotten_order_is_confirmed_at_
         assert commands(flight.ground.poll(flight.now_s + 1.5)) == []
 
 
+@pytest.mark.parametrize(
+    ("later_s", "total", "mission_id", "told"),
+    [
+        (6.0, 36, 7, " (36 items)"),
+        (6.0, 3, 9, " (3 items)"),
+        (6.0, 3, 7, None),
+        (6.0, 0, 0, None),
+        (1.0, 36, 9, None),
+    ],
+)
+def test_a_mission_of_another_station_is_told_and_not_completed(later_s, total, mission_id, told):
+    """The last case is the mission before, which the vehicle still reports at the start."""
+
+    def current(seq, total, mission_id, state=m.MISSION_STATE_ACTIVE):
+        return m.MAVLink_mission_current_message(seq, total, state, 1, mission_id)
+
+    flight = Flight()
+    flight.ground.arming_gate = ArmingGate((1, 1), agreed=True)
+    flight.hears(current(1, 3, 7))
+    flight.now_s += later_s
+    for _ in range(2):
+        flight.hears(current(1, total, mission_id))
+    events = [text for _, text in flight.ground.pilot.events]
+    text = f"taken out of its mission: another station has sent another mission{told}"
+    assert events == [text] * (told is not None)
+    if told is None:
+        flight.ground.choose_item(1, flight.now_s)
+        return
+    for order in (
+        lambda: flight.ground.choose_item(1, flight.now_s),
+        lambda: flight.ground.change(MISSION, 1, flight.now_s),
+    ):
+        with pytest.raises(NotFlyingError, match="another station has sent another mission, so its mission"):
+            order()
+    flight.hears(current(total, total, mission_id, 5))
+    flight.beats("MISSION", armed=False)
+    flight.ground.poll(flight.now_s + 20.0)
+    assert (flight.ground.outcome, flight.ground.reason) == (Outcome.PILOT_TOOK_OVER, text)
+
+
+def test_a_vehicle_with_a_mission_of_another_station_still_takes_an_order_to_hold():
+    flight = Flight()
+    flight.ground.pilot.on_other_mission(None, flight.now_s)
+    assert commands(flight.ground.maneuver(Maneuver.HOLD, flight.now_s))
+
+
 def test_another_item_is_chosen_as_the_autopilot_takes_it():
     flight = Flight("px4")
     flight.hears(m.MAVLink_mission_current_message(0, 3, m.MISSION_STATE_ACTIVE, 1))

@@ -1,7 +1,7 @@
 """Parts of pages that the site makes from the code.
 
 A line ``<!-- table: NAME -->`` is replaced by a table, and a block ``{reference}`` by the docstrings of the
-names in it. ``<!-- contents -->`` is replaced by hidden tables of contents, one per table row with links.
+names in it. ``<!-- contents -->`` is replaced by hidden toctrees: one for each table row that has links.
 """
 
 from __future__ import annotations

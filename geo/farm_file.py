@@ -304,7 +304,7 @@ def _near(
     """Return the features if all are near `home` (default: near the first feature); else raise FarmError.
 
     With `repair`, latitudes and longitudes given in the wrong order are exchanged. With `repair` and without
-    a home, all must be near the feature closest to the features' median position.
+    a home, all features must be near one reference: the feature closest to their median position.
     """
     anchor, is_sure = ('the farm\'s "home"', True) if home is not None else ("the first feature", False)
     longitude_deg, latitude_deg = features[0].rings[0][0] if home is None else home

@@ -29,8 +29,8 @@ def lawnmower(
 
     There are at least two rows; rows lie at least a footprint apart. The number of rows may be odd or even
     (odd only in the paper's code). An area narrower than the footprint has one row. A non-convex area is
-    decomposed into boustrophedon cells, flown in nearest-first order. Rows cross passable land between the
-    parts of the area, unless rows without these crossings can lie at least 5 % closer together.
+    decomposed into boustrophedon cells, flown in nearest-first order. Rows run on across passable gaps in
+    the area. Rows that stop at the gaps are chosen only if they are over 5 % denser in the same budget.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ _ARM = 2.0  # Least length of an arm in image widths: a shorter arm is covered b
 _MOST_CORNERS = 12
 _MOST_CUTS = 3
 _CANDIDATES = 2
-_WORTH = 0.97  # A cut pays for its additional turns if it reduces the sum of widths to this fraction.
+_WORTH = 0.97  # A cut adds turns, so it must reduce the total width of the parts below this fraction of it.
 _SHORTEST_EDGE = 1e-3  # Shorter edges are ignored, as noise (fraction of the land's size).
 _MOST_OF_IT = 0.9  # The hull is simplified if its long edges make up a smaller fraction of its outline.
 

@@ -88,7 +88,7 @@ class WireState:
         pilot.arming.custom_mode = lambda: self.custom_mode
 
     def name_mode(self, number: int) -> None:
-        """Record the requested mode number, because numbers such as BRAKE and LOITER share a flight mode."""
+        """Record the requested mode number for heartbeats; BRAKE and LOITER, for example, are one `Mode`."""
         self._requested_mode = (self.pilot.mode, number)
 
     @property

@@ -39,7 +39,7 @@ _LONGEST_S = 86_400.0
 # Time limit for the ideal vehicle: a long time step takes no more computing than a short time step.
 _LONGEST_IDEAL_S = 3e8
 _TRACK_POINTS = 20_000
-# Number of time steps between track points of a kernel; the ideal vehicle has no kernel.
+# Compiled motion can store a track point at every 5th time step; the ideal vehicle's motion, at every step.
 _GRID_STEPS = 5
 _ENDLESS_WH = 1e6
 Air: TypeAlias = "tuple[Wind | None, EstimateErrors | None]"

@@ -110,7 +110,7 @@ class WindShear:
     def factor(self, height_m: float, reference_m: float) -> float:
         """Return the mean wind at a height, relative to the mean wind at the reference height.
 
-        Heights are limited to 3 to 1000 ft. The profile "sitl" extends to the ground, where it is 0.
+        Heights are limited to 3 to 1000 ft, except in profile "sitl", whose wind falls to 0 at the ground.
         """
         if self.law == "sitl":
             return math.sqrt(min(max(height_m, 0.0), SITL_FULL_M) / SITL_FULL_M)

@@ -320,7 +320,7 @@ def _is_planner(choice: Choice) -> bool:
 
 
 def _repeated(values: Sequence[str | Choice]) -> str:
-    """Return the name of a value that is given twice, or an empty text; objects differ by code and state."""
+    """Return a repeated value's name, or an empty text; equal objects have the same name, code and state."""
     made = [getattr(value, "made", None) for value in values]
     digests = ["" if found is None else own_digest(found) for found in made]
     counts = Counter(zip(map(str, values), digests, strict=True))

@@ -226,7 +226,7 @@ def pixel_means(grid: MapGrid, mask: NDArray[np.bool_], value: NDArray[np.float3
 
 
 def _by_strips(grid: MapGrid, sums: Callable[[slice, MapGrid], tuple[Floats, ...]]) -> tuple[Floats, ...]:
-    """Return the sums of all pixels; `sums` is called with each strip of columns and the strip's grid."""
+    """Return arrays over all pixels; `sums` computes them for each strip (its columns and its grid)."""
     parts = [
         sums(columns, replace(grid, shape=(columns.stop - columns.start, grid.shape[1])))
         for columns in column_strips(grid.shape[0], grid.pixel)

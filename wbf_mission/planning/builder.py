@@ -336,7 +336,7 @@ class MissionBuilder:
         )
 
     def relief_m(self, obstacle: Obstacle, margin_m: float) -> float:
-        """Return the height above an obstacle that a flight may lose by terrain following (m)."""
+        """Return the largest loss of height above an obstacle that terrain following can cause (m)."""
         return 0.0 if self.ground is None else self.ground.relief_m(obstacle, margin_m)
 
     def with_zones(self, mission: Mission, path_m: Points) -> Mission:

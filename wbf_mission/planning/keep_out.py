@@ -162,7 +162,7 @@ _LEAST_VERTICES = 4  # Every outline can be replaced by its smallest rectangle.
 def border_fence(
     farm: Farm, path_m: Points, distance_m: float, barred: Sequence[Obstacle] = ()
 ) -> tuple[MissionItem, ...]:
-    """Return a fence around the owner's land and `path_m`, float64[n, 2], which starts and ends at home.
+    """Return a fence around the owner's land and the path `path_m`, float64[n, 2], from home back to home.
 
     The inclusion polygon lies at least `distance_m` outside the land's border and the path. Each obstacle of
     `barred` has an exclusion polygon without margin. Outlines are simplified to few vertices; this makes

@@ -92,7 +92,7 @@ class FarmGround:
         )
 
     def relief_m(self, obstacle: Obstacle, margin_m: float) -> float:
-        """Return the height above an obstacle that a flight may lose by terrain following (m).
+        """Return the largest loss of height above an obstacle that terrain following can cause (m).
 
         The height of the obstacle counts from the highest ground under it. The flight may follow the lowest
         ground there, and legs may be lower than planned by the allowed deviation.

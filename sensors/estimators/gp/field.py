@@ -350,7 +350,7 @@ class FieldProcess:
         return LocalPosterior(self._shape, replace(self.kernel, noise=noise), hosts)
 
     def _whole_posterior(self) -> WholePosterior | None:
-        """Return a posterior in sine functions over the whole farm; None if too many are needed."""
+        """Return a posterior in sine functions over the whole farm; None if it needs too many functions."""
         # The import is here because loading compiled code is slow.
         from sensors.estimators.gp.local import WholePosterior
 

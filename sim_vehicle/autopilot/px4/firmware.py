@@ -328,7 +328,7 @@ MISSION = MissionBehaviour(
 RULES = FailsafeRules(
     fence_actions=actions_by_value(NONE="0", WARN="1", HOLD="2", RETURN="3", TERMINATE="4", LAND="5"),
     link_actions=actions_by_value(NONE="0", HOLD="1", RETURN="2", LAND="3", TERMINATE="5 6"),
-    # PX4 no longer uses the value 1; with this value, the simulated vehicle returns at the low level.
+    # PX4 no longer uses the value 1; with it, the simulated vehicle returns home at the low battery level.
     battery_actions=(
         actions_by_value(WARN="0 2 3", RETURN="1"),
         actions_by_value(WARN="0", LAND="1 2", RETURN="3"),

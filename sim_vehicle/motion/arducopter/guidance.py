@@ -224,7 +224,7 @@ def _blurred_share(share: float, blur: float) -> float:
 def lead_legs(guide: Record, law: Record, heads: Floats, curves: Floats) -> bool:
     """Move the target along the present leg, and return whether the leg is complete.
 
-    The end of the previous leg and the start of the next leg overlap with the present leg. If the vehicle
+    Near corners, the motions of successive legs overlap in time and are added to each other. If the vehicle
     falls behind, the target slows down with the time constant of the acceleration.
     """
     wanted = sqrt(guide.vx**2 + guide.vy**2 + guide.vz**2)

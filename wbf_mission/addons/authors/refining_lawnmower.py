@@ -303,7 +303,7 @@ def window_of(vehicle: VehicleReport, observation: PolicyObservation, promised: 
 def detour(
     vehicle: VehicleReport, observation: PolicyObservation, window: Window, least_rate: float
 ) -> Points:
-    """Return a route that soon passes many plants beside sick plants; empty if no route passes enough."""
+    """Return a route past plants beside sick plants; empty if it reaches fewer than `least_rate` per cell."""
     if not window.values.any():
         return _NOTHING
     cell_m = observation.farm.cell_size_m

@@ -40,7 +40,7 @@ def compare(rows: Sequence[BenchRow], mine: str | Sequence[str], against: Sequen
 
     The module `wbf_mission.addons.base.standings` says which environments count, and how a failed run
     scores. Rows are compared only with rows of the same code
-    (`apart`). The intervals of a scenario are simultaneous.
+    (`apart`). All intervals of a scenario hold together in 95 of 100 cases.
     """
     found: list[Comparison] = []
     planners = [mine] if isinstance(mine, str) else mine

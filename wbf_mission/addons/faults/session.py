@@ -389,7 +389,7 @@ _DROPPED: dict[str, _Rule] = {
     "no-count": lambda message, _: type(message).id == m.MAVLINK_MSG_ID_MISSION_COUNT,
     "no-request": _is_request_of_item,
 }
-"""Rule of each kind of fault that decides whether the fault drops a message to the component."""
+"""For each kind of fault, the rule that decides whether a message to the component is dropped."""
 _REFUSED: dict[str, _Rule] = {"refuse": lambda command, fault: command.command == fault.number}
 _CHANGED: dict[str, _Rule] = {
     "drop": lambda message, fault: type(message).id == fault.number and fault.direction != "up",
@@ -400,7 +400,7 @@ _CHANGED: dict[str, _Rule] = {
     "early-final-ack": _is_request_of_item,
     "final-ack-error": _accepts,
 }
-"""Rule of each kind of fault that decides whether the fault changes a message from the component."""
+"""For each kind of fault, the rule that decides whether a message from the component is changed."""
 _CHANGES: dict[str, Callable[[Any, Fault], Message | None]] = {
     **dict.fromkeys(("drop", "no-request", "no-final-ack"), lambda _message, _fault: None),
     "wrong-sequence": lambda message, _: _with(message, seq=message.seq + 1),

@@ -131,9 +131,9 @@ _KEEP = (Status.READY, Status.CLIMBING, Status.CHANGING, Status.SILENT)
 class Market:
     """Award survey segments to the vehicles that can finish them first.
 
-    At the start, the farm is divided into blocks with wide row spacing, which are auctioned. When a group of
-    detections of sick plants is complete, a segment with narrow row spacing is made around them. Then all
-    segments not yet begun and the unflown rows of coarse segments are auctioned again, fine segments first.
+    At the start, coarse segments (blocks with wide row spacing) are auctioned. When a group of detections of
+    sick plants is complete, a fine segment (with narrow row spacing) is made around them. Then all fine
+    segments not yet begun are auctioned again, and after these all unflown rows of the coarse segments.
     The loss of a vehicle also starts a new auction. A vehicle without work flies to random places.
 
     Parameters

@@ -79,7 +79,7 @@ def monitor_command(
     The first report of an impossible value (a latitude of 95, a battery at 120 %) causes a warning; its
     column is marked with "!". A repeated text is printed at most every 30 s, with the number of times.
 
-    With --live, a page also shows the vehicles and their missions, over the farm if a farm is given.
+    With --live, a page also shows a map of the vehicles, their missions and (if it is given) the farm.
     """
     from sim_vehicle.host.server import Server
     from sim_vehicle.host.simulation import StopReason
@@ -251,7 +251,7 @@ def command_command(
             " NAME."
         ),
     ],
-    value: Annotated[str, typer.Argument(help="Height, item number or mode of the order.")] = "",
+    value: Annotated[str, typer.Argument(help="Height (m), item number or mode name for the order.")] = "",
     arm: Annotated[
         bool, option("Allow a PX4 to start its motors and take off on the order mission.", "--arm")
     ] = False,

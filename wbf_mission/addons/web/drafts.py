@@ -133,7 +133,7 @@ class PlannedDraft:
         """Reason why the simulator cannot fly the draft; empty if it can."""
         mission = self.draft.scenario.mission
         if self.surveys and mission.policy is not None:
-            return f"policy {mission.policy} decides by the leaf camera: choose a planner for a survey camera"
+            return f"policy {mission.policy} needs leaf camera readings: choose a planner for a survey camera"
         if self.surveys and len(self.vehicles) > 1:
             return "the simulator flies a survey camera on one vehicle only: plan one vehicle, or save files"
         return ""

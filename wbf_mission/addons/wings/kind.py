@@ -86,8 +86,8 @@ class FixedWingAirframe:
     elevator power. Until pitch control has trimmed a change of airspeed, the nose is too high or too low. 0
     means always trimmed."""
     liftoff_airspeed_m_s: float | None = None
-    """Airspeed of lift-off by the vehicle's own thrust; None: a throw or a ground roll by the autopilot's
-    parameters."""
+    """Airspeed at which a ground roll under the vehicle's own thrust ends in lift-off; None: the vehicle is
+    thrown, or rolls with a fixed acceleration, as the autopilot's parameters say."""
     ground_drag_1_s: float | None = None
     """Deceleration per speed on the ground; None: grass, with a constant deceleration."""
 

@@ -373,7 +373,7 @@ def test_a_flight_is_headed_by_its_farm_and_planner(
 @pytest.mark.parametrize(
     ("options", "wanted"),
     [
-        ({**SURVEY, "planner": "", "policy": "greedy", "budget": "2min"}, "policy greedy decides by"),
+        ({**SURVEY, "planner": "", "policy": "greedy", "budget": "2min"}, "policy greedy needs leaf camera"),
         ({**SURVEY, "vehicles": 2, "gsd_cm": "", "altitude_m": 9, "budget": "2min"}, "on one vehicle only"),
     ],
 )

@@ -665,7 +665,7 @@ def test_a_plan_for_a_survey_camera_is_flown(page: Page) -> None:
     page.get_by_label("Policy").select_option("greedy")
     planned(page)
     expect(page.get_by_role("button", name="Fly it in the simulator")).to_be_disabled()
-    expect(page.locator(".how")).to_contain_text("decides by the leaf camera")
+    expect(page.locator(".how")).to_contain_text("needs leaf camera readings")
 
 
 def test_a_flight_that_fails_is_told_beside_the_button(page: Page) -> None:

@@ -20,7 +20,7 @@ from sim_vehicle.motion.columns import Record
 from wbf_mission.addons.wings.motion import layout as at
 from wbf_mission.addons.wings.motion.layout import NPFG, PERIOD_S
 
-# If airspeed less crosswind is below this, NPFG fades out the acceleration for curvature.
+# If airspeed minus crosswind is below this (m/s), NPFG reduces the acceleration for curved paths.
 AIRSPEED_BUFFER = 1.5
 LEAST_RADIUS_M = 0.5
 _CAPTURE = 0.7071

@@ -161,7 +161,11 @@ def _farm_of(document: Document, default_name: str, crop: str | None, *, repair:
             if not feature.obstacle and min(polygon.bounds[:2]) < -_ORIGIN_SLACK_M:
                 raise FarmError(f'{feature.where}: lies partly south or west of the farm\'s "origin"')
     width, height = _size(members, bounds[2] / cell_size_m, bounds[3] / cell_size_m, cell_size_m)
-    _check_detail([polygon for _, polygon in polygons], cell_size_m)
+    # Painting edges that cross too many columns of cells takes minutes.
+    columns = (np.abs(np.diff(shapely.get_coordinates(polygon)[:, 0])).sum() for _, polygon in polygons)
+    if (steps := float(sum(columns)) / cell_size_m) > _MAX_RASTER_STEPS:
+        msg = f"the polygons are too detailed: their edges cross {steps:.3g} columns of cells; simplify them"
+        raise FarmError(msg)
     if all(patch.owner != owner for patch in patches):
         owners = ", ".join(sorted({repr(patch.owner) for patch in patches})[:8])
         raise FarmError(f"no feature belongs to the owner {owner!r}; the owners are {owners}")
@@ -403,12 +407,3 @@ def _size(members: dict[str, Any], right: float, top: float, cell_size_m: float)
             f'set a "cell_size_m" above {cell_size_m:g}'
         )
     return needed
-
-
-def _check_detail(polygons: list[shapely.Polygon], cell_size_m: float) -> None:
-    """Refuse polygons with edges that cross too many columns of cells, as painting them takes minutes."""
-    columns = (np.abs(np.diff(shapely.get_coordinates(polygon)[:, 0])).sum() for polygon in polygons)
-    steps = float(sum(columns)) / cell_size_m
-    if steps > _MAX_RASTER_STEPS:
-        msg = f"the polygons are too detailed: their edges cross {steps:.3g} columns of cells; simplify them"
-        raise FarmError(msg)

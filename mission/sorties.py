@@ -122,7 +122,10 @@ def part_of(
         else:
             before = course.legs[course.leg_of(end) - 1].item
             begun = items[before + 1 : cut.item]
-            body = [*body[: before + 1 - rest], *(item for item in begun if not _is_for_next(item))]
+            # Conditions, and what is switched on between two legs, affect only the second leg.
+            conditions = (Command.CONDITION_DELAY, Command.CONDITION_DISTANCE, Command.CONDITION_YAW)
+            stays = (item for item in begun if not (_is_on(item) or item.command in conditions))
+            body = [*body[: before + 1 - rest], *stays]
         last = _settings([*head, *body])
         body += [MissionItem(_STOPS[item.command]) for item in last.values() if _is_on(item)]
         if way is not None and here is not None:
@@ -203,12 +206,6 @@ def _is_on(item: MissionItem) -> bool:
     """Return whether an item starts images, video or the sprayer."""
     starts = item.command == _VIDEO_START or (item.command == _SPRAYER and bool(item.param1))
     return starts or turns_camera(item) is True
-
-
-def _is_for_next(item: MissionItem) -> bool:
-    """Return whether an item between two legs affects only the second leg."""
-    conditions = (Command.CONDITION_DELAY, Command.CONDITION_DISTANCE, Command.CONDITION_YAW)
-    return _is_on(item) or item.command in conditions
 
 
 def _reachable(course: Course, first: Place, end: Place | None) -> Place | None:

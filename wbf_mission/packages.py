@@ -7,7 +7,6 @@ later import would fail with a misleading error.
 from __future__ import annotations
 
 import importlib.util
-from importlib.machinery import ModuleSpec
 from pathlib import Path
 
 PACKAGES = ("geo", "sensors", "mission", "sim_vehicle")
@@ -21,17 +20,11 @@ def require_packages() -> None:
             spec = importlib.util.find_spec(name)
         except ValueError:  # find_spec refuses a module object that was made without a spec
             spec = None
-        location = None if spec is None else _location(spec)
+        place = None if spec is None else next(iter(spec.submodule_search_locations or ()), spec.origin)
+        location = None if place is None else Path(place).resolve()
         if location is None or location != _HERE / name:
             hidden = f"is hidden by {location}; rename this file or folder, or run elsewhere"
             found = "is missing; install wbf-mission again" if location is None else hidden
             msg = f"wbf_mission: its package {name!r} {found}"
             # With this name, ``python -m wbf_mission`` prints the error in one line.
             raise ImportError(msg, name="wbf_mission", path=str(location))
-
-
-def _location(spec: ModuleSpec) -> Path | None:
-    locations = list(spec.submodule_search_locations or ())
-    if not locations:
-        return None if spec.origin is None else Path(spec.origin).resolve()
-    return Path(locations[0]).resolve()

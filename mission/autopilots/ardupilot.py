@@ -87,10 +87,6 @@ def _timed_images(item: MissionItem) -> MissionItem:
     return MissionItem(Command.IMAGE_START_CAPTURE, param2=interval_s)
 
 
-def _left_out(_item: MissionItem) -> None:
-    return None
-
-
 _DIALECT = Dialect(
     standard_frames=True,
     land_start_placed=True,
@@ -102,7 +98,7 @@ _DIALECT = Dialect(
             "sent as IMAGE_START_CAPTURE or IMAGE_STOP_CAPTURE, which ArduPilot 4.4 and later know",
         ),
         m.MAV_CMD_SET_CAMERA_MODE: Substitute(
-            _left_out, "left out: ArduPilot takes images in any mode of the camera"
+            lambda _item: None, "left out: ArduPilot takes images in any mode of the camera"
         ),
     },
     instead={

@@ -183,7 +183,9 @@ class GroundStation:
             )
         if arming_gate is not None:
             self._handlers[m.MAVLINK_MSG_ID_SYSTEM_TIME] = self._on_system_time
-            self._handlers[m.MAVLINK_MSG_ID_MISSION_ITEM_REACHED] = self._on_reached
+            self._handlers[m.MAVLINK_MSG_ID_MISSION_ITEM_REACHED] = lambda message, now_s: (
+                self._end_of_mission.on_reached(message, now_s) if self._flies_mission else None
+            )
             self._handlers |= dict.fromkeys(_ESTIMATES, _ignore)
         # The link quality of a real vehicle counts every frame.
         self.wanted: frozenset[int] | None = None if arming_gate is not None else frozenset(self._handlers)
@@ -480,10 +482,6 @@ class GroundStation:
             passed = first < item and (before is None or not first <= before <= item)
             if item in self._chosen or passed:
                 self._chosen, self._order = range(0), None
-
-    def _on_reached(self, message: m.MAVLink_mission_item_reached_message, now_s: float) -> None:
-        if self._flies_mission:
-            self._end_of_mission.on_reached(message, now_s)
 
     def _on_position(self, message: m.MAVLink_global_position_int_message, now_s: float) -> None:
         self._no_position = False

@@ -164,12 +164,6 @@ def _remaining_s(source: WireState) -> int:
     return min(round(battery.remaining_s), 2**31 - 1)
 
 
-def _home_position(source: WireState) -> Message:
-    return m.MAVLink_home_position_message(
-        *source.home_e7, 0.0, 0.0, 0.0, _HOME_Q, 0.0, 0.0, 1.0, source.boot_ms * 1000
-    )
-
-
 def _mission_current(source: WireState) -> Message:
     pilot = source.pilot
     size = pilot.mission.size
@@ -271,7 +265,9 @@ BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
     m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: lambda s: m.MAVLink_extended_sys_state_message(
         0, int(s.pilot.landed)
     ),
-    m.MAVLINK_MSG_ID_HOME_POSITION: _home_position,
+    m.MAVLINK_MSG_ID_HOME_POSITION: lambda s: m.MAVLink_home_position_message(
+        *s.home_e7, 0.0, 0.0, 0.0, _HOME_Q, 0.0, 0.0, 1.0, s.boot_ms * 1000
+    ),
     m.MAVLINK_MSG_ID_MISSION_CURRENT: _mission_current,
     m.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: _hil_state_quaternion,
     m.MAVLINK_MSG_ID_SIM_STATE: _sim_state,

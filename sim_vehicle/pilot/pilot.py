@@ -500,7 +500,13 @@ class Pilot(Controls):
                 self.turn_to(Mode.HOLD)
                 self.modes.intended = Mode.HOLD
         elif isinstance(event, CannotFly):
-            self._abort_mission(event)
+            # The vehicle returns home; if it returns already, it lands.
+            where = f"Item {event.seq + 1}: " if event.seq >= 0 else ""
+            self.note(Severity.CRITICAL, f"{where}{event.reason}")
+            if not self.outcome.is_over:
+                self._end(Outcome.CANNOT_FLY_ITEM, f"{where}{event.reason}")
+            if self.armed and self.landed is not LandedState.ON_GROUND and self.mode is not Mode.LAND:
+                self.turn_to(Mode.LAND if self.mode is Mode.RTL else Mode.RTL)
         elif isinstance(event, BatteryDepleted):
             self.failsafe.give_up()
             self._end(Outcome.BATTERY_DEPLETED, f"battery empty at {event.time_s:.0f} s")
@@ -512,15 +518,6 @@ class Pilot(Controls):
                 self.executor.stay_armed()
         elif isinstance(event, Disarmed):
             self._on_disarmed(self.rules.landed)
-
-    def _abort_mission(self, event: CannotFly) -> None:
-        """Return home because an item cannot be flown; land if the vehicle is already returning."""
-        where = f"Item {event.seq + 1}: " if event.seq >= 0 else ""
-        self.note(Severity.CRITICAL, f"{where}{event.reason}")
-        if not self.outcome.is_over:
-            self._end(Outcome.CANNOT_FLY_ITEM, f"{where}{event.reason}")
-        if self.armed and self.landed is not LandedState.ON_GROUND and self.mode is not Mode.LAND:
-            self.turn_to(Mode.LAND if self.mode is Mode.RTL else Mode.RTL)
 
     def _on_disarmed(self, texts: tuple[str, ...]) -> None:
         for text in texts:

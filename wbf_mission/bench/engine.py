@@ -34,7 +34,6 @@ from wbf_mission.replanning.record import PLANNED_PATH
 from wbf_mission.results.result import Result
 from wbf_mission.run.record import RunRecord
 from wbf_mission.run.reuse import memory_of_process
-from wbf_mission.scenario import Scenario
 
 
 def fly_run(run: BenchRun) -> BenchRow:
@@ -60,18 +59,14 @@ def flown(run: BenchRun, **how: Any) -> tuple[BenchRow, Result]:
         At Ctrl-C.
     """
     wall_s, cpu_s = time.perf_counter(), time.process_time()
-    result = fly(_fresh(run.scenario), **how)
+    try:
+        scenario = copy.deepcopy(run.scenario)  # so that no state of the user's objects leaks between runs
+    except Exception:  # an object that cannot be copied is shared by all runs
+        scenario = run.scenario
+    result = fly(scenario, **how)
     if result.outcome is Outcome.INTERRUPTED:
         raise KeyboardInterrupt
     return _row_of(run, result, time.perf_counter() - wall_s, time.process_time() - cpu_s), result
-
-
-def _fresh(scenario: Scenario) -> Scenario:
-    """Return the scenario with copies of the user's objects, so that no state leaks between runs."""
-    try:
-        return copy.deepcopy(scenario)
-    except Exception:  # an object that cannot be copied is shared by all runs
-        return scenario
 
 
 def failed_row(run: BenchRun, cause: str) -> BenchRow:

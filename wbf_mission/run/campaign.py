@@ -211,7 +211,11 @@ class Campaign:
         try:
             for day in range(first, self.run.last_day + 1):
                 if day != first:
-                    self._begin_day(day, environment)
+                    assert self.evidence.estimate is not None
+                    self.truth = environment.truth(day)
+                    self._events.tell(DayBegun(self.simulated_s, day, self.truth))
+                    self.evidence.estimate.begin_day(day, self.truth, self.simulated_s)
+                    self.watch.lap("estimate and score")
                 flight = 0
                 # If a real sortie ends early, the day gets more sorties.
                 while flight < self.run.flights_per_day:
@@ -272,13 +276,6 @@ class Campaign:
                 )
         self.days.append(DayRecord(estimate.day, report, truth, kept))
         self.watch.lap("report")
-
-    def _begin_day(self, day: int, environment: Environment) -> None:
-        assert self.evidence.estimate is not None
-        self.truth = environment.truth(day)
-        self._events.tell(DayBegun(self.simulated_s, day, self.truth))
-        self.evidence.estimate.begin_day(day, self.truth, self.simulated_s)
-        self.watch.lap("estimate and score")
 
     def _fly_once(
         self,

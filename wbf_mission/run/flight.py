@@ -164,7 +164,9 @@ def fly_once(
         Receives the messages of a real vehicle that flies alone.
     """
     events = events or EventStream()
-    delays = _start_delays(run, planned.plans)
+    delays: Sequence[float] = [0.0] * len(planned.plans)
+    if run.keeps.kind == DISTANCE and len(delays) > 1:
+        delays = departure_delays(planned.plans, run.keeps.metres, _margin_m(run))
     sorties = [
         Sortie(
             number,
@@ -255,13 +257,6 @@ def _positions(plan: PlanResult) -> Positions:
     times = np.minimum(np.arange(len(places)) * prediction.track_step_s, prediction.duration_s)
     seconds = np.arange(0.0, prediction.duration_s, 1.0)
     return np.column_stack([np.interp(seconds, times, places[:, axis]) for axis in range(2)])
-
-
-def _start_delays(run: Run, plans: Sequence[PlanResult]) -> Sequence[float]:
-    """Return the `departure_delays` of a run with separation by distance, and 0 for any other run."""
-    if run.keeps.kind != DISTANCE or len(plans) == 1:
-        return [0.0] * len(plans)
-    return departure_delays(plans, run.keeps.metres, _margin_m(run))
 
 
 def _kept_distance(run: Run, vehicles: Sequence[Vehicle]) -> KeptDistance | None:

@@ -187,7 +187,8 @@ def plan_for_batteries(
         known = next((one for one in tried if one[0].mission == whole.mission), None)
         sorties = known[1] if known else cut_if_too_long(whole, cut)
         tried.append((whole, sorties))
-        needed = _needed(whole, sorties)
+        # Number of batteries; None if the mission cannot be cut into sorties
+        needed = len(sorties.sorties) if sorties is not None else None if whole.is_too_long else 1
         takes_wh = 0.0 if sorties is None else sum(plan.prediction.most_wh for plan in sorties.plans)
         if needed is not None and needed <= count:
             found, low = (whole, sorties), guess
@@ -209,10 +210,3 @@ def cut_if_too_long(whole: PlanResult, cut: Callable[[PlanResult], SortiePlan | 
         return cut(whole) if whole.is_too_long else None
     except UncutError:
         return None
-
-
-def _needed(whole: PlanResult, sorties: SortiePlan | None) -> int | None:
-    """Return the number of batteries that a mission needs, or None if it cannot be cut into sorties."""
-    if sorties is not None:
-        return len(sorties.sorties)
-    return None if whole.is_too_long else 1

@@ -88,14 +88,11 @@ class Option:
             for word in words:
                 if word not in self.choices:
                     raise ScenarioError(unknown(self.label, word, self.choices))
-        elif isinstance(value, (int, float)) and not self._in_range(value):
+        elif not isinstance(value, (int, float)) or self.low is None or self.high is None:
+            return value
+        elif not (self.low <= value <= self.high and math.isfinite(value)):
             raise ScenarioError(f"{self.label} {value} is out of range: give {self.allowed}")
         return value
-
-    def _in_range(self, value: float) -> bool:
-        if self.low is None or self.high is None:
-            return True
-        return self.low <= value <= self.high and math.isfinite(value)
 
     def _converted(self, value: Any) -> Any:
         if type(value).__module__ == "numpy" and hasattr(value, "item") and not getattr(value, "ndim", 0):

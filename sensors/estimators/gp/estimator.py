@@ -18,7 +18,7 @@ from sensors.estimators.base import LEARNING, BaseEstimator, Progress, Step, Vie
 from sensors.estimators.days import transition
 from sensors.estimators.gp.cell_posterior import GROWING, ExactPosterior
 from sensors.estimators.gp.cell_posterior import MOST_CELLS as WINDOWED_CELLS
-from sensors.estimators.gp.classes import ClassLink, ClassMap
+from sensors.estimators.gp.classes import ClassMap
 from sensors.estimators.gp.field import FieldProcess
 from sensors.estimators.gp.rbf import RbfKernel, fit_kernel
 from sensors.fields import PAPER_FIELDS, Field, FieldSet
@@ -334,15 +334,11 @@ class GaussianProcessEstimator(BaseEstimator):
             # A field without a model keeps the running mean of its readings as prior mean.
             if self.prior_mean is None and field.is_simulated:
                 process.mean = prior.mean
-                process.classes = self._classes_of(field, prior.link)
+                process.classes = None
+                costs = field.cost_above, field.cost_below
+                if prior.link is not None and self.states == "classes" and min(costs) > 0.0:
+                    process.classes = ClassMap(prior.link, partial(field.hosts, self.grid_), *costs)
         self._learned_day = day
-
-    def _classes_of(self, field: Field, link: ClassLink | None) -> ClassMap | None:
-        """Return a field's class map; None without a link, or if `states` or the costs rule out classes."""
-        costs = field.cost_above, field.cost_below
-        if link is None or self.states != "classes" or min(costs) <= 0.0:
-            return None
-        return ClassMap(link, partial(field.hosts, self.grid_), *costs)
 
     def _carry(
         self, field: Field, process: FieldProcess, day: int, earlier: int, values: _Floats

@@ -178,10 +178,13 @@ class FieldProcess:
             if whole is None:
                 return False
             self._posterior, self._made_for, self._conditioned = posterior, state, 0
-            earlier = np.unique(days[days < self._day]).tolist()
+            earlier, carry = np.unique(days[days < self._day]).tolist(), self._carry
+            assert carry is not None
             for day, following in pairwise([*earlier, self._day]):
                 x, y = self._cells.array[days == day].T
-                values = self._as_of_today(day, self._values.array[days == day])
+                # Readings of an earlier day, converted to today's mean and scale.
+                mean, (expected, _) = self.prior_mean(len(self)), carry(day, self._values.array[days == day])
+                values = mean + (expected - mean) / self._correlate(day, self._day)
                 # On small farms the first day's readings count fully: model errors matter only later.
                 exactly = day == earlier[0] and not self._crowds
                 counted = None if exactly else self._no_crowd().weights(x, y)
@@ -207,15 +210,6 @@ class FieldProcess:
 
     def _no_crowd(self) -> Crowding:
         return Crowding(self._shape, (self.kernel.length_x, self.kernel.length_y))
-
-    def _as_of_today(self, day: int, values: Floats) -> Floats:
-        """Return readings of an earlier day, converted to today's mean and scale."""
-        assert self._carry is not None
-        assert self._correlate is not None
-        assert self._day is not None
-        mean = self.prior_mean(len(self))
-        expected, _ = self._carry(day, values)
-        return mean + (expected - mean) / self._correlate(day, self._day)
 
     def _newly_superseded(self) -> NDArray[np.intp]:
         """Return the indices of readings that a later day's reading of the same cell now supersedes."""

@@ -23,6 +23,8 @@ _HOMEWARD = frozenset({"RTL", "SMART_RTL", "LAND", "QRTL", "QLAND", "PRECLAND", 
 _RESTARTED = "its autopilot has started again"
 _DOUBT_S = 5.0
 """Wait for a message that explains a mode change (s): messages may be lost, reordered, and up to 3 s late."""
+_LATE_S = 30.0
+"""Time after the last transmission of an unanswered order in which the vehicle may still obey it (s)."""
 _SHOWS = {Maneuver.HOLD: "holds", Maneuver.RETURN: "returns", Maneuver.LAND: "lands"}
 
 
@@ -39,6 +41,7 @@ class PilotWatch:
         self.ended_by_restart = ""  # State after a reboot that ended the mission, empty without one.
         self._held: list[tuple[float, str]] = []
         self._restarted = False
+        self._late: tuple[Maneuver, float] | None = None  # Unanswered order, and its latest arrival (s).
         self.mission_over = False  # whether the vehicle reported the end of its mission
         self.replaced = False  # whether another station has sent the vehicle another mission
         self._over_s = -math.inf
@@ -137,6 +140,10 @@ class PilotWatch:
         """Record the ordered maneuver, or None for none; ``obeyed`` is not empty if it is obeyed already."""
         self.ordered, self.obeyed = ordered, obeyed
 
+    def on_no_answer(self, ordered: Maneuver | None, now_s: float) -> None:
+        """Record an unanswered order, which the vehicle may still obey within `_LATE_S`."""
+        self._late = None if ordered is None else (ordered, now_s + _LATE_S)
+
     def settle(self) -> None:
         """Report the delayed mode changes, since no reboot explains them."""
         self.events += self._held
@@ -194,8 +201,11 @@ class PilotWatch:
                 self.order(None)
             self._in_mission, self._doubt = True, None
             return
+        known = VehicleModes(message.autopilot, message.type)
+        if self._late is not None and self.ordered is None and now_s < self._late[1]:
+            self.order(self._late[0] if self.mode in known.shows(self._late[0]) else None)
         if self.ordered is not None:
-            modes = VehicleModes(message.autopilot, message.type).shows(self.ordered)
+            modes = known.shows(self.ordered)
             armed = message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED
             if self.obeyed and armed and modes and self.mode not in modes | _HOMEWARD | frozenset(ends_in):
                 self._held.append((now_s, f"{_TAKEN}: mode {self.mode}"))

@@ -322,6 +322,7 @@ class GroundStation:
             out += self._after_start(self._start.poll(now_s), now_s)
         if self._order is not None and now_s >= self._order.due_s:
             if self._order.is_given_up:
+                self.pilot.on_no_answer(self.pilot.ordered, now_s)
                 self._order_refused("no answer", now_s)
             elif self.mode != self._before.mode and self.mode in self._ordered_modes:
                 self._order = None  # obeyed, only the COMMAND_ACK was lost

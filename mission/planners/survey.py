@@ -281,7 +281,11 @@ class _Search:
         even = [math.radians(degrees) for degrees in range(0, 180, _EVERY_DEG)]
         angles = [*hull_angles(lands[0])[:_HULL_ANGLES], *even]
         self._price([self._plans.common(lands[0], angle) for angle in angles])
-        self._refine(lands[0])
+        # Row directions closely beside the best direction, in ever smaller steps.
+        for step in _FINER_DEG:
+            angle = self._angle(self._best())
+            beside = (angle - math.radians(step), angle + math.radians(step))
+            self._price([self._plans.common(lands[0], turned % math.pi) for turned in beside])
         angle = self._angle(self._best())
         for land in lands[1:]:
             self._price([self._plans.common(land, turned) for turned in {angle, *hull_angles(land)[:1]}])
@@ -321,13 +325,6 @@ class _Search:
         self._seen.update(zip(new, map(self._plans.seen_share, paths), strict=True))
         done = len(self._known)
         self._request.progress(done, done + len(new))
-
-    def _refine(self, land: Area) -> None:
-        """Try row directions closely beside the best direction, in ever smaller steps."""
-        for step in _FINER_DEG:
-            angle = self._angle(self._best())
-            beside = (angle - math.radians(step), angle + math.radians(step))
-            self._price([self._plans.common(land, turned % math.pi) for turned in beside])
 
     def _toggle_gaps(self, land: Area, angle: float) -> None:
         """Try rows across each gap alone, then across all the gaps where crossing reduced the cost."""

@@ -235,7 +235,8 @@ class _Writer:
             if item.frame not in GLOBAL_FRAMES or item.command not in _FLOWN_TO:
                 continue
             if item.x == item.y == 0.0 and not dialect.zero_is_here:
-                here = before or self._position_after(k)
+                later = (each for _, each in self.entries[k + 1 :] if each.has_position)
+                here = before or next(((each.x, each.y) for each in later if each.x or each.y), None)
                 if here is None:
                     text = f"{self._profile.name} would fly to latitude 0, longitude 0"
                     self._say(number, Severity.ERROR, text, "give the item a position")
@@ -247,13 +248,6 @@ class _Writer:
                 self.entries[k] = (number, item)
             if item.x or item.y:
                 before = (item.x, item.y)
-
-    def _position_after(self, k: int) -> tuple[float, float] | None:
-        """Return the first position after entry ``k``, or None without one."""
-        for _, item in self.entries[k + 1 :]:
-            if item.has_position and (item.x or item.y):
-                return item.x, item.y
-        return None
 
     def _landing_start(self, k: int, item: MissionItem) -> MissionItem:
         """Return DO_LAND_START as the autopilot needs it: with the next item's position or no position."""

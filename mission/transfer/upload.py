@@ -177,7 +177,12 @@ class MissionUpload(ClientTransfer):
         self._trouble = None
         events: tuple[Progress, ...] = ()
         if self._answers[sequence] is None:
-            self._measure(sequence, now_s)
+            # The round trip is measured from messages that were sent only once (Karn's algorithm).
+            before = self._answers[sequence - 1] if sequence else None
+            if sequence == 0:
+                self._measure_opening(now_s)
+            elif before is not None and not before.repeated:
+                self.round_trip.sample(now_s - before.first_s)
             self._unsent -= 1
             events = (Progress(self.mission_type, len(self._wire) - self._unsent, len(self._wire)),)
         else:
@@ -186,15 +191,6 @@ class MissionUpload(ClientTransfer):
             self._highest = sequence
             self._progress_s = now_s
         return Output(self._item(sequence, now_s).messages, events)
-
-    def _measure(self, sequence: int, now_s: float) -> None:
-        """Measure the round trip time from messages that were sent only once (Karn's algorithm)."""
-        if sequence == 0:
-            self._measure_opening(now_s)
-            return
-        before = self._answers[sequence - 1]
-        if before is not None and not before.repeated:
-            self.round_trip.sample(now_s - before.first_s)
 
     def _item(self, sequence: int, now_s: float) -> Output:
         self._last = sequence

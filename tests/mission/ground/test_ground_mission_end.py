@@ -36,8 +36,8 @@ def beat(mode: int, *, armed: bool = True) -> Any:
     return m.MAVLink_heartbeat_message(2, 12, 157 if armed else 29, mode, 4, 3)
 
 
-def current(seq: int, state: int) -> Any:
-    return m.MAVLink_mission_current_message(seq, 5, state, 1 if state == ACTIVE else 2)
+def current(seq: int, state: int, total: int = 5) -> Any:
+    return m.MAVLink_mission_current_message(seq, total, state, 1 if state == ACTIVE else 2)
 
 
 def ready(mission: Mission) -> GroundStation:
@@ -78,14 +78,14 @@ def each_second(begin_s: float, end_s: float, *made: Any) -> list[tuple[float, A
     return [(begin_s + k, make()) for k in range(int(end_s - begin_s)) for make in made]
 
 
-def until_moment() -> list[tuple[float, Any]]:
+def until_moment(total: int = 5) -> list[tuple[float, Any]]:
     """A PX4 on its way to its last waypoint."""
     return [
         *each_second(10.5, END_S, lambda: beat(MISSION)),
-        *each_second(11.0, END_S, lambda: current(2, ACTIVE)),
+        *each_second(11.0, END_S, lambda: current(2, ACTIVE, total)),
         *[(20.0 + k, m.MAVLink_mission_item_reached_message(1)) for k in range(11)],
         *each_second(30.2, END_S, lambda: m.MAVLink_mission_item_reached_message(2)),
-        *each_second(30.3, END_S, lambda: current(3, ACTIVE)),
+        *each_second(30.3, END_S, lambda: current(3, ACTIVE, total)),
     ]
 
 
@@ -174,10 +174,10 @@ def test_a_mission_that_leads_nowhere_ends_in_hold(late, lost):
         (END_S, m.MAVLink_mission_item_reached_message(3)),
         (END_S, m.MAVLink_statustext_message(6, b"Mission finished, loitering\t")),
         (END_S + 0.3, beat(HOLD)),
-        (END_S + 0.33, current(3, COMPLETE)),
-        *each_second(END_S + 1.3, END_S + 20.0, lambda: beat(HOLD), lambda: current(0, COMPLETE)),
+        (END_S + 0.33, current(3, COMPLETE, 4)),
+        *each_second(END_S + 1.3, END_S + 20.0, lambda: beat(HOLD), lambda: current(0, COMPLETE, 4)),
     ]
-    ground = flown(STAYING, arrivals(until_moment() + ends, late, lost))
+    ground = flown(STAYING, arrivals(until_moment(4) + ends, late, lost))
     assert ground.outcome is Outcome.COMPLETED
 
 

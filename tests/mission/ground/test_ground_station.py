@@ -678,6 +678,29 @@ def test_a_vehicle_with_a_mission_of_another_station_still_takes_an_order_to_hol
     assert commands(flight.ground.maneuver(Maneuver.HOLD, flight.now_s))
 
 
+@pytest.mark.parametrize("name", AUTOPILOTS)
+@pytest.mark.parametrize(
+    ("after_s", "mode", "is_ours"), [(5, "LOITER", 1), (60, "LOITER", 0), (5, "POSCTL", 0)]
+)
+def test_an_unanswered_order_that_is_obeyed_late_is_no_takeover(name, after_s, mode, is_ours):
+    flight = Flight(name)
+    flight.ground.arming_gate = ArmingGate((1, 1), agreed=True)
+    home = flight.autopilot == m.MAV_AUTOPILOT_ARDUPILOTMEGA
+    flight.hears(m.MAVLink_mission_current_message(1 + home, 3, m.MISSION_STATE_ACTIVE, 1))
+    flight.beats("MISSION")
+    flight.ground.maneuver(Maneuver.HOLD, flight.now_s)
+    while "did not take the order" not in str(flight.ground.texts):
+        flight.now_s += 1.0
+        flight.ground.poll(flight.now_s)
+    flight.now_s += after_s
+    flight.beats(mode)
+    flight.ground.poll(flight.now_s + 6.0)
+    assert flight.ground.pilot.somebody_else_flies is not bool(is_ours)
+    assert bool(flight.ground.pilot.obeyed) is bool(is_ours)
+    if is_ours:
+        assert flight.takes(Maneuver.RESUME)
+
+
 def test_another_item_is_chosen_as_the_autopilot_takes_it():
     flight = Flight("px4")
     flight.hears(m.MAVLink_mission_current_message(0, 3, m.MISSION_STATE_ACTIVE, 1))

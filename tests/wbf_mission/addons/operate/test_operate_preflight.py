@@ -169,7 +169,7 @@ def test_options_that_would_change_nothing_are_none(option, file, capsys):
         (("FILE", "--margin", "-1"), "margin -1.0 is out of range"),
         (("FILE", "--margin", "nan"), "margin"),
         (("FILE", "--camera-interval", "0"), "--camera-interval 0 is out of range"),
-        (("FILE", "--vehicle", "quad,quad"), "name one"),
+        (("FILE", "--vehicle", "quad,quad"), "name only one"),
         (("FILE", "--vehicle", "zeppelin"), "unknown vehicle 'zeppelin'"),
         (("FILE", "--farm", "nowhere"), "nowhere"),
         (("FILE", "--system-id", "3"), "--system-id needs --connect"),

@@ -32,7 +32,8 @@ def lost_position(ground: GroundStation) -> bool:
 
 def doing(ground: GroundStation, now_s: float) -> str:
     """Return mode, item and height of a vehicle in flight as text, and the age of values that are old."""
-    state, items = ground.vehicle_state, len(ground.mission.items)
+    state = ground.vehicle_state
+    items = state.total or len(ground.mission.items)  # another station may have sent another mission
     parts = [
         ground.pilot.mode or "mode unknown",
         "item -" if state.item is None else f"item {state.item + 1} of {items}",

@@ -108,7 +108,7 @@ def test_multipoints_are_places_and_obstacles_without_area_are_named() -> None:
     assert np.array(farm.rally_m) == pytest.approx(
         np.array([farm.frame.from_wgs84(latitude, longitude) for longitude, latitude in corners])
     )
-    assert farm.notes == ("2 left out, obstacles that are not polygons: mast, cable",)
+    assert farm.notes == ("2 features left out (obstacles that are not polygons): mast, cable",)
 
 
 TEXTS = st.lists(

@@ -37,7 +37,7 @@ def test_it_counts_and_computes_as_an_array() -> None:
     np.testing.assert_array_equal(1.0 - LAZY, 1.0 - WHOLE)
     for read, whole in zip(LAZY, WHOLE, strict=True):
         np.testing.assert_array_equal(read, whole)
-    with pytest.raises(IndexError, match="field 3 of 3"):
+    with pytest.raises(IndexError, match="field 3: the array has 3 fields"):
         LAZY[3]
 
 

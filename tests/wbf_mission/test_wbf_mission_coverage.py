@@ -168,5 +168,5 @@ def test_fields_that_grow_nowhere_are_refused(tmp_path):
 
 
 def test_a_farm_of_too_many_crops_is_refused():
-    with pytest.raises(FarmError, match="101 crops, at most 100"):
+    with pytest.raises(FarmError, match="101 crops; give at most 100 crops"):
         farm(*(land(f"crop {k}", 0, 0, 1, 1) for k in range(96)))

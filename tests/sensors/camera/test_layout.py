@@ -87,10 +87,10 @@ def test_readings_of_other_fields_are_no_observations_and_said() -> None:
         assert assembler.statistics.other_fields == 1
         told = assembler.mismatch()
         assert told is not None
-        assert f"expected {', '.join(expected)}" in told
+        assert f"other fields than {', '.join(expected)}; give" in told
     for number, data in enumerate(LeafLayout.of(other).announcement()):
         assembler.add(array(FIELDS_NAME, number, data))
-    assert "the camera senses tylcv, ccr, soil, rust, expected" in str(assembler.mismatch())
+    assert "the camera senses tylcv, ccr, soil, rust instead of tylcv" in str(assembler.mismatch())
 
 
 @sweep(few=30, many=200)

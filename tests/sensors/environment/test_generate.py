@@ -240,7 +240,7 @@ def test_too_little_memory_is_foreseen(
     monkeypatch.setattr("geo.system.available_memory", lambda: AvailableMemory(1000, "the test"))
     with pytest.raises(NotEnoughMemoryError, match=r"16 days of 30 x 30 cells needs .* keep fewer days"):
         generate_environment(grid, seed=1)
-    with pytest.raises(NotEnoughMemoryError, match=r"1 kB \(the test\); take a smaller farm$"):
+    with pytest.raises(NotEnoughMemoryError, match=r"1 kB are free \(the test\); take a smaller farm$"):
         generate_environment(grid, seed=1, directory=tmp_path / "e")
     assert list(tmp_path.iterdir()) == []
 

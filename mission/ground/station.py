@@ -8,6 +8,7 @@ from typing import Any
 
 from geo.errors import WbfMissionError
 from mission.ground.arming_gate import ArmingGate
+from mission.ground.change import ChangeOutcome
 from mission.ground.changes import MissionChanges
 from mission.ground.contact import Answer, Contact, Heartbeat, Order, StateBefore, result_name
 from mission.ground.images import ImageFetch
@@ -141,7 +142,7 @@ class GroundStation:
         self._before = StateBefore.of(self._monitor, -math.inf)  # State when the pending order was given.
         self._ordered_modes: frozenset[str] = frozenset()  # Modes that the pending order leads to.
         self._chosen = range(0)  # Current items that show that the pending set-item was obeyed.
-        self._mission_id = 0  # Id of the mission that the vehicle reported after the start or a change.
+        self._mission_id = 0, 0  # Number of changes, and the mission's id that the vehicle reported since.
         self._no_position = True  # no position was received since the last HEARTBEAT
         self._armed = self._flew = False
         self._texts_before = 0
@@ -469,10 +470,15 @@ class GroundStation:
             and (self._disarmed_s is not None or end.ends_flight)
         ):
             self._land(*end.completed(self._texts_before), now_s)
-        if self._flies_mission and self.arming_gate is not None and not self._changes.broken_off:
-            state, known_id = self._monitor.state, self._mission_id
-            if now_s < max(self.started_s or 0.0, self._changes.changed_s) + _SETTLES_S:
-                self._mission_id = state.mission_id
+        # After a change that failed, the vehicle may hold either mission of this program.
+        is_known = not self._changes.broken_off and all(
+            one.outcome is ChangeOutcome.DONE for one in self.changes
+        )
+        if self._flies_mission and self.arming_gate is not None and is_known:
+            state, (changes, known_id) = self._monitor.state, self._mission_id
+            settles_s = max(self.started_s or 0.0, self._changes.changed_s) + _SETTLES_S
+            if now_s < settles_s or changes != len(self.changes):
+                self._mission_id = len(self.changes), state.mission_id
             elif state.total not in (None, len(self.mission.items)) or (
                 known_id and state.mission_id not in (0, known_id)
             ):

@@ -7,6 +7,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from mission.ground.arming_gate import ArmingGate
+from mission.ground.change import ChangeOutcome, ChangeRecord
 from mission.ground.mission_end import FailureWatch
 from mission.ground.modes import Maneuver, VehicleModes
 from mission.ground.station import GroundStation, NotFlyingError
@@ -670,6 +671,20 @@ def test_a_mission_of_another_station_is_told_and_not_completed(later_s, total, 
     flight.beats("MISSION", armed=False)
     flight.ground.poll(flight.now_s + 20.0)
     assert (flight.ground.outcome, flight.ground.reason) == (Outcome.PILOT_TOOK_OVER, text)
+
+
+@pytest.mark.parametrize(("outcome", "told"), [(ChangeOutcome.DONE, True), (ChangeOutcome.GIVEN_UP, False)])
+def test_after_a_change_that_failed_the_vehicle_may_hold_either_mission_of_ours(outcome, told):
+    flight = Flight()
+    flight.ground.arming_gate = ArmingGate((1, 1), agreed=True)
+    flight.hears(m.MAVLink_mission_current_message(1, 3, m.MISSION_STATE_ACTIVE, 1, 7))
+    flight.ground.changes.append(ChangeRecord(7, 1, ended_s=flight.now_s, outcome=outcome))
+    flight.now_s += 10.0
+    # The first report after the change, which may come late, tells the new id.
+    for total, mission_id in ((3, 9), (3, 9), (7, 9)):
+        assert not flight.ground.pilot.replaced
+        flight.hears(m.MAVLink_mission_current_message(1, total, m.MISSION_STATE_ACTIVE, 1, mission_id))
+    assert flight.ground.pilot.replaced is told
 
 
 def test_a_vehicle_with_a_mission_of_another_station_still_takes_an_order_to_hold():

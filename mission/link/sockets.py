@@ -145,6 +145,8 @@ def _open(
     made = socket.socket(family, kind)
     try:
         made.setblocking(False)
+        if kind == socket.SOCK_DGRAM:
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
         prepare(made, where)
     except OSError as error:
         made.close()
@@ -300,16 +302,6 @@ class _Reader:
                     self._closing.wait(_REST_S)
 
 
-def _bind_datagrams(made: socket.socket, where: Any) -> None:
-    made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
-    made.bind(where)
-
-
-def _connect_datagrams(made: socket.socket, where: Any) -> None:
-    made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
-    made.connect(where)
-
-
 def _listen(made: socket.socket, where: Any) -> None:
     made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     made.bind(where)
@@ -324,7 +316,7 @@ class UdpSocket(_Datagrams):
     """
 
     def __init__(self, address: LinkAddress, *, at_once: bool = False) -> None:
-        super().__init__(_open(address, socket.SOCK_DGRAM, _bind_datagrams), address, at_once=at_once)
+        super().__init__(_open(address, socket.SOCK_DGRAM, socket.socket.bind), address, at_once=at_once)
         self.address = self._bound(address)
         self.name = str(self.address)
 
@@ -362,7 +354,7 @@ class UdpOutLink(_Datagrams):
     """UDP link that sends to one host and receives from this host only."""
 
     def __init__(self, address: LinkAddress) -> None:
-        super().__init__(_open(address, socket.SOCK_DGRAM, _connect_datagrams), address, at_once=True)
+        super().__init__(_open(address, socket.SOCK_DGRAM, socket.socket.connect), address, at_once=True)
         self.name = str(address)
 
     def send(self, data: bytes) -> None:

@@ -185,10 +185,12 @@ def plan_for_batteries(
         whole = planned(f"{guess:.1f}m")
         # Nearly equal budgets often give the same mission, which need not be cut again.
         known = next((one for one in tried if one[0].mission == whole.mission), None)
-        sorties = known[1] if known else cut_if_too_long(whole, cut)
+        sorties = known[1] if known else cut_if_too_long(whole, cut)[0]
         tried.append((whole, sorties))
         # Number of batteries; None if the mission cannot be cut into sorties
-        needed = len(sorties.sorties) if sorties is not None else None if whole.is_too_long else 1
+        needed = None if whole.is_too_long else 1
+        if sorties is not None:
+            needed = len(sorties.sorties)
         takes_wh = 0.0 if sorties is None else sum(plan.prediction.most_wh for plan in sorties.plans)
         if needed is not None and needed <= count:
             found, low = (whole, sorties), guess
@@ -204,9 +206,11 @@ def plan_for_batteries(
     return found
 
 
-def cut_if_too_long(whole: PlanResult, cut: Callable[[PlanResult], SortiePlan | None]) -> SortiePlan | None:
-    """Return a mission's sorties; None if one battery is enough, or no number is."""
+def cut_if_too_long(
+    whole: PlanResult, cut: Callable[[PlanResult], SortiePlan | None]
+) -> tuple[SortiePlan | None, str]:
+    """Return a mission's sorties, if one battery is not enough, and the reason if it cannot be cut."""
     try:
-        return cut(whole) if whole.is_too_long else None
-    except UncutError:
-        return None
+        return (cut(whole) if whole.is_too_long else None), ""
+    except UncutError as error:
+        return None, str(error)

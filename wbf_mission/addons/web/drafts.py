@@ -29,11 +29,11 @@ from sensors.field_files import field_names
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.builder import coverage_together
 from wbf_mission.planning.fleet import SingleVehicle, single_vehicles
-from wbf_mission.planning.sorties import SortiePlan, UncutError, sorties_of
+from wbf_mission.planning.sorties import SortiePlan, sorties_of
 from wbf_mission.preflight.finding import Finding, Report
 from wbf_mission.preflight.run import check_plan
 from wbf_mission.progress import Progress
-from wbf_mission.run.plan import batteries_in, plan_fleet, plan_for_batteries
+from wbf_mission.run.plan import batteries_in, cut_if_too_long, plan_fleet, plan_for_batteries
 from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.scenario.choice import names_of
 from wbf_mission.scenario.option import Option
@@ -316,7 +316,10 @@ def planned(draft: Draft, progress: Progress) -> PlannedDraft:
     batteries = batteries_in(scenario.mission.budget)
     if batteries is None:
         results = plan_fleet(scenario, farm=draft.farm, progress=progress)
-        tried = [_cut(plan, vehicle) for plan, vehicle in zip(results, vehicles, strict=True)]
+        tried = [
+            cut_if_too_long(plan, partial(sorties_of, one=vehicle))
+            for plan, vehicle in zip(results, vehicles, strict=True)
+        ]
         cuts, uncut = zip(*tried, strict=True)
     else:
         whole, sorties = plan_for_batteries(
@@ -338,14 +341,6 @@ def planned(draft: Draft, progress: Progress) -> PlannedDraft:
     return PlannedDraft(
         draft, results, cuts, vehicles, tuple(missions), coverage, planned_s - begun_s, ended_s - planned_s
     )
-
-
-def _cut(whole: PlanResult, vehicle: SingleVehicle) -> tuple[SortiePlan | None, str]:
-    """Return a mission's sorties, if one battery is not enough, and the reason if it cannot be cut."""
-    try:
-        return (sorties_of(whole, one=vehicle) if whole.is_too_long else None), ""
-    except UncutError as error:
-        return None, str(error)
 
 
 def written_suffixes() -> dict[str, str]:

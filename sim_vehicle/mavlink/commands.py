@@ -327,7 +327,10 @@ def _land_start(vehicle: CommandedVehicle, _command: VehicleCommand) -> None:
 def _pause_continue(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
     if command.params[0] not in (0.0, 1.0):
         raise RefusedError(f"Pause refused: parameter 1 is {command.params[0]:g}, not 0 or 1", denied=True)
-    vehicle.pilot.resume() if command.params[0] else vehicle.pilot.pause()
+    if command.params[0]:
+        vehicle.pilot.resume()
+    else:
+        vehicle.pilot.pause()
 
 
 def _set_current(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:

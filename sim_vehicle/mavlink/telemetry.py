@@ -245,6 +245,8 @@ def _sim_state(source: WireState) -> Message:
     )
 
 
+_ESTIMATE_RATIOS = (0.1, 0.1, 0.1, 0.1, 0.0, 0.0, 0.5, 0.8)  # six test ratios, two accuracies (m)
+
 BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
     m.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
     m.MAVLINK_MSG_ID_SYS_STATUS: _sys_status,
@@ -278,16 +280,7 @@ BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
         200, 100, 200, [0] * 8, [0] * 8
     ),
     m.MAVLINK_MSG_ID_ESTIMATOR_STATUS: lambda s: m.MAVLink_estimator_status_message(
-        s.unix_us,
-        ESTIMATES_OK if s.pilot.position_ok else ESTIMATES_BLIND,
-        0.1,
-        0.1,
-        0.1,
-        0.1,
-        0.0,
-        0.0,
-        0.5,
-        0.8,
+        s.unix_us, ESTIMATES_OK if s.pilot.position_ok else ESTIMATES_BLIND, *_ESTIMATE_RATIOS
     ),
     m.MAVLINK_MSG_ID_EKF_STATUS_REPORT: _ekf_status_report,
     m.MAVLINK_MSG_ID_TIMESYNC: lambda s: m.MAVLink_timesync_message(0, s.unix_us * 1000),

@@ -29,7 +29,7 @@ Floats: TypeAlias = NDArray[np.float64]
 
 _MOST_BYTES = 2**28
 _MOST_ROWS = 5_000_000
-_SAME_PLACE_DEG = 2e-5  # About 2 m: reports of one image may differ by so much.
+_SAME_PLACE_DEG = 2e-5  # About 2 m: reports of one image may differ by this much.
 
 
 @dataclass(slots=True)

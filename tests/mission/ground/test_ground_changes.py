@@ -686,26 +686,32 @@ def test_what_was_passed_while_it_was_sent_before_is_not_flown_back_to():
     assert change.session._next_then() == resume_at + 1
 
 
+class Aside:
+    """A change aside, message by message, of an ArduCopter that was in its mission at 9.9 s."""
+
+    def __init__(self):
+        self.contact = Contact((1, 1))
+        self.contact.receive(self.beat(3), 9.9)
+        position = (0, 280_500_000, -821_500_000, 0, 12_000, 0, 0, 0, 0)
+        self.contact.receive(m.MAVLink_global_position_int_message(*position), 9.9)
+        self.change = AsideChange(ChangeRequest(planned(), planned(NEW), 5, 2, self.contact, 0.1))
+
+    def beat(self, mode):
+        return m.MAVLink_heartbeat_message(2, m.MAV_AUTOPILOT_ARDUPILOTMEGA, 0x81, mode, 4, 3)
+
+    def hears(self, message, now_s):
+        message.pack(m.MAVLink(None, 1, 1))
+        self.contact.receive(message, now_s)
+        return self.change.receive(message, now_s)
+
+
 @pytest.mark.parametrize(("after_s", "orders"), [(5.0, [m.MAV_CMD_DO_SET_MODE]), (60.0, [])])
 def test_the_guided_mode_long_after_a_change_is_another_operators(after_s, orders):
-    contact = Contact((1, 1))
-
-    def hears(message, now_s):
-        message.pack(m.MAVLink(None, 1, 1))
-        contact.receive(message, now_s)
-        return change.receive(message, now_s)
-
-    def beats(mode, now_s):
-        return hears(m.MAVLink_heartbeat_message(2, m.MAV_AUTOPILOT_ARDUPILOTMEGA, 0x81, mode, 4, 3), now_s)
-
-    contact.receive(m.MAVLink_heartbeat_message(2, m.MAV_AUTOPILOT_ARDUPILOTMEGA, 0x81, 3, 4, 3), 9.9)
-    contact.receive(
-        m.MAVLink_global_position_int_message(0, 280_500_000, -821_500_000, 0, 12_000, 0, 0, 0, 0), 9.9
-    )
-    change = AsideChange(ChangeRequest(planned(), planned(NEW), 5, 2, contact, 0.1))
-    assert [message.command for message in change.start(10.0)] == [m.MAV_CMD_DO_REPOSITION]
-    assert beats(5, 11.0) == [] and change.record.outcome is ChangeOutcome.GIVEN_UP
-    found = beats(4, 11.0 + after_s)
+    aside = Aside()
+    assert [message.command for message in aside.change.start(10.0)] == [m.MAV_CMD_DO_REPOSITION]
+    assert aside.hears(aside.beat(5), 11.0) == []
+    assert aside.change.record.outcome is ChangeOutcome.GIVEN_UP
+    found = aside.hears(aside.beat(4), 11.0 + after_s)
     assert [message.command for message in found] == orders
     assert not found or found[0].param2 == 5, "the mode that the pilot had chosen"
 
@@ -713,29 +719,16 @@ def test_the_guided_mode_long_after_a_change_is_another_operators(after_s, order
 @pytest.mark.parametrize(("mode", "orders"), [(4, 1), (6, 0)])
 def test_a_vehicle_that_is_silent_is_not_ordered_back_into_its_mission(mode, orders):
     """A pilot may have taken it over (mode 6); a vehicle that is still in guided mode is ordered back."""
-    contact = Contact((1, 1))
-
-    def hears(message, now_s):
-        message.pack(m.MAVLink(None, 1, 1))
-        contact.receive(message, now_s)
-        return change.receive(message, now_s)
-
-    def beat(mode):
-        return m.MAVLink_heartbeat_message(2, m.MAV_AUTOPILOT_ARDUPILOTMEGA, 0x81, mode, 4, 3)
-
-    contact.receive(beat(3), 9.9)
-    contact.receive(
-        m.MAVLink_global_position_int_message(0, 280_500_000, -821_500_000, 0, 12_000, 0, 0, 0, 0), 9.9
-    )
-    change = AsideChange(ChangeRequest(planned(), planned(NEW), 5, 2, contact, 0.1))
+    aside = Aside()
+    change = aside.change
     change.start(10.0)
     assert [one.command for one in change.poll(13.0)] == [m.MAV_CMD_DO_REPOSITION], "tried a few times"
-    hears(beat(4), 13.0)
-    (back,) = hears(m.MAVLink_command_ack_message(m.MAV_CMD_DO_REPOSITION, m.MAV_RESULT_DENIED), 13.1)
+    aside.hears(aside.beat(4), 13.0)
+    (back,) = aside.hears(m.MAVLink_command_ack_message(m.MAV_CMD_DO_REPOSITION, m.MAV_RESULT_DENIED), 13.1)
     assert back.command == m.MAV_CMD_DO_SET_MODE
     assert [one.command for one in change.poll(14.2)] == [back.command], "its last HEARTBEAT is fresh"
     assert not any(change.poll(second) for second in range(16, 60))
-    assert hears(beat(mode), 60.0) == []
+    assert aside.hears(aside.beat(mode), 60.0) == []
     assert [one.command for one in change.poll(61.5)] == [back.command] * orders
     assert change.done is (not orders)
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from mission.ground.change import ChangeOutcome, ChangeRequest, ChangeSession
-from mission.ground.contact import Answer, Order, result_name
+from mission.ground.contact import LATE_ORDER_S, Answer, Order, result_name
 from mission.ground.items import (
     apart_m,
     is_return,
@@ -110,8 +110,6 @@ _LONGEST_S = 5.0
 _FOREVER = 1_000_000
 _TO_MISSION = frozenset({int(m.MAV_CMD_DO_SET_MODE), int(Command.NAV_RETURN_TO_LAUNCH)})
 _SILENT_S = 2.0
-# A command may arrive with this delay (s). If guided mode shows later, another operator chose it.
-_LATE_ORDER_S = 30.0
 # At lower speeds the direction of the velocity is mostly noise.
 _SLOW_M_S = 0.5
 _GUIDED_FLAG = float(m.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
@@ -485,8 +483,8 @@ class AsideChange(ChangeSession):
             self.record.retries += 0 if order is None else order.repeats
             return self._on_back(now_s)
         if self._step is _Step.OVER:
-            # A delayed or repeated command may have switched the vehicle to guided mode again.
-            late = now_s <= self.record.ended_s + _LATE_ORDER_S
+            # A late command may have switched the vehicle to guided mode again; after that, a pilot did.
+            late = now_s <= self.record.ended_s + LATE_ORDER_S
             if late and mode == self._guided and self.record.sent_s is not None and not self._orders:
                 return self._order(int(m.MAV_CMD_DO_SET_MODE), now_s, *self._mode_parameters())
             return []

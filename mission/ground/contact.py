@@ -23,6 +23,8 @@ _TRIES = 4
 _MOST_TRIES = 12
 _FAILS = 0.001
 _DOUBLINGS = 3
+LATE_ORDER_S = 30.0
+"""Greatest delay with which a vehicle may still obey an order (s)."""
 _LATE_ANSWER_S = 1.0
 """Time allowed for reading an answer that arrived while the program was suspended (s)."""
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 
 from mission.ground.changes import MissionChanges
-from mission.ground.contact import Contact
+from mission.ground.contact import LATE_ORDER_S, Contact
 from mission.ground.items import leads_home, leads_on
 from mission.ground.modes import Maneuver, VehicleModes, is_in_mission, mode_name
 from mission.ground.vehicle_state import drives
@@ -23,8 +23,6 @@ _HOMEWARD = frozenset({"RTL", "SMART_RTL", "LAND", "QRTL", "QLAND", "PRECLAND", 
 _RESTARTED = "its autopilot has started again"
 _DOUBT_S = 5.0
 """Wait for a message that explains a mode change (s): messages may be lost, reordered, and up to 3 s late."""
-_LATE_S = 30.0
-"""Time after the last transmission of an unanswered order in which the vehicle may still obey it (s)."""
 _SHOWS = {Maneuver.HOLD: "holds", Maneuver.RETURN: "returns", Maneuver.LAND: "lands"}
 
 
@@ -141,8 +139,8 @@ class PilotWatch:
         self.ordered, self.obeyed = ordered, obeyed
 
     def on_no_answer(self, ordered: Maneuver | None, now_s: float) -> None:
-        """Record an unanswered order, which the vehicle may still obey within `_LATE_S`."""
-        self._late = None if ordered is None else (ordered, now_s + _LATE_S)
+        """Record an unanswered order, which the vehicle may still obey within `LATE_ORDER_S`."""
+        self._late = None if ordered is None else (ordered, now_s + LATE_ORDER_S)
 
     def settle(self) -> None:
         """Report the delayed mode changes, since no reboot explains them."""
@@ -202,8 +200,11 @@ class PilotWatch:
             self._in_mission, self._doubt = True, None
             return
         known = VehicleModes(message.autopilot, message.type)
-        if self._late is not None and self.ordered is None and now_s < self._late[1]:
-            self.order(self._late[0] if self.mode in known.shows(self._late[0]) else None)
+        if self._late is not None and self.ordered is None:
+            # Only the first mode change may be the order's: after a pilot's mode, the pilot chooses.
+            (late, latest_s), self._late = self._late, None
+            if now_s < latest_s and self.mode in known.shows(late):
+                self.order(late)
         if self.ordered is not None:
             modes = known.shows(self.ordered)
             armed = message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED

@@ -19,7 +19,7 @@ from mission.ground.modes import Maneuver, ModeError
 from mission.ground.start import STARTING, MissionStart
 from mission.ground.tracks import TrackRecorder, TrueState
 from mission.ground.uploads import PlanUploads
-from mission.ground.vehicle_state import Battery, VehicleState
+from mission.ground.vehicle_state import SHARED_ID, Battery, VehicleState
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import handler
@@ -39,7 +39,6 @@ _SETTLES_S = 5.0
 """Time after the start and after each change in which the vehicle may still report the mission before (s)."""
 _BEFORE_ARMING = _BEFORE_FLIGHT - {Phase.ARM, Phase.START}
 _OTHER_FLIES = "the motors run, but not by this program: somebody else flies the vehicle; disarm it first"
-_TWINS = "two vehicles use this system id, and both would obey; give each vehicle its own system id"
 _STREAM_HZ = 4
 _NAV_LAST = 95
 """Largest MAV_CMD of navigation commands."""
@@ -508,7 +507,7 @@ class GroundStation:
         unsure, self._unsure_s = now_s < self._unsure_s, -math.inf
         clock = self._monitor.clock
         if clock.is_shared and self.phase in _BEFORE_FLIGHT and self.arming_gate is not None:
-            self._end(Outcome.NOT_STARTED, _TWINS, now_s)
+            self._end(Outcome.NOT_STARTED, f"{SHARED_ID}; give each vehicle its own system id", now_s)
         elif clock.restarts > self._restarts:
             self._restarts = clock.restarts
             heard_since = unsure and self._monitor.mode_heard_s >= self._back_s

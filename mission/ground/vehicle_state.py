@@ -20,7 +20,8 @@ from mission.model import DEGREES_E7
 _RESTART_MS = 5000
 """A longer backward step of the time since boot means a reboot (ms), a smaller step a delayed message."""
 _MOST_RESTARTS, _RESTARTS_S = 3, 10.0
-"""More reboots than this within so many seconds mean two vehicles with one system id."""
+"""More reboots than this number in this time (s) mean two vehicles with one system id."""
+SHARED_ID = "two vehicles use this system id, and both would obey"
 
 
 class BootClock:

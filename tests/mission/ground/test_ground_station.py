@@ -680,7 +680,7 @@ def test_after_a_change_that_failed_the_vehicle_may_hold_either_mission_of_ours(
     flight.hears(m.MAVLink_mission_current_message(1, 3, m.MISSION_STATE_ACTIVE, 1, 7))
     flight.ground.changes.append(ChangeRecord(7, 1, ended_s=flight.now_s, outcome=outcome))
     flight.now_s += 10.0
-    # The first report after the change, which may come late, tells the new id.
+    # The first report after the change, which may come late, has the new id.
     for total, mission_id in ((3, 9), (3, 9), (7, 9)):
         assert not flight.ground.pilot.replaced
         flight.hears(m.MAVLink_mission_current_message(1, total, m.MISSION_STATE_ACTIVE, 1, mission_id))
@@ -714,6 +714,17 @@ def test_an_unanswered_order_that_is_obeyed_late_is_no_takeover(name, after_s, m
     assert bool(flight.ground.pilot.obeyed) is bool(is_ours)
     if is_ours:
         assert flight.takes(Maneuver.RESUME)
+
+
+def test_a_pilots_hold_after_an_unanswered_order_to_hold_is_the_pilots():
+    flight = Flight()
+    flight.ground.arming_gate = ArmingGate((1, 1), agreed=True)
+    flight.hears(m.MAVLink_mission_current_message(1, 3, m.MISSION_STATE_ACTIVE, 1))
+    flight.beats("MISSION")
+    flight.ground.pilot.on_no_answer(Maneuver.HOLD, flight.now_s)
+    for mode in ("POSCTL", "LOITER"):
+        flight.beats(mode)
+        assert flight.ground.pilot.somebody_else_flies
 
 
 def test_another_item_is_chosen_as_the_autopilot_takes_it():

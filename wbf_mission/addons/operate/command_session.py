@@ -18,7 +18,7 @@ from mission.ground.command import (
 )
 from mission.ground.contact import Answer, Contact, Heartbeat, Order, StateBefore, result_name
 from mission.ground.modes import Maneuver
-from mission.ground.vehicle_state import VehicleMonitor
+from mission.ground.vehicle_state import SHARED_ID, VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer.vehicles import VehicleSearch
@@ -345,7 +345,7 @@ class CommandSession:
         if vehicle is None or not (is_ready(self._wanted, self._contact.monitor) or now_s >= self._ready_s):
             return []
         if self._contact.monitor.clock.is_shared:
-            text = "two vehicles use this system id, and both would obey; the order was not sent"
+            text = f"{SHARED_ID}; the order was not sent"
             self._fail(VehicleRefusedError(f"{self._name}: {text}; give each vehicle its own system id"))
             return []
         try:

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 
+from mission.ground.change import ChangeOutcome
 from mission.ground.changes import MissionChanges
 from mission.ground.contact import LATE_ORDER_S, Contact
 from mission.ground.items import leads_home, leads_on
@@ -371,6 +372,8 @@ class FailureWatch:
 
 
 _COMPLETE = 5  # MISSION_STATE_COMPLETE
+_SETTLES_S = 5.0
+"""Time after the start and after each change in which the vehicle may still report the mission before (s)."""
 _REPEATS_S = 12.0
 """Time after a change in which a reached item may belong to the old mission (s): PX4 repeats
 MISSION_ITEM_REACHED ten times, once per second."""
@@ -386,6 +389,7 @@ class MissionEnd:
         self.says_finished = False  # Whether a STATUSTEXT reported the end of the mission.
         self._contact, self._monitor, self._changes = contact, contact.monitor, changes
         self._progress = ""
+        self._mission_id = 0, 0  # Number of changes, and the mission's id that the vehicle reported since.
 
     @property
     def flies_home(self) -> bool:
@@ -397,9 +401,17 @@ class MissionEnd:
         return leads_on(self._changes.held.items, item)
 
     def on_mission_current(
-        self, message: m.MAVLink_mission_current_message, now_s: float, *, flies_mission: bool
+        self,
+        message: m.MAVLink_mission_current_message,
+        now_s: float,
+        *,
+        flies_mission: bool,
+        started_s: float | None,
     ) -> None:
-        """Handle MISSION_CURRENT; after a landing, ArduPilot always reports the mission as complete."""
+        """Handle MISSION_CURRENT; after a landing, ArduPilot always reports the mission as complete.
+
+        `started_s`: start of a real vehicle's mission; None for simulated vehicles, which have one station.
+        """
         self.is_complete = message.mission_state == _COMPLETE
         state = self._monitor.state
         if state.item is not None:
@@ -410,6 +422,17 @@ class MissionEnd:
             self.says_finished &= self.pilot.mission_over
         if flies_mission and (self.is_complete or (state.item is not None and not leads_on)):
             self.pilot.on_mission_end(now_s)
+        # After a change that failed, the vehicle may hold either mission of this program.
+        records = self._changes.records
+        is_known = not self._changes.broken_off and all(r.outcome is ChangeOutcome.DONE for r in records)
+        if flies_mission and is_known and started_s is not None:
+            changes, known_id = self._mission_id
+            if now_s < max(started_s, self._changes.changed_s) + _SETTLES_S or changes != len(records):
+                self._mission_id = len(records), state.mission_id
+            elif state.total not in (None, len(self._changes.held.items)) or (
+                known_id and state.mission_id not in (0, known_id)
+            ):
+                self.pilot.on_other_mission(state.total, now_s)
 
     def on_reached(self, message: m.MAVLink_mission_item_reached_message, now_s: float) -> None:
         """Handle MISSION_ITEM_REACHED, which PX4 sends before MISSION_CURRENT of the next item."""

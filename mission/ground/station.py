@@ -6,16 +6,14 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from geo.errors import WbfMissionError
 from mission.ground.arming_gate import ArmingGate
-from mission.ground.change import ChangeOutcome
 from mission.ground.changes import MissionChanges
-from mission.ground.contact import Answer, Contact, Heartbeat, Order, StateBefore, result_name
+from mission.ground.contact import Contact, Heartbeat
 from mission.ground.images import ImageFetch
-from mission.ground.items import next_flown_to
 from mission.ground.link_state import LinkReport, SilenceWatch
 from mission.ground.mission_end import MissionEnd
-from mission.ground.modes import Maneuver, ModeError
+from mission.ground.modes import Maneuver
+from mission.ground.orders import FlightOrders, NotFlyingError
 from mission.ground.start import STARTING, MissionStart
 from mission.ground.tracks import TrackRecorder, TrueState
 from mission.ground.uploads import PlanUploads
@@ -35,13 +33,9 @@ _STATE_S, _STATE_BEHIND_LINK_S = 2.5, 5.0
 _CLOCK_S = 5.0
 """Longest wait for the vehicle's clock after a silence (s); three round trips are added."""
 _BEFORE_FLIGHT = frozenset({Phase.CONTACT, Phase.UPLOAD}) | STARTING
-_SETTLES_S = 5.0
-"""Time after the start and after each change in which the vehicle may still report the mission before (s)."""
 _BEFORE_ARMING = _BEFORE_FLIGHT - {Phase.ARM, Phase.START}
 _OTHER_FLIES = "the motors run, but not by this program: somebody else flies the vehicle; disarm it first"
 _STREAM_HZ = 4
-_NAV_LAST = 95
-"""Largest MAV_CMD of navigation commands."""
 _FAST = (int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT), int(m.MAVLINK_MSG_ID_ATTITUDE))
 _FAST_US = 100_000
 _IMAGES = (int(m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED), int(m.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY))
@@ -52,10 +46,6 @@ _ESTIMATES = (
     int(m.MAVLINK_MSG_ID_ESTIMATOR_STATUS),
 )
 """Messages that only `VehicleMonitor` reads."""
-
-
-class NotFlyingError(WbfMissionError, RuntimeError):
-    """An order or change is impossible now: the vehicle flies no mission, or a change is in progress."""
 
 
 class GroundStation:
@@ -131,17 +121,12 @@ class GroundStation:
         self._changes = MissionChanges(contact, mission)
         self._end_of_mission = MissionEnd(contact, self._changes)
         self.pilot, self._failures = self._end_of_mission.pilot, self._end_of_mission.failures
+        self._orders = FlightOrders(contact, self._changes, self.pilot)
         self.tracks, self._heartbeat, self._silences = TrackRecorder(), Heartbeat(), SilenceWatch()
         self.texts, self.transfers = contact.texts.texts, self._uploads.statistics
         self.changes, self.parameters_set = self._changes.records, self._changes.parameters_set
         self._assembler = assembler
         self._fetch: ImageFetch | None = None
-        self._order: Order | None = None
-        self._ordered_before: tuple[Maneuver | None, str] = (None, "")  # `ordered` and `obeyed` of the pilot.
-        self._before = StateBefore.of(self._monitor, -math.inf)  # State when the pending order was given.
-        self._ordered_modes: frozenset[str] = frozenset()  # Modes that the pending order leads to.
-        self._chosen = range(0)  # Current items that show that the pending set-item was obeyed.
-        self._mission_id = 0, 0  # Number of changes, and the mission's id that the vehicle reported since.
         self._no_position = True  # no position was received since the last HEARTBEAT
         self._armed = self._flew = False
         self._texts_before = 0
@@ -277,9 +262,7 @@ class GroundStation:
         if self.phase is not Phase.FLIGHT or self._disarmed_s is not None:
             msg = f"the mission cannot be changed in this phase of the flight ({self.phase.value})"
             raise NotFlyingError(msg)
-        if self.changing:
-            raise NotFlyingError("the mission is being changed; wait until that is over")
-        self._check_mission_known()
+        self._orders.check_mission()
         out = self._changes.begin(mission, resume_at, self._uploads.seconds_an_item, now_s)
         if not self._end_of_mission.says_finished:
             self.pilot.on_new_mission()
@@ -320,20 +303,7 @@ class GroundStation:
             out += self._after_upload(self._uploads.poll(now_s), now_s)
         if self.phase in STARTING:
             out += self._after_start(self._start.poll(now_s), now_s)
-        if self._order is not None and now_s >= self._order.due_s:
-            if self._order.is_given_up:
-                self.pilot.on_no_answer(self.pilot.ordered, now_s)
-                self._order_refused("no answer", now_s)
-            elif self.mode != self._before.mode and self.mode in self._ordered_modes:
-                self._order = None  # obeyed, only the COMMAND_ACK was lost
-            elif self._is_overruled():
-                state = f"mode {self.mode}" if self._monitor.is_armed else "disarmed"
-                self._order_refused(f"{state} since", now_s)
-            else:
-                # A repeated set-item could turn back a vehicle that has taken the order and flown on.
-                heard = self._monitor.item_heard_s > self._before.given_s
-                repeats = not self._chosen or (heard and self._monitor.item == self._before.item)
-                out += self._order.send(now_s)[: int(repeats)]
+        out += self._orders.poll(now_s)
         if self.phase is Phase.FLIGHT:
             out += self._changes.poll(now_s)
         self.pilot.poll(now_s, unsure=now_s < self._unsure_s)
@@ -358,11 +328,10 @@ class GroundStation:
             self._uploads.next_deadline(),
             self._start.next_deadline(),
             self.pilot.next_deadline(),
+            self._orders.next_deadline(),
         ]
         if self.phase is Phase.FLIGHT:
             due_s.append(self._changes.next_deadline())
-        if self._order is not None:
-            due_s.append(self._order.due_s)
         if self._fetch is not None and self._fetches:
             due_s.append(self._fetch.due_s)
         return min(due_s)
@@ -423,7 +392,7 @@ class GroundStation:
                     expects_change=self.changing or self.flies_home,
                     flies_home=self.flies_home,
                     unsure=now_s < self._unsure_s,
-                    ends_in=self._end_modes,
+                    ends_in=self._orders.end_modes,
                 )
         if self._armed and self.phase in _BEFORE_ARMING and self.arming_gate is not None and not self._force:
             self._end(Outcome.NOT_STARTED, _OTHER_FLIES, now_s)
@@ -462,32 +431,12 @@ class GroundStation:
 
     def _on_mission_current(self, message: m.MAVLink_mission_current_message, now_s: float) -> None:
         end = self._end_of_mission
-        end.on_mission_current(message, now_s, flies_mission=self._flies_mission)
-        if (
-            self.phase is Phase.FLIGHT
-            and end.is_complete
-            and (self._disarmed_s is not None or end.ends_flight)
-        ):
+        started_s = None if self.arming_gate is None else self.started_s
+        end.on_mission_current(message, now_s, flies_mission=self._flies_mission, started_s=started_s)
+        is_over = end.is_complete and (self._disarmed_s is not None or end.ends_flight)
+        if self.phase is Phase.FLIGHT and is_over:
             self._land(*end.completed(self._texts_before), now_s)
-        # After a change that failed, the vehicle may hold either mission of this program.
-        is_known = not self._changes.broken_off and all(
-            one.outcome is ChangeOutcome.DONE for one in self.changes
-        )
-        if self._flies_mission and self.arming_gate is not None and is_known:
-            state, (changes, known_id) = self._monitor.state, self._mission_id
-            settles_s = max(self.started_s or 0.0, self._changes.changed_s) + _SETTLES_S
-            if now_s < settles_s or changes != len(self.changes):
-                self._mission_id = len(self.changes), state.mission_id
-            elif state.total not in (None, len(self.mission.items)) or (
-                known_id and state.mission_id not in (0, known_id)
-            ):
-                self.pilot.on_other_mission(state.total, now_s)
-        item = self._monitor.item
-        if self._chosen and item is not None:
-            first, before = self._chosen.start, self._before.item
-            passed = first < item and (before is None or not first <= before <= item)
-            if item in self._chosen or passed:
-                self._chosen, self._order = range(0), None
+        self._orders.on_mission_current()
 
     def _on_position(self, message: m.MAVLink_global_position_int_message, now_s: float) -> None:
         self._no_position = False
@@ -541,11 +490,7 @@ class GroundStation:
     def _on_ack(self, message: m.MAVLink_command_ack_message, now_s: float) -> list[Message]:
         if self.phase in STARTING:
             return self._after_start(self._start.on_ack(message, now_s), now_s)
-        answer = Answer.NONE if self._order is None else self._order.answer(message, now_s)
-        if answer is Answer.REFUSED:
-            self._order_refused(result_name(message.result), now_s)
-        elif answer is Answer.ACCEPTED:
-            self._order, self._chosen = None, range(0)
+        self._orders.on_ack(message, now_s)
         return []
 
     # Transitions.
@@ -569,8 +514,7 @@ class GroundStation:
             if self.arming_gate.outlived_s() > 0.0:
                 self._back_s = now_s
                 self._monitor.doubt(now_s)
-                if self._order is not None:
-                    self._order.end_repeats(now_s)
+                self._orders.end_repeats(now_s)
             return []
         out = self._start.look_at_clock(now_s)
         return out if self._start.failure is None else self._after_start(out, now_s)
@@ -604,95 +548,20 @@ class GroundStation:
         vehicle has no mode for the order. An order to resume also raises NotFlyingError if the vehicle flies
         its mission, or if an aborted change has left the vehicle with an unknown mission.
         """
-        self._check_takes_orders()
-        if kind is Maneuver.RESUME:
-            if not self.pilot.taken_out:
-                raise NotFlyingError("the vehicle flies its mission")
-            self._check_mission_known()
-        try:
-            command, params = self._monitor.modes.maneuver(kind)
-        except ModeError as error:
-            raise NotFlyingError(
-                f"the vehicle has no flight mode to {kind.value}; the order was not sent; order the vehicle"
-                " to return or to land"
-            ) from error
-        self._changes.drop()
-        out = self._give(self._contact.order(command, *params), now_s)
-        self._ordered_modes = self._monitor.modes.shows(kind)
-        self.pilot.order(kind)
-        return out
+        self._check_in_flight()
+        return self._orders.maneuver(kind, now_s)
 
     def choose_item(self, item: int, now_s: float) -> list[Message]:
         """Order the vehicle to continue its mission at ``item``, counted from 0 like `Mission.items`.
 
         Raises NotFlyingError like `maneuver`, during a change of the mission, and if the item does not exist.
         """
-        self._check_takes_orders()
-        count = len(self.mission.items)
-        if not 0 <= item < count:
-            raise NotFlyingError(f"item {item + 1} does not exist; there are {count} items")
-        if self.changing:
-            raise NotFlyingError("the mission is being changed; wait until that is over")
-        self._check_mission_known()
-        profile, vehicle = self._contact.profile, self._contact.vehicle
-        seq = item + (1 if profile.home_at_zero else 0)
-        by_message = None if profile.item_command else m.MAVLink_mission_set_current_message(*vehicle, seq)
-        order = self._contact.order(m.MAV_CMD_DO_SET_MISSION_CURRENT, float(seq), message=by_message)
-        out = self._give(order, now_s)
-        # The vehicle runs a DO command at once, and reports the next navigation item as current.
-        passes = self.mission.items[item].command > _NAV_LAST
-        shown = next_flown_to(self.mission.items, item) if passes else item
-        self._chosen = range(item, shown + 1)
-        return out
+        self._check_in_flight()
+        return self._orders.choose_item(item, now_s)
 
-    def _give(self, order: Order, now_s: float) -> list[Message]:
-        """Send an order, which replaces an order that is still pending."""
-        self._ordered_before = self.pilot.ordered, self.pilot.obeyed
-        self._order, self._chosen = order, range(0)
-        self._before, self._ordered_modes = StateBefore.of(self._monitor, now_s), frozenset()
-        return order.send(now_s)
-
-    @property
-    def _end_modes(self) -> frozenset[str]:
-        """Flight modes in which the vehicle may be after the end of the mission."""
-        items = self.mission.items
-        return self._monitor.modes.ends(int(items[-1].command) if items else 0)
-
-    def _is_overruled(self) -> bool:
-        """Whether a pilot or a failsafe has acted since the pending order was given."""
-        modes, (ordered, _) = self._monitor.modes, self._ordered_before
-        mission = modes.shows(Maneuver.RESUME)
-        expected = frozenset() if ordered is None else modes.shows(ordered)
-        if self._before.mode in mission:
-            expected |= mission | self._end_modes
-        return bool(mission) and self._before.is_overruled(self._monitor, expected)
-
-    def _check_mission_known(self) -> None:
-        why = "another station has sent another mission" if self.pilot.replaced else ""
-        if self._changes.broken_off:
-            why = "the vehicle was taken out of its mission during a change"
-        if why:
-            raise NotFlyingError(f"{why}, so its mission is unknown; order the vehicle to return or to land")
-
-    def _check_takes_orders(self) -> None:
-        """Raise NotFlyingError before or after the flight, and while another pilot flies the vehicle."""
+    def _check_in_flight(self) -> None:
         if self.phase is not Phase.FLIGHT or self._disarmed_s is not None:
             raise NotFlyingError(f"the vehicle does not fly in this phase ({self.phase.value})")
-        if self.pilot.somebody_else_flies:
-            msg = f"somebody else flies the vehicle (mode {self.pilot.mode}); the order was not sent"
-            raise NotFlyingError(msg)
-        if self.pilot.in_doubt:
-            raise NotFlyingError(
-                f"the vehicle left its mission (mode {self.pilot.mode}); the order was not sent; wait 5 s,"
-                " until it is known whether the mission ended or somebody else flies"
-            )
-
-    def _order_refused(self, why: str, now_s: float) -> None:
-        """Restore the state from before the order, and report the refusal to the operator."""
-        self._order, self._chosen = None, range(0)
-        if self.pilot.ordered is not self._ordered_before[0]:
-            self.pilot.order(*self._ordered_before)
-        self._texts.note(f"{why}: the vehicle did not take the order", now_s)
 
     def _land(self, outcome: Outcome, reason: str, now_s: float) -> None:
         """End the flight, and request the images that were lost, if any."""

@@ -12,7 +12,7 @@ from typing import Protocol
 from geo.processes import interrupts_noted
 from mission.ground.arming_gate import Stage
 from mission.ground.modes import Maneuver
-from mission.ground.station import NotFlyingError
+from mission.ground.orders import NotFlyingError
 from mission.ground.status_text import NotStartedError, doing, not_started
 from mission.outcome import Outcome, Phase
 from mission.policies.observation import Event, Status

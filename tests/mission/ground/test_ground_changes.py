@@ -24,7 +24,8 @@ from mission.ground.change_aside import AsideChange, Leg
 from mission.ground.change_whole import WholeListChange
 from mission.ground.contact import Contact
 from mission.ground.items import revised_mission
-from mission.ground.station import GroundStation, NotFlyingError
+from mission.ground.orders import NotFlyingError
+from mission.ground.station import GroundStation
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, GeoPoint, Mission, MissionItem, MissionType
 from mission.outcome import Outcome

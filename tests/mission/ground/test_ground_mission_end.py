@@ -10,7 +10,8 @@ from sweeps import sweep
 
 from mission.ground.arming_gate import ArmingGate
 from mission.ground.modes import Maneuver
-from mission.ground.station import GroundStation, NotFlyingError
+from mission.ground.orders import NotFlyingError
+from mission.ground.station import GroundStation
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, GeoPoint, Mission, MissionItem
 from mission.outcome import Outcome, Phase

@@ -10,7 +10,8 @@ from mission.ground.arming_gate import ArmingGate
 from mission.ground.change import ChangeOutcome, ChangeRecord
 from mission.ground.mission_end import FailureWatch
 from mission.ground.modes import Maneuver, VehicleModes
-from mission.ground.station import GroundStation, NotFlyingError
+from mission.ground.orders import NotFlyingError
+from mission.ground.station import GroundStation
 from mission.ground.texts import TextLog
 from mission.ground.vehicle_state import Battery, VehicleMonitor
 from mission.link.codec.dialect import mavlink as m

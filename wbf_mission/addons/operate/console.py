@@ -17,7 +17,7 @@ from geo.system import steady_s
 from geo.texts import distance
 from mission.ground.arming_gate import Stage, Standstill
 from mission.ground.modes import Maneuver
-from mission.ground.station import NotFlyingError
+from mission.ground.orders import NotFlyingError
 from mission.ground.status_text import doing, lost_position
 from mission.outcome import Phase, in_words
 from sim_vehicle.mavlink.fleet import SPACING_M

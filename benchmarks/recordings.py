@@ -21,7 +21,8 @@ from sim_vehicle.autopilot import flight_procedures, get_autopilot, with_autopil
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import CannotFly, Disarmed, FlightEvent, ItemReached
-from sim_vehicle.weather.wind import Wind, WindShear
+from sim_vehicle.weather.atmosphere import WindShear
+from sim_vehicle.weather.wind import Wind
 
 START_S = 3.0
 """Time of the change to mission mode in each recording (s)."""

@@ -10,8 +10,6 @@ from typing import Any, Protocol, runtime_checkable
 
 from mission.link.codec.dialect import mavlink
 
-__all__ = ["NEVER", "UNHEARD", "Component", "KeepsLog", "SaysGoodbye", "SaysMuch", "Serves", "Streams"]
-
 NEVER = float("inf")
 """Value of ``next_deadline`` for a component that only reacts to messages."""
 

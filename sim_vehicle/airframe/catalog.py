@@ -22,8 +22,6 @@ from sim_vehicle.errors import VehicleError
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
 
-__all__ = ["forget_vehicles", "get_vehicle", "load_vehicle", "vehicle_names"]
-
 _DEFAULT = "quad"
 # Fields that a vehicle file cannot set. The file name is the vehicle's name; a scenario sets the rest.
 _NOT_IN_FILES = ("name", "autopilot", "parameters", "return_margin_m", "autopilot_parameters")

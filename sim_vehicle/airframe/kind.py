@@ -21,22 +21,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from importlib.resources.abc import Traversable
 
-__all__ = [
-    "AUTOPILOT_GROUP",
-    "BUILT_IN",
-    "DEFAULT_AUTOPILOT",
-    "KIND_GROUP",
-    "NO_AUTOPILOT",
-    "Movement",
-    "VehicleKind",
-    "autopilot_names",
-    "forget_kinds",
-    "get_kind",
-    "kind_names",
-    "kind_of_type",
-    "not_installed",
-]
-
 AUTOPILOT_GROUP = "wbf_mission.autopilots"
 """Entry point group of autopilots; each entry is a `sim_vehicle.autopilot.Autopilot`."""
 DEFAULT_AUTOPILOT = "px4"

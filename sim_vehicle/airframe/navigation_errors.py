@@ -59,19 +59,6 @@ from geo.linear_algebra import exp, expm1
 from geo.seeds import child_seed, stream
 from sim_vehicle.airframe.power_spec import within
 
-__all__ = [
-    "COLUMNS",
-    "GRID_S",
-    "HEIGHT_M",
-    "SETTLED_S",
-    "EstimateErrors",
-    "NavigationErrors",
-    "Sensed",
-    "SensorErrors",
-    "SensorNoise",
-    "carried_aside_m",
-]
-
 GRID_S = 0.1
 """Interval between two errors."""
 # Number of grid times in a block of sensor errors, and number of blocks kept.

@@ -18,8 +18,6 @@ from sim_vehicle.airframe.kind import (
 from sim_vehicle.airframe.power_spec import AnyPowerSpec, BatterySpec, positive, within
 from sim_vehicle.errors import VehicleError
 
-__all__ = ["PublishedEndurance", "VehicleSpec"]
-
 _NO_LIMITS = (
     "name",
     "kind",

@@ -14,22 +14,6 @@ from sim_vehicle.autopilot.parameters import FailsafeDefaults, RuntimeParameters
 if TYPE_CHECKING:
     from mission.model import MissionItem
 
-__all__ = [
-    "Action",
-    "BaseModes",
-    "BootStage",
-    "ColdBoot",
-    "FailsafeRules",
-    "IdleDisarm",
-    "MissionBehaviour",
-    "MissionRule",
-    "Mode",
-    "ModeTable",
-    "actions_by_value",
-    "no_rule",
-    "px4_custom_mode",
-]
-
 _PX4_AUTO = 4
 
 

@@ -10,14 +10,6 @@ from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.autopilot.behaviour import ModeTable
 from sim_vehicle.autopilot.parameters import Setting
 
-__all__ = [
-    "COMMON_CAPABILITIES",
-    "Identity",
-    "LogBehaviour",
-    "MavlinkProfile",
-    "RefusalTexts",
-]
-
 COMMON_CAPABILITIES = int(
     m.MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT
     | m.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT

@@ -22,19 +22,6 @@ from sim_vehicle.errors import VehicleError
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
 
-__all__ = [
-    "FailsafeDefaults",
-    "MavParameter",
-    "ParameterSpec",
-    "RuntimeParameters",
-    "Setting",
-    "check_parameters",
-    "motion_parameters",
-    "parameter_value",
-    "reference_parameters",
-    "table_rows",
-]
-
 _INTEGERS = {8: m.MAV_PARAM_TYPE_INT8, 16: m.MAV_PARAM_TYPE_INT16, 32: m.MAV_PARAM_TYPE_INT32}
 _VOLTAGE_CELLS = 3
 # Fields of `VehicleSpec` that parameters change.

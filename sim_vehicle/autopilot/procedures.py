@@ -23,16 +23,6 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.weather.wind import Wind
 
-__all__ = [
-    "GENERIC",
-    "FixedWingBounds",
-    "FixedWingProcedures",
-    "FlightProcedures",
-    "GenericProcedures",
-    "over_and_down",
-    "vertical_landing",
-]
-
 _SLOW_LANDING_M = 5.0
 
 

@@ -17,8 +17,6 @@ from sim_vehicle.autopilot.parameters import Setting
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
 
-__all__ = ["Axis", "StickLoss", "StickRules", "Sticks", "TiltSticks", "WingSticks", "bits"]
-
 
 @dataclass(frozen=True, slots=True)
 class Sticks:

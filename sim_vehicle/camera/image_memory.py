@@ -16,8 +16,6 @@ from sim_vehicle.camera.trigger import Exposure
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["RING_IMAGES", "STORAGE_MIB", "Image", "ImageMemory"]
-
 RING_IMAGES = 65_536
 STORAGE_MIB = 1024.0
 _MIB_PER_IMAGE = 1e-4

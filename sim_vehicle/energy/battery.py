@@ -17,8 +17,6 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from sim_vehicle.airframe.power_spec import BatterySpec
 
-__all__ = ["WH_J", "BatteryMeter", "BatteryState", "remaining_fraction"]
-
 WH_J = 3600.0
 # Discharge curve of a lithium-polymer cell: fraction of energy left, open-circuit voltage scaled to 0..1.
 _FRACTION = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)

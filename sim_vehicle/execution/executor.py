@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.model import MotionEvent, MotionModel
     from sim_vehicle.weather.wind import Wind
 
-__all__ = ["MissionExecutor"]
-
 # Shortest stopping distance for which a return begins with a braking leg.
 _BRAKING_M = 0.2
 

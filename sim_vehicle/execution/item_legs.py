@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Position
 
-__all__ = ["circle_leg", "circle_legs", "lands", "orbit_legs", "plan_item_legs", "spline_legs"]
-
 # Radius of a multirotor's circle if the item gives no radius.
 _LOITER_RADIUS_M = 10.0
 # Length of the chords of a spline, and the maximum number of chords.

@@ -17,8 +17,6 @@ from mission.link.faults import Faults, FaultyChannel
 from sim_vehicle.component import NEVER, Component
 from sim_vehicle.errors import VehicleError
 
-__all__ = ["AnyFault", "Direction", "Fault", "Injection", "Radio", "fault_part", "injection"]
-
 GROUP = "wbf_mission.faults"
 Direction = Literal["up", "down"]
 

@@ -20,8 +20,6 @@ from mission.link.sockets import TcpLink, TcpListener, UdpSocket
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.host.injection import Injection, Radio
 
-__all__ = ["Client", "PortSelector", "ServerUrl", "open_port"]
-
 _DATAGRAM_BYTES = 1200
 _SILENCE_S = 60.0
 _MOST_PEERS = 64

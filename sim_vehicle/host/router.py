@@ -18,8 +18,6 @@ from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink
 from mission.model import GeoPoint
 
-__all__ = ["Address", "RadioRange", "RoutingTable", "frame_id", "frame_source", "frame_target"]
-
 Port = TypeVar("Port", bound=Hashable)
 Address = tuple[int, int]
 """System id and component id."""

@@ -21,8 +21,6 @@ from sim_vehicle.host.ports import Client, PortSelector, ServerUrl
 from sim_vehicle.host.router import RoutingTable, frame_id, frame_source, frame_target
 from sim_vehicle.host.simulation import StopReason
 
-__all__ = ["Server", "ServerUrl"]
-
 _LONGEST_WAIT_S = 0.5
 _BURST_S = 0.02
 _LARGEST_LAG_S = 0.5

@@ -27,8 +27,6 @@ from sim_vehicle.host.router import RadioRange, RoutingTable, frame_id, frame_so
 if TYPE_CHECKING:
     from mission.link.address import Link
 
-__all__ = ["Impairment", "Simulation", "StopReason", "VirtualLink"]
-
 
 class VirtualLink:
     """A `mission.link.Link` on the virtual clock, as `Simulation.open_link` makes it.

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from sim_vehicle.mavlink.wire_state import WireState
     from sim_vehicle.pilot.pilot import Pilot
 
-__all__ = ["HANDLERS", "CommandReceiver", "enter_mode", "set_custom_mode"]
-
 # Maximum number of clients whose last command is remembered, as clients can change their address at will.
 _MOST_PEERS = 256
 _HEARTBEAT_US = 1e6

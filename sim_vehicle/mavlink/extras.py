@@ -15,8 +15,6 @@ from sim_vehicle.mavlink.vehicle_command import Result, VehicleCommand
 from sim_vehicle.mavlink.wire_state import WireState
 from sim_vehicle.pilot.mode_control import PilotExtra
 
-__all__ = ["EXTRA_GROUP", "Timed", "VehicleExtra", "extras_of"]
-
 EXTRA_GROUP = "wbf_mission.vehicle_extras"
 """Entry point group; each entry makes a `VehicleExtra` from a vehicle's `WireState`, parameters and plans."""
 

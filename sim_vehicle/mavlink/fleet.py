@@ -18,8 +18,6 @@ from sim_vehicle.host.ports import ServerUrl
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.weather.wind import Wind
 
-__all__ = ["MOST_VEHICLES", "SPACING_M", "Fleet", "fleet_urls", "start_positions"]
-
 MOST_VEHICLES = 250
 """Maximum number of vehicles; system ids end at 255, and ground stations need a few."""
 SPACING_M = 4.0

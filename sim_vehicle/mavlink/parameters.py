@@ -31,8 +31,6 @@ _NO_INDEX = 65535
 _BATCH = 25
 _BATCH_S = 0.02
 
-__all__ = ["ParameterSet"]
-
 
 class ParameterSet:
     """Vehicle side of the parameter protocol; ``live`` parameters are read-only, computed at each read."""

@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from sim_vehicle.mavlink.reports import ItemReports, StatusTexts
     from sim_vehicle.mavlink.wire_state import WireState
 
-__all__ = ["PlanReceiver"]
-
 _KNOWN_ITEMS = (
     NAV_COMMANDS
     | DO_COMMANDS

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from mission.model import MissionItem
     from sim_vehicle.mavlink.wire_state import WireState
 
-__all__ = ["STREAMS", "ItemReports", "Schedule", "StatusTexts", "group_number"]
-
 SHORTEST_US = 5_000
 """Shortest interval, for 200 messages per second (microseconds)."""
 LONGEST_US = 2**31 - 1

@@ -21,8 +21,6 @@ from sim_vehicle.pilot.controls import MissionState
 if TYPE_CHECKING:
     from sim_vehicle.mavlink.wire_state import WireState
 
-__all__ = ["BUILDERS", "ESTIMATES_BLIND", "ESTIMATES_OK", "built"]
-
 _GPS = 32
 _FENCE = 1 << 20
 _PREARM = 1 << 28

@@ -41,8 +41,6 @@ from sim_vehicle.pilot.controls import RefusedError, Severity
 from sim_vehicle.pilot.pilot import Pilot
 from sim_vehicle.weather.wind import Wind
 
-__all__ = ["SimVehicle"]
-
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 _PLANNER = int(m.MAV_COMP_ID_MISSIONPLANNER)
 # Longest interval between two updates of an armed vehicle.

@@ -17,16 +17,6 @@ if TYPE_CHECKING:
     from sim_vehicle.execution.state import VehicleState
     from sim_vehicle.mavlink.wire_state import WireState
 
-__all__ = [
-    "CAMERA",
-    "CameraCommands",
-    "Result",
-    "VehicleCommand",
-    "camera_feedback",
-    "command_of",
-    "read_command",
-]
-
 CAMERA = int(m.MAV_COMP_ID_CAMERA)
 # Number of attempts, RETRY_S apart, after which the operator is warned.
 TRIES = 3

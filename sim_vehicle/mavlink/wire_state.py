@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from sim_vehicle.autopilot.behaviour import BootStage
     from sim_vehicle.pilot.pilot import Pilot
 
-__all__ = ["UNUSED", "WireState", "centidegrees", "int16", "int16_vector"]
-
 Vector: TypeAlias = tuple[float, float, float]
 
 UNUSED = 65535

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
     from sim_vehicle.motion.model import MotionModel
 
-__all__ = ["CALL", "EVENT", "EVERY", "FIRST", "STEPS", "STOPS", "WIND_ROWS", "VehicleBatch", "loop_of"]
-
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Tables = tuple[Record, ...]

@@ -14,8 +14,6 @@ from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import Record
 from sim_vehicle.weather.gust_kernel import wind_at
 
-__all__ = ["distance2", "kernel_of", "multirotor_power", "stop", "take_velocity"]
-
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 

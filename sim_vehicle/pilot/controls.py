@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from sim_vehicle.execution.executor import MissionExecutor
     from sim_vehicle.execution.state import LandedState, VehicleState
 
-__all__ = ["Controls", "MissionState", "RefusedError", "Severity"]
-
 
 class Severity(IntEnum):
     """Severity of a notice, with the values of MAV_SEVERITY."""

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.legs import Position
     from sim_vehicle.pilot.controls import Controls
 
-__all__ = ["FORCE", "ArmingChecks", "BatteryWatch", "Failsafe", "IdleWatch", "Reaction", "is_done"]
-
 FORCE = 21196
 """Parameter 2 of MAV_CMD_COMPONENT_ARM_DISARM that skips the checks."""
 

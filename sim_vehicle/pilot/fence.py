@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
     from geo.frame import LocalFrame
 
-__all__ = ["Bounds", "Breach", "Fence", "FenceWatch"]
-
 _INCLUSIONS = frozenset(
     {int(Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION), int(Command.NAV_FENCE_CIRCLE_INCLUSION)}
 )

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from sim_vehicle.pilot.controls import Controls
     from sim_vehicle.pilot.failsafe import Failsafe, Reaction
 
-__all__ = ["MissionChange", "MissionStatus", "ModeControl", "PilotExtra"]
-
 # Modes that PX4 does not restore (``mode_requirements.cpp``, ``UserModeIntention.cpp``).
 _NOT_RESTORED = frozenset({Mode.RTL, Mode.LAND, Mode.TAKEOFF, Mode.FOLLOW})
 _WITHOUT_POSITION = (Mode.MANUAL, Mode.ATTITUDE, Mode.FLIP)

@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     from sim_vehicle.execution.items import ItemProblem
     from sim_vehicle.weather.wind import Wind
 
-__all__ = ["Pilot"]
-
 # Modes that end on the ground; the autopilot then disarms without delay.
 _LANDS = (Mode.MISSION, Mode.RTL, Mode.LAND)
 _MODES = {Action.HOLD: Mode.HOLD, Action.RETURN: Mode.RTL, Action.LAND: Mode.LAND}

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from sim_vehicle.prediction.flight import Prediction
     from sim_vehicle.weather.wind import Wind
 
-__all__ = ["BatteryChange", "Transit", "TrialFlight", "TrialFlights", "batteries_needed", "battery_changes"]
-
 _SAMPLE_S = 1.0
 _LONGEST_S = 86_400.0
 # Number of attempts to find the place of a battery change; each flies a return and corrects the place.

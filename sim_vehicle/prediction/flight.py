@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from sim_vehicle.execution.state import FlightEvent
     from sim_vehicle.weather.wind import Wind
 
-__all__ = ["PredictedFlight", "Prediction", "climbs_by_itself", "fly_all", "home_frame", "without_end"]
-
 _LONGEST_S = 86_400.0
 # Time limit for the ideal vehicle: a long time step takes no more computing than a short time step.
 _LONGEST_IDEAL_S = 3e8

@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.weather.wind import Wind
 
-__all__ = ["InFlight", "OnwardPredictor"]
-
 RETURN_HOME = (MissionItem(Command.NAV_RETURN_TO_LAUNCH),)
 _LONGEST_S = 86_400.0
 _AXIS_M = 100.0

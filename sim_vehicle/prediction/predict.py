@@ -24,15 +24,6 @@ if TYPE_CHECKING:
     from sim_vehicle.prediction.flight import Air, PredictedFlight
     from sim_vehicle.weather.wind import Wind
 
-__all__ = [
-    "expected_flights",
-    "plan_prediction",
-    "predict_flight",
-    "predict_flights",
-    "rehearsals",
-    "rehearsed_tracks",
-]
-
 _TRACK_STEP_S = 1.0
 _TRACK_POINTS = 600  # Minimum number of steps in a plan's track, so that it shows the corners of short plans.
 _FINEST_STEP_S = 0.1

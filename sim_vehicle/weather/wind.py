@@ -33,8 +33,6 @@ from sim_vehicle.weather.atmosphere import (
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["BLOCK", "GRID_S", "Turbulence", "Wind", "WindSeries", "WindShear"]
-
 GRID_S = 0.1
 BLOCK = 1024
 

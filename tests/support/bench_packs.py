@@ -7,7 +7,7 @@ from msgspec import structs
 
 from wbf_mission.addons.boards.submission import ABOUT, write_pack
 from wbf_mission.bench.benchmark import benchmark
-from wbf_mission.bench.rows import TABLE, BenchStore, read_rows
+from wbf_mission.bench.rows import BenchStore, read_rows
 from wbf_mission.bench.spec import BenchSpec, run_keys
 
 SCENARIO = "WBF/Miniberry-10-v1"
@@ -61,17 +61,3 @@ def told_otherwise(path, out, **values):
     members = members_of(path)
     about = json.loads(members[ABOUT]) | values
     return written(out, {**members, ABOUT: json.dumps(about)})
-
-
-__all__ = [
-    "ABOUT",
-    "SCENARIO",
-    "TABLE",
-    "changed",
-    "flown",
-    "members_of",
-    "pack_of",
-    "told_of",
-    "told_otherwise",
-    "written",
-]

@@ -12,8 +12,8 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.navigation_errors import HEIGHT_M, SensorNoise
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import estimate_errs, with_autopilot
-from sim_vehicle.weather.atmosphere import LEVELS_W20_M_S, REFERENCE_M
-from sim_vehicle.weather.wind import Turbulence, Wind, WindShear
+from sim_vehicle.weather.atmosphere import LEVELS_W20_M_S, REFERENCE_M, Turbulence, WindShear
+from sim_vehicle.weather.wind import Wind
 from wbf_mission.scenario import MissionOptions, Scenario, VehicleOptions, WeatherOptions
 
 _SLOWEST_M_S = 1.0

@@ -25,18 +25,6 @@ from wbf_mission.planning.builder import MissionBuilder, PlanResult, home_of, po
 from wbf_mission.planning.conditions import wind_of
 from wbf_mission.scenario.parts import VehicleParts
 
-__all__ = [
-    "CHANGE_S",
-    "PlannedSortie",
-    "SortieCosts",
-    "SortiePlan",
-    "UncutError",
-    "cut_plan",
-    "overlap_of",
-    "rest_of",
-    "sorties_of",
-]
-
 CHANGE_S = 180.0
 """Default duration of a battery change (s)."""
 _IMAGES = 2

@@ -13,8 +13,6 @@ from mission.ground.arming_gate import LIFE_S
 from mission.ground.command import OperatorCommand, OrderError
 from wbf_mission.events import Asked, EventStream, Orderable
 
-__all__ = ["IN_FLIGHT", "LIFE_S", "START", "Orders", "WatchersOrder", "too_late"]
-
 START = "start"
 """Order that starts a mission; it also arms a disarmed vehicle."""
 STARTS_MOTORS = frozenset({START, "arm", "takeoff"})

@@ -16,7 +16,8 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.host.server import Server, ServerUrl
+from sim_vehicle.host.ports import ServerUrl
+from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink.fleet import Fleet, fleet_urls, start_positions
 from sim_vehicle.weather.wind import Wind

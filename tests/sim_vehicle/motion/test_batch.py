@@ -12,7 +12,8 @@ from sim_vehicle.motion.batch import VehicleBatch
 from sim_vehicle.motion.legs import KEEP, Leg, LegKind, Route
 from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.prediction.predict import predict_flight, predict_flights
-from sim_vehicle.weather.wind import Turbulence, Wind, WindShear
+from sim_vehicle.weather.atmosphere import Turbulence, WindShear
+from sim_vehicle.weather.wind import Wind
 
 HOME = LocalFrame(28.05, -82.15)
 KINDS = [

@@ -14,7 +14,8 @@ from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import FlightPhase, ItemReached, LandedState, MissionComplete
 from sim_vehicle.motion.batch import VehicleBatch
 from sim_vehicle.motion.legs import KEEP, Circle, Heading, Leg, LegKind, Route
-from sim_vehicle.weather.wind import Turbulence, Wind, WindShear
+from sim_vehicle.weather.atmosphere import Turbulence, WindShear
+from sim_vehicle.weather.wind import Wind
 
 pytestmark = pytest.mark.kernel
 

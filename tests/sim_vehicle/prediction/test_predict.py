@@ -24,7 +24,8 @@ from sim_vehicle.prediction.predict import (
     predict_flights,
     rehearsals,
 )
-from sim_vehicle.weather.wind import Turbulence, Wind, WindShear
+from sim_vehicle.weather.atmosphere import Turbulence, WindShear
+from sim_vehicle.weather.wind import Wind
 
 HOME = LocalFrame(28.05, -82.15)
 QUAD = get_vehicle("quad")

@@ -12,7 +12,8 @@ from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.execution.state import BatteryDepleted, CannotFly, MissionComplete
 from sim_vehicle.prediction.battery_swaps import batteries_needed, battery_changes, time_home_s
 from sim_vehicle.prediction.predict import predict_flight
-from sim_vehicle.weather.wind import Turbulence, Wind
+from sim_vehicle.weather.atmosphere import Turbulence
+from sim_vehicle.weather.wind import Wind
 
 HOME = LocalFrame(28.05, -82.15)
 

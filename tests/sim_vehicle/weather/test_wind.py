@@ -17,12 +17,13 @@ from sim_vehicle.motion.multirotor.model import Multirotor
 from sim_vehicle.weather.atmosphere import (
     LEVELS_W20_M_S,
     Turbulence,
+    WindShear,
     intensities_m_s,
     length_scales_m,
     spectrum,
 )
 from sim_vehicle.weather.gust_kernel import wind_at
-from sim_vehicle.weather.wind import BLOCK, GRID_S, Wind, WindShear
+from sim_vehicle.weather.wind import BLOCK, GRID_S, Wind
 
 FOOT = 0.3048
 

@@ -20,7 +20,8 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.kind import get_kind, kind_of_type
 from sim_vehicle.autopilot import name_of_number
 from sim_vehicle.component import NEVER, Component
-from sim_vehicle.host.server import Server, ServerUrl
+from sim_vehicle.host.ports import ServerUrl
+from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import StopReason
 from wbf_mission.addons.base.inquiry import VehicleSnapshot, ask_vehicle
 from wbf_mission.events import EventStream

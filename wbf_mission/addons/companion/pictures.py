@@ -19,8 +19,6 @@ from sim_vehicle.camera.trigger import Exposure
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["PictureCamera"]
-
 P = TypeVar("P")
 _CHECK_S = 0.05  # Interval between two checks for new readings.
 

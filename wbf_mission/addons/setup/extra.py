@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from sim_vehicle.mavlink.vehicle_command import Result, VehicleCommand
     from sim_vehicle.mavlink.wire_state import WireState
 
-__all__ = ["SetupExtra"]
-
 _FIRST_FREE_SERVO, _LAST_SERVO = 5, 16
 _FAILED = m.MAV_RESULT_FAILED
 _CALIBRATION_STEP_S = 0.25

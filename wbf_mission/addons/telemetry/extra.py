@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from sim_vehicle.mavlink.plan_receiver import PlanReceiver
     from sim_vehicle.mavlink.wire_state import Vector, WireState
 
-__all__ = ["TelemetryExtra"]
-
 _GAUSS = (0.25, 0.0, 0.41)
 _CENTIDEGREES = 2500
 # Longest interval over which roll and pitch rates are averaged.

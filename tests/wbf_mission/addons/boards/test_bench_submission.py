@@ -14,7 +14,6 @@ import pytest
 from bench_packs import (
     ABOUT,
     SCENARIO,
-    TABLE,
     changed,
     flown,
     members_of,
@@ -32,7 +31,7 @@ from wbf_mission.addons.boards import submission, verification
 from wbf_mission.addons.boards.audit import require_whole
 from wbf_mission.addons.boards.submission import code_files, read_pack
 from wbf_mission.addons.boards.verification import fly_again
-from wbf_mission.bench.rows import read_rows
+from wbf_mission.bench.rows import TABLE, read_rows
 from wbf_mission.cli.app import main
 from wbf_mission.results import storage
 from wbf_mission.results.storage import ResultError

@@ -37,6 +37,7 @@ _MOST_CUTS = 3
 _CANDIDATES = 2
 _WORTH = 0.97  # A cut adds turns, so it must reduce the total width of the parts below this fraction of it.
 _SHORTEST_EDGE = 1e-3  # Shorter edges are ignored, as noise (fraction of the land's size).
+_LONGEST_DETOUR = 5.0  # Greatest length of a detour into a tip of the land (depths of the ring).
 _MOST_OF_IT = 0.9  # The hull is simplified if its long edges make up a smaller fraction of its outline.
 
 
@@ -182,25 +183,57 @@ def _within(room: Area, spans: list[tuple[float, float]], y: float) -> list[tupl
     return [(left, right, y) for left, right in whole]
 
 
-def ring_strips(area: Area, swath: Swath, passes: int) -> tuple[list[NDArray[np.float64]], list[Polygon]]:
+def ring_strips(
+    area: Area, swath: Swath, passes: int, least_leg_m: float = 0.0
+) -> tuple[list[NDArray[np.float64]], list[Polygon]]:
     """Return closed rings along the borders of an area, outermost first, and the remaining land for rows.
 
     The first ring covers the border, and each further ring lies a row spacing inside the previous ring. Land
     too narrow for a ring remains for rows. Rows overlap the rings as much as neighbouring rows overlap.
     """
     rings: list[NDArray[np.float64]] = []
+    seen: list[shapely.Geometry] = []
     for number in range(passes):
         depth = 0.5 * swath.across_m + number * swath.spacing_m
         for part in polygons_of(shapely.buffer(area, -depth, join_style="mitre", mitre_limit=2.0)):
-            rings += [shapely.get_coordinates(ring) for ring in (part.exterior, *part.interiors)]
+            outline = orient(part)
+            for ring in map(shapely.get_coordinates, (outline.exterior, *outline.interiors)):
+                line = shapely.linestrings(ring)
+                seen.append(shapely.buffer(line, 0.5 * swath.across_m, join_style="mitre"))
+                rings.append(ring if number else _into_tips(ring, area, depth, swath, least_leg_m))
     if not rings:
         return [], list(parts_of(area))
-    lines = [shapely.linestrings(ring) for ring in rings]
-    seen = shapely.union_all(shapely.buffer(lines, 0.5 * swath.across_m, join_style="mitre"))
-    unseen = polygons_of(shapely.difference(area, seen), swath.least_m2)
+    unseen = polygons_of(shapely.difference(area, shapely.union_all(seen)), swath.least_m2)
     overlap_m = max(swath.across_m - swath.spacing_m, 0.0)
     wide = shapely.buffer(unseen, overlap_m, join_style="mitre", mitre_limit=2.0)
     return rings, polygons_of(shapely.intersection(shapely.union_all(wide), area), swath.least_m2)
+
+
+def _into_tips(ring: Points, area: Area, depth_m: float, swath: Swath, least_leg_m: float) -> Points:
+    """Return a ring with a detour into each corner of the land that images along the ring do not cover.
+
+    The land lies left of `ring`, and extends `depth_m` to its right. A detour goes straight on or, if that
+    leads out of the land, along the bisector of the corner. Detours below `least_leg_m` are left out.
+    """
+    points = ring[:-1]
+    arrive, leave = points - np.roll(points, 1, axis=0), np.roll(points, -1, axis=0) - points
+    arrive, leave = (step / np.hypot(*step.T)[:, None] for step in (arrive, leave))
+    outwards = arrive - leave
+    outwards /= np.maximum(np.hypot(*outwards.T), 1e-9)[:, None]
+    cosine = -(arrive * leave).sum(axis=1)  # of the angle between the two legs
+    ahead_m = 0.5 * (swath.along_m or swath.across_m)
+    # Distances to the land's corner: along a leg, and along the bisector.
+    tip_m = depth_m * np.sqrt((1.0 + cosine) / np.maximum(1.0 - cosine, 1e-9))
+    is_tip = (arrive[:, 0] * leave[:, 1] > arrive[:, 1] * leave[:, 0]) & (tip_m > ahead_m + TOLERANCE_M)
+    detours = np.zeros_like(points)
+    for direction, far_m in ((outwards, np.hypot(tip_m, depth_m)), (arrive, tip_m)):
+        reach_m = np.minimum(far_m - ahead_m, _LONGEST_DETOUR * depth_m)
+        ways = np.stack((points, points + reach_m[:, None] * direction), axis=1)
+        is_possible = is_tip & (reach_m >= least_leg_m) & shapely.covers(area, shapely.linestrings(ways))
+        detours[is_possible] = ways[is_possible, 1] - points[is_possible]
+    places = np.flatnonzero(detours.any(axis=1))
+    there_and_back = np.stack((points[places] + detours[places], points[places]), axis=1).reshape(-1, 2)
+    return np.insert(ring, np.repeat(places + 1, 2), there_and_back, axis=0)
 
 
 def is_narrow(part: Polygon, swath: Swath) -> bool:

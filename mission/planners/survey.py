@@ -181,7 +181,7 @@ class _Plans:
         self._room = _room(request.room, swath.overshoot_m)
         self._terrain = Terrain(self._room, 0.0)
         self._strips: dict[Polygon, list[Points] | None] = {}
-        self._ring_lines = ring_strips(request.area, swath, passes)[0]
+        self._ring_lines = ring_strips(request.area, swath, passes, request.least_leg_m)[0]
 
     def common(self, land: Area, angle_rad: float) -> Layout:
         """Return the layout of the land with this row direction in all parts except narrow parts."""

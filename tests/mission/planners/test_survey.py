@@ -72,7 +72,22 @@ def test_the_whole_area_is_seen_from_within(area: Area, wanted: dict[str, Any]) 
 def test_headland_passes_that_see_everything_leave_no_rows(passes: int) -> None:
     area = shapely.box(0, 0, 40, 20)
     path = survey(ask(area), headland_passes=passes)
-    assert path.points_m.tolist() == [[6.0, 6.0], [34.0, 6.0], [34.0, 14.0], [6.0, 14.0], [6.0, 6.0]]
+    # A detour of 2 m into each corner, which images along the other legs do not show
+    south = [[6, 4], [6, 6], [34, 6], [36, 6], [34, 6]]
+    north = [[34, 14], [34, 16], [34, 14], [6, 14], [4, 14], [6, 14]]
+    assert path.points_m.tolist() == [*south, *north, [6, 6], [6, 4]]
+
+
+@pytest.mark.parametrize("spike_m", [20.0, 60.0, 119.0])
+def test_headland_passes_show_the_corners_of_the_land(spike_m: float) -> None:
+    """Images are 12 m wide and 8 m long, and turned into the direction of flight."""
+    area = Polygon([(0, 0), (150, 0), (150 - spike_m, 90), (30, 90)])
+    path = survey(ask(area), headland_passes=1).points_m
+    legs = shapely.linestrings(np.stack((path[:-1], path[1:]), axis=1))
+    ahead = [affinity.scale(leg, 1 + 8 / leg.length, 1 + 8 / leg.length) for leg in legs if leg.length]
+    seen = shapely.union_all([shapely.buffer(leg, 6.0, cap_style="flat") for leg in ahead])
+    assert shapely.difference(area, seen).area < 0.001 * area.area
+    assert inside(path, area)
 
 
 @pytest.mark.parametrize(
@@ -241,7 +256,9 @@ def test_ways_round_a_wall_count_at_their_length() -> None:
 def test_rings_and_rows_overlap_and_leave_nothing() -> None:
     swath = Swath(12.0, 8.0, 9.0)
     rings, left = ring_strips(FIELD, swath, 2)
-    assert [shapely.LinearRing(ring).bounds for ring in rings] == [(6, 6, 194, 144), (15, 15, 185, 135)]
+    assert [shapely.LinearRing(ring).bounds for ring in rings] == [(4, 4, 196, 146), (15, 15, 185, 135)]
+    # The outer ring lies 6 m inside, with detours of 2 m into the corners.
+    assert np.min(np.abs(rings[0][:, 1] - 6.0)) == 0.0
     # Two passes see 21 m from the border; the rows' land begins 3 m within that.
     assert [part.bounds for part in left] == [(18, 18, 182, 132)]
 

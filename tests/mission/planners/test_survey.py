@@ -259,6 +259,8 @@ def test_rings_and_rows_overlap_and_leave_nothing() -> None:
     assert [shapely.LinearRing(ring).bounds for ring in rings] == [(4, 4, 196, 146), (15, 15, 185, 135)]
     # The outer ring lies 6 m inside, with detours of 2 m into the corners.
     assert np.min(np.abs(rings[0][:, 1] - 6.0)) == 0.0
+    short = ring_strips(FIELD, swath, 1, least_leg_m=3.0)[0]
+    assert shapely.LinearRing(short[0]).bounds == (6, 6, 194, 144)
     # Two passes see 21 m from the border; the rows' land begins 3 m within that.
     assert [part.bounds for part in left] == [(18, 18, 182, 132)]
 

@@ -278,7 +278,7 @@ class VehicleOptions(Part):
     name: str = option(
         "quad",
         "Vehicle: a name from 'wbf-mission vehicle list', such as quad or ideal (the paper's robot), or a"
-        " .toml file; several, separated by commas, fly as a fleet",
+        " .toml file; fly and plan take several, separated by commas, as a fleet",
         VEHICLE,
         key="vehicle",
         kind="vehicle",
@@ -293,7 +293,7 @@ class VehicleOptions(Part):
     )
     autopilot: str = option(
         DEFAULT_AUTOPILOT,
-        "Autopilot to simulate; a list gives one per vehicle",
+        "Autopilot to simulate; for a fleet, a list gives one per vehicle",
         VEHICLE,
         choices=autopilot_names(),
         kind="autopilot",

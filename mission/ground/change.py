@@ -185,7 +185,7 @@ class ChangeSession(ABC):
         # The change measures the round trip time itself if the link does not.
         self._round_trip = request.contact.round_trip or RoundTrip()
         self._transfer: Transfer | None = None
-        self._texts_before = len(request.contact.texts.texts)
+        self._texts_before = request.contact.texts.count
 
     @property
     def done(self) -> bool:

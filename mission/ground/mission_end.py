@@ -463,7 +463,7 @@ class MissionEnd:
             return Outcome.AUTOPILOT_RESTARTED, pilot.ended_by_restart
         if pilot.ordered is not None and pilot.obeyed:
             return Outcome.INTERRUPTED, f"the operator ordered the vehicle to {pilot.ordered.value}"
-        cause = self.failures.cause(texts.texts[texts_before:])
+        cause = self.failures.cause(texts.since(texts_before))
         if cause is None and (pilot.somebody_else_flies or pilot.replaced):
             return Outcome.PILOT_TOOK_OVER, pilot.reason
         if cause is None and self.says_finished and pilot.mission_over and not pilot.ended_mission:

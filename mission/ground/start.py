@@ -48,7 +48,7 @@ class MissionStart:
     def begin(self, home: GeoPoint | None, texts_before: int, now_s: float) -> list[Message]:
         """Begin the start; ``home`` is the planned home, near which the vehicle must stand.
 
-        Only texts of the vehicle from index ``texts_before`` on explain a failure.
+        Only texts of the vehicle from number ``texts_before`` on explain a failure.
         """
         self._home, self._texts_before = home, texts_before
         if self._gate is not None:
@@ -188,7 +188,7 @@ class MissionStart:
             gate.check_again(now_s)
             return self._choose_mode(now_s)
         elif gate.stage is Stage.GRANTED:
-            self._texts_before, self._reasons_before = len(self._texts.texts), gate.told
+            self._texts_before, self._reasons_before = self._texts.count, gate.told
             return self._arm(now_s)
         elif gate.stage in (Stage.ASKING, Stage.WAITING):
             self._ready_s = now_s + _READY_S

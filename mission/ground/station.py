@@ -76,6 +76,8 @@ class GroundStation:
         Quality of the link to a real vehicle.
     texts : list of tuple
         STATUSTEXTs of the vehicle: time (s), severity, text.
+    text_log : TextLog
+        Log of these texts, which drops the oldest of very many.
     transfers : list of TransferStatistics
         Statistics of each upload before the flight.
     changes : list of ChangeRecord
@@ -115,7 +117,7 @@ class GroundStation:
             maker=maker,
             is_real=arming_gate is not None,
         )
-        self.link, self._monitor, self._texts = contact.link, contact.monitor, contact.texts
+        self.link, self._monitor, self.text_log = contact.link, contact.monitor, contact.texts
         self._uploads = PlanUploads(mission, contact, on_progress=on_progress, force=force)
         self._start = MissionStart(contact, arming_gate, start_delay_s)
         self._changes = MissionChanges(contact, mission)
@@ -383,7 +385,7 @@ class GroundStation:
         self._armed = bool(message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
         self._flew |= self._armed and self.phase is Phase.FLIGHT
         if self.phase is Phase.FLIGHT:
-            self._failures.on_heartbeat(message, len(self.texts) - self._texts_before)
+            self._failures.on_heartbeat(message, self.text_log.count - self._texts_before)
             # Nobody else can fly a simulated vehicle, so only its response to orders matters.
             if self.arming_gate is not None or self.pilot.ordered is not None:
                 self.pilot.on_heartbeat(
@@ -402,7 +404,7 @@ class GroundStation:
             self._after_start([], now_s)
         if self.phase is Phase.CONTACT:
             self.phase = Phase.UPLOAD
-            self._texts_before = len(self.texts)
+            self._texts_before = self.text_log.count
             begun = self._uploads.start(now_s)
             self._changes.held = self._uploads.mission
             return self._ask_for_streams() + self._after_upload(begun, now_s)
@@ -476,7 +478,7 @@ class GroundStation:
         self._start.on_sys_status(message, now_s)
 
     def _on_text(self, message: m.MAVLink_statustext_message, now_s: float) -> None:
-        self._texts.on_text(message, now_s)
+        self.text_log.on_text(message, now_s)
         if self.arming_gate is not None:
             self.arming_gate.on_text(message.text)
         if self.phase is Phase.FLIGHT and self._armed:
@@ -498,7 +500,7 @@ class GroundStation:
     def _after_upload(self, out: list[Message], now_s: float) -> list[Message]:
         """Start the flight after the uploads, or end the run if an upload failed."""
         if self._uploads.failure:
-            reason = self._texts.explain(self._uploads.failure, self._texts_before)
+            reason = self.text_log.explain(self._uploads.failure, self._texts_before)
             silent = self.arming_gate is not None and self._uploads.fell_silent
             outcome = Outcome.NO_ANSWER if silent else Outcome.UPLOAD_FAILED
             self._end(outcome, reason, now_s)
@@ -533,7 +535,7 @@ class GroundStation:
             self.battery_before = self._monitor.battery
             self._monitor.begin_flight()
             self._silences.on_message(now_s)
-            self._texts_before = len(self.texts)
+            self._texts_before = self.text_log.count
         return out
 
     @property

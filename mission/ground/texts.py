@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Sequence
 from itertools import takewhile
 
 from mission.link.codec.dialect import mavlink as m
@@ -22,12 +22,34 @@ _NO_REASON = re.compile(
 
 
 class TextLog:
-    """STATUSTEXTs of one vehicle: time (s), MAV_SEVERITY, text."""
+    """STATUSTEXTs of one vehicle: time (s), MAV_SEVERITY, text; the oldest of very many are dropped."""
 
     def __init__(self) -> None:
         self.texts: list[tuple[float, int, str]] = []
+        self._dropped = 0
         self._chunk = (0, -1)  # Id and number of the last chunk.
-        self._joined: int | None = None  # Index of the last text, None if the log was full.
+        self._joined = 0  # Number of the text that the next chunk continues.
+
+    @property
+    def count(self) -> int:
+        """Number of texts so far, including dropped texts."""
+        return self._dropped + len(self.texts)
+
+    def since(self, number: int) -> list[tuple[float, int, str]]:
+        """Return the texts from ``number`` on, counted from 0, without dropped texts."""
+        return self.texts[max(0, number - self._dropped) :]
+
+    def begun_until(self, told: int, until_s: float = math.inf) -> tuple[list[tuple[float, int, str]], int]:
+        """Return the texts from number ``told`` on that began at ``until_s`` or earlier, and the next number.
+
+        >>> log = TextLog()
+        >>> log.note("Armed", 0.0), log.note("Takeoff", 1.0), log.note("Landed", 4.0)
+        (None, None, None)
+        >>> log.begun_until(1, 3.0)
+        ([(1.0, 4, 'Takeoff')], 2)
+        """
+        said = list(takewhile(lambda text: text[0] <= until_s, self.since(told)))
+        return said, max(told, self._dropped) + len(said)
 
     def on_text(self, message: m.MAVLink_statustext_message, now_s: float) -> None:
         """Handle a STATUSTEXT: a new text, or the next chunk of the last text."""
@@ -35,25 +57,27 @@ class TextLog:
         # PX4 appends a tab to texts that are also sent as events.
         said = _CONTROL.sub("", message.text)
         if not (number and (number, chunk - 1) == self._chunk):
-            self._joined = len(self.texts) if len(self.texts) < _MOST_TEXTS else None
-            self.texts += [] if self._joined is None else [(now_s, message.severity, said)]
-        elif self._joined is not None:
-            began_s, severity, text = self.texts[self._joined]
-            self.texts[self._joined] = (began_s, severity, text + said)
+            self.note(said, now_s, message.severity)
+            self._joined = self.count - 1
+        elif (index := self._joined - self._dropped) >= 0:
+            began_s, severity, text = self.texts[index]
+            self.texts[index] = (began_s, severity, text + said)
         self._chunk = (number, chunk)
 
     def note(self, text: str, now_s: float, severity: int = _WARNING) -> None:
         """Add a text of the ground station; only texts of warning severity or above can explain a failure."""
-        if len(self.texts) < _MOST_TEXTS:
-            self.texts.append((now_s, severity, text))
+        if len(self.texts) >= _MOST_TEXTS:
+            self._dropped += _MOST_TEXTS // 2
+            del self.texts[: _MOST_TEXTS // 2]
+        self.texts.append((now_s, severity, text))
 
     def warnings(self, since: int = 0) -> list[str]:
-        """Return the distinct texts of at least warning severity, starting at index ``since``."""
-        warnings = (text for _, severity, text in self.texts[since:] if severity <= _WARNING)
+        """Return the distinct texts of at least warning severity, from number ``since`` on."""
+        warnings = (text for _, severity, text in self.since(since) if severity <= _WARNING)
         return list(dict.fromkeys(warnings))
 
     def explain(self, failure: str, since: int = 0) -> str:
-        """Return a failure text, followed by the vehicle's warnings from index ``since`` on, if any.
+        """Return a failure text, followed by the vehicle's warnings from number ``since`` on, if any.
 
         >>> log = TextLog()
         >>> log.note("WPM: REJ. CMD: Busy", 0.0)
@@ -64,7 +88,7 @@ class TextLog:
         return f"{failure}; the vehicle says: {said}" if said else failure
 
     def last_warning(self, otherwise: str, since: int = 0) -> str:
-        """Return the latest warning from index ``since`` on, or ``otherwise`` if there is none.
+        """Return the latest warning from number ``since`` on, or ``otherwise`` if there is none.
 
         A text without a reason counts only if it is alone, because it arrives after the text with the reason.
 
@@ -74,17 +98,6 @@ class TextLog:
         >>> log.last_warning("refused")
         'Mission rejected: no take-off'
         """
-        warnings = [text for _, severity, text in self.texts[since:] if severity <= _WARNING]
+        warnings = [text for _, severity, text in self.since(since) if severity <= _WARNING]
         reasons = [text for text in warnings if not _NO_REASON.fullmatch(text)]
         return (reasons or warnings or [otherwise])[-1]
-
-
-def begun_until(
-    texts: Sequence[tuple[float, int, str]], told: int, until_s: float
-) -> list[tuple[float, int, str]]:
-    """Return the texts from index ``told`` on whose first chunk arrived at ``until_s`` or earlier.
-
-    >>> begun_until([(0.0, 6, "Armed"), (1.0, 6, "Takeoff"), (4.0, 6, "Landed")], 1, 3.0)
-    [(1.0, 6, 'Takeoff')]
-    """
-    return list(takewhile(lambda text: text[0] <= until_s, texts[told:]))

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Sequence
 
-from mission.ground.texts import WHOLE_S, begun_until
+from mission.ground.texts import WHOLE_S
 from mission.model import Mission
 from wbf_mission.events import EventStream, Planned, VehicleMoved, VehicleSaid
 from wbf_mission.run.sortie import Sortie
@@ -48,10 +48,9 @@ class FlightEvents:
         for place, sortie in enumerate(self._sorties):
             self._tell_plan(place, sortie, now_s)
             self._tell_state(sortie, now_s)
-            said = begun_until(sortie.ground.texts, self._texts[place], texts_until_s)
+            said, self._texts[place] = sortie.ground.text_log.begun_until(self._texts[place], texts_until_s)
             for time_s, severity, text in said:
                 self._events.tell(VehicleSaid(self._offset_s + time_s, sortie.system_id, severity, text))
-            self._texts[place] += len(said)
 
     def _tell_plan(self, place: int, sortie: Sortie, now_s: float) -> None:
         mission, number = sortie.ground.mission, sortie.number

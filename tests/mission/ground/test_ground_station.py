@@ -242,7 +242,7 @@ def test_control_characters_of_a_text_are_not_told() -> None:
     assert [text for _, _, text in log.texts] == ["Mission finished", "x" * 50 + "y"]
 
 
-def test_a_chunk_of_a_text_that_was_dropped_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_oldest_of_very_many_texts_are_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mission.ground.texts._MOST_TEXTS", 2)
     log = TextLog()
     log.on_text(m.MAVLink_statustext_message(4, b"a", 7, 0), 1.0)
@@ -250,7 +250,11 @@ def test_a_chunk_of_a_text_that_was_dropped_is_dropped(monkeypatch: pytest.Monke
     log.on_text(m.MAVLink_statustext_message(4, b"b", 7, 1), 1.1)
     log.on_text(m.MAVLink_statustext_message(4, b"c", 8, 0), 2.0)
     log.on_text(m.MAVLink_statustext_message(4, b"d", 8, 1), 2.1)
-    assert [text for _, _, text in log.texts] == ["ab", "own text"]
+    assert [text for _, _, text in log.texts] == ["own text", "cd"]
+    log.note("fourth", 3.0)
+    log.on_text(m.MAVLink_statustext_message(4, b"e", 8, 2), 3.0)
+    assert [text for _, _, text in log.since(0)] == ["cde", "fourth"]
+    assert (log.count, log.since(3), log.begun_until(0)) == (4, log.texts[1:], (log.texts, 4))
 
 
 def test_a_battery_is_told_by_sys_status_where_nothing_else_tells_it() -> None:

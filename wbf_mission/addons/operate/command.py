@@ -159,12 +159,11 @@ class _Printer:
     def report(self, now_s: float, *, last: bool = False) -> None:
         """Print the state of each vehicle, and the texts since the last report."""
         for number, vehicle in self._watch.vehicles.items():
-            texts = vehicle.texts.texts
-            for time_s, severity, text in texts[self._texts.get(number, 0) :]:
+            said, self._texts[number] = vehicle.texts.begun_until(self._texts.get(number, 0))
+            for time_s, severity, text in said:
                 key = (number, severity, text)
                 printed_s, _, times = self._waiting.get(key, (-math.inf, 0.0, 0))
                 self._waiting[key] = (printed_s, time_s, times + 1)
-            self._texts[number] = len(texts)
         self._print_texts(now_s, last=last)
         for vehicle in () if last else self._watch.vehicles.values():
             state = vehicle.summary(now_s)

@@ -356,7 +356,7 @@ class CommandSession:
         monitor = self._contact.monitor
         self._before = StateBefore.of(monitor, now_s)
         self._shown_before = step.shown(monitor)
-        self._texts_before = len(self._contact.texts.texts)
+        self._texts_before = self._contact.texts.count
         if step.command is None:
             return self._say(step, now_s)
         self._order, self._ordered_s = self._contact.order(step.command, *step.params), now_s

@@ -90,10 +90,10 @@ class _Vehicle:
                 self._output.note(self.at + in_words(ground.outcome, ground.reason))
         self._report_silence(now_s)
         # ArduPilot repeats two texts for each item of a changed mission.
-        for text, times in Counter(text for _, _, text in ground.texts[self._texts :]).items():
+        said, self._texts = ground.text_log.begun_until(self._texts)
+        for text, times in Counter(text for _, _, text in said).items():
             often = f" ({times} times)" * (times > 1)
             self._output.note(f"{self.who.removeprefix('the ')}: {text}{often}", publish=False)
-        self._texts = len(ground.texts)
         for _, event in ground.pilot.events[self._events :]:
             waits = "; this program gives no orders until the vehicle is back in its mission"
             self._output.warn(f"{self.who}: {event}{waits * ground.pilot.somebody_else_flies}")

@@ -15,7 +15,7 @@ from geo.farm import Farm, Patch
 from geo.frame import LocalFrame
 from mission.ground.contact import Contact
 from mission.ground.items import FLOWN_TO
-from mission.ground.texts import WHOLE_S, begun_until
+from mission.ground.texts import WHOLE_S
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Mission, MissionItem
@@ -114,8 +114,7 @@ class TelemetryEvents:
         farm = self._begun.farm
         for number, contact in watch.vehicles.items():
             told = self._told.setdefault(number, _Told())
-            said = begun_until(contact.texts.texts, told.texts, now_s - WHOLE_S)
-            told.texts += len(said)
+            said, told.texts = contact.texts.begun_until(told.texts, now_s - WHOLE_S)
             for time_s, severity, text in said:
                 self._events.tell(VehicleSaid(time_s, number, severity, text))
             if farm is None:

@@ -12,6 +12,7 @@ from stand_in import scenario
 
 from mission.ground.command import MotorsStandError
 from mission.ground.modes import Maneuver
+from mission.ground.texts import TextLog
 from mission.ground.vehicle_state import VehicleState
 from mission.outcome import Outcome, Phase
 from mission.policies.decision import Decision
@@ -221,9 +222,9 @@ def test_texts_that_a_vehicle_repeats_are_shown_once_with_their_number(capsys):
     ground = vehicle.sortie.ground
     ground.arming_gate, ground.parameters_set, ground.pilot.events = None, [], []
     ground.pilot.somebody_else_flies = False
-    ground.texts = [(9.0, 6, text) for text in ("Mission: 6 WP", "restarted command") * 3] + [
-        (9.5, 6, "Land")
-    ]
+    ground.text_log = TextLog()
+    for text in ("Mission: 6 WP", "restarted command") * 3 + ("Land",):
+        ground.text_log.note(text, 9.0)
     vehicle._status_s = 9.0
     vehicle.report(10.0)
     vehicle.report(10.5)

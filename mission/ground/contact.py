@@ -235,8 +235,8 @@ class Contact:
 
     def receive(self, message: Message, now_s: float) -> None:
         """Handle any message of the autopilot."""
-        self.link.receive(message, now_s)
-        self.monitor.receive(message, now_s)
+        if self.link.receive(message, now_s):
+            self.monitor.receive(message, now_s)
         if isinstance(message, m.MAVLink_statustext_message):
             self.texts.on_text(message, now_s)
 

@@ -13,10 +13,19 @@ from mission.transfer import RoundTrip
 _WINDOW = 200  # Number of frames from which the quality is computed.
 _SEQUENCES = 256
 _LATE = 128  # A frame whose sequence number steps by this or more is late.
+_OVERTAKEN = 16  # Greatest number of frames that overtake a frame; after a reboot, steps back are larger.
+_MODE_AND_ITEM = (m.MAVLink_heartbeat_message, m.MAVLink_mission_current_message)
 _FEWEST = 20  # Number of frames needed for a first estimate of the loss.
 _ASK_S = 1.0
 _ASK_AGAIN_S = 5.0
 _MOST_OPEN = 32  # Greatest number of unanswered requests that are remembered.
+
+
+SILENCE_S = 2.0
+"""Time without a message after which a vehicle counts as out of reach (s).
+
+Vehicles send several messages per second.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,9 +67,9 @@ class LinkState:
         sent = sum(self._steps)
         return len(self._steps) / sent if sent else None
 
-    def receive(self, message: Message, now_s: float) -> None:
-        """Handle any message of the autopilot."""
-        self.heard_s = now_s
+    def receive(self, message: Message, now_s: float) -> bool:
+        """Handle any message of the autopilot; return False for a mode or item that newer frames overtook."""
+        gap_s, self.heard_s = now_s - self.heard_s, now_s
         self.frames += 1
         sequence = message.get_seq()
         step = 1 if self._sequence is None else (sequence - self._sequence) % _SEQUENCES
@@ -75,6 +84,8 @@ class LinkState:
             asked_s = self._open.pop(message.ts1, None)
             if asked_s is not None:
                 self.round_trip.sample(now_s - asked_s)
+        is_overtaken = step >= _SEQUENCES - _OVERTAKEN and gap_s <= SILENCE_S
+        return not (is_overtaken and isinstance(message, _MODE_AND_ITEM))
 
     def poll(self, now_s: float) -> list[Message]:
         """Return the TIMESYNC request if due: each second until the first answer, then every 5 s."""
@@ -110,13 +121,6 @@ def milliseconds(seconds: float) -> str:
     """
     time_ms = 1000.0 * seconds
     return f"{time_ms:.1f} ms" if time_ms < 10.0 else f"{time_ms:.0f} ms"
-
-
-SILENCE_S = 2.0
-"""Time without a message after which a vehicle counts as out of reach (s).
-
-Vehicles send several messages per second.
-"""
 
 
 class SilenceWatch:

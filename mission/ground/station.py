@@ -275,9 +275,11 @@ class GroundStation:
         number = type(message).id
         is_autopilot = (message.get_srcSystem(), message.get_srcComponent()) == self._contact.vehicle
         if self.arming_gate is not None and is_autopilot:
-            self.link.receive(message, now_s)
+            is_news = self.link.receive(message, now_s)
             if given_up := self._look_at_clock(now_s):
                 return given_up
+            if not is_news:
+                return []
         handle = self._handlers.get(number)
         if handle is None or message.get_srcSystem() != self.vehicle_system_id:
             return []

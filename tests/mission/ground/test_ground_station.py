@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from mission.ground.arming_gate import ArmingGate
 from mission.ground.change import ChangeOutcome, ChangeRecord
+from mission.ground.contact import Contact
 from mission.ground.mission_end import FailureWatch
 from mission.ground.modes import Maneuver, VehicleModes
 from mission.ground.orders import NotFlyingError
@@ -243,18 +244,21 @@ def test_control_characters_of_a_text_are_not_told() -> None:
 
 
 def test_the_oldest_of_very_many_texts_are_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mission.ground.texts._MOST_TEXTS", 2)
+    monkeypatch.setattr("mission.ground.texts._MOST_TEXTS", 4)
     log = TextLog()
-    log.on_text(m.MAVLink_statustext_message(4, b"a", 7, 0), 1.0)
-    log.note("own text", 1.0)
-    log.on_text(m.MAVLink_statustext_message(4, b"b", 7, 1), 1.1)
-    log.on_text(m.MAVLink_statustext_message(4, b"c", 8, 0), 2.0)
-    log.on_text(m.MAVLink_statustext_message(4, b"d", 8, 1), 2.1)
-    assert [text for _, _, text in log.texts] == ["own text", "cd"]
-    log.note("fourth", 3.0)
-    log.on_text(m.MAVLink_statustext_message(4, b"e", 8, 2), 3.0)
-    assert [text for _, _, text in log.since(0)] == ["cde", "fourth"]
-    assert (log.count, log.since(3), log.begun_until(0)) == (4, log.texts[1:], (log.texts, 4))
+
+    def says(text: bytes, number: int, chunk: int) -> None:
+        log.on_text(m.MAVLink_statustext_message(4, text, number, chunk), 1.0)
+
+    says(b"a", 7, 0)
+    for text in ("second", "third", "fourth", "fifth"):
+        log.note(text, 2.0)
+    says(b"of a text that is dropped", 7, 1)
+    assert [text for _, _, text in log.texts] == ["third", "fourth", "fifth"]
+    says(b"c", 8, 0)
+    says(b"d", 8, 1)
+    assert [text for _, _, text in log.since(1)] == ["third", "fourth", "fifth", "cd"]
+    assert (log.count, log.since(5), log.begun_until(0)) == (6, log.texts[3:], (log.texts, 6))
 
 
 def test_a_battery_is_told_by_sys_status_where_nothing_else_tells_it() -> None:
@@ -428,7 +432,9 @@ class Flight:
 )
 def test_an_unanswered_order_is_not_repeated_once_a_pilot_has_acted(name, mode, armed, orders, note):
     flight = Flight(name)
-    (order,) = flight.ground.maneuver(Maneuver.HOLD, flight.now_s)
+    flight.ground.poll(flight.now_s)
+    (order,) = flight.ground.maneuver(Maneuver.HOLD, flight.now_s - 0.5)
+    assert flight.ground.next_deadline() == flight.now_s + 0.5, "earlier than the next HEARTBEAT"
     flight.beats(mode, armed=armed)
     flight.now_s += 1.5
     assert commands(flight.ground.poll(flight.now_s)) == [order.command] * orders
@@ -530,6 +536,8 @@ def test_a_pilot_who_takes_over_after_an_obeyed_order_keeps_the_vehicle(name, ki
     flight.beats("POSCTL")
     assert pilot.somebody_else_flies and not pilot.obeyed and pilot.ordered is None
     assert pilot.events[-1][1].startswith("taken out of its mission: mode ")
+    with pytest.raises(NotFlyingError, match="somebody else flies"):
+        flight.ground.choose_item(1, flight.now_s)
     with pytest.raises(NotFlyingError, match="somebody else flies"):
         flight.ground.maneuver(Maneuver.RESUME, flight.now_s)
 
@@ -678,6 +686,14 @@ def test_a_mission_of_another_station_is_told_and_not_completed(later_s, total, 
     assert (flight.ground.outcome, flight.ground.reason) == (Outcome.PILOT_TOOK_OVER, text)
 
 
+def test_nobody_else_sends_missions_to_a_simulated_vehicle() -> None:
+    flight = Flight()
+    for total in (3, 36):
+        flight.now_s += 6.0
+        flight.hears(m.MAVLink_mission_current_message(1, total, m.MISSION_STATE_ACTIVE))
+    assert flight.ground.pilot.events == []
+
+
 @pytest.mark.parametrize(("outcome", "told"), [(ChangeOutcome.DONE, True), (ChangeOutcome.GIVEN_UP, False)])
 def test_after_a_change_that_failed_the_vehicle_may_hold_either_mission_of_ours(outcome, told):
     flight = Flight()
@@ -817,5 +833,39 @@ def test_an_item_that_there_is_not_is_refused():
     with pytest.raises(NotFlyingError, match="item 4 does not exist; there are 3 items"):
         flight.ground.choose_item(3, flight.now_s)
     with pytest.raises(NotFlyingError, match="the vehicle does not fly"):
+        GroundStation(MISSION).maneuver(Maneuver.HOLD, 1.0)
+    with pytest.raises(NotFlyingError, match="the vehicle does not fly"):
         GroundStation(MISSION).choose_item(0, 0.0)
     assert commands(flight.ground.maneuver(Maneuver.LAND, flight.now_s)) == [21]
+
+
+@pytest.mark.parametrize(
+    ("sequence", "later_s", "counts"),
+    [(249, 0.1, False), (6, 0.1, True), (200, 0.1, True), (249, 2.5, True), (1, 0.1, False)],
+)
+def test_a_mode_or_item_that_newer_frames_overtook_is_no_news(sequence, later_s, counts):
+    """The last frame has the number 2: 249 is 9 frames older, 200 comes after a reboot or a silence."""
+
+    def numbered(message, sequence):
+        link = m.MAVLink(None, 1, 1)
+        link.seq = sequence
+        message.pack(link)
+        return message
+
+    flight = Flight()
+    flight.ground.arming_gate = ArmingGate((1, 1), agreed=True)
+    ground = flight.ground
+    flight.beats("MISSION")
+    ground.receive(numbered(m.MAVLink_mission_current_message(1, 3), 2), flight.now_s)
+    state = m.MAVLink_mission_current_message(0, 3)
+    ground.receive(numbered(state, sequence), flight.now_s + later_s)
+    assert ground.vehicle_state.item == (0 if counts else 1)
+    mode = m.MAVLink_heartbeat_message(2, flight.autopilot, 129, flight.modes["POSCTL"], 4, 3)
+    ground.receive(numbered(mode, sequence), flight.now_s + 2.0 * later_s)
+    assert ground.pilot.somebody_else_flies is counts
+    contact = Contact((1, 1))
+    for message, number in ((mode, 2), (state, sequence)):
+        contact.receive(numbered(message, number), 0.0 if number == 2 else later_s)
+    assert (contact.monitor.item is not None) is counts
+    ground.receive(numbered(m.MAVLink_statustext_message(2, b"Low battery"), sequence), flight.now_s + 0.3)
+    assert ground.texts[-1][2] == "Low battery"

@@ -89,11 +89,11 @@ def area_remarks(mission: Mission, profile: Profile) -> list[Remark]:
     return [
         Remark(kind, k, Severity.ERROR, text, fix, mission.plan(kind)[k].command)
         for kind in kinds
-        for k, text, fix in _problems(mission.plan(kind), profile)
+        for k, text, fix in zone_problems(mission.plan(kind), profile)
     ]
 
 
-def _problems(items: tuple[MissionItem, ...], profile: Profile) -> list[tuple[int, str, str]]:
+def zone_problems(items: tuple[MissionItem, ...], profile: Profile) -> list[tuple[int, str, str]]:
     """Return the item number, the text and the fix of each problem in a fence or rally plan."""
     allowed = profile.frames or GLOBAL_FRAMES
     found = []

@@ -26,6 +26,7 @@ from mission.transfer.events import (
     TransferFailed,
     TransferStarted,
 )
+from mission.transfer.remarks import zone_problems
 from mission.transfer.server_session import (
     IDLE,
     RECEIVING,
@@ -296,12 +297,17 @@ class MissionServer(ServerInputs):
 
     # Uploads.
 
+    @property
+    def _in_place(self) -> bool:
+        """Whether received items replace old items at once; ArduPilot replaces a fence as a whole."""
+        return not self.profile.atomic and self._session.type is not MissionType.FENCE
+
     def _ask_first(self, message: wire.CountMessage, sender: _Sender, now_s: float) -> Output:
         """Start the upload of a whole plan; a vehicle that overwrites in place truncates its old plan."""
         session, before = self._session, self._kept()
         session.partner, session.type = sender, MissionType(message.mission_type)
         session.count = message.count
-        if not self.profile.atomic and message.count < len(self._store.wire_items(session.type)):
+        if self._in_place and message.count < len(self._store.wire_items(session.type)):
             session.items, session.first, session.part = [], 0, False
             self._store.put(session.type, self._merged())
             session.cut = True
@@ -341,16 +347,20 @@ class MissionServer(ServerInputs):
     def _take_item(self, message: wire.ItemMessage, sender: _Sender, now_s: float) -> Output:
         """Store the item and request the next item."""
         said = self._keep(message)
-        part = () if self.profile.atomic else (PlanPart(self._session.type),)
+        part = (PlanPart(self._session.type),) if self._in_place else ()
         return self._ask(now_s) + Output(events=(*said, *part))
 
     def _take_last_item(self, message: wire.ItemMessage, sender: _Sender, now_s: float) -> Output:
         """Store the last item and activate the plan."""
         session = self._session
-        said = self._keep(message)
+        said, plan = self._keep(message), self._merged()
+        whole = self.profile.atomic or session.type is not MissionType.FENCE
+        if not whole and zone_problems(plan, self.profile):
+            session.verdict, text = int(wire.ERROR), self._status("Fence validation failed")
+            return self._refuse_item(message, sender, now_s) + Output(events=(text,))
         last = session.candidate if message.seq or not self._store.home_items(session.type) else None
         session.ended = EndedUpload(sender, session.type, message.seq, last, wire.ACCEPTED)
-        replaced = self._put(self._merged(), start=session.start)
+        replaced = self._put(plan, start=session.start)
         return self._answer(wire.ACCEPTED, session.type, sender, replaced, *said, *self._received())
 
     def _keep(self, message: wire.ItemMessage) -> tuple[Event, ...]:
@@ -454,7 +464,7 @@ class MissionServer(ServerInputs):
         """Store the received items of an aborted upload on a vehicle that overwrites in place."""
         session = self._session
         came = session.items or session.cut
-        if session.state is not RECEIVING or self.profile.atomic or not came:
+        if session.state is not RECEIVING or not self._in_place or not came:
             return ()
         return (self._put(self._merged(), complete=False),)
 

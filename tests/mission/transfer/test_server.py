@@ -532,6 +532,44 @@ def test_ardupilot_writes_a_part(copter):
     assert copter.plan(MISSION).items == (kept(A), kept(C), kept(C), kept(B))
 
 
+def corner(corners, latitude, command=5001):
+    return MissionItem(command, 0, float(corners), x=latitude, y=-82.0)
+
+
+@pytest.mark.parametrize(
+    ("fence", "result"),
+    [
+        ([corner(3, 28.0), corner(3, 28.1), corner(3, 28.2)], 0),
+        ([corner(3, 28.0), corner(3, 28.1)], 1),
+        ([corner(4, 28.0), corner(4, 28.1), corner(4, 28.2)], 1),
+        ([corner(3, 28.0), corner(3, 28.1), corner(3, 28.2, 5002)], 1),
+        ([corner(0, 28.0, 5003)], 1),
+        ([corner(-5, 28.0, 5004)], 1),
+    ],
+)
+def test_ardupilot_takes_only_a_whole_fence(copter, server, fence, result):
+    before = (corner(30, 28.0, 5003),)
+    for vehicle, expected in ((copter, result), (server, 0)):
+        vehicle.set_plan(FENCE, before)
+        vehicle.receive(count(len(fence), FENCE), 0.0)
+        for seq, plan_item in enumerate(fence):
+            assert vehicle.plan(FENCE).items == before
+            output = vehicle.receive(item(plan_item, seq, FENCE), 0.1)
+        assert [answer.type for answer in output.messages] == [expected]
+        assert len(vehicle.plan(FENCE).items) == (len(before) if expected else len(fence))
+        assert ("Fence validation failed" in texts(output)) == bool(expected)
+        assert vehicle.state is ServerState.IDLE
+
+
+def test_ardupilot_keeps_its_fence_when_the_ground_station_falls_silent(copter):
+    before = tuple(corner(3, latitude) for latitude in (28.0, 28.1, 28.2))
+    copter.set_plan(FENCE, before)
+    copter.receive(count(2, FENCE), 0.0)
+    copter.receive(item(corner(30, 28.0, 5003), 0, FENCE), 0.1)
+    copter.poll(20.0)
+    assert copter.state is ServerState.IDLE and copter.plan(FENCE).items == before
+
+
 def test_px4_refuses_counts_for_a_while_after_an_empty_one(server):
     assert short(server.receive(count(0), 0.0)) == [("ACK", 0, GROUND)]
     assert short(server.receive(count(2), 4.9)) == [("ACK", wire.ERROR, GROUND)]

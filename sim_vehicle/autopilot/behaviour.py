@@ -86,6 +86,8 @@ class ModeTable:
     """Base mode flags in HEARTBEAT."""
     flips_from: frozenset[int] = frozenset()
     """Custom modes from which FLIP can be entered."""
+    takes_off_from: frozenset[int] = frozenset()
+    """Custom modes in which NAV_TAKEOFF is obeyed, on the ground only; empty for any mode, also in flight."""
     unready: Mapping[int, tuple[str, str]] = field(default_factory=dict)
     """Names of custom modes that cannot be entered, by number, and the notice before a refusal (or empty)."""
     not_armable: frozenset[int] = frozenset()

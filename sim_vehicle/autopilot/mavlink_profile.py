@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
 
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.autopilot.behaviour import ModeTable
@@ -91,10 +90,6 @@ class MavlinkProfile:
 
     identity: Identity
     modes: ModeTable
-    parameter_encoding: Literal["bytewise", "cast"]
-    """Encoding of integer parameters in a float."""
-    data_streams: bool
-    """Whether REQUEST_DATA_STREAM changes rates (ArduPilot); otherwise it is ignored."""
     rates_hz: Mapping[int, float]
     """Initial rates by message id."""
     truth_message: int
@@ -133,10 +128,6 @@ class MavlinkProfile:
     """MAV_CMDs that the firmware does not support, although the simulated vehicle could carry them out."""
     int_only: frozenset[int] = frozenset()
     """MAV_CMDs that are accepted as COMMAND_INT only."""
-    takeoff_needs_arming: bool = False
-    """Whether NAV_TAKEOFF is refused while disarmed (ArduPilot)."""
-    takeoff_above_sea: bool = False
-    """Whether the altitude of NAV_TAKEOFF is by default above mean sea level (PX4), not above home."""
     home_above_sea: bool = False
     """Whether the altitude of DO_SET_HOME is above mean sea level in any frame (PX4)."""
     reposition_turns: bool = False
@@ -152,12 +143,8 @@ class MavlinkProfile:
     """Whether a mission item with ``current`` 2 is a target of the guided mode (ArduPilot)."""
     tells_remaining_time: bool = False
     """Whether BATTERY_STATUS has the remaining time (PX4)."""
-    packed_parameters: bool = False
-    """Whether all parameters can be downloaded as a file (ArduPilot)."""
-    packed_plans: bool = False
-    """Whether mission, fence and rally points can be transferred as files (ArduPilot)."""
-    system_files: bool = False
-    """Whether files about the board and its tasks can be downloaded (ArduPilot's @SYS)."""
+    special_files: bool = False
+    """Whether parameters, plans and the board's tasks can be transferred as files (ArduPilot)."""
     component_metadata: tuple[str, str] | None = None
     """Name and package of the parameter tables (``lists/NAME*.csv``) from which the files for
     COMPONENT_METADATA are made (PX4). None if there are no such files."""

@@ -18,6 +18,7 @@ from mission.link.codec.typed import CommandMessage
 from mission.model import RELATIVE_FRAMES, Command
 from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.execution.items import CAMERA_COMMANDS, ROI_COMMANDS
+from sim_vehicle.execution.state import LandedState
 from sim_vehicle.mavlink.vehicle_command import Result, VehicleCommand, read_command
 from sim_vehicle.motion.legs import ALONG, Heading
 from sim_vehicle.pilot.controls import RefusedError, Severity
@@ -211,16 +212,18 @@ def _run_checks(vehicle: CommandedVehicle, _command: VehicleCommand) -> Result:
 
 
 def _takeoff(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
-    pilot, profile = vehicle.pilot, vehicle.state.mavlink
-    altitude = command.params[6]
+    pilot, modes, profile = vehicle.pilot, vehicle.state.mavlink.modes, vehicle.state.firmware.profile
+    altitude, known = command.params[6], modes.takes_off_from
     if profile.takeoff_needs_arming and not pilot.armed:
+        return _FAILED
+    if known and (vehicle.state.custom_mode not in known or pilot.landed is not LandedState.ON_GROUND):
         return _FAILED
     frame = command.frame if profile.takeoff_above_sea else int(m.MAV_FRAME_GLOBAL_RELATIVE_ALT)
     altitude = vehicle.state.above_start(altitude, frame)
     if not altitude > 0.0:
         altitude = pilot.spec.takeoff_altitude_m
-    number = profile.modes[Mode.TAKEOFF]
-    with _refused_as(vehicle.state, None if number == profile.modes[Mode.GUIDED] else number):
+    number = modes[Mode.TAKEOFF]
+    with _refused_as(vehicle.state, None if number == modes[Mode.GUIDED] else number):
         pilot.takeoff(altitude)
     return None
 

@@ -43,7 +43,7 @@ class ParameterSet:
         self._table = table
         self._index = {parameter.name: i for i, parameter in enumerate(table)}
         self._values = pilot.parameters
-        self._bytewise = pilot.firmware.mavlink.parameter_encoding == "bytewise"
+        self._bytewise = pilot.firmware.profile.bytewise
         self._beyond: dict[str, tuple[float, float]] = {}
         self._next = len(table)
         self.due_s = NEVER
@@ -100,7 +100,9 @@ class ParameterSet:
         if index is None:
             return []
         if is_a(message, m.MAVLink_param_set_message):
-            self._set(self._table[index], self._decode(message.param_value, message.param_type))
+            if self._bytewise and message.param_type != self._table[index].mav_type:
+                return []  # PX4 ignores a value of another type.
+            self._set(self._table[index], self._decode(message.param_value, self._table[index]))
         return [self._message(index)]
 
     def _hash(self) -> Message:
@@ -123,6 +125,8 @@ class ParameterSet:
 
     def _set(self, parameter: MavParameter, value: float) -> None:
         name = parameter.name
+        if parameter.integer and math.isfinite(value):
+            value = float(math.trunc(value + math.copysign(0.01, value)))  # as AP_Param::set_float
         if name in self._live or (parameter.field is None and not (parameter.motion or parameter.stored)):
             self._pilot.warn(f"{name} cannot be changed")
         elif not math.isfinite(value):
@@ -143,7 +147,6 @@ class ParameterSet:
     def _store(self, parameter: MavParameter, value: float) -> None:
         if parameter.integer:
             limit = 2 ** (parameter.bits - 1)
-            value = float(round(value))
             if not -limit <= value < limit:
                 self._pilot.warn(f"{parameter.name} must be {-limit} to {limit - 1}")
                 return
@@ -165,8 +168,8 @@ class ParameterSet:
             self._pilot.warn(f"{parameter.name} {value:g} is stored, but {holds:g} is used")
         self._pilot.apply_parameters()
 
-    def _decode(self, value: float, kind: int) -> float:
-        if self._bytewise and kind != m.MAV_PARAM_TYPE_REAL32:
+    def _decode(self, value: float, parameter: MavParameter) -> float:
+        if self._bytewise and parameter.integer:
             return float(struct.unpack("<i", struct.pack("<f", value))[0])
         return value
 

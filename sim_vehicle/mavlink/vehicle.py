@@ -578,7 +578,7 @@ class SimVehicle:
             self.pilot.warn("Signing setup refused: not over this link")
 
     def _on_data_stream(self, message: m.MAVLink_request_data_stream_message) -> None:
-        if not self.state.mavlink.data_streams:
+        if not self.state.firmware.profile.streams_on_request:
             return
         rate = message.req_message_rate if message.start_stop else 0
         interval_us = round(1e6 / rate) if rate else -1

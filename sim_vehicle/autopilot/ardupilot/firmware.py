@@ -109,6 +109,8 @@ COPTER_MAVLINK = MavlinkProfile(
         own_hold=17,
         # FLIP can be entered from STABILIZE, ACRO and ALT_HOLD.
         flips_from=frozenset({0, 1, 2}),
+        # GUIDED, LOITER, POSHOLD, GUIDED_NOGPS and ZIGZAG have ``has_user_takeoff``.
+        takes_off_from=frozenset({4, 5, 16, 20, 24}),
         unready={15: ("AUTOTUNE", ""), 22: ("FLOWHOLD", ""), 23: ("FOLLOW", "Set FOLL_ENABLE = 1")},
         # AUTO, RTL, CIRCLE, LAND, BRAKE, SMART_RTL, AUTO RTL forbid arming (``Mode::allows_arming``, SITL).
         not_armable=frozenset({3, 6, 7, 9, 17, 21, 27}),
@@ -121,8 +123,6 @@ COPTER_MAVLINK = MavlinkProfile(
         after_command=Mode.GUIDED,
         base=BaseModes(_BY_STICKS, _BY_STICKS, position=_GUIDED, landing=_BY_STICKS, other=_GUIDED),
     ),
-    parameter_encoding="cast",
-    data_streams=True,
     rates_hz={m.MAVLINK_MSG_ID_HEARTBEAT: 1.0},
     truth_message=int(m.MAVLINK_MSG_ID_SIM_STATE),
     stream_parameters=_STREAM_PARAMETERS,
@@ -135,14 +135,11 @@ COPTER_MAVLINK = MavlinkProfile(
     armed_reboot_result=int(m.MAV_RESULT_FAILED),
     unsupported=UNSUPPORTED | {int(m.MAV_CMD_DO_GO_AROUND)},
     int_only=frozenset({int(m.MAV_CMD_DO_REPOSITION)}),
-    takeoff_needs_arming=True,
     camera_by_default=False,
     hover_thrust=Setting("MOT_THST_HOVER", 0.39),
     thrust_climbs=True,
     guided_items=True,
-    packed_parameters=True,
-    packed_plans=True,
-    system_files=True,
+    special_files=True,
     calibration_text="Disarm to allow calibration",
     refusals=RefusalTexts(
         interval="No ap_message for mavlink id ({})", landing="Unable to start landing sequence"
@@ -159,6 +156,7 @@ PLAIN_MODES = replace(
     COPTER_MAVLINK.modes,
     own_hold=None,
     flips_from=frozenset(),
+    takes_off_from=frozenset(),
     unready={},
     not_armable=frozenset(),
     arms_in_mission=None,

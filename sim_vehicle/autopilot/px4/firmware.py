@@ -191,8 +191,6 @@ def mavlink_profile(mav_type: int) -> MavlinkProfile:
             capabilities=COMMON_CAPABILITIES | int(m.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE),
         ),
         modes=_MODES if mav_type == m.MAV_TYPE_QUADROTOR else _MODES_OF_OTHERS,
-        parameter_encoding="bytewise",
-        data_streams=False,
         rates_hz=_RATES_HZ,
         truth_message=int(m.MAVLINK_MSG_ID_HIL_STATE_QUATERNION),
         link_rates_hz=LIGHT_LINKS,
@@ -217,7 +215,6 @@ def mavlink_profile(mav_type: int) -> MavlinkProfile:
         ),
         # Commander leaves these commands to modules that PX4 does not start by default.
         silent=frozenset(map(int, (m.MAV_CMD_INJECT_FAILURE, m.MAV_CMD_DO_GRIPPER, m.MAV_CMD_DO_WINCH))),
-        takeoff_above_sea=True,
         home_above_sea=True,
         reposition_turns=True,
         hover_thrust=_HOVER_THRUST if mav_type == m.MAV_TYPE_QUADROTOR else None,

@@ -2,6 +2,7 @@
 
 import math
 import struct
+from pathlib import Path
 
 import pytest
 
@@ -73,6 +74,26 @@ def test_a_kept_integer_is_whole_and_fits_its_type():
     assert texts == ["ARMING_RUDDER must be -128 to 127"]
     assert set_to(vehicle, "ARMING_RUDDER", 1.4, 2)[0] == 1.0
     assert set_to(vehicle, "ARMING_RUDDER", math.nan, 2)[0] == 1.0
+
+
+@pytest.mark.parametrize(
+    "name", ["ARMING_RUDDER", "FS_GCS_ENABLE", "WP_YAW_BEHAVIOR", "LAND_SPEED", "RTL_ALT"]
+)
+@pytest.mark.parametrize(("fraction", "extra"), [(0.6, 0.0), (0.4, 0.0), (0.995, 1.0)])
+def test_ardupilot_drops_the_fraction_of_an_integer(name, fraction, extra):
+    vehicle = vehicle_of("ardupilot")
+    whole = {"LAND_SPEED": 60.0, "RTL_ALT": 1000.0}.get(name, 1.0)
+    assert set_to(vehicle, name, whole + fraction) == (whole + extra, [])
+
+
+def test_the_conformance_table_has_the_number_of_parameters():
+    table = (Path(__file__).parents[3] / "docs/conformance.csv").read_text(encoding="utf-8")
+    px4, _, _, copter, plane, rover = (
+        len(get_autopilot(name).for_vehicle(kind).parameters(get_vehicle(VEHICLES[kind]), 1))
+        for name, kind in FIRMWARES
+    )
+    assert f"{px4} on a multirotor" in table
+    assert f"{copter}, {plane} and {rover} on copter, plane, rover" in table
 
 
 @pytest.mark.parametrize(("name", "speed"), [("px4", "MPC_XY_CRUISE"), ("ardupilot", "WPNAV_SPEED")])

@@ -224,6 +224,7 @@ def test_a_repeated_command_is_done_once():
 def test_takeoff_heights_of_the_two_autopilots():
     for autopilot, parameter, expected in ((PX4, 26.0, 6.0), (PX4, 0.0, 10.0), (ARDUPILOT, 6.0, 6.0)):
         peer = Peer(autopilot)
+        assert autopilot is PX4 or peer.result(176, 1.0, 4.0) == 0
         assert peer.result(400, 1.0) == 0
         assert peer.result(22, 0, 0, 0, 0, 0, 0, parameter) == 0
         peer.wait(20.0)
@@ -403,11 +404,34 @@ def test_parameters_list_read_and_set(autopilot):
         answer = peer.tell(m.MAVLink_param_set_message(1, 1, name.encode(), refused, 9))
         assert [a.param_value for a in answer if a.get_type() == "PARAM_VALUE"] == [value]
     assert sum(f"{name} must be" in text for text in peer.texts()) == 2
-    peer.tell(m.MAVLink_param_set_message(1, 1, system.param_id.encode(), 5.0, 9))
+    peer.tell(m.MAVLink_param_set_message(1, 1, system.param_id.encode(), 5.0, system.param_type))
     assert f"{system.param_id} cannot be changed" in peer.texts()
     assert peer.tell(m.MAVLink_param_request_read_message(1, 1, b"NO_SUCH", -1)) == []
     assert peer.tell(m.MAVLink_param_request_read_message(1, 1, b"", 9999)) == []
     assert peer.tell(m.MAVLink_param_set_message(1, 1, b"NO_SUCH", 1.0, 9)) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [("MPC_XY_CRUISE", 6), ("MPC_XY_CRUISE", 0), ("COM_DL_LOSS_T", 9), ("COM_DL_LOSS_T", 5)],
+)
+def test_px4_ignores_a_parameter_of_another_type(name, kind):
+    peer = Peer(PX4)
+    read = m.MAVLink_param_request_read_message(1, 1, name.encode(), -1)
+    (before,) = peer.tell(read)
+    assert peer.tell(m.MAVLink_param_set_message(1, 1, name.encode(), 8.0, kind)) == []
+    assert bytes(peer.tell(read)[0].get_payload()) == bytes(before.get_payload())
+    assert peer.tell(m.MAVLink_param_set_message(1, 1, name.encode(), 8.0, before.param_type)) != []
+
+
+def test_arducopter_takes_off_only_from_the_ground_and_in_modes_with_a_take_off():
+    for mode, result in ((0, 4), (1, 4), (2, 4), (4, 0), (5, 0), (16, 0)):
+        peer = Peer(ARDUPILOT)
+        assert (peer.result(176, 1.0, mode), peer.result(400, 1.0)) == (0, 0)
+        assert peer.result(22, 0, 0, 0, 0, 0, 0, 10.0) == result
+        peer.wait(15.0 if result == 0 else 3.0)
+        assert peer.vehicle.pilot.state.position_m[2] == pytest.approx(0.0 if result else 10.0, abs=0.1)
+        assert result or peer.result(22, 0, 0, 0, 0, 0, 0, 20.0) == 4
 
 
 def test_the_return_altitude_parameter_acts():

@@ -300,17 +300,15 @@ def vehicle_files(
     """Return the file tree of a vehicle; contents that take time are generated at the first read."""
     made: dict[str, MadeFile] = {}
     taken: dict[str, TakenFile] = {}
-    if profile.packed_parameters:
-        made["@PARAM/param.pck"] = partial(packed, parameters)
-        taken["@PARAM/param.pck"] = partial(_take_parameters, parameters)
     if profile.component_metadata is not None:
         for path in (GENERAL_PATH, PARAMETERS_PATH):
             made[path] = _whole(partial(_metadata_file, parameters, profile.component_metadata, path))
-    if profile.packed_plans:
+    if profile.special_files:
+        made["@PARAM/param.pck"] = partial(packed, parameters)
+        taken["@PARAM/param.pck"] = partial(_take_parameters, parameters)
         for mission_type, path in PLAN_PATHS.items():
             made[path] = _whole(partial(_packed_plan, plans, mission_type))
             taken[path] = partial(_take_plan, plans, mission_type)
-    if profile.system_files:
         # ArduPilot's task statistics (``AP_Scheduler.cpp``): only the header line, as there are no tasks.
         made[_TASKS_PATH] = _whole(lambda: b"TasksV2\n")
     behaviour = profile.logs

@@ -36,6 +36,7 @@ PROFILE = Profile(
     m.MAV_AUTOPILOT_REFLEX,
     home_at_zero=True,
     streams_on_request=True,
+    takeoff_above_sea=False,
     modes=FlightModes(
         lambda _kind: {"STAY": (1.0, 72.0, 0.0), "SURVEY": (1.0, 75.0, 0.0)},
         mission=frozenset({"SURVEY"}),
@@ -90,8 +91,6 @@ MAVLINK = MavlinkProfile(
         after_takeoff=Mode.HOLD,
         after_command=Mode.GUIDED,
     ),
-    parameter_encoding="cast",
-    data_streams=True,
     rates_hz=MappingProxyType({m.MAVLINK_MSG_ID_HEARTBEAT: 2.0}),
     truth_message=m.MAVLINK_MSG_ID_SIM_STATE,
 )

@@ -178,7 +178,4 @@ def test_help_says_the_range_beside_what_it_is_of(capsys: pytest.CaptureFixture[
     text = helped(capsys, "fly")
     fence = "Geofence METRES outside the farm's border, 1 to 1000 m; exclusion zones round obstacles"
     assert f"--fence METRES {fence} (not with --mission). [default: none]" in text
-    assert (
-        "Autopilot to simulate: px4 or ardupilot; for a fleet, a list gives one per vehicle. [default: px4]"
-        in text
-    )
+    assert "Autopilot to simulate: px4 or ardupilot. [default: px4]" in text

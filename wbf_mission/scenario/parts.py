@@ -278,14 +278,14 @@ class VehicleOptions(Part):
     name: str = option(
         "quad",
         "Vehicle: a name from 'wbf-mission vehicle list', such as quad or ideal (the paper's robot), or a"
-        " .toml file; fly and plan take several, separated by commas, as a fleet",
+        " .toml file",
         VEHICLE,
         key="vehicle",
         kind="vehicle",
     )
     vehicles: int | None = option(
         None,
-        "Number of vehicles that fly together",
+        "Number of vehicles that fly together; --vehicle and --autopilot may name each (quad,rover)",
         VEHICLE,
         low=1,
         high=MOST_VEHICLES,
@@ -293,7 +293,7 @@ class VehicleOptions(Part):
     )
     autopilot: str = option(
         DEFAULT_AUTOPILOT,
-        "Autopilot to simulate; for a fleet, a list gives one per vehicle",
+        "Autopilot to simulate",
         VEHICLE,
         choices=autopilot_names(),
         kind="autopilot",

@@ -170,6 +170,11 @@ def make_components(
 
     Raises WbfMissionError if a name is unknown or an option is out of range.
     """
+    kinds = scenario.vehicle
+    for option, names in (("vehicle", kinds.names), ("autopilot", kinds.autopilot.split(","))):
+        if len(names) > 1:
+            msg = f"{option} {', '.join(names)}: a simulator has one kind of vehicle; start one for each kind"
+            raise ScenarioError(msg)
     farm = scenario.farm.load()
     spec = flown_vehicle(scenario.vehicle)
     if not homes:

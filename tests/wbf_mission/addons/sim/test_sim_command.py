@@ -56,6 +56,21 @@ def test_faults_of_the_command_line_and_of_a_file(tmp_path, capsys):
     assert beats == {1: 5, 2: 3}
 
 
+@pytest.mark.parametrize(
+    ("given", "named"),
+    [
+        (("--autopilot", "px4,ardupilot"), "autopilot px4, ardupilot"),
+        (("--vehicle", "quad,quad"), "vehicle quad"),
+    ],
+)
+def test_one_simulator_has_one_kind_of_vehicle(capsys, given, named):
+    assert main([*QUICK, *given, "--count", "2"]) == 2
+    assert named in (error := capsys.readouterr().err) and "start one for each kind" in error
+    assert main(["sim", "--help"]) == 0
+    words = " ".join(capsys.readouterr().out.split())
+    assert "Autopilot to simulate: px4 or ardupilot." in words and "fly as a fleet" not in words
+
+
 def test_options_change_what_the_file_says(tmp_path, capsys):
     scenario = tmp_path / "sim.toml"
     scenario.write_text("[sim]\ncount = 5\nspeed = 1.0\nduration_s = 100.0\n")

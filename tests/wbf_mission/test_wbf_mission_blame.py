@@ -171,3 +171,9 @@ def test_an_error_beside_the_decisions_is_the_users_too(tmp_path, capsys, good, 
     err = capsys.readouterr().err
     assert "mistake in wbf-mission" not in err
     assert words in err
+
+
+def test_a_check_fails_when_own_code_ends_the_program(tmp_path, capsys):
+    (tmp_path / "mine.py").write_text("import sys\ndef Mine(request):\n    sys.exit(7)\n")
+    assert main(["check-planner", f"{tmp_path / 'mine.py'}:Mine"]) == 1
+    assert "broken: SystemExit: 7 (mine.py, line 3)" in " ".join(capsys.readouterr().out.split())

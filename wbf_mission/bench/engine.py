@@ -44,7 +44,7 @@ def fly_run(run: BenchRun) -> BenchRow:
         return failed_row(run, str(error))
     except MemoryError:
         return failed_row(run, "not enough memory")
-    except Exception as error:  # user code failed; the other runs continue
+    except (Exception, SystemExit) as error:  # user code failed; the other runs continue
         return failed_row(run, told_error(error))
 
 

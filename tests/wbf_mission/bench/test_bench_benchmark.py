@@ -313,3 +313,18 @@ def test_a_benchmark_with_failures_says_so(tmp_path, capsys):
     assert "0 environments count; 7 do not: no run has a score (seeds 0..6)" in " ".join(told.err.split())
     assert "2 more runs failed" in told.err
     assert "7 failed" in told.out
+
+
+class Leaves:
+    triggers = Triggers(waypoints=True)
+
+    def start(self):
+        sys.exit(4)
+
+    def decide(self, observation):
+        return Decision({})
+
+
+def test_a_policy_that_ends_the_program_has_rows_and_the_others_go_on():
+    spec = BenchSpec.of(["WBF/Miniberry-10-v1"], planners=[Leaves(), "spiral"], estimators=["point"], seeds=1)
+    assert ["SystemExit: 4" in str(row.error) for row in benchmark(spec)] == [True, False]

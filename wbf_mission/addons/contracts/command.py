@@ -85,7 +85,7 @@ def _run(output: Output, name: str, what: str, check: Callable[[Choice], Any]) -
     except AssertionError as error:
         text = str(error) if users_line(error) is None else told_error(error)
         broken = " ".join(text.split()) or "a check failed without a message"
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         if users_line(error) is None or isinstance(error, MemoryError):
             raise
         broken = told_error(error)

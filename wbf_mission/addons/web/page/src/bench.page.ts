@@ -1,7 +1,7 @@
 // Report of a benchmark. `wbf_mission/addons/web/bench_page.py` makes its tables. This script makes them
 // sortable, and adds filters and scores by seed to the table of all standings. The choices are kept behind
 // the # of the address, so that a link restores them.
-import { button, element, options, setText, svg, table as tableOf } from "./dom.js";
+import { button, element, setText, svg, table as tableOf } from "./dom.js";
 
 /** Seed, score over the run, final score (for a failed run: as counted), failure, start of the key. */
 type Run = [seed: number | string, run: number, end: number, failed: string, key: string];
@@ -77,8 +77,7 @@ function addFilters(table: HTMLTableElement, seeds: Run[][]): void {
   const selects = FILTERS.map((name, column) => {
     const values = [...new Set(rows.map((row) => text(row, column)))];
     values.sort((a, b) => a.localeCompare(b, "en", { numeric: true }));
-    const all: [string, string][] = [["", "all"], ...values.map((value): [string, string] => [value, value])];
-    return element("select", { name }, ...options(all));
+    return element("select", { name }, new Option("all", ""), ...values.map((value) => new Option(value, value)));
   });
   const search = element("input", { type: "search", name: "text" });
   const count = element("p", { role: "status" });

@@ -79,19 +79,12 @@ class Chart {
     this.tell(upTo(this.times, time_s) - 1);
   }
 
-  /** Destroy the plot, so that its colours are read from the current theme again. */
-  forget(): void {
-    this.plot?.destroy();
-    this.plot = null;
-  }
-
   private draw(): void {
     const some = this.lines.some((line) => line.values.some((value) => value !== null));
     this.element.hidden = !some;
-    if (!some) return;
     const width = this.room.clientWidth;
     if (!width) return;
-    const shape = `${width} ${this.lines.map((line) => line.label + line.colour).join()}`;
+    const shape = `${width} ${themed("ink")} ${this.lines.map((line) => line.label + line.colour).join()}`;
     const data = [this.times, ...this.lines.map((line) => line.values)] as uPlot.AlignedData;
     if (this.plot && shape === this.shape) {
       this.plot.setData(data);
@@ -180,10 +173,7 @@ export class Charts {
     this.charts = KINDS.map((kind) => new Chart(kind, seek));
     this.element.append(...this.charts.map((chart) => chart.element));
     new ResizeObserver(() => this.redraw()).observe(this.element);
-    onTheme(() => {
-      for (const chart of this.charts) chart.forget();
-      this.redraw();
-    });
+    onTheme(() => this.redraw());
   }
 
   show(time_s: number, end_s: number): void {

@@ -1,5 +1,5 @@
 // Form for the options of a plan, built from their descriptions.
-import { checkbox, datalist, element, options } from "./dom.js";
+import { checkbox, datalist, element } from "./dom.js";
 import { capital } from "./text.js";
 
 export interface OptionInfo {
@@ -99,7 +99,7 @@ export class Choices {
     const known = one.choices.includes(one.default);
     const none = known ? `${one.default} (default)` : one.default.slice(0, LIST_AT_MOST) || "none";
     const names = one.choices.includes(name) || !name ? one.choices : [...one.choices, name];
-    const choices = options([["", none], ...names.map((choice): [string, string] => [choice, choice])]);
+    const choices = [new Option(none, ""), ...names.map((choice) => new Option(choice, choice))];
     const select = element("select", { id, onchange: ({ value }) => this.set(one.key, value) }, ...choices);
     select.value = name;
     return select;

@@ -1,5 +1,6 @@
 // Orders to vehicles, if allowed to this page, and answers to questions to the operator.
-import { ask, button, element, options, setText, type Child } from "./dom.js";
+import { ask, button, element, setText, type Child } from "./dom.js";
+import type { Heart } from "./heart.js";
 import type { Model } from "./model.js";
 import type { Said } from "./schema.js";
 import type { Send, Wish } from "./source.js";
@@ -56,8 +57,7 @@ export class Controls {
   constructor(
     private readonly model: Model,
     private readonly send: Send,
-    /** Whether the program is alive and the displayed data is current. */
-    private readonly isFresh: () => boolean,
+    private readonly heart: Heart,
     private readonly choose: (system_id: number | null) => void,
   ) {
     const label = element("span", { class: "hidden" }, "Orders go to");
@@ -79,7 +79,7 @@ export class Controls {
 
   show(): void {
     const orders = this.model.status?.orders ?? [];
-    const isFresh = this.isFresh();
+    const { isFresh } = this.heart;
     if (this.wasFresh && !isFresh) {
       // The program is lost: old messages are cleared, and pending requests are not answered.
       this.say("", false);
@@ -139,23 +139,19 @@ export class Controls {
   private build(): void {
     const before = this.target.value;
     const several = this.ids.length > 1;
-    const ones = this.ids.map((id): [string, string] => [String(id), this.model.nameOf(id)]);
-    const choices: typeof ones = [["", "Choose a vehicle …"], ...ones, [ALL, `All ${ones.length} vehicles`]];
-    this.target.replaceChildren(...options(several ? choices : ones));
+    const ones = this.ids.map((id) => new Option(this.model.nameOf(id), String(id)));
+    const choices = [new Option("Choose a vehicle …", ""), ...ones, new Option(`All ${ones.length} vehicles`, ALL)];
+    this.target.replaceChildren(...(several ? choices : ones));
     if ([...this.target.options].some(({ value }) => value === before)) this.target.value = before;
     const others = [...this.known].filter((order) => !GROUPS.flat().includes(order));
     const groups = GROUPS.map((group, k) => group.filter((order) => this.known.has(order)).concat(k === 1 ? others : []));
-    this.buttons.replaceChildren(
-      ...groups
-        .filter((group) => group.length)
-        .map((group) => element("div", { class: "group" }, ...group.map((order) => this.buttonOf(order)))),
-    );
-  }
-
-  private buttonOf(order: string): HTMLElement {
-    const kind = STARTS_MOTORS.has(order) ? "starts" : ENDS_FLIGHT.has(order) ? "comes-down" : "";
-    const attributes = { class: kind, "data-order": order, "aria-describedby": this.why.id };
-    return button(capital(order), () => this.give(order), attributes);
+    const buttonOf = (order: string): HTMLElement => {
+      const kind = STARTS_MOTORS.has(order) ? "starts" : ENDS_FLIGHT.has(order) ? "comes-down" : "";
+      const attributes = { class: kind, "data-order": order, "aria-describedby": this.why.id };
+      return button(capital(order), () => this.give(order), attributes);
+    };
+    const filled = groups.filter((group) => group.length);
+    this.buttons.replaceChildren(...filled.map((group) => element("div", { class: "group" }, ...group.map(buttonOf))));
   }
 
   private showQuestion(): void {
@@ -240,7 +236,7 @@ export class Controls {
     act: () => void,
     stillMay: () => boolean,
   ): void {
-    this.stillMay = () => this.isFresh() && stillMay();
+    this.stillMay = () => this.heart.isFresh && stillMay();
     // Clear the message of the previous order.
     this.say("", false);
     const parts = [text ? element("p", {}, text) : null, value];

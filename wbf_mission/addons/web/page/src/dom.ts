@@ -39,9 +39,9 @@ export function setText(node: Node, text: string): void {
   if (node.textContent !== text) node.textContent = text;
 }
 
-/** Options of a `select`. */
-export function options(choices: [value: string, label: string][]): HTMLElement[] {
-  return choices.map(([value, label]) => element("option", { value }, label));
+/** Show the items of a list, or why there are none. */
+export function fill(list: HTMLElement, items: HTMLElement[], empty: string): void {
+  list.replaceChildren(...(items.length ? items : [element("li", { class: "empty" }, empty)]));
 }
 
 /** Suggestions for a text input. */

@@ -64,7 +64,7 @@ class App implements Receiver {
     const isBuilt = this.models.length === runs;
     if (isBuilt) for (const model of this.models) Object.assign(model, new Model(model.letter));
     else this.models = Array.from({ length: runs }, (_, k) => new Model(runs > 1 ? String.fromCharCode(65 + k) : ""));
-    if (this.send) this.models[0]?.follow(() => this.heart.age_s ?? 0);
+    if (this.send) this.models[0]!.age_s = () => this.heart.age_s ?? 0;
     if (!isBuilt) this.parts = this.build();
   }
 
@@ -103,15 +103,8 @@ class App implements Receiver {
     );
     const charts = new Charts(models, (time_s) => time.seek(time_s));
     const layers = new LayerPanel(models, choice, changed);
-    const controls =
-      this.send && models[0]
-        ? new Controls(
-            models[0],
-            this.send,
-            () => this.heart.isFresh,
-            (id) => vehicles.choose(models[0]!, id),
-          )
-        : null;
+    const choose = (id: number | null): void => vehicles.choose(models[0]!, id);
+    const controls = this.send && new Controls(models[0]!, this.send, this.heart, choose);
     const stage = element("div", { class: "stage" });
     const roomy = models.length === 1 && !matchMedia("(max-width: 60rem)").matches;
     const summary = element("summary", {}, "Layers");

@@ -1,8 +1,8 @@
 // Panels of messages and of policy decisions.
 import { SICK } from "./colours.js";
-import { button, element, setText, table } from "./dom.js";
+import { button, element, fill, setText, table } from "./dom.js";
 import { upTo, type Model } from "./model.js";
-import type { Decision, Said } from "./schema.js";
+import type { Decision } from "./schema.js";
 import { capital, clock, figure, fixed, metres } from "./text.js";
 import type { Time } from "./time.js";
 
@@ -10,15 +10,6 @@ const SHOWN = 100;
 /** Highest severity number of a warning. */
 export const WARNS = 4;
 const SEVERITIES = ["Emergency", "Alert", "Critical", "Error", "Warning", "Notice", "Info", "Debug"];
-
-function speaker(model: Model, said: Said): string {
-  return said.system_id ? model.nameOf(said.system_id) : "";
-}
-
-/** Show items in reverse order, or why there is none. */
-function fill(list: HTMLElement, items: HTMLElement[], empty: string): void {
-  list.replaceChildren(...(items.length ? items.toReversed() : [element("li", { class: "empty" }, empty)]));
-}
 
 /** Messages, newest first; warnings are also read aloud. */
 export class Messages {
@@ -37,16 +28,15 @@ export class Messages {
     if (key === this.shown) return;
     this.shown = key;
     const lines = said.slice(-SHOWN).map(({ model, one }) => {
-      const who = speaker(model, one);
+      const who = one.system_id ? element("b", {}, `${model.nameOf(one.system_id)} `) : null;
       const grade = one.severity < WARNS ? "error" : one.severity === WARNS ? "warning" : "plain";
-      const words = grade === "plain" ? "" : `${SEVERITIES[one.severity] ?? ""}: `;
-      const text = element("span", { class: "text" }, who ? element("b", {}, `${who} `) : null, words + one.text);
+      const words = grade === "plain" ? one.text : `${SEVERITIES[one.severity]}: ${one.text}`;
+      const text = element("span", { class: "text" }, who, words);
       return element("li", { class: grade }, element("time", {}, clock(one.time_s)), text);
     });
-    fill(this.element, lines, "There are no messages yet.");
-    const last = said.at(-1);
-    if (last && last.one.severity <= WARNS)
-      setText(this.aloud, `${speaker(last.model, last.one)} ${SEVERITIES[last.one.severity] ?? ""}: ${last.one.text}`);
+    fill(this.element, lines.toReversed(), "There are no messages yet.");
+    const last = lines.at(-1);
+    if (last && last.className !== "plain") setText(this.aloud, last.querySelector(".text")!.textContent!);
   }
 }
 
@@ -109,7 +99,7 @@ export class Decisions {
     if (key === this.shown) return;
     this.shown = key;
     const items = told.slice(-SHOWN).map(({ model, decision }) => this.item(model, decision));
-    fill(this.list, items, "There are no decisions yet.");
+    fill(this.list, items.toReversed(), "There are no decisions yet.");
   }
 
   private item(model: Model, decision: Decision): HTMLElement {
@@ -120,13 +110,12 @@ export class Decisions {
     const toggled = (details: HTMLDetailsElement): void => {
       if (details.open) {
         this.chosen = number;
-        for (const other of this.list.querySelectorAll("details")) if (other !== details) other.open = false;
         this.open(model, decision);
       } else if (this.chosen === number) this.chosen = null;
     };
     const details = element(
       "details",
-      { open: number === this.chosen, ontoggle: toggled },
+      { name: "decision", open: number === this.chosen, ontoggle: toggled },
       element(
         "summary",
         {},

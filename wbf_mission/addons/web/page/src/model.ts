@@ -75,7 +75,7 @@ export class Model {
   end_s = 0;
   /** Age of each vehicle's newest state at the program's last beat, and the age of that beat in a live run. */
   private beat_s: Record<string, number> = {};
-  private age_s: (() => number) | null = null;
+  age_s: (() => number) | null = null;
 
   /** `letter` distinguishes several runs. */
   constructor(readonly letter = "") {}
@@ -85,14 +85,12 @@ export class Model {
     return this.age_s !== null && this.status?.outcome === "running";
   }
 
-  /** Make the run live; `age_s` returns the age of the newest data. */
-  follow(age_s: () => number): void {
-    this.age_s = age_s;
-  }
-
   take(update: Update): void {
-    this.end_s = Math.max(this.end_s, update.time_s);
-    for (const name of update.restart ?? []) this.forget(name);
+    for (const name of update.restart ?? []) {
+      const [list, id] = name.split("/") as ["plans" | "said" | "decisions" | "scores" | "states" | "tiles", string?];
+      if (id) delete this.states[id];
+      else Object.assign(this, { [list]: new Model()[list] });
+    }
     if (update.run) this.run = update.run;
     if (update.status) this.status = update.status;
     if (update.background !== undefined) this.background = update.background;
@@ -103,15 +101,17 @@ export class Model {
     if (update.beat) this.beat_s = update.beat.silent_s;
     if (update.readings) this.takeReadings(update.readings);
     if (update.scores) extend(this.scores, update.scores);
-    for (const decision of update.decisions ?? []) this.takeDecision(decision);
+    for (const decision of update.decisions ?? []) {
+      const old = this.decisions.findIndex((one) => one.number === decision.number);
+      this.decisions.splice(old < 0 ? this.decisions.length : old, 1, decision);
+    }
     this.said.push(...(update.said ?? []));
     Object.assign(this.scales, update.scales);
     if (update.tiles) this.tiles.add(update.tiles, update.time_s, this.scales);
-    for (const moment of (update as Partial<Recording>).moments ?? []) {
-      this.end_s = Math.max(this.end_s, moment.time_s);
-      this.tiles.add(moment.tiles, moment.time_s, Object.assign(this.scales, moment.scales));
-    }
-    for (const { time_s } of Object.values(this.states)) this.end_s = Math.max(this.end_s, time_s.at(-1) ?? 0);
+    const { moments = [] } = update as Partial<Recording>;
+    for (const { tiles, time_s, scales } of moments) this.tiles.add(tiles, time_s, Object.assign(this.scales, scales));
+    const flown_s = Object.values(this.states).map(({ time_s }) => time_s.at(-1) ?? 0);
+    this.end_s = Math.max(this.end_s, update.time_s, ...moments.map(({ time_s }) => time_s), ...flown_s);
   }
 
   get vehicles(): VehicleInfo[] {
@@ -171,15 +171,6 @@ export class Model {
     return day[0] === day.at(-1) ? "" : `day ${day[Math.max(0, upTo(times, time_s) - 1)]}`;
   }
 
-  /** Empty a list that is sent anew. */
-  private forget(name: string): void {
-    const [list, id] = name.split("/");
-    if (list === "states") delete this.states[id ?? ""];
-    else if (list === "tiles") this.tiles = new Tiles();
-    else if (list === "scores") this.scores = { time_s: [], day: [], observations: [], score: [], losses: {} };
-    else if (list === "plans" || list === "decisions" || list === "said") this[list] = [];
-  }
-
   /** Append readings and keep them in order of time; they may arrive late. */
   private takeReadings(readings: Readings): void {
     const known = this.readings.time_s.length;
@@ -191,12 +182,5 @@ export class Model {
     const sorted = <T>(column: T[]): T[] => order.map((k) => column[k]!);
     const byField = Object.entries(values).map(([name, column]) => [name, sorted(column)]);
     this.readings = { time_s: sorted(time_s), x: sorted(x), y: sorted(y), values: Object.fromEntries(byField) };
-  }
-
-  /** Add a decision, or replace its older version. */
-  private takeDecision(decision: Decision): void {
-    const old = this.decisions.findIndex((one) => one.number === decision.number);
-    if (old < 0) this.decisions.push(decision);
-    else this.decisions[old] = decision;
   }
 }

@@ -8,7 +8,7 @@
 //
 // A page has, in its body: <section id="summary"> (optional, above: any HTML, it is printed), and
 // <div id="app">, in which the view is built. It loads page.css and, deferred, live.js.
-import type { Heart, Link } from "./heart.js";
+import type { Heart } from "./heart.js";
 import type { Answer, Order, Recording, Update } from "./schema.js";
 import { inflate } from "./tiles.js";
 
@@ -59,10 +59,6 @@ async function read(kept: HTMLElement): Promise<Recording[]> {
 }
 
 function connect(path: "live" | "beats", receiver: Receiver, heart: Heart): Send {
-  const linked = (state: Link): void => {
-    heart.link = state;
-    receiver.linked();
-  };
   let socket: WebSocket;
   let wait_ms = 250;
   const begin = (): void => {
@@ -84,12 +80,13 @@ function connect(path: "live" | "beats", receiver: Receiver, heart: Heart): Send
       first = false;
     };
     socket.onclose = () => {
-      linked("lost");
+      heart.link = "lost";
+      receiver.linked();
       setTimeout(begin, wait_ms);
       wait_ms = Math.min(2 * wait_ms, LONGEST_WAIT_MS);
     };
   };
-  linked("connecting");
+  receiver.linked();
   setInterval(() => receiver.linked(), LOOK_MS);
   begin();
   return (wish) => {

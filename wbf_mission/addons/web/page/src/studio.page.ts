@@ -4,7 +4,7 @@ import { Answer } from "./answer.js";
 import { Choices } from "./choices.js";
 import { onTheme } from "./colours.js";
 import { desk, keep, Refused, type Draft, type FarmAnswer, type Options, type Planned } from "./desk.js";
-import { button, datalist, element, options, panel, setText } from "./dom.js";
+import { button, datalist, element, panel, setText } from "./dom.js";
 import { Heart } from "./heart.js";
 import { keepDraft, keptDraft } from "./kept.js";
 import { placeOf } from "./place.js";
@@ -82,7 +82,7 @@ export class Studio {
       "select",
       { id: "farms", onchange: ({ value }) => void this.open(() => desk.farm(value), value) },
       element("option", { value: "", hidden: true }, "drawn or opened here"),
-      ...options(given.farms.map((name) => [name, name])),
+      ...given.farms.map((name) => new Option(name, name)),
     );
     const side = element(
       "aside",

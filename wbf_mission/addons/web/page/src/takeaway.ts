@@ -1,12 +1,12 @@
 // Uses of a plan: files, upload to a vehicle, flight in the simulator.
 import { desk, keep, Refused, type Draft, type Options, type Planned } from "./desk.js";
-import { ask, button, element, options, setText } from "./dom.js";
+import { ask, button, element, setText } from "./dom.js";
 import { capital } from "./text.js";
 
 const FOLLOW_MS = 500;
-const PACES: [string, string][] = [
-  ["1", "real time"], ["10", "10 times as fast"], ["60", "60 times as fast"], ["", "as fast as possible"],
-];
+const PACES = [
+  ["real time", "1"], ["10 times as fast", "10"], ["60 times as fast", "60"], ["as fast as possible", ""],
+] as const;
 const CHECKED = "The vehicle is checked first, and the mission is read back afterwards. No motor starts.";
 const LINK = "udpin:127.0.0.1:14550";
 
@@ -14,7 +14,7 @@ export class Takeaway {
   readonly element = element("div", { class: "takeaway" });
   private readonly mission = element("select", { "aria-label": "Which flight" });
   private readonly format: HTMLSelectElement;
-  private readonly pace = element("select", { id: "pace" }, ...options(PACES));
+  private readonly pace = element("select", { id: "pace" }, ...PACES.map((pace) => new Option(...pace)));
   private readonly told = element("p", { class: "told", role: "status" });
   private readonly buttons: HTMLButtonElement[];
   private readonly watch = element(
@@ -34,8 +34,8 @@ export class Takeaway {
   private followed = "";
 
   constructor(private readonly draft: () => Draft, { formats }: Options) {
-    const suffixes = formats.map(({ name, suffix }): [string, string] => [suffix, `${name} (${suffix})`]);
-    this.format = element("select", { "aria-label": "Format of the file" }, ...options(suffixes));
+    const suffixes = formats.map(({ name, suffix }) => new Option(`${name} (${suffix})`, suffix));
+    this.format = element("select", { "aria-label": "Format of the file" }, ...suffixes);
     this.pace.value = "10";
     const save = button("Save file", () => void this.act("", () => this.save()));
     const upload = button("Upload to a vehicle …", () => this.askUpload());
@@ -54,7 +54,7 @@ export class Takeaway {
     this.planned = planned;
     const chosen = this.mission.value;
     const missions = planned?.missions ?? [];
-    this.mission.replaceChildren(...options(missions.map(({ name }, k) => [String(k), capital(name) || "Mission"])));
+    this.mission.replaceChildren(...missions.map(({ name }, k) => new Option(capital(name) || "Mission", String(k))));
     if (Number(chosen) < missions.length) this.mission.value = chosen;
     this.mission.hidden = missions.length < 2;
     for (const one of this.buttons) one.disabled = planned === null;
@@ -63,7 +63,7 @@ export class Takeaway {
   }
 
   private get number(): number {
-    return Number(this.mission.value || 0);
+    return Number(this.mission.value);
   }
 
   private async act(begin: string, work: () => Promise<string>): Promise<void> {

@@ -1,5 +1,5 @@
 // Displayed time: the present or an earlier time, with a slider and playback.
-import { button, element, options, setText } from "./dom.js";
+import { button, element, setText } from "./dom.js";
 import { clock } from "./text.js";
 
 const SPEEDS = [1, 2, 5, 10, 30, 100, 300];
@@ -14,17 +14,15 @@ export class Time {
   private end_s = 0;
   private follows: boolean;
   private playing = false;
-  private speed = 1;
-  private proposed = false;
   private last_ms = 0;
   private readonly slider = element("input", { type: "range", min: "0", step: "0.1", "aria-label": "Time of the run" });
   private readonly play = button("", () => this.toggle(), { class: "play", "aria-label": "Play" });
-  private readonly now = button("Latest", () => this.follow(), { class: "now" });
+  private readonly now = button("Latest", () => this.seek(Infinity), { class: "now" });
   private readonly text = element("output", { class: "clock" });
   private readonly speeds = element(
     "select",
-    { "aria-label": "Speed of playing", onchange: ({ value }) => (this.speed = Number(value)) },
-    ...options(SPEEDS.map((speed) => [String(speed), `${speed}×`])),
+    { "aria-label": "Speed of playing" },
+    ...SPEEDS.map((speed) => new Option(`${speed}×`, String(speed))),
   );
 
   constructor(private readonly live: boolean, private readonly changed: () => void) {
@@ -47,16 +45,14 @@ export class Time {
     return this.follows ? this.end_s : this.at_s;
   }
 
-  /** Extend the time range to `end_s`. */
+  /** Extend the time range to `end_s`, for a recording once. */
   reach(end_s: number): void {
+    if (end_s === this.end_s) return;
     this.end_s = end_s;
     this.slider.max = String(end_s);
-    if (!this.proposed && end_s) {
-      this.proposed = true;
-      this.speed = this.live ? 1 : (SPEEDS.findLast((speed) => speed * PLAY_S <= Math.max(end_s, PLAY_S)) ?? 1);
-      this.speeds.value = String(this.speed);
-      if (!this.live) this.at_s = end_s;
-    }
+    if (this.live) return;
+    this.at_s = end_s;
+    this.speeds.value = String(SPEEDS.findLast((speed) => speed * PLAY_S <= Math.max(end_s, PLAY_S)));
   }
 
   seek(time_s: number): void {
@@ -69,7 +65,7 @@ export class Time {
   /** Advance the playback by one frame. */
   tick(now_ms: number): void {
     if (this.playing) {
-      this.at_s += (Math.min(now_ms - this.last_ms, 250) / 1000) * this.speed;
+      this.at_s += (Math.min(now_ms - this.last_ms, 250) / 1000) * Number(this.speeds.value);
       if (this.at_s >= this.end_s) {
         this.at_s = this.end_s;
         this.playing = false;
@@ -96,12 +92,6 @@ export class Time {
       this.at_s = this.time_s >= this.end_s ? 0 : this.time_s;
       this.follows = false;
     }
-    this.changed();
-  }
-
-  private follow(): void {
-    this.playing = false;
-    this.follows = true;
     this.changed();
   }
 

@@ -1,6 +1,6 @@
 // Card of each vehicle, with its most important values.
 import { vehicleColour } from "./colours.js";
-import { button, element, setText } from "./dom.js";
+import { element, fill, setText } from "./dom.js";
 import { TOLD_S } from "./heart.js";
 import type { Model } from "./model.js";
 import type { Plan, VehicleInfo } from "./schema.js";
@@ -28,8 +28,8 @@ class Card {
   constructor(readonly model: Model, readonly info: VehicleInfo, number: number, chosen: () => void) {
     const dot = element("span", { class: "dot", "aria-hidden": "true" });
     dot.style.setProperty("--vehicle", vehicleColour(number));
-    this.head = button("", chosen, { class: "head", "aria-pressed": "false" });
-    this.head.append(dot, this.name, this.mode, this.battery, this.bar, this.phase);
+    const parts = [dot, this.name, this.mode, this.battery, this.bar, this.phase];
+    this.head = element("button", { type: "button", class: "head", onclick: chosen }, ...parts);
     const list = FIGURES.map((name) =>
       element("div", { class: name }, element("dt", {}, capital(name)), this.figures[name]),
     );
@@ -45,10 +45,7 @@ class Card {
     this.head.setAttribute("aria-pressed", String(selected));
     this.element.classList.toggle("silent", !!moment?.silent);
     this.element.classList.toggle("low", (moment?.battery ?? 1) < LOW_BATTERY);
-    if (!moment) {
-      setText(this.phase, "not heard yet");
-      return;
-    }
+    if (!moment) return setText(this.phase, "not heard yet");
     setText(this.phase, moment.silent ? `no news for ${clock(moment.silent_s)}` : moment.phase);
     // Mode and arming are unknown without a log.
     setText(this.mode, moment.mode && `${moment.mode} · ${moment.armed ? "armed" : "disarmed"}`);
@@ -105,17 +102,15 @@ export class Vehicles {
   show(time_s: number): void {
     const all = this.models.flatMap((model) => model.vehicles.map((info, k) => ({ model, info, k })));
     const ids = (vehicles: { info: VehicleInfo }[]): string => vehicles.map(({ info }) => info.system_id).join();
-    if (ids(all) !== ids(this.cards)) {
+    if (ids(all) !== ids(this.cards) || !this.element.firstChild) {
       this.cards = all.map(({ model, info, k }) => new Card(model, info, k, () => this.select(model, info.system_id)));
-      this.element.replaceChildren(...this.cards.map((card) => card.element));
+      fill(this.element, this.cards.map((card) => card.element), "No vehicle has been heard yet.");
       this.element.classList.toggle("many", all.length > FEW);
     }
     for (const card of this.cards) {
       const { model, system_id } = this.selected ?? {};
       card.show(time_s, card.model === model && card.info.system_id === system_id);
     }
-    if (!all.length && !this.element.firstChild)
-      this.element.append(element("li", { class: "empty" }, "No vehicle has been heard yet."));
   }
 }
 

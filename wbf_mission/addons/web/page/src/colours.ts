@@ -23,9 +23,11 @@ const MEASURED = ["#fde725", "#7ad151", "#22a884", "#2a788e", "#414487", "#44015
 const UNSURE = ["#f6f2f8", "#d5c5e3", "#a583c1", "#77409a", "#3d1160"];
 const ACQUIRE = ["#f4f9f6", "#b5dfc8", "#5db598", "#1e7c73", "#0b3b47"];
 
-export function cropColour(crop: string, crops: string[]): string {
-  const further = crops.filter((name) => !(name in CROPS));
-  return CROPS[crop] ?? FURTHER_CROPS[further.indexOf(crop) % FURTHER_CROPS.length] ?? "#c2c2b0";
+/** Colours of crops by name, each once. */
+export function cropColours(names: string[]): Map<string, string> {
+  const further = [...new Set(names)].filter((name) => !(name in CROPS));
+  const colourOf = (name: string): string => CROPS[name] ?? FURTHER_CROPS[further.indexOf(name) % FURTHER_CROPS.length]!;
+  return new Map(names.map((name) => [name, colourOf(name)]));
 }
 
 /** Colour of a vehicle, as `--vehicle` in page.css. */

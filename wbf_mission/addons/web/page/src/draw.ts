@@ -1,8 +1,8 @@
 // Drawing on the map's canvases.
 import { toPixels, type View } from "./canvas.js";
-import { cropColour, themed } from "./colours.js";
-import { upTo, type Moment } from "./model.js";
-import type { Decision, FarmShape, Plan, Ring, States } from "./schema.js";
+import { RING, SICK, colourAt, cropColours, css, ramp, themed } from "./colours.js";
+import { upTo, type Model, type Moment } from "./model.js";
+import type { Decision, FarmShape, FieldInfo, Plan, Ring, States } from "./schema.js";
 import type { Picture } from "./tiles.js";
 
 type Context = CanvasRenderingContext2D;
@@ -10,6 +10,10 @@ type Context = CanvasRenderingContext2D;
 /** Minimum distance between the drawn points of a line (pixels). */
 const SEEN_PX = 1.2;
 const RECENT_S = 30;
+const LEVELS = 64;
+/** Size from which squares are drawn one by one, with a border. */
+const LARGE_PX = 6;
+const SMALLEST_PX = 1.4;
 
 /** Make lines the current path; closed ones are shapes. */
 function trace(context: Context, view: View, lines: Ring[], closed: boolean): void {
@@ -55,13 +59,13 @@ function hatch(context: Context, colour: string, crossed: boolean): CanvasPatter
 }
 
 export function drawFarm(context: Context, view: View, farm: FarmShape): void {
-  const crops = [...new Set(farm.patches.map((patch) => patch.crop))];
+  const colours = cropColours(farm.patches.map(({ crop }) => crop));
   const strength = Number(themed("crop-strength"));
   for (const own of [false, true])
     for (const patch of farm.patches.filter((one) => one.own === own)) {
       trace(context, view, patch.rings, true);
       context.globalAlpha = own ? strength : 0.45 * strength;
-      context.fillStyle = cropColour(patch.crop, crops);
+      context.fillStyle = colours.get(patch.crop)!;
       context.fill("evenodd");
     }
   context.globalAlpha = 1;
@@ -163,39 +167,30 @@ export function oldUntil(time_s: number): number {
   return (Math.floor(time_s / RECENT_S) - 1) * RECENT_S;
 }
 
-/** Draw the older part of a vehicle's track. */
-export function drawOldTrail(context: Context, view: View, states: States, time_s: number, colour: string): void {
-  const count = upTo(states.time_s, time_s);
-  trail(context, view, states, 0, Math.min(upTo(states.time_s, oldUntil(time_s)) + 1, count), count);
-  stroke(context, colour, 1.2, 0.5);
-}
-
-/** Draw the recent part of a vehicle's track. */
+/** Draw a vehicle's track: the recent part until `now`, or without it the older part. */
 export function drawTrail(
   context: Context,
   view: View,
-  states: States,
+  { time_s: times, x, y, flight }: States,
   time_s: number,
-  now: Moment,
   colour: string,
+  now: Moment | null,
 ): void {
-  const count = upTo(states.time_s, time_s);
-  trail(context, view, states, upTo(states.time_s, oldUntil(time_s)), count, count);
-  context.lineTo(...toPixels(view, now.x, now.y));
-  stroke(context, themed("halo"), 5, 0.8);
-  stroke(context, colour, 2.6);
-}
-
-function trail(context: Context, view: View, { x, y, flight }: States, from: number, to: number, count: number): void {
+  const [old, count] = [upTo(times, oldUntil(time_s)), upTo(times, time_s)];
+  const to = now ? count : Math.min(old + 1, count);
   let [lastX, lastY] = [-Infinity, -Infinity];
   context.beginPath();
-  for (let k = from; k < to; k++) {
+  for (let k = now ? old : 0; k < to; k++) {
     if (flight[k] !== flight[count - 1]) continue;
     const [left, top] = toPixels(view, x[k]!, y[k]!);
     if (Math.abs(left - lastX) + Math.abs(top - lastY) < SEEN_PX && k < to - 1) continue;
     context.lineTo(left, top); // The first one of a path only moves there
     [lastX, lastY] = [left, top];
   }
+  if (!now) return stroke(context, colour, 1.2, 0.5);
+  context.lineTo(...toPixels(view, now.x, now.y));
+  stroke(context, themed("halo"), 5, 0.8);
+  stroke(context, colour, 2.6);
 }
 
 /** Draw the paths considered by a policy, better ones stronger, and the chosen ones solid. */
@@ -218,4 +213,111 @@ export function drawDecision(context: Context, view: View, decision: Decision, c
     stroke(context, themed("halo"), 4.5);
     stroke(context, colour(system_id), 2);
   }
+}
+
+/** Visible part of the frame: minimum x and y, maximum x and y. */
+function seen({ matrix, width, height }: View): [number, number, number, number] {
+  const inverse = new DOMMatrix(matrix).inverse();
+  const corners = [{}, { x: width }, { y: height }, { x: width, y: height }].map((at) => inverse.transformPoint(at));
+  const [x, y] = [corners.map((corner) => corner.x), corners.map((corner) => corner.y)];
+  return [Math.min(...x), Math.min(...y), Math.max(...x), Math.max(...y)];
+}
+
+/** Draw camera readings of a field: a square per cell, and rings around sick plants. */
+export function drawReadings(
+  context: Context,
+  view: View,
+  model: Model,
+  field: FieldInfo,
+  time_s: number,
+  cell_m: number,
+): void {
+  const { x, y, time_s: times } = model.readings;
+  const values = model.readings.values[field.name];
+  if (!values) return;
+  const count = upTo(times, time_s);
+  // Squares of visible size, so that the work depends on the screen and not on the number of readings.
+  const step = Math.max(cell_m, SMALLEST_PX / view.scale);
+  const [left, bottom, right, top] = seen(view);
+  const [first, low] = [Math.floor(left / step), Math.floor(bottom / step)];
+  const [columns, rows] = [Math.ceil(right / step) - first, Math.ceil(top / step) - low];
+  const levels = new Uint8Array(columns * rows);
+  const radius = Math.min(9, Math.max(2.5, 0.55 * step * view.scale));
+  const across = Math.ceil(view.width / radius) + 1;
+  const taken = new Uint8Array(across * (Math.ceil(view.height / radius) + 1));
+  const rings: number[] = [];
+  for (let k = 0; k < count; k++) {
+    const value = values[k];
+    if (value === null || value === undefined) continue;
+    const i = Math.floor(x[k]! / step) - first;
+    const j = Math.floor(y[k]! / step) - low;
+    if (i < 0 || j < 0 || i >= columns || j >= rows) continue;
+    levels[j * columns + i] = 1 + Math.round(value * (LEVELS - 1));
+    if (field.kind !== "disease" || value >= SICK) continue;
+    const [ringX, ringY] = toPixels(view, x[k]!, y[k]!);
+    const place = Math.floor(ringY / radius) * across + Math.floor(ringX / radius);
+    if (ringX < 0 || ringY < 0 || ringX > view.width || taken[place]) continue;
+    taken[place] = 1;
+    rings.push(ringX, ringY);
+  }
+  const colours = ramp(`value/${field.name}`, field);
+  const table = Array.from({ length: LEVELS }, (_, level) => colourAt(colours, level / (LEVELS - 1)));
+  context.save();
+  context.transform(...view.matrix);
+  context.scale(step, step);
+  context.translate(first, low);
+  if (step * view.scale > LARGE_PX) drawSquares(context, levels, columns, table.map(css), step * view.scale);
+  else {
+    context.imageSmoothingEnabled = false;
+    context.drawImage(dots(levels, columns, rows, table), 0, 0);
+  }
+  context.restore();
+  drawRings(context, rings, radius);
+}
+
+function drawSquares(context: Context, levels: Uint8Array, columns: number, colours: string[], size: number): void {
+  context.lineWidth = 0.8 / size;
+  context.strokeStyle = themed("ink");
+  levels.forEach((level, place) => {
+    if (!level) return;
+    const [left, low] = [(place % columns) + 0.19, Math.floor(place / columns) + 0.19];
+    context.globalAlpha = 0.9;
+    context.fillStyle = colours[level - 1]!;
+    context.fillRect(left, low, 0.62, 0.62);
+    context.globalAlpha = 0.35;
+    context.strokeRect(left, low, 0.62, 0.62);
+  });
+}
+
+const sheet = document.createElement("canvas");
+
+/** Draw the squares as an image of one pixel each. */
+function dots(levels: Uint8Array, columns: number, rows: number, table: [number, number, number][]): HTMLCanvasElement {
+  const image = new ImageData(columns, rows);
+  const pixels = new Uint32Array(image.data.buffer);
+  const colours = Uint32Array.from([
+    0,
+    ...table.map(([red, green, blue]) => (230 << 24) | (blue << 16) | (green << 8) | red),
+  ]);
+  for (let place = 0; place < levels.length; place++) pixels[place] = colours[levels[place]!]!;
+  [sheet.width, sheet.height] = [columns, rows];
+  sheet.getContext("2d")!.putImageData(image, 0, 0);
+  return sheet;
+}
+
+function drawRings(context: Context, places: number[], radius: number): void {
+  const [half, density] = [Math.ceil(radius + 3), 2];
+  const ring = document.createElement("canvas");
+  ring.width = ring.height = 2 * half * density;
+  const pen = ring.getContext("2d")!;
+  pen.scale(density, density);
+  pen.arc(half, half, radius, 0, 2 * Math.PI);
+  pen.strokeStyle = "#ffffff";
+  pen.lineWidth = 4;
+  pen.stroke();
+  pen.strokeStyle = RING;
+  pen.lineWidth = 2;
+  pen.stroke();
+  for (let k = 0; k + 1 < places.length; k += 2)
+    context.drawImage(ring, places[k]! - half, places[k + 1]! - half, 2 * half, 2 * half);
 }

@@ -1,6 +1,6 @@
 // Editor of a farm's shapes on a map, by pointer or keyboard.
 import * as L from "leaflet";
-import { cropColour, themed } from "./colours.js";
+import { cropColours, themed } from "./colours.js";
 import { element } from "./dom.js";
 import {
   changed, cornersOf, cropsOf, crossings, fieldAt, freeName, middleOf, withoutCorner, withRing, withShape,
@@ -75,14 +75,13 @@ export class Editor {
   show(): void {
     const { sketch, selected } = this.studio;
     this.shapes.clearLayers();
-    const names = cropsOf(sketch);
+    const colours = cropColours(cropsOf(sketch));
     this.polygons = sketch.shapes.map((shape, number) => {
       const own = shape.kind === "field" && shape.owner === sketch.owner;
-      const colour = shape.kind === "field" ? cropColour(shape.crop, names) : themed("obstacle");
       const polygon = L.polygon(shape.rings.map((ring) => ring.map(latLng)), {
         color: number === selected ? themed("accent") : themed(shape.kind === "field" ? "border-line" : "obstacle"),
         weight: number === selected ? 3 : 1.2,
-        fillColor: colour,
+        fillColor: shape.kind === "field" ? colours.get(shape.crop)! : themed("obstacle"),
         fillOpacity: shape.kind === "field" ? (own ? 0.75 : 0.35) : shape.kind === "no-fly" ? 0.55 : 0.35,
         ...(shape.kind === "no-fly" ? { dashArray: "3 4" } : {}),
       });

@@ -1,5 +1,5 @@
 // Layer panel of the map: field, layer, overlays, and the colour key.
-import { RING, cropColour, ramp } from "./colours.js";
+import { RING, cropColours, ramp } from "./colours.js";
 import { checkbox, element, segments } from "./dom.js";
 import { KINDS, layerName, type Choice } from "./map.js";
 import type { Model } from "./model.js";
@@ -90,29 +90,23 @@ export class LayerPanel {
 
   private showLegend(picture: Picture | null): void {
     const { crops, readings, field } = this.choice;
-    const farm = this.models[0]?.run?.farm?.name;
-    const key = JSON.stringify([picture?.layer, picture?.scale, crops, readings, field, farm]);
+    const model = this.models[0]!;
+    const farm = model.run?.farm;
+    const key = JSON.stringify([picture?.layer, picture?.scale, crops, readings, field, farm?.name]);
     if (key === this.told) return;
     this.told = key;
-    this.legend.replaceChildren(...(picture ? scaleOf(picture) : []), this.keys());
-    this.legend.hidden = !picture && !this.legend.querySelector(".key");
+    const colours = cropColours((crops && farm?.patches.map(({ crop }) => crop)) || []);
+    const keys = [...colours].map(([crop, colour]) => keyOf(crop, colour, "crop"));
+    if (readings && model.field(field)?.kind === "disease") keys.push(keyOf("seen sick", RING, "ring"));
+    this.legend.replaceChildren(...(picture ? scaleOf(picture) : []), element("ul", { class: "keys" }, ...keys));
+    this.legend.hidden = !picture && !keys.length;
   }
+}
 
-  /** Keys of crops, and of the rings around sick plants. */
-  private keys(): HTMLElement {
-    const { choice } = this;
-    const patches = this.models[0]?.run?.farm?.patches ?? [];
-    const crops = [...new Set(patches.map((patch) => patch.crop))];
-    const keys = element("ul", { class: "keys" });
-    const add = (name: string, colour: string, kind: string): void => {
-      const swatch = element("span", { class: kind, "aria-hidden": "true" });
-      swatch.style.setProperty("--key", colour);
-      keys.append(element("li", { class: "key" }, swatch, name));
-    };
-    if (choice.crops) for (const crop of crops) add(crop, cropColour(crop, crops), "crop");
-    if (choice.readings && this.models[0]?.field(choice.field)?.kind === "disease") add("seen sick", RING, "ring");
-    return keys;
-  }
+function keyOf(name: string, colour: string, kind: "crop" | "ring"): HTMLElement {
+  const swatch = element("span", { class: kind, "aria-hidden": "true" });
+  swatch.style.setProperty("--key", colour);
+  return element("li", { class: "key" }, swatch, name);
 }
 
 /** Colour key of a layer. */

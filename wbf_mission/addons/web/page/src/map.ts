@@ -4,11 +4,10 @@ import { CanvasLayer, Frame, type Draw, type View } from "./canvas.js";
 import { lifted, onTheme, themed, vehicleColour } from "./colours.js";
 import { element, setText, svg } from "./dom.js";
 import {
-  drawBorders, drawDecision, drawFarm, drawOldTrail, drawPicture, drawPlan, drawSplit, drawTrail, oldUntil,
+  drawBorders, drawDecision, drawFarm, drawPicture, drawPlan, drawReadings, drawSplit, drawTrail, oldUntil,
 } from "./draw.js";
 import { upTo, type Model, type Moment } from "./model.js";
 import type { Decision, Run, States, Update, VehicleInfo } from "./schema.js";
-import { drawReadings } from "./readings.js";
 import { kindName, Picture } from "./tiles.js";
 
 export const KINDS = ["value", "uncertainty", "truth", "acquisition", "none"] as const;
@@ -144,7 +143,7 @@ export class MapView {
       }),
       trails: canvas("trails", 375, true, (context, view) => {
         if (this.choice.trails)
-          for (const [id, states] of this.states()) drawOldTrail(context, view, states, this.time_s, this.colour(id));
+          for (const [id, states] of this.states()) drawTrail(context, view, states, this.time_s, this.colour(id), null);
       }),
       lines: canvas("lines", 400, false, (context, view) => this.drawLines(context, view)),
     };
@@ -287,7 +286,7 @@ export class MapView {
     if (this.choice.trails)
       for (const [id, states] of this.states()) {
         const now = this.model.vehicleAt(id, this.time_s);
-        if (now) drawTrail(context, view, states, this.time_s, now, this.colour(id));
+        if (now) drawTrail(context, view, states, this.time_s, this.colour(id), now);
       }
     if (this.choice.decisions && this.decision) drawDecision(context, view, this.decision, (id) => this.colour(id));
     if (this.picture && this.truth)

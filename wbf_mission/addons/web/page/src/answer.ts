@@ -1,7 +1,7 @@
 // A plan on the map, with its figures and the findings of the preflight check.
 import * as L from "leaflet";
 import { Frame } from "./canvas.js";
-import { themed, vehicleColour } from "./colours.js";
+import { vehicleColour } from "./colours.js";
 import type { Finding, Planned } from "./desk.js";
 import { button, element } from "./dom.js";
 import type { Ring } from "./schema.js";
@@ -20,7 +20,6 @@ export class Answer {
   private readonly lines = L.layerGroup();
   private readonly spot = L.layerGroup();
   private frame: Frame | null = null;
-  private paths: { halo: L.Polyline; line: L.Polyline }[] = [];
   private spacing_m: number | null = null;
 
   constructor(private readonly map: L.Map) {
@@ -31,6 +30,7 @@ export class Answer {
   }
 
   show(planned: Planned): void {
+    this.clear();
     this.frame = new Frame(planned.farm.georeference);
     this.draw(planned);
     const cards = figures(planned).map(([name, value, more]) => {
@@ -68,7 +68,7 @@ export class Answer {
   private point([x, y]: [number, number]): void {
     const place = this.frame!.latLng(x, y);
     this.spot.clearLayers();
-    const ring = { radius: 16, weight: 4, color: themed("danger"), fill: false, pane: "plans", interactive: false };
+    const ring = { radius: 16, className: "spot", fill: false, pane: "plans", interactive: false };
     L.circleMarker(place, ring).addTo(this.spot);
     this.map.panTo(place);
   }
@@ -81,30 +81,23 @@ export class Answer {
   private weigh(): void {
     const place = (y_m: number): L.Point => this.map.latLngToLayerPoint(this.frame!.latLng(0, y_m));
     const apart_px = this.frame && this.spacing_m ? place(0).distanceTo(place(this.spacing_m)) : Infinity;
-    const weight = Math.min(2.5, Math.max(0.8, apart_px / 4));
-    for (const { halo, line } of this.paths) {
-      halo.setStyle({ weight: 2 * weight, stroke: apart_px >= 8 });
-      line.setStyle({ weight });
-    }
+    const pane = this.map.getPane("plans")!;
+    pane.style.setProperty("--weight", `${Math.min(2.5, Math.max(0.8, apart_px / 4))}px`);
+    pane.classList.toggle("dense", apart_px < 8);
   }
 
   private draw(planned: Planned): void {
-    this.lines.clearLayers();
-    this.spot.clearLayers();
-    this.paths = [];
     this.spacing_m = planned.vehicles[0]?.spacing_m ?? null;
-    const shared = { pane: "plans", interactive: false };
     for (const [k, { plan }] of planned.missions.entries()) {
       const path = this.latLngs(plan.path);
       const home = this.frame!.latLng(...planned.farm.home_m);
-      const halo = L.polyline(path, { ...shared, color: "#ffffff", opacity: 0.75 }).addTo(this.lines);
-      const line = L.polyline(path, { ...shared, color: vehicleColour(k) }).addTo(this.lines);
-      this.paths.push({ halo, line });
-      const way = { ...shared, color: vehicleColour(k), weight: 1.5, dashArray: "2 6" };
-      for (const end of [path[0], path.at(-1)]) if (end) L.polyline([home, end], way).addTo(this.lines);
-      const fence = { ...shared, color: themed("fence"), weight: 1.5, dashArray: "8 5", fill: false };
+      const style = (className: string): L.PolylineOptions => {
+        return { className, color: vehicleColour(k), fill: false, pane: "plans", interactive: false };
+      };
+      for (const name of ["halo", "line"]) L.polyline(path, style(name)).addTo(this.lines);
+      for (const end of [path[0], path.at(-1)]) if (end) L.polyline([home, end], style("way")).addTo(this.lines);
       for (const ring of plan.fence.flatMap(({ rings }) => rings))
-        L.polygon(this.latLngs(ring), fence).addTo(this.lines);
+        L.polygon(this.latLngs(ring), style("fence")).addTo(this.lines);
     }
     this.weigh();
   }

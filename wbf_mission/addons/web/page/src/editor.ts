@@ -1,6 +1,6 @@
 // Editor of a farm's shapes on a map, by pointer or keyboard.
 import * as L from "leaflet";
-import { cropColours, themed } from "./colours.js";
+import { cropColours } from "./colours.js";
 import { element } from "./dom.js";
 import {
   changed, cornersOf, cropsOf, crossings, fieldAt, freeName, middleOf, withoutCorner, withRing, withShape,
@@ -44,14 +44,11 @@ export class Editor {
   private readonly handles = L.layerGroup();
   private readonly crossed = L.layerGroup();
   private standing: Position[] = [];
-  private readonly rubber = L.polyline([], { className: "rubber", interactive: false, dashArray: "6 5", weight: 2 });
+  private readonly rubber = L.polyline([], { className: "rubber", interactive: false });
   private polygons: L.Polygon[] = [];
 
   constructor(private readonly map: L.Map, private readonly studio: Studio) {
-    this.shapes.addTo(map);
-    this.rubber.addTo(map);
-    this.handles.addTo(map);
-    this.crossed.addTo(map);
+    for (const layer of [this.shapes, this.rubber, this.handles, this.crossed]) layer.addTo(map);
     map.doubleClickZoom.disable();
     map.on("click", (event) => this.click(event.latlng));
     map.on("dblclick", () => this.drawing && this.close());
@@ -76,15 +73,10 @@ export class Editor {
     const { sketch, selected } = this.studio;
     this.shapes.clearLayers();
     const colours = cropColours(cropsOf(sketch));
-    this.polygons = sketch.shapes.map((shape, number) => {
-      const own = shape.kind === "field" && shape.owner === sketch.owner;
-      const polygon = L.polygon(shape.rings.map((ring) => ring.map(latLng)), {
-        color: number === selected ? themed("accent") : themed(shape.kind === "field" ? "border-line" : "obstacle"),
-        weight: number === selected ? 3 : 1.2,
-        fillColor: shape.kind === "field" ? colours.get(shape.crop)! : themed("obstacle"),
-        fillOpacity: shape.kind === "field" ? (own ? 0.75 : 0.35) : shape.kind === "no-fly" ? 0.55 : 0.35,
-        ...(shape.kind === "no-fly" ? { dashArray: "3 4" } : {}),
-      });
+    this.polygons = sketch.shapes.map(({ kind, crop, owner, rings }, number) => {
+      const looks = [owner === sketch.owner ? "own" : "", number === selected ? "selected" : ""];
+      const style = { className: ["shape", kind, ...looks].join(" "), fillColor: colours.get(crop) ?? "" };
+      const polygon = L.polygon(rings.map((ring) => ring.map(latLng)), style);
       polygon.on("click", (event) => {
         if (this.tool !== "select") return;
         L.DomEvent.stopPropagation(event);
@@ -110,7 +102,7 @@ export class Editor {
 
   private mark(line: Position[]): void {
     this.crossed.clearLayers();
-    const mark = { radius: 9, weight: 3, color: themed("danger"), fill: false, interactive: false, className: "crossing" };
+    const mark = { radius: 9, fill: false, interactive: false, className: "crossing" };
     for (const place of [...this.standing, ...crossings(line, false)].slice(0, MOST_MARKS))
       L.circleMarker(latLng(place), mark).addTo(this.crossed);
   }
@@ -125,8 +117,7 @@ export class Editor {
     else if (event.key === " " && this.tool !== "select" && event.target === this.map.getContainer())
       this.click(this.map.getCenter());
     else return;
-    event.preventDefault();
-    event.stopPropagation();
+    L.DomEvent.stop(event);
   }
 
   private points(sketch: Sketch): [Position, string, string][] {
@@ -206,11 +197,11 @@ export class Editor {
   }
 
   private showRubber(): void {
-    this.rubber.setStyle({ color: themed("accent") });
     this.rubber.setLatLngs(this.drawn.map(latLng));
-    const shared = { color: themed("accent"), interactive: false };
-    for (const [k, place] of this.drawn.entries())
-      L.circleMarker(latLng(place), { ...shared, radius: k ? 4 : 7, fillOpacity: k ? 1 : 0.3 }).addTo(this.handles);
+    for (const [k, place] of this.drawn.entries()) {
+      const style = { className: k ? "drawn" : "drawn first", radius: k ? 4 : 7, interactive: false };
+      L.circleMarker(latLng(place), style).addTo(this.handles);
+    }
   }
 
   private showHandles(): void {
@@ -256,8 +247,7 @@ export class Editor {
         this.studio.edit(withRing(this.studio.sketch, number, r, moved(this.map.containerPointToLatLng(to))), "Corner moved");
       } else if (event.key === "Delete" || event.key === "Backspace") remove();
       else return;
-      event.preventDefault();
-      event.stopPropagation();
+      L.DomEvent.stop(event);
       const corners = this.map.getContainer().querySelectorAll<HTMLElement>(".corner");
       const before = rings.slice(0, r).flat().length;
       corners[Math.min(before + k, corners.length - 1)]?.focus();

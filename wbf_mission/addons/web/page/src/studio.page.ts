@@ -2,7 +2,6 @@
 import * as L from "leaflet";
 import { Answer } from "./answer.js";
 import { Choices } from "./choices.js";
-import { onTheme } from "./colours.js";
 import { desk, keep, Refused, type Draft, type FarmAnswer, type Options, type Planned } from "./desk.js";
 import { button, datalist, element, panel, setText } from "./dom.js";
 import { Heart } from "./heart.js";
@@ -104,7 +103,6 @@ export class Studio {
     this.results.append(this.unopened, this.problem, this.mend, this.answer.cards, this.answer.findings);
     this.editor = new Editor(this.map, this);
     document.addEventListener("keydown", (event) => this.key(event));
-    onTheme(() => this.editor.show());
     root.addEventListener("dragover", (event) => event.preventDefault());
     root.addEventListener("drop", (event) => {
       event.preventDefault();

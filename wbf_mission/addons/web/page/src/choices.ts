@@ -99,10 +99,8 @@ export class Choices {
     const known = one.choices.includes(one.default);
     const none = known ? `${one.default} (default)` : one.default.slice(0, LIST_AT_MOST) || "none";
     const names = one.choices.includes(name) || !name ? one.choices : [...one.choices, name];
-    const choices = [new Option(none, ""), ...names.map((choice) => new Option(choice, choice))];
-    const select = element("select", { id, onchange: ({ value }) => this.set(one.key, value) }, ...choices);
-    select.value = name;
-    return select;
+    const choices = ["", ...names].map((choice) => new Option(choice || none, choice, false, choice === name));
+    return element("select", { id, onchange: ({ value }) => this.set(one.key, value) }, ...choices);
   }
 
   private input(one: OptionInfo, id: string): HTMLInputElement {

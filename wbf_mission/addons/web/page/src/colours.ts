@@ -72,6 +72,11 @@ export function css([red, green, blue]: Rgb): string {
   return `rgb(${red} ${green} ${blue})`;
 }
 
+/** Colour as a number in the 32-bit view of an image's data. */
+export function pixel([red, green, blue]: Rgb, alpha: number): number {
+  return (alpha << 24) | (blue << 16) | (green << 8) | red;
+}
+
 const theme = getComputedStyle(document.documentElement);
 
 /** Redraw when the reader's theme becomes dark or light. */

@@ -44,12 +44,6 @@ export interface Planned {
   flown_note: string;
 }
 
-/** State of the latest flight: "none", "preparing", "flying" or an outcome, also in words. */
-interface FlightState {
-  outcome: string;
-  words: string;
-}
-
 /** Possible remedy for a refused farm. */
 type Remedy = "" | "repair" | "crop" | "crs";
 
@@ -146,7 +140,8 @@ export const desk = {
     return json<Uploaded>("upload", query, { body: bodyOf(draft) });
   },
   fly: (draft: Draft, pace: string) => json("fly", { pace }, { body: bodyOf(draft) }),
-  flight: () => json<FlightState>("flight"),
+  /** State of the latest flight: "none", "preparing", "flying" or an outcome, also in words. */
+  flight: () => json<{ outcome: string; words: string }>("flight"),
   stop: () => json<{ stopped: boolean }>("stop", {}, { body: null }),
 };
 

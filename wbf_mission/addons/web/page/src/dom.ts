@@ -56,10 +56,9 @@ export function segments(
   chosen: string,
   act: (value: string) => void,
 ): HTMLElement {
-  const name = `choice-${Math.random().toString(36).slice(2)}`;
   const buttons = choices.map(([value, text]) => {
     const checked = value === chosen;
-    const input = element("input", { type: "radio", name, value, checked, onchange: () => act(value) });
+    const input = element("input", { type: "radio", name: label, value, checked, onchange: () => act(value) });
     return element("label", {}, input, element("span", {}, text));
   });
   return element("fieldset", { class: "segments" }, element("legend", { class: "hidden" }, label), ...buttons);

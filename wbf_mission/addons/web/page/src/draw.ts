@@ -1,6 +1,6 @@
 // Drawing on the map's canvases.
 import { toPixels, type View } from "./canvas.js";
-import { RING, SICK, colourAt, cropColours, css, ramp, themed } from "./colours.js";
+import { RING, SICK, colourAt, cropColours, css, pixel, ramp, themed } from "./colours.js";
 import { upTo, type Model, type Moment } from "./model.js";
 import type { Decision, FarmShape, FieldInfo, Plan, Ring, States } from "./schema.js";
 import type { Picture } from "./tiles.js";
@@ -294,12 +294,8 @@ const sheet = document.createElement("canvas");
 /** Draw the squares as an image of one pixel each. */
 function dots(levels: Uint8Array, columns: number, rows: number, table: [number, number, number][]): HTMLCanvasElement {
   const image = new ImageData(columns, rows);
-  const pixels = new Uint32Array(image.data.buffer);
-  const colours = Uint32Array.from([
-    0,
-    ...table.map(([red, green, blue]) => (230 << 24) | (blue << 16) | (green << 8) | red),
-  ]);
-  for (let place = 0; place < levels.length; place++) pixels[place] = colours[levels[place]!]!;
+  const colours = [0, ...table.map((colour) => pixel(colour, 230))];
+  new Uint32Array(image.data.buffer).set(Array.from(levels, (level) => colours[level]!));
   [sheet.width, sheet.height] = [columns, rows];
   sheet.getContext("2d")!.putImageData(image, 0, 0);
   return sheet;

@@ -3,7 +3,7 @@ import * as L from "leaflet";
 import { cropColours } from "./colours.js";
 import { element } from "./dom.js";
 import {
-  changed, cornersOf, cropsOf, crossings, fieldAt, freeName, middleOf, withoutCorner, withRing, withShape,
+  changed, cropsOf, crossings, fieldAt, freeName, middleOf, withoutCorner, withRing, withShape,
   type Kind, type Position, type Shape, type Sketch,
 } from "./sketch.js";
 import type { Studio } from "./studio.page.js";
@@ -171,7 +171,7 @@ export class Editor {
     this.drawn = [];
     if (this.tool === "hole") {
       const number = fieldAt(sketch, ring[0]!);
-      if (number === null) {
+      if (number < 0) {
         this.show();
         return this.studio.tell("A hole must begin on a field: there is no field at its first corner");
       }
@@ -209,7 +209,7 @@ export class Editor {
     const { sketch, selected } = this.studio;
     const shape = selected === null ? undefined : sketch.shapes[selected];
     if (selected === null || !shape || this.tool !== "select") return;
-    const count = cornersOf(shape);
+    const count = shape.rings.flat().length;
     if (count > MOST_CORNERS) return this.studio.tell(`${count} corners are too many to move on the map: change them in the table`);
     for (const [r, ring] of shape.rings.entries())
       for (const k of ring.keys()) {

@@ -99,7 +99,6 @@ export class LayerPanel {
     const keys = [...colours].map(([crop, colour]) => keyOf(crop, colour, "crop"));
     if (readings && model.field(field)?.kind === "disease") keys.push(keyOf("seen sick", RING, "ring"));
     this.legend.replaceChildren(...(picture ? scaleOf(picture) : []), element("ul", { class: "keys" }, ...keys));
-    this.legend.hidden = !picture && !keys.length;
   }
 }
 

@@ -168,7 +168,6 @@ class App implements Receiver {
     );
     const below = [time.element, this.tabs(), panelOf("charts", charts.element)];
     const main = element("main", { class: "middle" }, stage, ...below);
-    this.root.classList.toggle("two", models.length > 1);
     this.root.dataset["tab"] = "vehicles";
     this.root.replaceChildren(header, urgent, main, side, messages.aloud);
     this.dirty = this.stale = true;

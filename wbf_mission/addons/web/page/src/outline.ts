@@ -2,8 +2,7 @@
 import { button, datalist, element, table } from "./dom.js";
 import { capital } from "./text.js";
 import {
-  changed, cornersOf, cropsOf, middleOf, withoutCorner, withoutShape, withRing, withShape,
-  type Position, type Shape,
+  changed, cropsOf, middleOf, withoutCorner, withoutShape, withRing, withShape, type Position, type Shape,
 } from "./sketch.js";
 import type { Studio } from "./studio.page.js";
 
@@ -72,17 +71,13 @@ export class Outline {
   }
 
   private table(number: number, shape: Shape): HTMLElement {
-    const summary = element("summary", {}, `${cornersOf(shape)} corners as numbers`);
-    const box = element("details", { class: "corners", open: this.tableOpen }, summary);
-    const fill = (): void => {
-      if (box.childElementCount > 1) return;
-      box.append(...shape.rings.map((ring, r) => this.ring(number, ring, r)));
-    };
-    box.addEventListener("toggle", () => {
+    const summary = element("summary", {}, `${shape.rings.flat().length} corners as numbers`);
+    const fill = (box: HTMLDetailsElement): void => {
       this.tableOpen = box.open;
-      if (box.open) fill();
-    });
-    if (box.open) fill();
+      if (box.open && box.childElementCount === 1) box.append(...shape.rings.map((ring, r) => this.ring(number, ring, r)));
+    };
+    const box = element("details", { class: "corners", open: this.tableOpen, ontoggle: fill }, summary);
+    fill(box);
     return box;
   }
 

@@ -82,7 +82,6 @@ export function documentOf(sketch: Sketch): Json {
   };
 }
 
-/** A farm without shapes. */
 export function emptySketch(name: string): Sketch {
   return { known: null, name, owner: OWNER, home: null, rally: [], shapes: [], members: {} };
 }
@@ -121,10 +120,6 @@ export function cropsOf(sketch: Sketch): string[] {
   return [...new Set(sketch.shapes.filter(({ kind }) => kind === "field").map(({ crop }) => crop))];
 }
 
-export function cornersOf({ rings }: Shape): number {
-  return rings.reduce((sum, ring) => sum + ring.length, 0);
-}
-
 export function withoutShape(sketch: Sketch, number: number): Sketch {
   return changed(sketch, { shapes: sketch.shapes.toSpliced(number, 1) });
 }
@@ -144,13 +139,12 @@ function isInside([x, y]: Position, ring: Position[]): boolean {
   return inside;
 }
 
-/** Number of the topmost field with a position on its land. */
-export function fieldAt(sketch: Sketch, place: Position): number | null {
-  const found = sketch.shapes.findLastIndex(
-    ({ kind, rings }) =>
-      kind === "field" && isInside(place, rings[0]!) && !rings.slice(1).some((hole) => isInside(place, hole)),
-  );
-  return found < 0 ? null : found;
+/** Number of the topmost field with a position on its land, or -1. */
+export function fieldAt(sketch: Sketch, place: Position): number {
+  return sketch.shapes.findLastIndex(({ kind, rings }) => {
+    const [isOn, ...isInHole] = rings.map((ring) => isInside(place, ring));
+    return kind === "field" && isOn && !isInHole.includes(true);
+  });
 }
 
 /** Points where sides that are no neighbours cross or touch, and spikes; the last side closes a ring. */

@@ -366,7 +366,7 @@ export class Studio {
     delete this.state.dataset["state"];
     if (!this.sketch.shapes.some(({ kind }) => kind === "field")) {
       this.answer.clear();
-      this.solved();
+      setText(this.problem, "");
       return setText(this.state, "draw a field");
     }
     const asking = (this.asking = new AbortController());
@@ -391,17 +391,12 @@ export class Studio {
 
   private showPlan(planned: Planned): void {
     this.root.classList.remove("stale");
-    this.solved();
+    setText(this.problem, "");
     this.answer.show(planned);
     this.takeaway.show(planned);
     setText(this.state, `planned in ${(planned.plan_s + planned.check_s).toFixed(1)} s`);
     const findings = planned.missions.flatMap((mission) => mission.findings);
     this.state.dataset["state"] = findings.some(({ severity }) => severity === "error") ? "bad" : "good";
-  }
-
-  private solved(): void {
-    setText(this.problem, "");
-    this.mend.hidden = true;
   }
 
   private refused(error: unknown): void {

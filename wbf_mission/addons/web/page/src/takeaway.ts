@@ -12,7 +12,7 @@ const LINK = "udpin:127.0.0.1:14550";
 
 export class Takeaway {
   readonly element = element("div", { class: "takeaway" });
-  private readonly mission = element("select", { "aria-label": "Which flight" });
+  private readonly mission = element("select", { class: "mission", "aria-label": "Which flight" });
   private readonly format: HTMLSelectElement;
   private readonly pace = element("select", { id: "pace" }, ...PACES.map((pace) => new Option(...pace)));
   private readonly told = element("p", { class: "told", role: "status" });
@@ -56,7 +56,6 @@ export class Takeaway {
     const missions = planned?.missions ?? [];
     this.mission.replaceChildren(...missions.map(({ name }, k) => new Option(capital(name) || "Mission", String(k))));
     if (Number(chosen) < missions.length) this.mission.value = chosen;
-    this.mission.hidden = missions.length < 2;
     for (const one of this.buttons) one.disabled = planned === null;
     this.flyButton.disabled = planned === null || planned.not_flown !== "";
     setText(this.how, capital(planned?.not_flown || planned?.flown_note || ""));

@@ -1,5 +1,5 @@
 // Layer values: received tiles with earlier versions, and pictures of them at a time.
-import { colourAt, ramp } from "./colours.js";
+import { colourAt, pixel, ramp } from "./colours.js";
 import { figure } from "./text.js";
 import type { FieldInfo, LayerName, Raster, Tile } from "./schema.js";
 
@@ -66,8 +66,8 @@ export class Picture {
   scale = 0;
   private readonly values: Float32Array;
   private shown = new Set<Version>();
-  private readonly colours: string[];
-  private table = new Uint8ClampedArray(0);
+  /** Colours of the levels 0 to `TOP`. */
+  private readonly table: number[];
   private wanted: number | null = null;
   private busy = false;
 
@@ -81,7 +81,8 @@ export class Picture {
     this.canvas.width = raster.width;
     this.canvas.height = raster.height;
     this.values = new Float32Array(raster.width * raster.height).fill(NaN);
-    this.colours = ramp(layer, field);
+    const colours = ramp(layer, field);
+    this.table = Array.from({ length: TOP + 1 }, (_, level) => pixel(colourAt(colours, level / TOP), 255));
   }
 
   get title(): string {
@@ -119,17 +120,11 @@ export class Picture {
       this.shown = new Set(at);
       const scale = Math.max(...at.map((version) => version.scale), 1e-9);
       const all = scale !== this.scale;
-      if (all) this.setScale(scale);
+      this.scale = scale;
       for (const version of all ? at : fresh) this.paint(version);
       if (all || fresh.length) this.changed();
     }
     this.busy = false;
-  }
-
-  private setScale(scale: number): void {
-    this.scale = scale;
-    this.table = new Uint8ClampedArray(4 * (TOP + 1));
-    for (let level = 0; level <= TOP; level++) this.table.set([...colourAt(this.colours, level / TOP), 255], 4 * level);
   }
 
   /** First column and row of a tile, and its numbers of columns and rows. */
@@ -151,12 +146,11 @@ export class Picture {
   private paint(tile: Tile): void {
     const [left, bottom, columns, rows] = this.box(tile);
     const image = new ImageData(columns, rows);
+    const pixels = new Uint32Array(image.data.buffer);
     for (let row = 0; row < rows; row++)
       for (let column = 0; column < columns; column++) {
         const value = this.values[(bottom + row) * this.raster.width + left + column]!;
-        if (Number.isNaN(value)) continue;
-        const level = 4 * Math.round((value / this.scale) * TOP);
-        image.data.set(this.table.subarray(level, level + 4), 4 * (row * columns + column));
+        if (!Number.isNaN(value)) pixels[row * columns + column] = this.table[Math.round((value / this.scale) * TOP)]!;
       }
     this.canvas.getContext("2d")!.putImageData(image, left, bottom);
   }

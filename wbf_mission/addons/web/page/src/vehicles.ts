@@ -8,8 +8,6 @@ import { capital, clock, fixed, metres, percent } from "./text.js";
 
 const LOW_BATTERY = 0.25;
 const POOR_LINK = 0.8;
-/** Maximum number of vehicles with open cards; above it, only the selected one's is open. */
-const FEW = 2;
 
 const FIGURES = ["height", "speed", "heading", "item", "link", "heard", "flight", "plan"] as const;
 type Figures<Value> = Record<(typeof FIGURES)[number], Value>;
@@ -105,7 +103,6 @@ export class Vehicles {
     if (ids(all) !== ids(this.cards) || !this.element.firstChild) {
       this.cards = all.map(({ model, info, k }) => new Card(model, info, k, () => this.select(model, info.system_id)));
       fill(this.element, this.cards.map((card) => card.element), "No vehicle has been heard yet.");
-      this.element.classList.toggle("many", all.length > FEW);
     }
     for (const card of this.cards) {
       const { model, system_id } = this.selected ?? {};

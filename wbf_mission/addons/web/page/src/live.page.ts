@@ -7,7 +7,7 @@ import { LayerPanel } from "./layers.js";
 import { AT_START, MapView } from "./map.js";
 import { Decisions, Messages } from "./messages.js";
 import { Model } from "./model.js";
-import type { Update } from "./schema.js";
+import type { Decision, Update } from "./schema.js";
 import { open, type Receiver } from "./source.js";
 import { capital, clock, percent } from "./text.js";
 import { Time } from "./time.js";
@@ -69,10 +69,9 @@ class App implements Receiver {
   }
 
   take(update: Update, run: number): void {
-    const model = this.models[run];
-    model?.take(update);
+    this.models[run]!.take(update);
     // Show the first field until the reader chooses.
-    const fields = this.models[0]?.fields ?? [];
+    const { fields } = this.models[0]!;
     if (!fields.some((one) => one.name === this.choice.field)) this.choice.field = fields[0]?.name ?? "";
     if (update.reply) this.parts?.controls?.reply(update.reply);
     this.dirty = this.stale = true;
@@ -92,44 +91,28 @@ class App implements Receiver {
       this.dirty = this.stale = true;
     });
     const messages = new Messages(models);
-    const decisions = new Decisions(
-      models,
-      (model, decision) => {
-        const map = this.maps[models.indexOf(model)]!;
-        if (map.decision !== decision) this.dirty = true;
-        map.decision = decision;
-      },
-      this.send ? null : time,
-    );
+    const draw = (model: Model, decision: Decision | null): void => {
+      const map = this.maps[models.indexOf(model)]!;
+      if (map.decision !== decision) this.dirty = true;
+      map.decision = decision;
+    };
+    const decisions = new Decisions(models, draw, this.send ? null : time);
     const charts = new Charts(models, (time_s) => time.seek(time_s));
     const layers = new LayerPanel(models, choice, changed);
     const choose = (id: number | null): void => vehicles.choose(models[0]!, id);
     const controls = this.send && new Controls(models[0]!, this.send, this.heart, choose);
     const stage = element("div", { class: "stage" });
-    const roomy = models.length === 1 && !matchMedia("(max-width: 60rem)").matches;
+    const alone = models.length === 1;
+    const roomy = alone && !matchMedia("(max-width: 60rem)").matches;
     const summary = element("summary", {}, "Layers");
     const layerBox = element("details", { class: "layer-box", open: roomy }, summary, layers.element);
-    const covered = (): number =>
-      layerBox.open && models.length === 1 && stage.clientWidth > 800 ? layerBox.offsetWidth : 0;
+    const covered = (): number => (layerBox.open && alone && stage.clientWidth > 800 ? layerBox.offsetWidth : 0);
     this.maps = models.map((model, k) => {
-      const room = element("div", {
-        class: "map",
-        tabindex: "0",
-        role: "application",
-        "aria-label": `Map${models.length > 1 ? ` of run ${k + 1}` : ""}; arrow keys move it, plus and minus zoom`,
-      });
-      stage.append(
-        models.length > 1 ? element("div", { class: "one-of-two" }, element("h2", { class: "of-run" }), room) : room,
-      );
-      return new MapView(
-        room,
-        model,
-        choice,
-        (text) => setText(this.under, text),
-        (id) => vehicles.select(model, id),
-        covered,
-        models.length === 1,
-      );
+      const label = `Map${alone ? "" : ` of run ${k + 1}`}; arrow keys move it, plus and minus zoom`;
+      const room = element("div", { class: "map", tabindex: "0", role: "application", "aria-label": label });
+      stage.append(alone ? room : element("div", { class: "one-of-two" }, element("h2", { class: "of-run" }), room));
+      const told = (text: string): void => setText(this.under, text);
+      return new MapView(room, model, choice, told, (id) => vehicles.select(model, id), covered, alone);
     });
     this.join();
     const split = element("input", {
@@ -182,10 +165,7 @@ class App implements Receiver {
         for (const one of tabs) one.setAttribute("aria-pressed", String(one === tab));
         this.dirty = this.stale = true;
       };
-      const tab = button(capital(name), choose, {
-        "aria-pressed": String(name === "vehicles"),
-        class: `tab-${name}`,
-      });
+      const tab = button(capital(name), choose, { "aria-pressed": String(name === "vehicles"), class: `tab-${name}` });
       return tab;
     });
     return element("nav", { class: "tabs", "aria-label": "Panels" }, ...tabs);
@@ -234,12 +214,10 @@ class App implements Receiver {
 
   /** Names of silent vehicles while the program is alive: the armed ones, or all. */
   private quiet(model: Model): string[] {
-    const known = model.vehicles.flatMap(({ system_id }) => {
-      const moment = model.vehicleAt(system_id, model.end_s);
-      return moment ? [{ system_id, moment }] : [];
-    });
-    const quiet = known.filter(({ moment }) => moment.silent);
-    const told = quiet.length === known.length ? quiet : quiet.filter(({ moment }) => moment.armed);
+    const states = model.vehicles.map(({ system_id }) => ({ system_id, now: model.vehicleAt(system_id, model.end_s) }));
+    const known = states.filter(({ now }) => now);
+    const quiet = known.filter(({ now }) => now?.silent);
+    const told = quiet.length === known.length ? quiet : quiet.filter(({ now }) => now?.armed);
     return told.map(({ system_id }) => model.nameOf(system_id));
   }
 
@@ -248,26 +226,24 @@ class App implements Receiver {
     const { parts } = this;
     if (!parts) return;
     parts.time.tick(now_ms);
+    const end_s = Math.max(...this.models.map((model) => model.end_s));
     if (this.dirty) {
       this.dirty = false;
-      const end_s = Math.max(0, ...this.models.map((model) => model.end_s));
       parts.time.reach(end_s);
       for (const map of this.maps) map.show(parts.time.time_s);
       parts.time.show();
       this.stale = true;
     }
     const scale = this.maps[0]?.picture?.scale;
-    if (scale !== this.scale) {
-      this.scale = scale; // Layers are decoded asynchronously, and the legend follows
-      this.stale = true;
-    }
+    if (scale !== this.scale) this.stale = true; // Layers are decoded asynchronously, and the legend follows
+    this.scale = scale;
     if (this.stale && now_ms - this.panelsAt_ms > PANELS_MS) {
       this.panelsAt_ms = now_ms;
       this.stale = now_ms - this.chartsAt_ms <= CHARTS_MS;
       this.showPanels(parts);
       if (!this.stale) {
         this.chartsAt_ms = now_ms;
-        parts.charts.show(parts.time.time_s, Math.max(...this.models.map((model) => model.end_s)));
+        parts.charts.show(parts.time.time_s, end_s);
       }
     }
   }
@@ -284,10 +260,8 @@ class App implements Receiver {
     this.root.classList.toggle("compares", this.choice.compare);
     const titles = this.models.map((one) => [one.letter, one.run?.title].filter(Boolean).join(": "));
     setText(this.title, titles.join("  |  ") || "wbf-mission");
-    const headings = this.root.querySelectorAll(".of-run");
-    this.models.forEach(
-      (one, k) => headings[k] && setText(headings[k], [titles[k], scoreLine(one, time_s)].filter(Boolean).join(" · ")),
-    );
+    for (const [k, heading] of this.root.querySelectorAll(".of-run").entries())
+      setText(heading, [titles[k], scoreLine(this.models[k]!, time_s)].filter(Boolean).join(" · "));
     const { status } = model;
     const over = status && status.outcome !== "running";
     const words = over ? [status.words, status.reason] : [scoreLine(model, time_s)];

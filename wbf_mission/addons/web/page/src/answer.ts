@@ -9,11 +9,6 @@ import { capital, duration, metres } from "./text.js";
 
 const MOST_FINDINGS = 50;
 
-/** A finding with the name of its mission. */
-interface Named extends Finding {
-  name: string;
-}
-
 export class Answer {
   readonly cards = element("dl", { class: "figures" });
   readonly findings = element("ul", { class: "findings" });
@@ -38,15 +33,15 @@ export class Answer {
       return element("div", {}, element("dt", {}, name), figure);
     });
     this.cards.replaceChildren(...cards);
-    const found = planned.missions.flatMap(({ name, findings, warnings }): Named[] => [
-      ...warnings.map((told): Named => ({ name, severity: "warning", told })),
-      ...findings.map((finding) => ({ name, ...finding })),
+    const found = planned.missions.flatMap(({ name, findings, warnings }) => [
+      ...warnings.map((told) => this.row(name, { severity: "warning", told })),
+      ...findings.map((finding) => this.row(name, finding)),
     ]);
-    const notes = planned.notes.map((told): Named => ({ name: "farm", severity: "note", told }));
+    const notes = planned.notes.map((told) => this.row("farm", { severity: "note", told }));
     const rank = ["error", "warning", "note"];
-    const sorted = [...found, ...notes].sort((a, b) => rank.indexOf(a.severity) - rank.indexOf(b.severity));
-    this.findings.replaceChildren(...sorted.slice(0, MOST_FINDINGS).map((finding) => this.row(finding)));
-    if (sorted.length > MOST_FINDINGS) this.findings.append(element("li", {}, `and ${sorted.length - MOST_FINDINGS} more`));
+    const rows = [...found, ...notes].sort((a, b) => rank.indexOf(a.className) - rank.indexOf(b.className));
+    this.findings.replaceChildren(...rows.slice(0, MOST_FINDINGS));
+    if (rows.length > MOST_FINDINGS) this.findings.append(element("li", {}, `and ${rows.length - MOST_FINDINGS} more`));
   }
 
   clear(): void {
@@ -56,7 +51,8 @@ export class Answer {
     this.findings.replaceChildren();
   }
 
-  private row({ name, severity, told, code, place_m }: Named): HTMLElement {
+  /** Finding of a mission, or of the farm. */
+  private row(name: string, { severity, told, code, place_m }: Finding): HTMLElement {
     const text = [name, told].filter(Boolean).join(": ");
     const what = place_m
       ? button(text, () => this.point(place_m), { title: "Show it on the map" })

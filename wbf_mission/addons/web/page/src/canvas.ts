@@ -76,19 +76,12 @@ export class CanvasLayer extends L.Layer {
     return this;
   }
 
-  override onRemove(): this {
-    this.canvas.remove();
-    return this;
-  }
-
   override getEvents(): Record<string, L.LeafletEventHandlerFn> {
     return {
       move: () => {
         if (!this.heavy || this._map.getZoom() !== this.zoom) this.paint();
       },
-      moveend: () => {
-        if (this.heavy) this.paint();
-      },
+      moveend: () => this.heavy && this.paint(),
       resize: () => this.paint(),
       zoomend: () => {
         this.zooming = false;
@@ -102,15 +95,12 @@ export class CanvasLayer extends L.Layer {
   redraw(): void {
     if (this.asked) return;
     this.asked = true;
+    const paint = (): void => {
+      this.asked = false;
+      this.paint();
+    };
     const wait_ms = this.heavy ? this.painted_ms + HEAVY_MS - performance.now() : 0;
-    setTimeout(
-      () =>
-        requestAnimationFrame(() => {
-          this.asked = false;
-          this.paint();
-        }),
-      Math.max(0, wait_ms),
-    );
+    setTimeout(() => requestAnimationFrame(paint), wait_ms);
   }
 
   private paint(): void {

@@ -15,8 +15,6 @@ interface Line {
   label: string;
   colour: string;
   values: (number | null)[];
-  /** Number of the run; lines of the second one are dashed. */
-  run?: number;
 }
 
 interface Kind {
@@ -61,7 +59,8 @@ class Chart {
   private plot: uPlot | null = null;
   private shape = "";
   private time_s = 0;
-  private lines: Line[] = [];
+  /** Lines with the number of their run; those of the second one are dashed. */
+  private lines: (Line & { run: number })[] = [];
   private times: number[] = [];
 
   constructor(private readonly kind: Kind, private readonly seek: (time_s: number) => void) {
@@ -105,6 +104,9 @@ class Chart {
       gap: 4,
     };
     const { write, range } = this.kind;
+    const series = this.lines.map(({ colour, run }) => {
+      return { stroke: colour, width: 1.6, dash: run ? [5, 4] : [], points: { show: false } };
+    });
     return {
       width,
       height: this.room.clientHeight,
@@ -125,12 +127,7 @@ class Chart {
         { ...axis, size: 20, incrs: MARKS_S, values: (_, splits) => splits.map(clock) },
         { ...axis, size: 46, values: (_, splits) => splits.map(write), space: 28 },
       ],
-      series: [
-        {},
-        ...this.lines.map(({ colour, run }) => {
-          return { stroke: colour, width: 1.6, dash: run ? [5, 4] : [], points: { show: false } };
-        }),
-      ],
+      series: [{}, ...series],
       hooks: {
         draw: [(plot) => this.drawNow(plot)],
         setCursor: [(plot) => this.tell(plot.cursor.idx ?? upTo(this.times, this.time_s) - 1)],

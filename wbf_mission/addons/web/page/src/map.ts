@@ -217,22 +217,21 @@ export class MapView {
     void this.truth?.show(time_s);
     let away = false;
     for (const [k, info] of this.model.vehicles.entries()) {
-      const moment = this.model.vehicleAt(info.system_id, time_s);
+      const { system_id: id } = info;
+      const moment = this.model.vehicleAt(id, time_s);
       if (!moment) continue;
-      let mark = this.marks.get(info.system_id);
-      mark ??= new VehicleMark(this.map, info, this.model.nameOf(info.system_id), vehicleColour(k), () =>
-        this.select(info.system_id),
-      );
-      this.marks.set(info.system_id, mark);
-      mark.show(this.frame.latLng(moment.x, moment.y), moment, info.system_id === this.selected);
+      const name = this.model.nameOf(id);
+      const mark =
+        this.marks.get(id) ?? new VehicleMark(this.map, info, name, vehicleColour(k), () => this.select(id));
+      this.marks.set(id, mark);
+      mark.show(this.frame.latLng(moment.x, moment.y), moment, id === this.selected);
       away ||= !this.map.getBounds().pad(-0.04).contains(mark.marker.getLatLng());
     }
     if (away && !this.touched && !this.run?.farm) this.fit();
-    const seen = upTo(this.model.readings.time_s, time_s);
+    const [seen, old_s] = [upTo(this.model.readings.time_s, time_s), oldUntil(time_s)];
     if (seen !== this.seen) this.layers.readings.redraw();
-    this.seen = seen;
-    if (oldUntil(time_s) !== this.old_s) this.layers.trails.redraw();
-    this.old_s = oldUntil(time_s);
+    if (old_s !== this.old_s) this.layers.trails.redraw();
+    [this.seen, this.old_s] = [seen, old_s];
     this.layers.lines.redraw();
   }
 
@@ -289,26 +288,17 @@ export class MapView {
         if (now) drawTrail(context, view, states, this.time_s, this.colour(id), now);
       }
     if (this.choice.decisions && this.decision) drawDecision(context, view, this.decision, (id) => this.colour(id));
-    if (this.picture && this.truth)
-      drawSplit(context, view, this.choice.split, [kindName(this.choice.kind), "truth"]);
+    if (this.picture && this.truth) drawSplit(context, view, this.choice.split, [kindName(this.choice.kind), "truth"]);
   }
 
   /** Report the values under the pointer. */
   private read(place: L.LatLng | null): void {
     this.pointer = place;
-    if (!place) {
-      this.told("");
-      return;
-    }
+    if (!place) return this.told("");
     const [x, y] = this.frame.metres(place);
-    const parts: string[] = [];
-    for (const picture of [this.picture, this.truth]) {
-      const value = picture?.valueAt(x, y) ?? NaN;
-      const unit = picture?.field?.unit ?? "";
-      if (!Number.isNaN(value)) parts.push(`${picture!.title} ${picture!.figure(value)} ${unit}`.trimEnd());
-    }
-    parts.push(`x ${x.toFixed(1)} m, y ${y.toFixed(1)} m`);
-    if (this.run?.farm) parts.push(`${place.lat.toFixed(7)}, ${place.lng.toFixed(7)}`);
-    this.told(parts.join("  ·  "));
+    const values = [this.picture, this.truth].map((picture) => picture?.textAt(x, y));
+    const degrees = this.run?.farm && `${place.lat.toFixed(7)}, ${place.lng.toFixed(7)}`;
+    const parts = [...values, `x ${x.toFixed(1)} m, y ${y.toFixed(1)} m`, degrees];
+    this.told(parts.filter(Boolean).join("  ·  "));
   }
 }

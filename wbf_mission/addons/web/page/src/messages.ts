@@ -54,7 +54,7 @@ export class Decisions {
     private readonly time: Time | null,
   ) {
     if (time) {
-      const buttons = [button("Previous", () => this.step(-1)), button("Next", () => this.step(1))];
+      const buttons = [button("Previous", () => this.step(time, -1)), button("Next", () => this.step(time, 1))];
       const group = { class: "steps", role: "group", "aria-label": "Go through the decisions" };
       this.element.append(element("div", group, ...buttons));
     }
@@ -62,9 +62,7 @@ export class Decisions {
   }
 
   /** Seek and open the previous or next decision. */
-  private step(by: 1 | -1): void {
-    const { time } = this;
-    if (!time) return;
+  private step(time: Time, by: 1 | -1): void {
     const all = this.models.flatMap((model) => model.decisions).sort((a, b) => a.time_s - b.time_s);
     const open = all.findIndex((one) => one.number === this.chosen && one.time_s === time.time_s);
     const before = all.filter((one) => one.time_s <= time.time_s).length;
@@ -83,15 +81,13 @@ export class Decisions {
     const maps = this.models.some((model) => model.tiles.has("acquisition"));
     const missing = this.time ? "No acquisition map is kept: see the summary." : "This policy has shown no acquisition map yet.";
     setText(this.note, maps || !this.any ? "" : missing);
-    const told = this.models.flatMap((model) =>
-      model.decisions.filter((one) => one.time_s <= time_s).map((decision) => ({ model, decision })),
-    );
-    for (const model of this.models) {
-      const its = told.filter((one) => one.model === model).map((one) => one.decision);
+    const told = this.models.flatMap((model) => {
+      const its = model.decisions.filter((one) => one.time_s <= time_s);
       const last = its.at(-1);
       const weighed = last?.candidates.length ? last : null;
       this.open(model, its.find((one) => one.number === this.chosen) ?? weighed);
-    }
+      return its.map((decision) => ({ model, decision }));
+    });
     const key = told
       .map(({ decision }) => `${decision.number} ${decision.changes.map((one) => one.outcome).join()}`)
       .concat(this.models.map((model) => String(model.status?.outcome)))
@@ -107,6 +103,7 @@ export class Decisions {
     const outcomes = [...new Set(changes.map((one) => one.outcome).filter(Boolean))];
     const outcome = refused ? "refused" : outcomes.join(", ") || "unchanged";
     const came = outcomeOf(model, decision);
+    const what = [` ${capital(decision.event)} `, element("span", { class: "outcome" }, outcome)];
     const toggled = (details: HTMLDetailsElement): void => {
       if (details.open) {
         this.chosen = number;
@@ -116,13 +113,7 @@ export class Decisions {
     const details = element(
       "details",
       { name: "decision", open: number === this.chosen, ontoggle: toggled },
-      element(
-        "summary",
-        {},
-        element("time", {}, clock(decision.time_s)),
-        ` ${capital(decision.event)} `,
-        element("span", { class: "outcome" }, outcome),
-      ),
+      element("summary", {}, element("time", {}, clock(decision.time_s)), ...what),
       decision.reason ? element("p", {}, capital(decision.reason)) : null,
       refused ? element("p", { class: "refused" }, `Refused: ${refused}`) : null,
       candidates.length ? considered(model, decision) : null,
@@ -151,15 +142,13 @@ function outcomeOf(model: Model, { number, time_s }: Decision): string {
 }
 
 function considered(model: Model, { candidates, changes }: Decision): HTMLElement {
-  const rows = [...candidates]
-    .sort((a, b) => b.value - a.value)
-    .slice(0, 12)
-    .map((one) => {
-      const taken = changes.some((change) => String(change.path) === String(one.path));
-      const length = one.path.length > 2 ? metres(lengthOf(one.path)) : "–"; // Some have only an end point
-      const cells = [`${model.nameOf(one.system_id)}${taken ? " ✓" : ""}`, figure(one.value), figure(one.cost), length];
-      return element("tr", taken ? { class: "taken" } : {}, ...cells.map((text) => element("td", {}, text)));
-    });
+  const best = candidates.toSorted((a, b) => b.value - a.value).slice(0, 12);
+  const rows = best.map(({ system_id, path, value, cost }) => {
+    const taken = changes.some((change) => String(change.path) === String(path));
+    const length = path.length > 2 ? metres(lengthOf(path)) : "–"; // Some have only an end point
+    const cells = [`${model.nameOf(system_id)}${taken ? " ✓" : ""}`, figure(value), figure(cost), length];
+    return element("tr", taken ? { class: "taken" } : {}, ...cells.map((text) => element("td", {}, text)));
+  });
   return table(["Vehicle", "Value", "Cost", "Path"], rows);
 }
 

@@ -98,12 +98,12 @@ export class Picture {
     return this.layer.startsWith("uncertainty/") ? figure(value * span) : (low + value * span).toFixed(digits);
   }
 
-  /** Value at a place (m); NaN without one. */
-  valueAt(x_m: number, y_m: number): number {
-    const { width, height, pixel_m } = this.raster;
+  /** Title, value and unit at a place (m); empty without a value. */
+  textAt(x_m: number, y_m: number): string {
+    const { width, pixel_m } = this.raster;
     const [x, y] = [Math.floor(x_m / pixel_m), Math.floor(y_m / pixel_m)];
-    const inside = x >= 0 && y >= 0 && x < width && y < height;
-    return inside ? this.values[y * width + x]! : NaN;
+    const value = x >= 0 && x < width ? (this.values[y * width + x] ?? NaN) : NaN;
+    return Number.isNaN(value) ? "" : `${this.title} ${this.figure(value)} ${this.field?.unit ?? ""}`.trimEnd();
   }
 
   /** Show the layer at a time; only changed tiles are decoded. */

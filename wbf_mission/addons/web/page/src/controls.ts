@@ -60,8 +60,7 @@ export class Controls {
     private readonly heart: Heart,
     private readonly choose: (system_id: number | null) => void,
   ) {
-    const label = element("span", { class: "hidden" }, "Orders go to");
-    this.element.append(element("label", {}, label, this.target), this.buttons);
+    this.element.append(this.target, this.buttons);
   }
 
   /** Select the target of orders; null with several vehicles selects none. */

@@ -57,12 +57,12 @@ export interface Options {
   background: Update["background"];
 }
 
-export interface FarmAnswer {
+interface FarmAnswer {
   document: Record<string, unknown>;
   notes: string[];
 }
 
-export interface Uploaded {
+interface Uploaded {
   vehicle: string;
   items: Record<string, number>;
   verified: boolean;

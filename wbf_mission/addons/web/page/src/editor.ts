@@ -3,7 +3,7 @@ import * as L from "leaflet";
 import { cropColours } from "./colours.js";
 import { element } from "./dom.js";
 import {
-  changed, cropsOf, crossings, fieldAt, freeName, middleOf, withoutCorner, withRing, withShape,
+  changed, cropsOf, crossings, fieldAt, freeName, middleOf, withoutCorner, withRing,
   type Kind, type Position, type Shape, type Sketch,
 } from "./sketch.js";
 import type { Studio } from "./studio.page.js";
@@ -169,22 +169,19 @@ export class Editor {
     const [ring, { sketch }] = [this.drawn, this.studio];
     if (ring.length < 3) return this.studio.tell("A shape has at least 3 corners");
     this.drawn = [];
-    if (this.tool === "hole") {
-      const number = fieldAt(sketch, ring[0]!);
-      if (number < 0) {
-        this.show();
-        return this.studio.tell("A hole must begin on a field: there is no field at its first corner");
-      }
-      this.studio.take("select");
-      this.studio.edit(withShape(sketch, number, { rings: [...sketch.shapes[number]!.rings, ring] }), "Hole drawn");
-      this.studio.select(number);
-    } else {
-      const shape = this.shapeOf(ring);
-      const told = crossings(ring, true).length ? `${CROSSES}: move a corner, or Undo` : `${shape.name} drawn`;
-      this.studio.take("select");
-      this.studio.edit(changed(sketch, { shapes: [...sketch.shapes, shape] }), told);
-      this.studio.select(sketch.shapes.length);
+    const isHole = this.tool === "hole";
+    const number = isHole ? fieldAt(sketch, ring[0]!) : sketch.shapes.length;
+    if (number < 0) {
+      this.show();
+      return this.studio.tell("A hole must begin on a field: there is no field at its first corner");
     }
+    const shape = isHole ? sketch.shapes[number]! : this.shapeOf(ring);
+    const whole = isHole ? { ...shape, rings: [...shape.rings, ring] } : shape;
+    const crosses = !isHole && crossings(ring, true).length > 0;
+    const told = crosses ? `${CROSSES}: move a corner, or Undo` : `${isHole ? "Hole" : shape.name} drawn`;
+    this.studio.take("select");
+    this.studio.edit(changed(sketch, { shapes: sketch.shapes.toSpliced(number, 1, whole) }), told);
+    this.studio.select(number);
   }
 
   private shapeOf(ring: Position[]): Shape {

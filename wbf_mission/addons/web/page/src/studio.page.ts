@@ -2,7 +2,7 @@
 import * as L from "leaflet";
 import { Answer } from "./answer.js";
 import { Choices } from "./choices.js";
-import { desk, keep, Refused, type Draft, type FarmAnswer, type Options, type Planned } from "./desk.js";
+import { desk, keep, Refused, type Draft, type Options, type Planned } from "./desk.js";
 import { button, datalist, element, panel, setText } from "./dom.js";
 import { Heart } from "./heart.js";
 import { keepDraft, keptDraft } from "./kept.js";
@@ -63,7 +63,7 @@ export class Studio {
     onchange: (made) => {
       const [chosen] = made.files ?? [];
       made.value = "";
-      if (chosen) this.read(chosen);
+      if (chosen) void this.open(chosen);
     },
   });
   private timer = 0;
@@ -79,7 +79,7 @@ export class Studio {
     this.outline = new Outline(this, given.crops);
     this.farms = element(
       "select",
-      { id: "farms", onchange: ({ value }) => void this.open(() => desk.farm(value), value) },
+      { id: "farms", "aria-label": "Farm", onchange: ({ value }) => void this.open(value) },
       element("option", { value: "", hidden: true }, "drawn or opened here"),
       ...given.farms.map((name) => new Option(name, name)),
     );
@@ -107,7 +107,7 @@ export class Studio {
     root.addEventListener("drop", (event) => {
       event.preventDefault();
       const chosen = event.dataTransfer?.files[0];
-      if (chosen) this.read(chosen);
+      if (chosen) void this.open(chosen);
     });
     new ResizeObserver(() => this.map.invalidateSize({ animate: false })).observe(room);
     this.take("select");
@@ -131,7 +131,7 @@ export class Studio {
   /** Open the initial farm, and restore an earlier drawing on top of it. */
   private async begin(): Promise<void> {
     const kept = keptDraft(this.given.options);
-    await this.open(() => desk.farm(this.given.start.farm), this.given.start.farm);
+    await this.open(this.given.start.farm);
     this.history.forget();
     this.saved = this.sketch;
     this.begun = true;
@@ -181,7 +181,6 @@ export class Studio {
     this.show();
   }
 
-  /** Show a hint. */
   tell(text: string): void {
     setText(this.hint, text);
   }
@@ -209,7 +208,6 @@ export class Studio {
     });
     const place = element("input", {
       type: "text",
-      id: "go-to",
       placeholder: "28.05, -82.15",
       autocomplete: "off",
       onchange: ({ value }) => this.goTo(value),
@@ -217,11 +215,10 @@ export class Studio {
     return element(
       "div",
       { class: "farm" },
-      element("label", { for: "farms", class: "hidden" }, "Farm"),
       this.farms,
       element("div", { class: "line" }, fresh, load, save),
       this.file,
-      element("label", { for: "go-to", class: "crop" }, "Go to latitude, longitude", place),
+      element("label", { class: "crop" }, "Go to latitude, longitude", place),
     );
   }
 
@@ -233,31 +230,31 @@ export class Studio {
     this.tell(`${Number(place.lat.toFixed(7))}, ${Number(place.lon.toFixed(7))}`);
   }
 
-  private read(file: File): void {
-    void this.open(() => desk.read(file), null, file);
-  }
-
-  private async open(load: () => Promise<FarmAnswer>, known: string | null, file: File | null = null): Promise<void> {
+  /** Open a known farm by name, or a file. */
+  private async open(source: string | File, how: Record<string, string> = {}): Promise<void> {
     this.unopened.replaceChildren();
+    const isFile = source instanceof File;
     try {
-      const { document, notes } = await load();
-      this.goOn(sketchOf(document, known), true, notes.join("; "));
+      const { document, notes } = await (isFile ? desk.read(source, how) : desk.farm(source));
+      this.goOn(sketchOf(document, isFile ? null : source), true, notes.join("; "));
       this.fit();
     } catch (error) {
       if (!(error instanceof Refused)) throw error;
       this.show();
-      this.unopened.replaceChildren(element("p", { class: "lost" }, capital(error.message)), ...(file ? this.remedies(error, file) : []));
+      const remedies = isFile ? this.remedies(error, source) : [];
+      this.unopened.replaceChildren(element("p", { class: "lost" }, capital(error.message)), ...remedies);
     }
   }
 
   /** Remedies for a refused file. */
   private remedies({ remedy }: Refused, file: File): HTMLElement[] {
-    const again = (how: Record<string, string>): void => void this.open(() => desk.read(file, how), null, file);
+    const again = (how: Record<string, string>): void => void this.open(file, how);
     if (remedy === "repair") return [button("Mend it", () => again({ repair: "true" }))];
     if (remedy === "crop") return [button(`Crop: ${this.crop}`, () => again({ crop: this.crop }))];
     if (remedy !== "crs") return [];
     const system = element("input", { type: "text", placeholder: "EPSG:32617", autocomplete: "off" });
-    return [element("label", { class: "crop" }, "Coordinate system", system), button("Open it", () => again({ crs: system.value.trim() }))];
+    const open = button("Open it", () => again({ crs: system.value.trim() }));
+    return [element("label", { class: "crop" }, "Coordinate system", system), open];
   }
 
   /** Repair the drawing, for example a ring that crosses itself; undoable. */
@@ -282,7 +279,6 @@ export class Studio {
     this.planSoon();
   }
 
-  /** Corners of all outlines. */
   private get corners(): L.LatLng[] {
     return this.sketch.shapes.flatMap(({ rings }) => rings[0]!.map(([lon, lat]) => L.latLng(lat, lon)));
   }
@@ -297,7 +293,6 @@ export class Studio {
       this.tools.set(tool, button(TOOLS[tool][0], () => this.take(tool), { "aria-pressed": "false" }));
     const crop = element("input", {
       type: "text",
-      id: "new-crop",
       list: "new-crops",
       maxlength: "40",
       value: this.crop,
@@ -307,7 +302,7 @@ export class Studio {
       "div",
       {},
       element("div", { class: "tools", role: "toolbar", "aria-label": "Draw" }, ...this.tools.values()),
-      element("label", { class: "crop", for: "new-crop" }, "Crop of new fields", crop),
+      element("label", { class: "crop" }, "Crop of new fields", crop),
       datalist("new-crops", this.given.crops),
     );
   }

@@ -11,8 +11,8 @@ interface Order {
   down: boolean;
 }
 
-const FILTERS = ["scenario", "planner", "estimator"];
-const LABELS = ["Scenario", "Planner or policy", "Estimator"];
+/** Filters by name, with their labels; their columns are the first ones. */
+const FILTERS = { scenario: "Scenario", planner: "Planner or policy", estimator: "Estimator" };
 const WIDTH = 480;
 const HEIGHT = 34;
 const EDGE = 10;
@@ -61,20 +61,20 @@ function mainRows(table: HTMLTableElement): HTMLTableRowElement[] {
 
 /** Opened details of a row. */
 function detailOf(row: HTMLTableRowElement): HTMLElement | null {
-  const next = row.nextElementSibling;
-  return next instanceof HTMLElement && next.classList.contains("detail") ? next : null;
+  const next = row.nextElementSibling as HTMLElement | null;
+  return next?.classList.contains("detail") ? next : null;
 }
 
 /** Add filters and scores by seed to the table of all standings. */
 function addFilters(table: HTMLTableElement, seeds: Run[][]): void {
   const rows = mainRows(table);
   const runs = new Map(rows.map((row, k) => [row, seeds[k] ?? []]));
-  let sorted = "";
+  const sorted = element("input", { type: "hidden", name: "sort" });
   const sort = sortable(table, ({ column, down }) => {
-    sorted = `${column}${down ? " down" : ""}`;
+    sorted.value = `${column}${down ? " down" : ""}`;
     remember();
   });
-  const selects = FILTERS.map((name, column) => {
+  const selects = Object.keys(FILTERS).map((name, column) => {
     const values = [...new Set(rows.map((row) => text(row, column)))];
     values.sort((a, b) => a.localeCompare(b, "en", { numeric: true }));
     return element("select", { name }, new Option("all", ""), ...values.map((value) => new Option(value, value)));
@@ -88,7 +88,7 @@ function addFilters(table: HTMLTableElement, seeds: Run[][]): void {
   const filters = element(
     "form",
     { class: "filters", role: "search", oninput: input },
-    ...selects.map((select, k) => element("label", {}, LABELS[k]!, select)),
+    ...Object.values(FILTERS).map((label, k) => element("label", {}, label, selects[k]!)),
     element("label", {}, "Text", search),
     count,
   );
@@ -109,24 +109,21 @@ function addFilters(table: HTMLTableElement, seeds: Run[][]): void {
     setText(count, `${rows.filter((row) => !row.hidden).length} of ${rows.length} rows`);
   };
   const remember = (): void => {
-    const chosen: [string, string][] = [...selects, search].map(({ name, value }) => [name, value]);
-    const state = new URLSearchParams([...chosen, ["sort", sorted]].filter(([, value]) => value) as [string, string][]);
-    history.replaceState(null, "", `#${state}`);
+    const inputs = [...selects, search, sorted].filter(({ value }) => value);
+    const chosen = inputs.map(({ name, value }) => [name, value]);
+    history.replaceState(null, "", `#${new URLSearchParams(chosen)}`);
   };
   const restore = (): void => {
     const state = new URLSearchParams(location.hash.slice(1));
     for (const input of [...selects, search]) input.value = state.get(input.name) ?? "";
     for (const select of selects) if (select.selectedIndex < 0) select.value = "";
-    const [column, down] = (state.get("sort") ?? "").split(" ");
-    if (column) {
-      sorted = state.get("sort")!;
-      sort({ column: Number(column), down: down === "down" });
-    }
+    sorted.value = state.get("sort") ?? sorted.value;
+    const [column, down] = sorted.value.split(" ");
+    if (column) sort({ column: Number(column), down: down === "down" });
     filter();
   };
   for (const row of rows) {
-    const cell = row.cells[1];
-    if (!cell) continue;
+    const cell = row.cells[1]!;
     const opener = button("", () => open(row), { "aria-expanded": "false", class: "opener", title: "Scores by seed" });
     opener.append(...cell.childNodes); // Keeps the line break opportunities of the name
     cell.append(opener);
@@ -134,10 +131,7 @@ function addFilters(table: HTMLTableElement, seeds: Run[][]): void {
   const open = (row: HTMLTableRowElement): void => {
     const detail = detailOf(row);
     row.querySelector(".opener")?.setAttribute("aria-expanded", String(!detail));
-    if (detail) {
-      detail.remove();
-      return;
-    }
+    if (detail) return detail.remove();
     const own = runs.get(row) ?? [];
     const peers = rows.filter((one) => one !== row && text(one, 0) === text(row, 0));
     const others = peers.flatMap((one) => runs.get(one) ?? []);
@@ -166,17 +160,16 @@ function strip(own: Run[], others: Run[]): SVGElement {
   const scores = [...own, ...others].map((run) => run[1]);
   const [low, high] = [Math.min(...scores), Math.max(...scores)];
   const at = (score: number): string => (EDGE + ((WIDTH - 2 * EDGE) * (score - low)) / (high - low || 1)).toFixed(1);
-  const drawn = svg("svg", { class: "strip", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img" });
-  drawn.setAttribute("aria-label", `Scores over the run of ${own.length} seeds, among the scores of the other rows`);
+  const label = `Scores over the run of ${own.length} seeds, among the scores of the other rows`;
+  const drawn = svg("svg", { class: "strip", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": label });
   if (!scores.length) return drawn;
   for (const run of others) {
     const x = at(run[1]);
     drawn.append(svg("line", { class: "other", x1: x, x2: x, y1: "6", y2: "18" }));
   }
   for (const run of own) {
-    const dot = svg("circle", { class: "own", cx: at(run[1]), cy: "12", r: "4" });
-    dot.append(svg("title", {}, `seed ${run[0]}: ${told(run[1])}`));
-    drawn.append(dot);
+    const title = svg("title", {}, `seed ${run[0]}: ${told(run[1])}`);
+    drawn.append(svg("circle", { class: "own", cx: at(run[1]), cy: "12", r: "4" }, title));
   }
   const ends: [number, string][] = [[low, "start"], [high, "end"]];
   for (const [score, anchor] of ends) {

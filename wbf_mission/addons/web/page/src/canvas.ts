@@ -35,7 +35,6 @@ export function toPixels({ matrix: [a, b, c, d, e, f] }: View, x: number, y: num
   return [a * x + c * y + e, b * x + d * y + f];
 }
 
-/** Current view of a frame on a map. */
 function viewOf(map: L.Map, frame: Frame): View {
   const shift = L.DomUtil.getPosition(map.getPane("mapPane")!).subtract(map.getPixelOrigin());
   const place = (x: number, y: number): L.Point => map.project(frame.latLng(x, y)).add(shift);

@@ -42,7 +42,6 @@ export class Choices {
     this.build();
   }
 
-  /** Show other values. */
   take(values: Values): void {
     this.values = values;
     this.build();

@@ -122,7 +122,6 @@ export class Controls {
     return this.meant.length ? "" : "Choose a vehicle: until then, orders go to no vehicle.";
   }
 
-  /** System ids of all vehicles. */
   private get ids(): number[] {
     return this.model.vehicles.map(({ system_id }) => system_id);
   }

@@ -123,7 +123,6 @@ export const desk = {
   farm: (name: string) => json<FarmAnswer>("farm", { name }),
   read: (file: File, how: Query = {}) =>
     json<FarmAnswer>("farm", { name: file.name, ...how }, { body: file }),
-  /** Repair a drawn farm. */
   mend: (document: Record<string, unknown>) =>
     json<FarmAnswer>("farm", { repair: "true" }, { body: JSON.stringify(document) }),
   plan: (draft: Draft, signal: AbortSignal) => json<Planned>("plan", {}, { body: bodyOf(draft), signal }),
@@ -145,7 +144,6 @@ export const desk = {
   stop: () => json<{ stopped: boolean }>("stop", {}, { body: null }),
 };
 
-/** Save a file in the browser. */
 export function keep(name: string, content: Blob): void {
   const href = URL.createObjectURL(content);
   element("a", { href, download: name }).click();

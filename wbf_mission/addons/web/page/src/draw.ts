@@ -137,7 +137,6 @@ export function drawPicture(context: Context, view: View, picture: Picture, from
   context.restore();
 }
 
-/** Draw the line between estimate and truth. */
 export function drawSplit(context: Context, view: View, split: number, names: [string, string]): void {
   const left = split * view.width;
   context.beginPath();

@@ -84,11 +84,9 @@ export class Editor {
       });
       return polygon.addTo(this.shapes);
     });
-    for (const [place, letter, label] of this.points(sketch)) {
-      const icon = L.divIcon({ html: element("span", {}, letter), className: "place", iconSize: [22, 22] });
-      const marker = L.marker(latLng(place), { icon, draggable: true, title: label, alt: label }).addTo(this.shapes);
-      marker.on("dragend", () => this.movePoint(place, position(marker.getLatLng())));
-    }
+    if (sketch.home) this.point(sketch.home, "Home", "Home", (home) => ({ home }));
+    for (const [k, place] of sketch.rally.entries())
+      this.point(place, "Rally point", `Rally point ${k + 1}`, (to) => ({ rally: sketch.rally.with(k, to) }));
     this.showHandles();
     this.showRubber();
     this.markAll();
@@ -120,15 +118,11 @@ export class Editor {
     L.DomEvent.stop(event);
   }
 
-  private points(sketch: Sketch): [Position, string, string][] {
-    const rally = sketch.rally.map((place, k): [Position, string, string] => [place, "R", `Rally point ${k + 1}`]);
-    return sketch.home ? [[sketch.home, "H", "Home"], ...rally] : rally;
-  }
-
-  private movePoint(from: Position, to: Position): void {
-    const { sketch } = this.studio;
-    if (sketch.home === from) this.studio.edit(changed(sketch, { home: to }), "Home moved");
-    else this.studio.edit(changed(sketch, { rally: sketch.rally.map((one) => (one === from ? to : one)) }), "Rally point moved");
+  private point(place: Position, kind: string, label: string, change: (to: Position) => Partial<Sketch>): void {
+    const icon = L.divIcon({ html: element("span", {}, kind[0]!), className: "place", iconSize: [22, 22] });
+    const marker = L.marker(latLng(place), { icon, draggable: true, title: label, alt: label }).addTo(this.shapes);
+    const moved = (): Sketch => changed(this.studio.sketch, change(position(marker.getLatLng())));
+    marker.on("dragend", () => this.studio.edit(moved(), `${kind} moved`));
   }
 
   private click(place: L.LatLng): void {

@@ -155,7 +155,6 @@ export class Model {
     return moment;
   }
 
-  /** Plan of a vehicle at a time. */
   planAt(system_id: number, time_s: number): Plan | undefined {
     const its = this.plans.filter((plan) => plan.system_id === system_id);
     return its.findLast((plan) => plan.time_s <= time_s) ?? its[0];

@@ -18,8 +18,8 @@ const LOOK_MS = 250;
 
 export interface Receiver {
   /** Start over: forget all data. */
-  begin(runs: number): void;
-  take(update: Update, run: number): void;
+  begin?(runs: number): void;
+  take?(update: Update, run: number): void;
   /** Called when the connection has changed, and again and again, as the age of the data changes (`Heart`). */
   linked(): void;
 }
@@ -31,7 +31,7 @@ export type Wish = Omit<Order, "given"> | Omit<Answer, "given">;
 export type Send = (wish: Wish) => number | null;
 
 /** Start receiving; returns the function that sends wishes, or null for a recording. */
-export function open(receiver: Receiver, heart: Heart): Send | null {
+export function open(receiver: Required<Receiver>, heart: Heart): Send | null {
   const kept = document.getElementById("recording");
   if (kept) {
     void read(kept).then((runs) => {
@@ -46,9 +46,8 @@ export function open(receiver: Receiver, heart: Heart): Send | null {
 }
 
 /** Receive only the program's heartbeat. */
-export function listen(heart: Heart, changed: () => void): void {
-  const nothing = (): void => undefined;
-  connect("beats", { begin: nothing, take: nothing, linked: changed }, heart);
+export function listen(heart: Heart, linked: () => void): void {
+  connect("beats", { linked }, heart);
 }
 
 async function read(kept: HTMLElement): Promise<Recording[]> {
@@ -69,12 +68,12 @@ function connect(path: "live" | "beats", receiver: Receiver, heart: Heart): Send
     socket.onmessage = (message: MessageEvent<string>) => {
       if (first) {
         heart.stop();
-        receiver.begin(1);
+        receiver.begin?.(1);
       }
       wait_ms = 250;
       const update = JSON.parse(message.data) as Update;
       if (update.beat) heart.beat(update.beat);
-      receiver.take(update, 0);
+      receiver.take?.(update, 0);
       if (first) heart.link = "live";
       if (first || update.beat) receiver.linked();
       first = false;

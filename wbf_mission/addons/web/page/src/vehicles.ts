@@ -111,7 +111,6 @@ export class Vehicles {
   }
 }
 
-/** Score in one line. */
 export function scoreLine(model: Model, time_s: number): string {
   const score = model.scoreAt(time_s);
   return score === null ? "" : `Score ${fixed(score, 3)}`;

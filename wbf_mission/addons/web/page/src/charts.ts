@@ -56,6 +56,7 @@ class Chart {
   readonly element: HTMLElement;
   private readonly value = element("span", { class: "value" });
   private readonly room = element("div", { class: "room" });
+  private readonly now = element("div", { class: "moment" });
   private plot: uPlot | null = null;
   private shape = "";
   private time_s = 0;
@@ -74,7 +75,7 @@ class Chart {
       this.times = times;
       this.lines = models.flatMap((model, run) => this.kind.lines(model, times).map((line) => ({ ...line, run })));
       this.draw();
-    } else this.plot?.redraw(false);
+    } else if (this.plot) this.mark(this.plot);
     this.tell(upTo(this.times, time_s) - 1);
   }
 
@@ -92,6 +93,7 @@ class Chart {
     this.shape = shape;
     this.plot?.destroy();
     this.plot = new uPlot(this.options(width), data, this.room);
+    this.plot.over.append(this.now);
     this.plot.over.addEventListener("click", () => this.seek(this.plot!.posToVal(this.plot!.cursor.left ?? 0, "x")));
   }
 
@@ -129,25 +131,14 @@ class Chart {
       ],
       series: [{}, ...series],
       hooks: {
-        draw: [(plot) => this.drawNow(plot)],
+        draw: [(plot) => this.mark(plot)],
         setCursor: [(plot) => this.tell(plot.cursor.idx ?? upTo(this.times, this.time_s) - 1)],
       },
     };
   }
 
-  private drawNow(plot: uPlot): void {
-    const left = Math.round(plot.valToPos(this.time_s, "x", true));
-    const { top, height } = plot.bbox;
-    const pen = plot.ctx;
-    pen.save();
-    pen.strokeStyle = themed("ink");
-    pen.globalAlpha = 0.5;
-    pen.setLineDash([]);
-    pen.beginPath();
-    pen.moveTo(left, top);
-    pen.lineTo(left, top + height);
-    pen.stroke();
-    pen.restore();
+  private mark(plot: uPlot): void {
+    this.now.style.left = `${Math.round(plot.valToPos(this.time_s, "x"))}px`;
   }
 
   /** Show the values at the cursor or now; for more than two lines only their range. */

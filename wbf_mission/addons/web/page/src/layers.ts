@@ -75,13 +75,11 @@ export class LayerPanel {
       parts.push(element("label", { class: "opacity" }, element("span", {}, "Opacity"), opacity));
     }
     const boxes = overlays.map((name) => checkbox(OVERLAYS[name], choice[name], (on) => change({ [name]: on })));
-    if (kinds.includes("truth"))
-      boxes.unshift(
-        checkbox("Compare with truth", choice.compare, (compare) => {
-          const alone = choice.kind === "truth" || choice.kind === "none";
-          change({ compare, ...(compare && alone ? { kind: "value" } : {}) });
-        }),
-      );
+    const takeCompare = (compare: boolean): void => {
+      const alone = choice.kind === "truth" || choice.kind === "none";
+      change({ compare, ...(compare && alone ? { kind: "value" } : {}) });
+    };
+    if (kinds.includes("truth")) boxes.unshift(checkbox("Compare with truth", choice.compare, takeCompare));
     parts.push(element("div", { class: "checks" }, ...boxes));
     const inside = this.element.contains(document.activeElement);
     this.element.replaceChildren(...parts);

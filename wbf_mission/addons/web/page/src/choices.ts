@@ -31,7 +31,6 @@ const LIST_AT_MOST = 40;
 
 export class Choices {
   readonly element = element("div", { class: "choices" });
-  private readonly rows = new Map<string, { row: HTMLElement; input: HTMLElement }>();
 
   constructor(
     private readonly options: OptionInfo[],
@@ -72,25 +71,21 @@ export class Choices {
     if (one.type === "flag") {
       const on = Boolean(this.values[one.key] ?? one.default === "yes");
       const box = checkbox(label, on, (now) => this.set(one.key, now));
-      const row = element("div", { class: "choice flag" }, box, element("small", {}, one.help));
-      this.rows.set(one.key, { row, input: box.querySelector("input")! });
-      return row;
+      return element("div", { class: "choice flag", "data-key": one.key }, box, element("small", {}, one.help));
     }
     const id = `choice-${one.key}`;
     const isSelect = one.choices.length > 0 && !one.several;
     const input = isSelect ? this.select(one, id) : this.input(one, id);
     input.setAttribute("aria-describedby", `${id}-help`);
-    const row = element(
+    return element(
       "div",
-      { class: "choice" },
+      { class: "choice", "data-key": one.key },
       element("label", { for: id }, one.unit ? `${label}, ${one.unit}` : label),
       input,
       one.several && one.choices.length ? datalist(`${id}-list`, one.choices) : null,
       element("small", { id: `${id}-help` }, one.help),
       one.kind in this.parameters ? element("div", { class: "parameters" }) : null,
     );
-    this.rows.set(one.key, { row, input });
-    return row;
   }
 
   private select(one: OptionInfo, id: string): HTMLSelectElement {
@@ -127,20 +122,20 @@ export class Choices {
   private fit(): void {
     const fleet = Number(this.values["vehicles"] ?? 1) > 1;
     for (const one of this.options) {
-      const { row, input } = this.rows.get(one.key)!;
+      const row = this.element.querySelector(`[data-key=${one.key}]`)!;
       const off =
         one.not_with.some((key) => this.values[key] !== undefined) ||
         (one.needs !== "" && !this.values[one.needs]) ||
         (one.needs_fleet && !fleet);
       row.classList.toggle("off", off);
-      input.toggleAttribute("disabled", off);
+      row.querySelector("input, select")!.toggleAttribute("disabled", off);
       if (one.kind in this.parameters) this.showParameters(one, row.querySelector(".parameters")!, off);
     }
   }
 
   /** Options to send, without those that have no effect. */
   get given(): Values {
-    const on = ([key]: [string, Value]): boolean => !this.rows.get(key)?.row.classList.contains("off");
+    const on = ([key]: [string, Value]): boolean => !this.element.querySelector(`[data-key=${key}].off`);
     return Object.fromEntries(Object.entries(this.values).filter(on));
   }
 

@@ -32,8 +32,8 @@ export function keepDraft(kept: Kept): boolean {
 export function keptDraft(options: OptionInfo[]): Kept | null {
   for (const storage of ["sessionStorage", "localStorage"] as const) {
     try {
-      const found = readDraft(JSON.parse(window[storage].getItem(NAME) ?? "null"), options);
-      if (found) return found;
+      const given: unknown = JSON.parse(window[storage].getItem(NAME) ?? "null");
+      if (isDraft(given)) return readDraft(given as Kept, options);
     } catch {
       // Invalid JSON, or storage is disabled.
     }
@@ -41,9 +41,7 @@ export function keptDraft(options: OptionInfo[]): Kept | null {
   return null;
 }
 
-function readDraft(given: unknown, options: OptionInfo[]): Kept | null {
-  if (!isDraft(given)) return null;
-  const { sketch, values, start, unsaved } = given as Kept;
+function readDraft({ sketch, values, start, unsaved }: Kept, options: OptionInfo[]): Kept {
   const types = new Map(options.map(({ key, type }) => [key, type]));
   const fits = ([key, value]: [string, unknown]): boolean => {
     const type = types.get(key);

@@ -16,13 +16,14 @@ export class Takeaway {
   private readonly format: HTMLSelectElement;
   private readonly pace = element("select", { id: "pace" }, ...PACES.map((pace) => new Option(...pace)));
   private readonly told = element("p", { class: "told", role: "status" });
-  private readonly buttons: HTMLButtonElement[];
+  private readonly save = button("Save file", () => void this.act("", () => this.saved()));
+  private readonly upload = button("Upload to a vehicle …", () => this.askUpload());
   private readonly watch = element(
     "a",
     { class: "watch", href: "live", target: "wbf-mission-live", hidden: true },
     "Watch the flight",
   );
-  private readonly stop = button("Stop", () => void this.act("", () => this.end()), { hidden: true });
+  private readonly stop = button("Stop", () => void this.act("", () => this.stopped()), { hidden: true });
   private readonly flyButton = button(
     "Fly it in the simulator",
     () => void this.act("Preparing the flight …", () => this.fly()),
@@ -37,13 +38,11 @@ export class Takeaway {
     const suffixes = formats.map(({ name, suffix }) => new Option(`${name} (${suffix})`, suffix));
     this.format = element("select", { "aria-label": "Format of the file" }, ...suffixes);
     this.pace.value = "10";
-    const save = button("Save file", () => void this.act("", () => this.save()));
-    const upload = button("Upload to a vehicle …", () => this.askUpload());
-    this.buttons = [save, upload];
+    const speed = element("label", { for: "pace" }, "Speed");
     this.element.append(
-      element("div", { class: "line" }, this.mission, this.format, save),
-      element("div", { class: "line" }, upload),
-      element("div", { class: "line" }, element("label", { for: "pace" }, "Speed"), this.pace, this.flyButton, this.watch, this.stop),
+      element("div", { class: "line" }, this.mission, this.format, this.save),
+      element("div", { class: "line" }, this.upload),
+      element("div", { class: "line" }, speed, this.pace, this.flyButton, this.watch, this.stop),
       this.how,
       this.told,
     );
@@ -56,8 +55,8 @@ export class Takeaway {
     const missions = planned?.missions ?? [];
     this.mission.replaceChildren(...missions.map(({ name }, k) => new Option(capital(name) || "Mission", String(k))));
     if (Number(chosen) < missions.length) this.mission.value = chosen;
-    for (const one of this.buttons) one.disabled = planned === null;
-    this.flyButton.disabled = planned === null || planned.not_flown !== "";
+    this.save.disabled = this.upload.disabled = planned === null;
+    this.flyButton.disabled = planned?.not_flown !== "";
     setText(this.how, capital(planned?.not_flown || planned?.flown_note || ""));
   }
 
@@ -80,7 +79,7 @@ export class Takeaway {
     setText(this.told, text);
   }
 
-  private async save(): Promise<string> {
+  private async saved(): Promise<string> {
     const { name, content } = await desk.file(this.draft(), this.number, this.format.value);
     keep(name, content);
     return `Saved as ${name}`;
@@ -96,27 +95,23 @@ export class Takeaway {
     return "Preparing the flight …";
   }
 
-  private async end(): Promise<string> {
+  private async stopped(): Promise<string> {
     return (await desk.stop()).stopped ? "The flight is being stopped …" : "There is no flight to stop";
   }
 
   /** Show the state of the flight. */
   private async follow(): Promise<void> {
-    let told: string;
-    let bad = false;
+    let [told, bad, over] = ["The flight has begun: watch it on the live page.", false, false];
     try {
       const { outcome, words } = await desk.flight();
       if (outcome === "preparing") return;
-      const over = outcome !== "flying";
-      told = over ? `The flight: ${words}` : "The flight has begun: watch it on the live page.";
-      bad = over && outcome !== "completed" && outcome !== "interrupted";
-      if (over) clearInterval(this.following);
-      this.stop.hidden = over;
+      this.stop.hidden = over = outcome !== "flying";
+      if (over) [told, bad] = [`The flight: ${words}`, outcome !== "completed" && outcome !== "interrupted"];
     } catch (error) {
       if (!(error instanceof Refused)) throw error;
-      clearInterval(this.following);
-      [told, bad] = [error.message, true];
+      [told, bad, over] = [error.message, true, true];
     }
+    if (over) clearInterval(this.following);
     if (told === this.followed) return;
     this.followed = told;
     this.say(told, bad);
@@ -137,12 +132,12 @@ export class Takeaway {
       element("label", {}, "System id", system),
       element("label", { class: "check" }, sure, "Replace the vehicle's mission"),
     ];
-    const upload = (): Promise<string> => this.upload(link.value.trim(), system.value);
+    const upload = (): Promise<string> => this.uploaded(link.value.trim(), system.value);
     const send = (): void => void this.act("Waiting for the vehicle …", upload);
     ask("Upload to a vehicle", parts, "Upload", send, () => this.say("Nothing was uploaded"));
   }
 
-  private async upload(link: string, system_id: string): Promise<string> {
+  private async uploaded(link: string, system_id: string): Promise<string> {
     const report = await desk.upload(this.draft(), this.number, link, system_id);
     const counts = Object.entries(report.items).map(([name, count]) => `${name} ${count}`).join(", ");
     const reason = report.texts.at(-1) ?? "it gives no reason";

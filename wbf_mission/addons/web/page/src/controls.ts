@@ -1,9 +1,8 @@
 // Orders to vehicles, if allowed to this page, and answers to questions to the operator.
 import { ask, button, element, setText, type Child } from "./dom.js";
-import type { Heart } from "./heart.js";
 import type { Model } from "./model.js";
 import type { Said } from "./schema.js";
-import type { Send, Wish } from "./source.js";
+import type { Heart, Send, Wish } from "./source.js";
 import { capital } from "./text.js";
 import { WARNS } from "./messages.js";
 

@@ -88,7 +88,11 @@ export class Editor {
     for (const [k, place] of sketch.rally.entries())
       this.point(place, "Rally point", `Rally point ${k + 1}`, (to) => ({ rally: sketch.rally.with(k, to) }));
     this.showHandles();
-    this.showRubber();
+    this.rubber.setLatLngs(this.drawn.map(latLng));
+    for (const [k, place] of this.drawn.entries()) {
+      const style = { className: k ? "drawn" : "drawn first", radius: k ? 4 : 7, interactive: false };
+      L.circleMarker(latLng(place), style).addTo(this.handles);
+    }
     this.markAll();
   }
 
@@ -185,14 +189,6 @@ export class Editor {
     const name = freeName(sketch, this.tool === "no-fly" ? "no-fly zone" : this.tool);
     const land = kind === "field" ? { crop: grown, owner: sketch.owner } : { crop: "", owner: "" };
     return { name, kind, ...land, height_m: kind === "obstacle" ? 5 : null, margin_m: null, rings: [ring] };
-  }
-
-  private showRubber(): void {
-    this.rubber.setLatLngs(this.drawn.map(latLng));
-    for (const [k, place] of this.drawn.entries()) {
-      const style = { className: k ? "drawn" : "drawn first", radius: k ? 4 : 7, interactive: false };
-      L.circleMarker(latLng(place), style).addTo(this.handles);
-    }
   }
 
   private showHandles(): void {

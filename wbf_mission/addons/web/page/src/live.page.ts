@@ -2,13 +2,12 @@
 import { Charts } from "./charts.js";
 import { Controls } from "./controls.js";
 import { button, element, panel, setText } from "./dom.js";
-import { Heart, TOLD_S, type Link } from "./heart.js";
 import { LayerPanel } from "./layers.js";
 import { AT_START, MapView } from "./map.js";
 import { Decisions, Messages } from "./messages.js";
 import { Model } from "./model.js";
 import type { Decision, Update } from "./schema.js";
-import { open, type Receiver } from "./source.js";
+import { Heart, open, TOLD_S, type Link, type Receiver } from "./source.js";
 import { capital, clock, percent } from "./text.js";
 import { Time } from "./time.js";
 import { scoreLine, Vehicles } from "./vehicles.js";
@@ -174,12 +173,12 @@ class App implements Receiver {
   /** Keep the views of two maps equal. */
   private join(): void {
     let moving = false;
-    for (const one of this.maps)
-      one.map.on("move", () => {
+    for (const { map } of this.maps)
+      map.on("move", () => {
         if (moving) return;
         moving = true;
         for (const other of this.maps)
-          if (other !== one) other.map.setView(one.map.getCenter(), one.map.getZoom(), { animate: false });
+          if (other.map !== map) other.map.setView(map.getCenter(), map.getZoom(), { animate: false });
         moving = false;
       });
   }

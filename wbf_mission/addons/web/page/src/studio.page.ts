@@ -4,14 +4,13 @@ import { Answer } from "./answer.js";
 import { Choices } from "./choices.js";
 import { desk, keep, Refused, type Draft, type Options, type Planned } from "./desk.js";
 import { button, datalist, element, panel, setText } from "./dom.js";
-import { Heart } from "./heart.js";
 import { keepDraft, keptDraft } from "./kept.js";
 import { placeOf } from "./place.js";
 import { Editor, TOOLS, type Tool } from "./editor.js";
 import { CLOSEST, mapIn, showTiles } from "./map.js";
 import { Outline } from "./outline.js";
 import { documentOf, emptySketch, History, sketchOf, type Sketch } from "./sketch.js";
-import { listen } from "./source.js";
+import { Heart, listen } from "./source.js";
 import { Takeaway } from "./takeaway.js";
 import { capital } from "./text.js";
 

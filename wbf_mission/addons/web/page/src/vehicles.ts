@@ -1,9 +1,9 @@
 // Card of each vehicle, with its most important values.
 import { vehicleColour } from "./colours.js";
 import { element, fill, setText } from "./dom.js";
-import { TOLD_S } from "./heart.js";
 import type { Model } from "./model.js";
 import type { Plan, VehicleInfo } from "./schema.js";
+import { TOLD_S } from "./source.js";
 import { capital, clock, fixed, metres, percent } from "./text.js";
 
 const LOW_BATTERY = 0.25;

@@ -44,9 +44,6 @@ export interface Planned {
   flown_note: string;
 }
 
-/** Possible remedy for a refused farm. */
-type Remedy = "" | "repair" | "crop" | "crs";
-
 export interface Options {
   options: OptionInfo[];
   farms: string[];
@@ -76,9 +73,13 @@ export interface Draft {
   options: Values;
 }
 
-/** A request that the program refused; the message is one line. */
+/** A request that the program refused, with a possible remedy for a farm; the message is one line. */
 export class Refused extends Error {
-  constructor(message: string, readonly superseded: "" | "here" | "given up" | "another page" = "", readonly remedy: Remedy = "") {
+  constructor(
+    message: string,
+    readonly superseded: "" | "here" | "given up" | "another page" = "",
+    readonly remedy: "" | "repair" | "crop" | "crs" = "",
+  ) {
     super(message);
   }
 }
@@ -103,7 +104,7 @@ async function json<T>(path: string, query: Query = {}, more: RequestInit = {}):
 
 async function told<T>(response: Response): Promise<T> {
   const text = await response.text();
-  let answer: T & { error?: string; superseded?: "given up" | "another page"; remedy?: Remedy };
+  let answer: T & { error?: string } & Partial<Pick<Refused, "superseded" | "remedy">>;
   try {
     answer = JSON.parse(text) as typeof answer;
   } catch {

@@ -1,10 +1,5 @@
 // Parser of geographic positions in common notations.
 
-interface Place {
-  lat: number;
-  lon: number;
-}
-
 /** Limit of the map's projection. */
 const MOST_LATITUDE_DEG = 85;
 const EXAMPLES = `write latitude and longitude, such as 28.0599, -82.138 or 28°3'35.6"N 82°8'16.8"W`;
@@ -28,8 +23,8 @@ const SIZES = [1, 60, 3600];
 
 class Unread extends Error {}
 
-/** Read a position, or return a one-line error. */
-export function placeOf(text: string): Place | string {
+/** Read a latitude and longitude, or return a one-line error. */
+export function placeOf(text: string): [number, number] | string {
   try {
     return read(text);
   } catch (error) {
@@ -38,15 +33,16 @@ export function placeOf(text: string): Place | string {
   }
 }
 
-function read(text: string): Place {
-  const [first, second] = halves(tokensOf(text)).map(angleOf) as [Angle, Angle];
+function read(text: string): [number, number] {
+  const [before, after] = halves(tokensOf(text));
+  const [first, second] = [angleOf(before), angleOf(after)];
   const axis = first.axis ?? (second.axis === "lat" ? "lon" : "lat");
   if (first.axis !== null && first.axis === second.axis) throw new Unread(`it has two ${NAMES[first.axis]}s`);
   const [lat, lon] = axis === "lat" ? [first.value, second.value] : [second.value, first.value];
   if (Math.abs(lat) > 90) throw new Unread(`latitude ${lat} is beyond 90°; latitude comes first`);
   if (Math.abs(lat) > MOST_LATITUDE_DEG) throw new Unread(`the map ends at latitude ${MOST_LATITUDE_DEG}°`);
   if (Math.abs(lon) > 180) throw new Unread(`longitude ${lon} is beyond 180°`);
-  return { lat, lon };
+  return [lat, lon];
 }
 
 function tokensOf(text: string): string[] {
@@ -89,16 +85,11 @@ function bordersOf(tokens: string[]): number[] {
   return found;
 }
 
-interface Angle {
-  value: number;
-  axis: "lat" | "lon" | null;
-}
-
 const AXES: Record<string, "lat" | "lon"> = { N: "lat", S: "lat", Y: "lat", E: "lon", W: "lon", X: "lon" };
 const NAMES = { lat: "latitude", lon: "longitude" };
 
 /** Angle from degrees, minutes and seconds, with a hemisphere or a sign. */
-function angleOf(tokens: string[]): Angle {
+function angleOf(tokens: string[]): { value: number; axis: "lat" | "lon" | null } {
   const letters = tokens.filter(isLetter);
   const [begin, end] = [tokens.findIndex((token) => !isLetter(token)), tokens.findLastIndex((token) => !isLetter(token))];
   const parts = tokens.slice(begin, end + 1);

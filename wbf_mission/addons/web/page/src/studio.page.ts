@@ -225,8 +225,8 @@ export class Studio {
     if (!text.trim()) return;
     const place = placeOf(text);
     if (typeof place === "string") return this.tell(place);
-    this.map.setView([place.lat, place.lon], 17, { animate: false });
-    this.tell(`${Number(place.lat.toFixed(7))}, ${Number(place.lon.toFixed(7))}`);
+    this.map.setView(place, 17, { animate: false });
+    this.tell(place.map((degrees) => Number(degrees.toFixed(7))).join(", "));
   }
 
   /** Open a known farm by name, or a file. */

@@ -90,7 +90,7 @@ export class Answer {
       const style = (className: string): L.PolylineOptions => {
         return { className, color: vehicleColour(k), fill: false, pane: "plans", interactive: false };
       };
-      for (const name of ["halo", "line"]) L.polyline(path, style(name)).addTo(this.lines);
+      for (const name of ["halo", "path"]) L.polyline(path, style(name)).addTo(this.lines);
       for (const end of [path[0], path.at(-1)]) if (end) L.polyline([home, end], style("way")).addTo(this.lines);
       for (const ring of plan.fence.flatMap(({ rings }) => rings))
         L.polygon(this.latLngs(ring), style("fence")).addTo(this.lines);

@@ -295,7 +295,8 @@ def prepare_velocity(
     """
     east, north, up = velocity
     speed = np.hypot(east, north)
-    ux, uy = (east / speed, north / speed) if speed > 0.0 else (1.0, 0.0)
+    # The direction of a denormal number is not a unit vector.
+    ux, uy = (east / speed, north / speed) if speed > 1e-12 else (1.0, 0.0)
     route = np.zeros(1, kernel.LEG)
     row = route[0]
     # The end of the leg is put out of reach, because the wind limit depends on the distance to the end.

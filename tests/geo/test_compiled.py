@@ -5,13 +5,11 @@ import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import numpy as np
 import pytest
 from numba import TypingError
 
-import sim_vehicle
 from geo.compiled import _INTERNALS, _imported, _is_known_inside, compile_notices, compiled, sources_digest
 
 OUTER = """
@@ -122,40 +120,6 @@ def test_without_a_compiler_the_functions_run_as_they_are(package):
     assert run(package, NUMBA_DISABLE_JIT="1")[:2] == (6.0, False)
 
 
-def test_the_key_of_a_kernel_covers_what_it_calls():
-    room = Path(sim_vehicle.__file__).resolve().parent
-    imported = _imported(room / "motion" / "px4" / "kernel.py")
-    assert room / "motion" / "px4" / "smoothing.py" in imported
-    assert room / "airframe" / "power_spec.py" in imported
-    assert sources_digest(room / "motion" / "px4" / "kernel.py") != sources_digest(
-        room / "motion" / "model.py"
-    )
-
-
-CONSTANTS = """
-from geo.compiled import compiled
-
-@compiled
-def power(x, exponent):
-    value = 1.0
-    for _ in range(exponent):
-        value *= x
-    return value
-
-@compiled
-def some(x):
-    return power(x, 2) + power(x, 3) + power(x, int(x))
-
-total = some(2.0)
-print(total if len(power.signatures) == 1 else 0.0)
-"""
-
-
-def test_a_constant_integer_is_compiled_for_as_any_integer(package):
-    (package / "outer.py").write_text(CONSTANTS)
-    assert run(package)[0] == 4.0 + 8.0 + 4.0
-
-
 FACTORY = """
 import sys
 from geo.compiled import compile_notices, compiled
@@ -184,8 +148,6 @@ def test_functions_made_over_different_ones_are_kept_apart_and_found_again(packa
     assert run(package, arguments=["rate"])[:2] == (7.0, True)
     assert run(package, arguments=["half"])[:2] == (2.0, True)
     assert run(package, arguments=["half+rate"])[:2] == (9.0, False)
-    (package / "inner.py").write_text(INNER.replace("FACTOR * x", "FACTOR * x + 1.0"))
-    assert run(package, arguments=["rate"])[:2] == (8.0, True)
 
 
 def test_what_becomes_part_of_its_caller_as_machine_code_and_counts_no_references(tmp_path, monkeypatch):
@@ -217,38 +179,6 @@ def test_an_array_is_not_made_where_none_was_announced():
 
     with pytest.raises(TypingError, match="zeros"):
         zeros(3)
-
-
-SUMS = """
-import numpy as np
-from numba.core.types import functions
-from geo.compiled import compiled
-
-asked = []
-order = functions.utils.order_by_target_specificity
-
-def counted(*args, fnkey=""):
-    asked.append(getattr(fnkey, "__name__", ""))
-    return order(*args, fnkey=fnkey)
-
-functions.utils.order_by_target_specificity = counted
-
-@compiled
-def total(x, rows):
-    return x * x + x * 2.0 + rows[0] * rows[1]
-
-@compiled(allocates=False)
-def loose(x, rows):
-    return x * rows[0]
-
-found = total(1.0, np.ones(2)) + loose(1.0, np.ones(2))
-print(found if asked.count("mul") == 1 else 0.0)
-"""
-
-
-def test_what_an_operator_does_is_looked_up_once_for_the_same_types(package):
-    (package / "outer.py").write_text(SUMS)
-    assert run(package)[0] == 5.0
 
 
 WITHOUT = """

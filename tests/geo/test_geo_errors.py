@@ -1,7 +1,5 @@
 """Errors that a user can mend have one root."""
 
-from __future__ import annotations
-
 import importlib
 import re
 from pathlib import Path
@@ -13,7 +11,7 @@ ROOT = Path(__file__).parents[2]
 INTERNAL = {"ArchiveError", "StoppedError", "FileError", "FtpError", "_OwnCodeError", "StdoutError"}
 
 
-def test_every_error_derives_from_the_root_or_stays_inside() -> None:
+def test_every_error_derives_from_the_root_or_stays_inside():
     others, count = set(), 0
     for package in PACKAGES:
         for file in (ROOT / package).rglob("*.py"):

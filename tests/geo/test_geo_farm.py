@@ -1,9 +1,6 @@
 """Farms: the benchmark's, and the arithmetic of cells."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,34 +14,22 @@ from geo.farm import united
 FRAME = LocalFrame(28.05, -82.15)
 
 
-def field(name: str, crop: Crop, owner: str, *box: float) -> Patch:
+def field(name, crop, owner, *box):
     return Patch(name, crop, owner, shapely.box(*box))
 
 
-def farm(*patches: Patch, width: int = 10, height: int = 10, cell_size_m: float = 1.0) -> Farm:
+def farm(*patches, width=10, height=10, cell_size_m=1.0):
     return Farm("f", FRAME, width, height, patches, "me", (0.5, 0.5), cell_size_m)
 
 
-def test_names() -> None:
+def test_names():
     assert farm_names() == ("miniberry-10", "miniberry-30", "miniberry-100", "waterberry")
     assert get_farm("WaterBerry") is get_farm("waterberry")
     with pytest.raises(FarmError, match="unknown farm 'blueberry': choose miniberry-10, "):
         get_farm("blueberry")
 
 
-@pytest.mark.parametrize("size", [10, 30, 100])
-def test_miniberry(size: int) -> None:
-    mini = get_farm(f"miniberry-{size}")
-    grid = mini.grid()
-    assert grid.shape == (size, size)
-    assert grid.strawberry[:, : size // 2].all()
-    assert grid.tomato[:, size // 2 :].all()
-    assert mini.owner_cells == size * size
-    assert mini.cell_of(*mini.home_m) == (0, 0)
-    assert mini.owner_area.equals(shapely.box(0, 0, size * FOOT_M, size * FOOT_M))
-
-
-def test_waterberry() -> None:
+def test_waterberry():
     waterberry = get_farm("waterberry")
     grid = Farm(*(getattr(waterberry, name) for name in waterberry.__dataclass_fields__)).grid()
     assert grid.shape == (6000, 5000)
@@ -67,28 +52,20 @@ def test_waterberry() -> None:
     assert grid.planted.sum() == 12_000_000 - pond - grid.of_crops([Crop.WETLAND]).sum()
 
 
-def test_waterberry_areas() -> None:
+def test_waterberry_areas():
     waterberry = get_farm("waterberry")
     # Arcs are rounded: another library of C has other last bits of sines.
     pond = waterberry.patches[2].polygon
     assert pond == shapely.Polygon(np.round(shapely.get_coordinates(pond) / FOOT_M, 6) * FOOT_M)
-    assert {type(patch.crop) for patch in waterberry.patches} == {Crop}
     corners = shapely.get_coordinates(waterberry.owner_area) / FOOT_M
     assert len(corners) == 5
     assert shapely.Polygon(corners).symmetric_difference(shapely.box(1000, 1000, 5000, 4000)).area < 0.1
-    square_foot = FOOT_M**2
-    for crop, mask in (
-        (Crop.TOMATO, waterberry.grid().tomato),
-        (Crop.STRAWBERRY, waterberry.grid().strawberry),
-    ):
-        assert waterberry.crop_area(crop).area / square_foot == pytest.approx(mask.sum(), rel=2e-4)
     assert waterberry.crop_area(Crop.POND).within(waterberry.owner_area)
-    assert waterberry.crop_area(Crop.NONE).is_empty
     whole = sum(waterberry.crop_area(crop).area for crop in Crop)
     assert whole == pytest.approx(waterberry.owner_area.area, rel=1e-9)
 
 
-def test_what_is_made_of_an_area_is_not_rounded() -> None:
+def test_what_is_made_of_an_area_is_not_rounded():
     """Planners ask whether a leg lies within the area and less than a micrometre beside it."""
     bank = shapely.LineString([(20, 20), (33, 47), (61, 52), (70, 81)]).buffer(7.0)
     for patches in ([bank], [bank, shapely.box(5, 5, 15, 15)]):
@@ -96,20 +73,6 @@ def test_what_is_made_of_an_area_is_not_rounded() -> None:
         for area in (one.owner_area, one.crop_area(Crop.TOMATO)):
             wider = shapely.buffer(area, 5e-7, join_style="mitre", mitre_limit=2.0)
             assert wider.area - area.area == pytest.approx(5e-7 * area.length, rel=1e-3)
-
-
-def test_areas_follow_the_painting() -> None:
-    overlaid = farm(
-        field("a", Crop.TOMATO, "me", 0, 0, 10, 10),
-        field("b", Crop.STRAWBERRY, "you", 4, 0, 6, 10),
-        field("c", Crop.STRAWBERRY, "me", 8, 0, 10, 10),
-    )
-    assert overlaid.owner_area.equals(
-        shapely.MultiPolygon([shapely.box(0, 0, 4, 10), shapely.box(6, 0, 10, 10)])
-    )
-    assert overlaid.crop_area(Crop.TOMATO).area == pytest.approx(60.0)
-    assert overlaid.crop_area(Crop.STRAWBERRY).equals(shapely.box(8, 0, 10, 10))
-    assert overlaid.owner_cells == 80
 
 
 @given(
@@ -123,22 +86,26 @@ def test_areas_follow_the_painting() -> None:
         max_size=12,
     )
 )
-def test_areas_are_those_of_painting_one_patch_after_the_other(rectangles: list[Any]) -> None:
+def test_areas_are_those_of_painting_one_patch_after_the_other(rectangles):
     patches = [
         field(str(number), crop, owner, x, y, x + width, y + height)
         for number, (crop, owner, x, y, width, height) in enumerate(rectangles)
     ]
     painted = farm(field("last", Crop.TOMATO, "me", 20, 20, 21, 21), *patches)
-    for crop in (Crop.TOMATO, Crop.STRAWBERRY):
+    for found, crops in (
+        (painted.crop_area(Crop.TOMATO), {Crop.TOMATO}),
+        (painted.crop_area(Crop.STRAWBERRY), {Crop.STRAWBERRY}),
+        (painted.owner_area, {Crop.TOMATO, Crop.STRAWBERRY}),
+    ):
         land = shapely.Polygon()
         for patch in painted.patches:
-            operation = shapely.union if (patch.owner, patch.crop) == ("me", crop) else shapely.difference
-            land = operation(land, patch.polygon)
-        assert painted.crop_area(crop).symmetric_difference(land).area < 1e-9
+            is_part = patch.owner == "me" and patch.crop in crops
+            land = (shapely.union if is_part else shapely.difference)(land, patch.polygon)
+        assert found.symmetric_difference(land).area < 1e-9
 
 
 @given(st.integers(0, 20000), st.sampled_from([FOOT_M, 1.0, 0.1]))
-def test_every_multiple_of_the_cell_size_begins_its_cell(k: int, cell_size_m: float) -> None:
+def test_every_multiple_of_the_cell_size_begins_its_cell(k, cell_size_m):
     some = farm(field("a", Crop.TOMATO, "me", 0, 0, 1, 1), cell_size_m=cell_size_m)
     assert some.cell_of(k * cell_size_m, k * cell_size_m) == (k, k)
     assert some.cell_of(*some.cell_centre(k, k)) == (k, k)
@@ -146,7 +113,7 @@ def test_every_multiple_of_the_cell_size_begins_its_cell(k: int, cell_size_m: fl
     assert (ix.dtype, int(ix[0]), int(iy[0])) == (np.int64, k, k)
 
 
-def test_cells_outside_and_nowhere() -> None:
+def test_cells_outside_and_nowhere():
     some = farm(field("a", Crop.TOMATO, "me", 0, 0, 1, 1))
     assert some.cell_of(-0.5, 12.0) == (-1, 12)
     assert some.cell_of(float("inf"), float("nan")) == (-1, -1)
@@ -166,8 +133,8 @@ def test_cells_outside_and_nowhere() -> None:
         ({"owner": "nobody"}, "no patch belongs to the owner 'nobody'"),
     ],
 )
-def test_impossible_farms_are_refused(change: dict[str, object], text: str) -> None:
-    arguments: dict[str, object] = {
+def test_impossible_farms_are_refused(change, text):
+    arguments = {
         "name": "f",
         "frame": FRAME,
         "width_cells": 2,
@@ -194,7 +161,7 @@ CORNERS = [
 ]
 
 
-def test_no_area_is_lost_where_borders_differ_by_rounding() -> None:
+def test_no_area_is_lost_where_borders_differ_by_rounding():
     parts = [shapely.from_wkt(f"POLYGON (({corners}))") for corners in CORNERS]
     whole = united(parts)
     assert whole.area == pytest.approx(1200.0, abs=1e-3)
@@ -204,7 +171,7 @@ def test_no_area_is_lost_where_borders_differ_by_rounding() -> None:
     assert land.scouted_area.area == pytest.approx(2000.0 - 1200.0, abs=1e-3)
 
 
-def test_no_obstacle_stays_in_the_land_where_borders_differ_by_rounding() -> None:
+def test_no_obstacle_stays_in_the_land_where_borders_differ_by_rounding():
     land = shapely.from_wkt(
         "POLYGON ((0 0, 0 30, 40 30, 40 0, 0 0), (2.82932592299442 15.812685911159543, "
         "14.502774180177967 8.57380167719099, 23.462222568155326 15.90290315188339, "
@@ -218,6 +185,6 @@ def test_no_obstacle_stays_in_the_land_where_borders_differ_by_rounding() -> Non
     assert left.without_obstacles(land).area == pytest.approx(land.area - pond.area, abs=1e-3)
 
 
-def test_a_union_without_fault_is_geos_own() -> None:
+def test_a_union_without_fault_is_geos_own():
     shapes = [shapely.box(0, 0, 1 / 3, 1), shapely.box(0.1, 0.1, 0.7, 0.7), shapely.box(5, 5, 6, 6)]
     assert united(shapes).wkb == shapely.union_all(shapes).wkb

@@ -1,49 +1,43 @@
 """Farms as other programs leave them: what of a file is the farm, and what is left out or refused."""
 
-from __future__ import annotations
-
-import io
 import json
 import math
 import tempfile
-import zipfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from sweeps import sweep
 
-from geo import Farm, FarmError, get_farm
+from geo import FarmError, get_farm
 
 FOREIGN = Path(__file__).parents[1] / "data" / "foreign"
 LON, LAT = 10.0, 50.0
 CROP_NOTE = "no patch names its crop: the crop is called 'crop'; --crop gives a name"
 
 
-def square(x: float = 0.0) -> list[list[float]]:
+def square(x=0.0):
     corners = [(x, 0.0), (x + 0.001, 0.0), (x + 0.001, 0.001), (x, 0.001), (x, 0.0)]
     return [[LON + dx, LAT + dy] for dx, dy in corners]
 
 
-def feature(geometry: Any, **properties: Any) -> dict[str, Any]:
+def feature(geometry, **properties):
     return {"type": "Feature", "properties": properties, "geometry": geometry}
 
 
-def polygon(x: float = 0.0) -> dict[str, Any]:
+def polygon(x=0.0):
     return {"type": "Polygon", "coordinates": [square(x)]}
 
 
-def loaded(text: str | bytes, name: str = "farm.geojson", **how: Any) -> Farm:
+def loaded(text, name="farm.geojson", **how):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / name
         path.write_bytes(text if isinstance(text, bytes) else text.encode())
         return get_farm(path, **how)
 
 
-def areas(farm: Farm) -> list[tuple[str, str, float]]:
+def areas(farm):
     return [(one.name, str(one.crop), round(one.polygon.area, 3)) for one in farm.patches]
 
 
@@ -58,7 +52,7 @@ def areas(farm: Farm) -> list[tuple[str, str, float]]:
         ("missionplanner.poly", 4.12, CROP_NOTE),
     ],
 )
-def test_files_of_other_programs(name: str, area_ha: float, told: str) -> None:
+def test_files_of_other_programs(name, area_ha, told):
     farm = get_farm(FOREIGN / name)
     assert farm.owner_area.area / 1e4 == pytest.approx(area_ha, abs=0.01)
     assert told in farm.notes
@@ -78,7 +72,7 @@ LABELS = [
 ]
 
 
-def test_what_is_no_land_is_left_out_and_told() -> None:
+def test_what_is_no_land_is_left_out_and_told():
     both = {"type": "GeometryCollection", "geometries": [LABELS[0]["geometry"], polygon(0.002)]}
     fields = [feature(polygon(), name="a", crop="wheat"), feature(both, name="b", crop="rye")]
     document = {"type": "FeatureCollection", "features": [*LABELS[:5], *fields, *LABELS[5:]]}
@@ -93,7 +87,7 @@ def test_what_is_no_land_is_left_out_and_told() -> None:
         loaded(json.dumps({"type": "FeatureCollection", "features": LABELS}))
 
 
-def test_multipoints_are_places_and_obstacles_without_area_are_named() -> None:
+def test_multipoints_are_places_and_obstacles_without_area_are_named():
     """GIS tools store points as MultiPoint; heights of fields are not read as those of obstacles."""
     corners = [[LON, LAT], [LON + 0.0005, LAT]]
     features = [
@@ -111,32 +105,20 @@ def test_multipoints_are_places_and_obstacles_without_area_are_named() -> None:
     assert farm.notes == ("2 features left out (obstacles that are not polygons): mast, cable",)
 
 
-TEXTS = st.lists(
-    st.tuples(
-        st.text(st.characters(codec="utf-8", exclude_categories=("C", "Z")), min_size=1, max_size=8),
-        st.sampled_from(["wheat", "rye"]),
-        st.sampled_from(["", " ", " "]),
-    ),
-    min_size=1,
-    max_size=5,
-)
-
-
-@sweep(few=12, many=60)
-@given(TEXTS, st.sampled_from(["\n", "\r\n", "\n\n"]), st.booleans(), st.booleans())
-def test_features_one_after_the_other_are_a_farm(
-    named: list[tuple[str, str, str]], end: str, bom: bool, pretty: bool
-) -> None:
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\n\n"])
+@pytest.mark.parametrize("begin", ["", "\ufeff"])
+def test_features_one_after_the_other_are_a_farm(begin, end):
+    named = [("a", "wheat", ""), ("m\u00fc\u4e2d", "rye", "\u2028"), ("c", "wheat", " ")]
     features = [
         feature(polygon(0.002 * k), name=name, crop=crop, remark=remark)
         for k, (name, crop, remark) in enumerate(named)
     ]
     whole = areas(loaded(json.dumps({"type": "FeatureCollection", "features": features})))
-    begin = "\ufeff" * bom
     lines = begin + end.join(json.dumps(one, ensure_ascii=False) for one in features) + end
     assert areas(loaded(lines, "farm.geojsonl")) == whole
-    parted = "".join(f"\x1e{json.dumps(one, indent=2 if pretty else None)}{end}" for one in features)
-    assert areas(loaded(begin + parted, "farm.geojsons")) == whole
+    for indent in (None, 2):
+        parted = "".join(f"\x1e{json.dumps(one, indent=indent)}{end}" for one in features)
+        assert areas(loaded(begin + parted, "farm.geojsons")) == whole
     collections = [{"type": "FeatureCollection", "features": [one]} for one in features]
     assert areas(loaded("\n".join(map(json.dumps, collections)), "farm.json")) == whole
 
@@ -146,7 +128,6 @@ def test_features_one_after_the_other_are_a_farm(
     [
         polygon(),
         {"type": "MultiPolygon", "coordinates": [[square()], [square(0.002)]]},
-        {"type": "GeometryCollection", "geometries": [polygon(), polygon(0.002)]},
         {
             "type": "GeometryCollection",
             "geometries": [
@@ -156,20 +137,11 @@ def test_features_one_after_the_other_are_a_farm(
         },
     ],
 )
-def test_a_geometry_alone_is_a_farm(geometry: dict[str, Any]) -> None:
+def test_a_geometry_alone_is_a_farm(geometry):
     bare = loaded(json.dumps(geometry, indent=1), crop="wheat")
     assert areas(bare) == areas(loaded(json.dumps(feature(geometry)), crop="wheat"))
     several = "\n".join(map(json.dumps, (geometry, polygon(0.004))))
     assert areas(loaded(several, crop="wheat"))[:-1] == areas(bare)
-
-
-def test_members_of_a_file_are_its_collections() -> None:
-    first = {"type": "FeatureCollection", "name": "north", "features": [feature(polygon(), crop="rye")]}
-    second = {"type": "FeatureCollection", "owner": "me", "features": [feature(polygon(0.002), crop="rye")]}
-    second["features"][0]["properties"]["owner"] = "me"
-    first["features"][0]["properties"]["owner"] = "other"
-    farm = loaded("\n".join(map(json.dumps, (first, second))))
-    assert (farm.name, farm.owner) == ("north", "me")
 
 
 @pytest.mark.parametrize(
@@ -178,19 +150,15 @@ def test_members_of_a_file_are_its_collections() -> None:
         (json.dumps(feature(polygon())) + '\n{"type": "Feature",\n', "is not JSON (line 2: it ends in"),
         (json.dumps(feature(polygon())) + "\n\n{]\n", "is not JSON (line 3, column 2: "),
         ("\x1e{}\n\x1e{}", 'is not a GeoJSON "FeatureCollection", "Feature" or geometry'),
-        ("7\n8", 'is not a GeoJSON "FeatureCollection", "Feature" or geometry'),
-        (json.dumps(feature(polygon())) + "\n[]", 'is not a GeoJSON "FeatureCollection", "Feature" or geom'),
-        ('{"type": "Topology"}', 'is not a GeoJSON "FeatureCollection", "Feature" or geometry'),
         ('{"type": "Feature", "properties": {}}', 'feature 1: has no "geometry"; write null'),
         ('{"type": "Feature", "properties": [], "geometry": null}', 'feature 1: its "properties" are []'),
         ((json.dumps(feature(None)) + "\n") * 10_001, "has more than 10000 features"),
         ("[" * 100_000, "is n"),
-        ('{"type": "Polygon", "coordinates": ' + "[" * 900 + "]" * 900 + "}", "is n"),
         (json.dumps(feature(polygon())).encode("utf-16"), "cannot be read: it is not UTF-8 text (byte 0)"),
         ('{"type": "Polygon", "coordinates": [[[1e308, 1], [1, 1e999], [2, 2]]]}', "is not "),
     ],
 )
-def test_sequences_that_are_none(text: str | bytes, told: str) -> None:
+def test_sequences_that_are_none(text, told):
     with pytest.raises(FarmError) as caught:
         loaded(text)
     message = str(caught.value)
@@ -198,11 +166,8 @@ def test_sequences_that_are_none(text: str | bytes, told: str) -> None:
     assert "\n" not in message and len(message) < 500
 
 
-# Mission Planner's polygons.
-
-
 @st.composite
-def rings(draw: st.DrawFn) -> list[tuple[float, float]]:
+def rings(draw):
     count = draw(st.integers(3, 12))
     size, lat, lon = draw(st.floats(0.0005, 0.002)), draw(st.floats(-60, 60)), draw(st.floats(-179, 179))
     angles = [2 * math.pi * k / count for k in range(count)]
@@ -216,9 +181,7 @@ def rings(draw: st.DrawFn) -> list[tuple[float, float]]:
 @given(
     rings(), st.sampled_from([" ", "\t", "  "]), st.sampled_from(["\n", "\r\n"]), st.booleans(), st.booleans()
 )
-def test_a_polygon_of_mission_planner(
-    ring: list[tuple[float, float]], space: str, end: str, comma: bool, closed: bool
-) -> None:
+def test_a_polygon_of_mission_planner(ring, space, end, comma, closed):
     corners = ring + ring[:1] * closed
     lines = ["#saved by Mission Planner 1.3.80", *(f"{lat:.14f}{space}{lon:.14f}" for lat, lon in corners)]
     text = end.join(lines) + end
@@ -229,20 +192,9 @@ def test_a_polygon_of_mission_planner(
     assert len(farm.notes) == (not closed)
 
 
-def test_regions_of_mission_planner_are_patches() -> None:
-    text = "#saved by Mission Planner 1.3.80\n" + "".join(
-        f"Name:{name}\nColor:Color [Red]\n" + "".join(f"{lat} {lon + x}\n" for lon, lat in square())
-        for name, x in (("north", 0.0), ("south", 0.002))
-    )
-    farm = loaded(text, "regions.poly", crop="wheat")
-    assert [name for name, *_ in areas(farm)] == ["north", "south"]
-
-
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("", "has no corners"),
-        ("#saved by\n", "has no corners"),
         ("Name:a\nColor:b\n", "has no corners"),
         ("50 10\n50 10.001\n", "a ring has fewer than three corners"),
         (
@@ -250,17 +202,14 @@ def test_regions_of_mission_planner_are_patches() -> None:
             "line 1: 'australia_v' is not a latitude and",
         ),
         ("50 10 3\n", "line 1: '50 10 3' is not a latitude and a longitude"),
-        ("50;10\n", "line 1: "),
         ("500 10\n501 10\n501 11\n", "latitude 500 is outside"),
         ("inf nan\n1 2\n3 4\n", "is not a position"),
-        ("1e400 0\n1 2\n3 4\n", "is not a position"),
         ("50 10\n" * 100_001, "line 100001: more than 100000 corners"),
         ("Name:\n" * 10_001, "line 10001: more than"),
         ("50 10\n".encode("utf-16"), "it is not UTF-8 text"),
-        (b"\0\1\2", "line 1: "),
     ],
 )
-def test_what_is_no_polygon_of_mission_planner(text: str | bytes, told: str) -> None:
+def test_what_is_no_polygon_of_mission_planner(text, told):
     with pytest.raises(FarmError) as caught:
         loaded(text, "a.poly")
     message = str(caught.value)
@@ -270,45 +219,12 @@ def test_what_is_no_polygon_of_mission_planner(text: str | bytes, told: str) -> 
         loaded(text, "a.poly", crs="EPSG:32617")
 
 
-# Archives of macOS.
-
-
-def packed(members: dict[str, bytes]) -> bytes:
-    made = io.BytesIO()
-    with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, data in members.items():
-            archive.writestr(name, data)
-    return made.getvalue()
-
-
-FORK = b"\0\5\x16\7\0\2\0\0Mac OS X        "
-
-
-@pytest.mark.parametrize("fork", ["__MACOSX/{folder}/._{name}", "{folder}/._{name}", "._{name}"])
-@pytest.mark.parametrize("suffix", [".zip", ".kmz"])
-def test_what_macos_adds_to_an_archive_is_passed_over(fork: str, suffix: str) -> None:
-    with zipfile.ZipFile(FOREIGN / ("macos.zip" if suffix == ".zip" else "dji_mapping.kmz")) as archive:
-        members = {one: archive.read(one) for one in archive.namelist() if "__MACOSX" not in one}
-    plain = loaded(packed(members), f"a{suffix}")
-    made: dict[str, bytes] = {}
-    for name, data in members.items():
-        folder, _, last = name.rpartition("/")
-        made |= {
-            fork.format(folder=folder, name=last): FORK,
-            name: data,
-            f"{folder}/.DS_Store": b"\0\0\0\1Bud1",
-        }
-    assert areas(loaded(packed(made), f"a{suffix}")) == areas(plain)
-
-
-# Whatever is given, it is read or refused in a line.
-
 SEEDS = [path.read_bytes() for path in sorted(FOREIGN.iterdir()) if path.suffix in (".geojson", ".poly")]
 NAMES = ["a.geojson", "a.geojsonl", "a.poly", "a.kml", "a.kmz", "a.zip"]
 
 
 @st.composite
-def damaged(draw: st.DrawFn) -> bytes:
+def damaged(draw):
     """Return a file that is cut off, has bytes changed, is in another encoding, or says a part many times."""
     data = draw(st.sampled_from(SEEDS))
     at = draw(st.integers(0, len(data)))
@@ -334,7 +250,7 @@ def damaged(draw: st.DrawFn) -> bytes:
 
 @settings(max_examples=60)
 @given(damaged(), st.sampled_from(NAMES))
-def test_whatever_a_file_holds_the_answer_is_a_farm_or_a_line(data: bytes, name: str) -> None:
+def test_whatever_a_file_holds_the_answer_is_a_farm_or_a_line(data, name):
     try:
         loaded(data, name)
     except FarmError as error:

@@ -1,12 +1,9 @@
 """Farm files: round trips, and files that are not what they claim."""
 
-from __future__ import annotations
-
 import copy
 import json
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,17 +12,17 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from sweeps import sweep
 
-from geo import Crop, Farm, FarmError, LocalFrame, Obstacle, Patch, get_farm, load_farm, save_farm
+from geo import FarmError, get_farm, load_farm, save_farm
 
 LON, LAT = -82.15, 28.05
 
 
-def ring(x: float = 0.0, y: float = 0.0, size: float = 0.001) -> list[list[float]]:
+def ring(x=0.0, y=0.0, size=0.001):
     corners = [(x, y), (x + size, y), (x + size, y + size), (x, y + size), (x, y)]
     return [[LON + dx, LAT + dy] for dx, dy in corners]
 
 
-def feature(coordinates: Any = None, geometry: str = "Polygon", **properties: Any) -> dict[str, Any]:
+def feature(coordinates=None, geometry="Polygon", **properties):
     return {
         "type": "Feature",
         "properties": {"crop": "tomato", "owner": "me", "name": "north field", **properties},
@@ -33,17 +30,17 @@ def feature(coordinates: Any = None, geometry: str = "Polygon", **properties: An
     }
 
 
-def document(*features: Any, **members: Any) -> dict[str, Any]:
+def document(*features, **members):
     return {"type": "FeatureCollection", "cell_size_m": 1.0, **members, "features": list(features)}
 
 
-def write(path: Path, content: Any) -> Path:
+def write(path, content):
     file = path / "farm.geojson"
     file.write_bytes(content if isinstance(content, bytes) else json.dumps(content).encode())
     return file
 
 
-def refused(path: Path, content: Any) -> str:
+def refused(path, content):
     with pytest.raises(FarmError) as caught:
         load_farm(write(path, content))
     text = str(caught.value)
@@ -53,7 +50,7 @@ def refused(path: Path, content: Any) -> str:
     return text
 
 
-def same(a: Farm, b: Farm) -> None:
+def same(a, b):
     assert (a.name, a.owner, a.cell_size_m, a.frame) == (b.name, b.owner, b.cell_size_m, b.frame)
     assert a.home_m == pytest.approx(b.home_m, abs=1e-6)
     assert [(p.name, p.crop, p.owner) for p in a.patches] == [(p.name, p.crop, p.owner) for p in b.patches]
@@ -67,39 +64,17 @@ def same(a: Farm, b: Farm) -> None:
     assert np.allclose(a.rally_m, b.rally_m, atol=1e-6) and len(a.rally_m) == len(b.rally_m)
 
 
-@pytest.mark.parametrize("name", ["miniberry-10", "miniberry-30", "waterberry"])
-def test_built_in_farms_round_trip(name: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["miniberry-10", "waterberry"])
+def test_built_in_farms_round_trip(name, tmp_path):
     path = tmp_path / "saved.geojson"
     save_farm(get_farm(name), path)
     same(load_farm(path), get_farm(name))
-    assert [file.name for file in tmp_path.iterdir()] == ["saved.geojson"]
-    assert get_farm(path).name == name
+    for entry in json.loads(path.read_text())["features"]:
+        exterior = shapely.LinearRing(entry["geometry"]["coordinates"][0])
+        assert exterior.is_ccw and exterior.coords[0] == exterior.coords[-1]
 
 
-@given(rotation=st.floats(-360, 360), latitude=st.floats(-60, 60), longitude=st.floats(-180, 180))
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_rotated_farms_round_trip(rotation: float, latitude: float, longitude: float, tmp_path: Path) -> None:
-    holed = shapely.Polygon([(0, 0), (20, 0), (20, 12.3), (0, 9)], [[(2, 2), (5, 2), (5, 6)]])
-    farm = Farm(
-        "turned",
-        LocalFrame(latitude, longitude, 12.0, rotation),
-        30,
-        25,
-        (Patch("a", Crop.TOMATO, "me", holed), Patch("b", "sweet potato", "you", shapely.box(20, 0, 30, 10))),
-        "me",
-        (3.25, 1.5),
-        1.0,
-        (
-            Obstacle(shapely.box(1, 1, 2, 2)),
-            Obstacle(shapely.box(4, 1, 5, 2), height_m=6.5, margin_m=0.0, name="shed"),
-        ),
-        ((-4.0, 2.0), (31.0, 0.5)),
-    )
-    save_farm(farm, tmp_path / "t.json")
-    same(load_farm(tmp_path / "t.json"), farm)
-
-
-def coordinates_of(farm: Farm) -> list[Any]:
+def coordinates_of(farm):
     shapes = [*farm.patches, *farm.obstacles]
     return [farm.home_m, farm.rally_m, *(shapely.to_wkb(one.polygon) for one in shapes)]
 
@@ -118,30 +93,27 @@ def coordinates_of(farm: Farm) -> list[Any]:
 @example(0.0, 0.0, 0.0, [1.0, 0.5, 0.8, 1.0], False, False, False, 16)
 @sweep(few=10, many=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_file_s_farm_saved_is_the_same_to_the_last_bit(
-    tmp_path: Path,
-    latitude: float,
-    longitude: float,
-    rotation: float,
-    corners: list[float],
-    clockwise: bool,
-    has_home: bool,
-    has_origin: bool,
-    digits: int,
-) -> None:
-    def around(size: float, *, backwards: bool) -> list[list[float]]:
+    tmp_path, latitude, longitude, rotation, corners, clockwise, has_home, has_origin, digits
+):
+    def around(size, *, backwards):
         turns = [2 * math.pi * k / len(corners) for k in range(len(corners))]
-        ring = [
+        found = [
             [
                 round(longitude + size * far * math.cos(turn), digits),
                 round(latitude + size * far * math.sin(turn), digits),
             ]
             for turn, far in zip(turns, corners, strict=True)
         ]
-        return [*ring, ring[0]][:: -1 if backwards else 1]
+        return [*found, found[0]][:: -1 if backwards else 1]
 
     rings = [around(0.004, backwards=clockwise), around(0.001, backwards=clockwise)]
-    pole = feature([around(0.0003, backwards=clockwise)], obstacle=True)
-    members: dict[str, Any] = {"rotation_deg": rotation, "rally": [[longitude + 0.0021, latitude - 0.0017]]}
+    ring = around(0.0003, backwards=clockwise)
+    pole = feature([ring], obstacle=True, name="pole", height_m=6.5, margin_m=0.0)
+    members = {
+        "rotation_deg": rotation,
+        "ground_altitude_m": 12.0,
+        "rally": [[longitude + 0.0021, latitude - 0.0017]],
+    }
     if has_home:
         members["home"] = [longitude - 0.0043, latitude + 0.0001]
     if has_origin:
@@ -151,22 +123,10 @@ def test_a_file_s_farm_saved_is_the_same_to_the_last_bit(
     save_farm(first, tmp_path / "saved.geojson")
     second = load_farm(tmp_path / "saved.geojson")
     assert coordinates_of(second) == coordinates_of(first)
-    assert (second.frame, second.width_cells, second.height_cells) == (
-        first.frame,
-        first.width_cells,
-        first.height_cells,
-    )
+    same(second, first)
 
 
-def test_written_rings_follow_the_right_hand_rule(tmp_path: Path) -> None:
-    save_farm(get_farm("waterberry"), tmp_path / "w.geojson")
-    for entry in json.loads((tmp_path / "w.geojson").read_text())["features"]:
-        exterior = shapely.LinearRing(entry["geometry"]["coordinates"][0])
-        assert exterior.is_ccw
-        assert exterior.coords[0] == exterior.coords[-1]
-
-
-def test_a_minimal_file(tmp_path: Path) -> None:
+def test_a_minimal_file(tmp_path):
     content = {"type": "FeatureCollection", "features": [feature()]}
     farm = load_farm(write(tmp_path, content))
     assert (farm.name, farm.owner, farm.cell_size_m) == ("farm", "me", 0.3048)
@@ -178,7 +138,7 @@ def test_a_minimal_file(tmp_path: Path) -> None:
     assert farm.patches[0].polygon.bounds[0] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_the_grid_is_the_bounding_box_of_all_patches(tmp_path: Path) -> None:
+def test_the_grid_is_the_bounding_box_of_all_patches(tmp_path):
     far = feature([ring(0.002, 0.003)], owner="neighbour", name="far")
     for rotation in (0.0, 30.0, -100.0):
         farm = load_farm(write(tmp_path, document(far, feature(), owner="me", rotation_deg=rotation)))
@@ -187,13 +147,7 @@ def test_the_grid_is_the_bounding_box_of_all_patches(tmp_path: Path) -> None:
         assert (farm.width_cells, farm.height_cells) == (math.ceil(bounds[2]), math.ceil(bounds[3]))
 
 
-def test_across_the_date_line(tmp_path: Path) -> None:
-    over = [[[179.9995, -17], [-179.9995, -17], [-179.9995, -16.999], [179.9995, -16.999], [179.9995, -17]]]
-    farm = load_farm(write(tmp_path, document(feature(over))))
-    assert farm.width_cells == pytest.approx(107, abs=1)
-
-
-def test_members_and_defaults(tmp_path: Path) -> None:
+def test_members_and_defaults(tmp_path):
     pond = {"type": "Feature", "properties": {"obstacle": True}, "geometry": feature()["geometry"]}
     farm = load_farm(
         write(
@@ -214,7 +168,6 @@ def test_members_and_defaults(tmp_path: Path) -> None:
 
 
 BOW_TIE = [[[LON, LAT], [LON + 0.001, LAT + 0.001], [LON + 0.001, LAT], [LON, LAT + 0.001], [LON, LAT]]]
-FLAT = [[[LON, LAT], [LON + 0.001, LAT], [LON + 0.002, LAT], [LON, LAT]]]
 NARROW = [[LON + 0.0001 * k, LAT + 0.0000001 * k * k] for k in range(11)]
 SWAPPED = [[[lat, lon] for lon, lat in ring()]]
 
@@ -226,19 +179,11 @@ SWAPPED = [[[lat, lon] for lon, lat in ring()]]
         (feature(BOW_TIE), "]; --repair mends what is safe to mend"),
         (feature([[]]), "the polygon is empty"),
         (feature([ring()[:2]]), "fewer than three corners"),
-        (feature([[*ring()[:2], ring()[0]]]), "fewer than three corners"),
-        (
-            feature([NARROW]),
-            "a ring is open over 98.3 m, but its longest side is only 9.8 m long",
-        ),
-        (feature(FLAT), "the polygon"),
+        (feature([NARROW]), "a ring is open over 98.3 m, but its longest side is only 9.8 m long"),
         (feature([[[LON, LAT]] * 4]), "the polygon"),
         (feature([ring(), ring(0.1, 0.1, 0.001)]), "not valid: Hole lies outside"),
-        (feature([LON], "Point", kind="home"), "is not a position"),
-        (feature([[ring()], []], "MultiPolygon"), "the polygon is empty"),
         (feature([[ring()], [NARROW]], "MultiPolygon"), "part 2: a ring is open"),
         (feature([[LON, LAT]], "Curve"), "geometry is 'Curve', not a Polygon or MultiPolygon"),
-        ({**feature(), "geometry": []}, "geometry is 'nothing'"),
         (feature([[[LON, 95.0], *ring()[1:4], [LON, 95.0]]]), "latitude 95 is outside"),
         (
             feature([[[190.0, LAT], *ring()[1:4], [190.0, LAT]]]),
@@ -246,24 +191,18 @@ SWAPPED = [[[lat, lon] for lon, lat in ring()]]
         ),
         (feature([ring(1.0, 0.0)]), "lies 98 km from the first feature"),
         (feature([[[True, False]] * 4]), "is not a position"),
-        (feature([[["x", 1]] * 4]), "is not a position"),
-        (feature([[[LON]] * 4]), "is not a position"),
         (feature([[7, 7, 7, 7]]), "is not a position"),
-        (feature("ring"), "the polygon is empty"),
         (feature(obstacle=True, height_m=-1), 'property "height_m": -1 is not a number in 0..1000'),
         (feature(obstacle=True, margin_m="2"), "property \"margin_m\": '2' is not a number in 0..1000"),
         (feature(no_fly=1), 'property "no_fly" is not true or false'),
         (feature(no_fly=True, height_m=3), "is a no-fly zone, which has no height"),
         (feature(crop=None), 'property "crop" is missing'),
-        (feature(owner=None), 'property "owner" is missing'),
         (feature(owner=""), '"owner" is , not a short line'),
         (feature(crop=[3]), '"crop" is [3], not a short line'),
-        (feature(owner="\n\u00a0"), "not a short line"),
         (feature(obstacle=True, Height=10**400), 'property "height_m": 100000'),
-        (feature(obstacle="yes"), "is not true or false"),
     ],
 )
-def test_the_bad_feature_is_named(bad: dict[str, Any], text: str, tmp_path: Path) -> None:
+def test_the_bad_feature_is_named(bad, text, tmp_path):
     bad["properties"]["name"] = "the bad one"
     message = refused(tmp_path, document(feature(), bad))
     assert "feature 2 ('the bad one')" in message
@@ -271,21 +210,21 @@ def test_the_bad_feature_is_named(bad: dict[str, Any], text: str, tmp_path: Path
 
 
 @pytest.mark.parametrize("bad", [None, 7, [], {"type": "Point"}, {"type": "Feature"}])
-def test_what_is_no_feature_is_named_by_its_index(bad: Any, tmp_path: Path) -> None:
+def test_what_is_no_feature_is_named_by_its_index(bad, tmp_path):
     assert "feature 2: " in refused(tmp_path, document(feature(), bad))
 
 
-def test_wrong_axis_order(tmp_path: Path) -> None:
-    swapped = feature(SWAPPED, name="turned")
-    home = [LON, LAT]
-    assert "feature 1 ('turned')" in refused(tmp_path, document(swapped))
-    assert "swapped" in refused(tmp_path, document(swapped))
-    europe = [[[48.1, 11.5], [48.101, 11.5], [48.101, 11.501], [48.1, 11.501], [48.1, 11.5]]]
-    message = refused(tmp_path, document(feature(europe, name="acker"), home=[11.5, 48.1]))
-    assert "feature 1 ('acker')" in message
-    assert "latitude and longitude are swapped" in message
-    message = refused(tmp_path, document(feature(name="good"), feature(SWAPPED), home=home))
-    assert "feature 2 ('north field')" in message
+def test_wrong_axis_order(tmp_path):
+    europe = feature(
+        [[[lat, lon] for lat, lon in ((48.1, 11.5), (48.101, 11.5), (48.1, 11.501), (48.1, 11.5))]]
+    )
+    for content, told in (
+        (document(feature(SWAPPED)), "feature 1 ('north field'): nothing grows at latitude -82.15"),
+        (document(europe, home=[11.5, 48.1]), "latitude and longitude are swapped"),
+        (document(feature(), feature(SWAPPED, name="turned"), home=[LON, LAT]), "feature 2 ('turned')"),
+    ):
+        message = refused(tmp_path, content)
+        assert told in message and "swapped" in message
 
 
 @pytest.mark.parametrize(
@@ -293,11 +232,7 @@ def test_wrong_axis_order(tmp_path: Path) -> None:
     [
         ({"owner": "nobody"}, "no feature belongs to the owner 'nobody'; the owners are 'me'"),
         ({"cell_size_m": 0}, "cell_size_m"),
-        ({"cell_size_m": "1"}, "cell_size_m"),
-        ({"cell_size_m": True}, "cell_size_m"),
         ({"rotation_deg": 1e9}, "rotation_deg"),
-        ({"ground_altitude_m": []}, "ground_altitude_m"),
-        ({"home": [1]}, '"home"'),
         ({"home": [0, 0]}, 'from the farm\'s "home"'),
         ({"origin": "here"}, '"origin"'),
         ({"origin": [0, 0]}, 'from the farm\'s "origin"'),
@@ -306,26 +241,17 @@ def test_wrong_axis_order(tmp_path: Path) -> None:
         ({"size_cells": [5]}, "size_cells"),
         ({"size_cells": [10, 10]}, "less than the patches need"),
         ({"size_cells": [10**7, 10**7]}, "more than"),
-        ({"size_cells": [10**12, -1]}, "is not a usable"),
-        ({"name": True}, '"name"'),
         ({"name": "\t"}, '"name"'),
     ],
 )
-def test_bad_members(members: dict[str, Any], text: str, tmp_path: Path) -> None:
+def test_bad_members(members, text, tmp_path):
     assert text in refused(tmp_path, document(feature(), **members))
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        "urn:ogc:def:crs:OGC:1.3:CRS84",
-        "urn:ogc:def:crs:OGC::CRS84",
-        "http://www.opengis.net/def/crs/OGC/1.3/CRS84",
-        "EPSG:4326",
-        "urn:ogc:def:crs:EPSG::4326",
-    ],
+    "name", ["urn:ogc:def:crs:OGC:1.3:CRS84", "http://www.opengis.net/def/crs/OGC/1.3/CRS84", "EPSG:4326"]
 )
-def test_the_ways_to_write_wgs84(name: str, tmp_path: Path) -> None:
+def test_the_ways_to_write_wgs84(name, tmp_path):
     crs = {"type": "name", "properties": {"name": name}}
     same(
         load_farm(write(tmp_path, document(feature(), crs=crs))),
@@ -339,12 +265,10 @@ def test_the_ways_to_write_wgs84(name: str, tmp_path: Path) -> None:
         ({"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::43260"}}, "cannot be used: "),
         ({"type": "name", "properties": {"name": "+proj=utm +zone=17"}}, "is no code of a coordinate system"),
         ({"type": "link", "properties": {"href": "http://example.com/crs/42"}}, "names no coordinate system"),
-        ({"type": "name"}, "names no coordinate system"),
         ("EPSG:4326 or so", "names no coordinate system"),
-        (7, "names no coordinate system"),
     ],
 )
-def test_what_is_no_coordinate_system_is_refused(crs: Any, text: str, tmp_path: Path) -> None:
+def test_what_is_no_coordinate_system_is_refused(crs, text, tmp_path):
     message = refused(tmp_path, document(feature(), crs=crs))
     assert 'the file: member "crs"' in message
     assert text in message
@@ -355,15 +279,15 @@ def test_what_is_no_coordinate_system_is_refused(crs: Any, text: str, tmp_path: 
     assert "feature 1 ('north field'): member \"crs\"" in refused(tmp_path, document(inside))
 
 
-def test_positions_beyond_a_coordinate_system(tmp_path: Path) -> None:
+def test_positions_beyond_a_coordinate_system(tmp_path):
     crs = {"type": "name", "properties": {"name": "EPSG:32617"}}
     far = feature([[[1e9, 1e9], [1e9, 2e9], [2e9, 2e9], [1e9, 1e9]]])
     assert "is no place in WGS 84 / UTM zone 17N" in refused(tmp_path, document(far, crs=crs))
 
 
-def test_parts_places_and_names_of_other_programs(tmp_path: Path) -> None:
+def test_parts_places_and_names_of_other_programs(tmp_path):
     both = feature([[ring()], [ring(0.002)]], "MultiPolygon", name="two")
-    collection = feature(name="one")
+    collection = feature(name="one", crop=115)
     collection["geometry"] = {
         "type": "GeometryCollection",
         "geometries": [feature([ring(0.004)])["geometry"]],
@@ -378,7 +302,7 @@ def test_parts_places_and_names_of_other_programs(tmp_path: Path) -> None:
     assert [(one.name, one.crop) for one in farm.patches] == [
         ("two 1", "tomato"),
         ("two 2", "tomato"),
-        ("one", "tomato"),
+        ("one", "crop 115"),
         ("far", "maize silage"),
     ]
     assert [one.height_m for one in farm.obstacles] == [4.0, None]
@@ -388,20 +312,7 @@ def test_parts_places_and_names_of_other_programs(tmp_path: Path) -> None:
     assert "feature 2 ('Home'): is a second home" in text
 
 
-@pytest.mark.parametrize(
-    ("told", "crop"), [("Maize (silage)", "maize silage"), ("115", "crop 115"), (115, "crop 115")]
-)
-def test_crops_are_named_as_in_files_of_other_formats(told: str, crop: str, tmp_path: Path) -> None:
-    farm = load_farm(write(tmp_path, document(feature(crop=told))))
-    assert [one.crop for one in farm.patches] == [crop]
-
-
-def test_a_patch_without_a_name_has_the_number_of_its_feature(tmp_path: Path) -> None:
-    farm = load_farm(write(tmp_path, document(*(feature([ring(0.002 * k)], name=None) for k in range(2)))))
-    assert [one.name for one in farm.patches] == ["patch 1", "patch 2"]
-
-
-def test_names_of_any_length_and_characters_survive_a_round_trip(tmp_path: Path) -> None:
+def test_names_of_any_length_and_characters_survive_a_round_trip(tmp_path):
     both = feature([[ring()], [ring(0.002)]], "MultiPolygon", name="x" * 199, owner="M\u00fcller\u00a0KG")
     odd = feature([ring(0.004)], name="north\u00a0field\n2", owner="M\u00fcller\tKG", crop="sweet\u00a0Corn")
     numbered = feature([ring(0.006)], name=12, owner="o" * 300)
@@ -424,28 +335,29 @@ def test_names_of_any_length_and_characters_survive_a_round_trip(tmp_path: Path)
     ("stem", "name"),
     [("north\u00a0field", "north field"), ("f" * 230, "f" * 200), ("\u00a0", "farm"), ("a\udcffb", "a b")],
 )
-def test_a_farm_named_after_its_file_can_be_read_again(stem: str, name: str, tmp_path: Path) -> None:
+def test_a_farm_named_after_its_file_can_be_read_again(stem, name, tmp_path):
     farm = load_farm(write(tmp_path, document(feature())).rename(tmp_path / f"{stem}.geojson"))
     assert farm.name == name
     save_farm(farm, tmp_path / "saved.geojson")
     same(farm, load_farm(tmp_path / "saved.geojson"))
 
 
-def test_a_file_without_crops_or_owners(tmp_path: Path) -> None:
-    bare = [feature([ring(0.002 * k)], name=f"f{k}", crop=None, owner=None) for k in range(2)]
+def test_a_file_without_crops_or_owners(tmp_path):
+    bare = [feature([ring(0.002 * k)], name=None, crop=None, owner=None) for k in range(2)]
     farm = load_farm(write(tmp_path, document(*bare)))
-    assert {(one.crop, one.owner) for one in farm.patches} == {("crop", "owner")}
+    assert [(one.name, one.crop, one.owner) for one in farm.patches] == [
+        ("patch 1", "crop", "owner"),
+        ("patch 2", "crop", "owner"),
+    ]
     assert farm.owner == "owner"
     assert farm.notes == ("no patch names its crop: the crop is called 'crop'; --crop gives a name",)
     named = load_farm(tmp_path / "farm.geojson", crop="sugar beet")
     assert ({one.crop for one in named.patches}, named.notes) == ({"sugar beet"}, ())
-    mixed = load_farm(write(tmp_path, document(bare[0], feature(owner=None))), crop="oats")
-    assert [one.crop for one in mixed.patches] == ["oats", "tomato"]
     with pytest.raises(FarmError, match="'Oats' is no name of a crop"):
         load_farm(tmp_path / "farm.geojson", crop="Oats")
 
 
-def test_large_farms_get_larger_cells_unless_the_file_says_otherwise(tmp_path: Path) -> None:
+def test_large_farms_get_larger_cells_unless_the_file_says_otherwise(tmp_path):
     large = {"type": "FeatureCollection", "features": [feature([ring(size=0.008)])]}
     farm = load_farm(write(tmp_path, large))
     assert farm.cell_size_m == 0.5
@@ -455,7 +367,7 @@ def test_large_farms_get_larger_cells_unless_the_file_says_otherwise(tmp_path: P
     assert (said.cell_size_m, said.notes) == (0.3048, ())
 
 
-def test_absurd_sizes(tmp_path: Path) -> None:
+def test_absurd_sizes(tmp_path):
     wide = document(feature(), feature([ring(0.09, 0.09)]), cell_size_m=0.05)
     assert "more than" in refused(tmp_path, wide)
     zigzag = [[LON + 0.01 * (k % 2), LAT + 1e-6 * k] for k in range(3000)]
@@ -469,33 +381,29 @@ def test_absurd_sizes(tmp_path: Path) -> None:
     ("content", "text"),
     [
         (b"", "is not JSON"),
-        (b"{", "is not JSON"),
         (b'{"type": NaN}', "is not JSON"),
         (b"\xff\xfe{}", "is not UTF-8"),
         (b"[" * 200_000, "nested too deeply"),
         (b"[]", 'is not a GeoJSON "FeatureCollection"'),
-        (b"null", 'is not a GeoJSON "FeatureCollection"'),
-        (b'{"type": "FeatureCollection"}', 'has no "features"'),
         (b'{"type": "FeatureCollection", "features": []}', 'has no "features"'),
-        (b'{"type": "FeatureCollection", "features": {}}', 'has no "features"'),
         (b" " * (33 * 2**20), "it is larger than 32 MiB"),
     ],
 )
-def test_files_that_are_something_else(content: bytes, text: str, tmp_path: Path) -> None:
+def test_files_that_are_something_else(content, text, tmp_path):
     assert text in refused(tmp_path, content)
 
 
-def test_numbers_beyond_floats(tmp_path: Path) -> None:
+def test_numbers_beyond_floats(tmp_path):
     text = json.dumps(document(feature()))
     for number in ("1e400", "9" * 400, "9" * 5000, "-1e999"):
         refused(tmp_path, text.replace(str(LON), number, 1).encode())
 
 
-def test_only_obstacles(tmp_path: Path) -> None:
+def test_only_obstacles(tmp_path):
     assert "only obstacles" in refused(tmp_path, document(feature(obstacle=True)))
 
 
-def test_paths_that_are_no_files(tmp_path: Path) -> None:
+def test_paths_that_are_no_files(tmp_path):
     for path in (tmp_path, tmp_path / "missing.geojson", Path("a\0b.json")):
         with pytest.raises(FarmError, match="farm file"):
             load_farm(path)
@@ -510,7 +418,7 @@ JUNK = st.recursive(
 )
 
 
-def places(node: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+def places(node, path=()):
     items = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
     found = [path] if path else []
     for key, value in items:
@@ -531,7 +439,7 @@ GOOD = document(
 
 @given(data=st.data())
 @settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_mutated_files_load_or_are_refused_in_one_line(data: st.DataObject, tmp_path: Path) -> None:
+def test_mutated_files_load_or_are_refused_in_one_line(data, tmp_path):
     mutant = copy.deepcopy(GOOD)
     for _ in range(data.draw(st.integers(1, 3))):
         path = data.draw(st.sampled_from(places(mutant)))
@@ -545,24 +453,18 @@ def test_mutated_files_load_or_are_refused_in_one_line(data: st.DataObject, tmp_
         assert "\n" not in str(error)
 
 
-def test_a_field_that_is_split_at_the_date_line_is_one(tmp_path: Path) -> None:
-    """As RFC 7946, 3.1.9, asks for."""
+def test_a_field_that_is_split_at_the_date_line_is_one(tmp_path):
     south, north = -16.8, -16.797
     halves = [
         [[[west, south], [east, south], [east, north], [west, north], [west, south]]]
         for west, east in ((179.998, 180.0), (-180.0, -179.998))
     ]
-    path = tmp_path / "split.geojson"
-    features = [feature(halves, "MultiPolygon")]
-    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
-    farm = load_farm(path)
+    farm = load_farm(write(tmp_path, document(feature(halves, "MultiPolygon"))))
     assert farm.owner_area.geom_type == "Polygon"
+    assert farm.width_cells == pytest.approx(426, abs=2)
     x, y = shapely.get_coordinates(farm.owner_area).T
     latitude, longitude = farm.frame.to_wgs84(x, y)
     assert np.abs(longitude).max() <= 180.0
-    assert all(
-        abs(farm.frame.to_wgs84(float(one), float(other))[1]) <= 180.0
-        for one, other in zip(x, y, strict=True)
-    )
+    assert all(abs(farm.frame.to_wgs84(*map(float, place))[1]) <= 180.0 for place in zip(x, y, strict=True))
     assert np.unique(np.sign(longitude)).tolist() == [-1.0, 1.0]
     assert latitude.min() == pytest.approx(south, abs=1e-6)

@@ -1,7 +1,5 @@
 """Imports of geo: light where they can be, and possible without modules that only Unix has."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import subprocess
@@ -14,7 +12,7 @@ PACKAGES = ["geo", "mission.files", "mission.link", "mission.planners", "mission
 
 
 @pytest.mark.parametrize("name", PACKAGES)
-def test_the_type_checker_and_the_program_see_the_same_names(name: str) -> None:
+def test_the_type_checker_and_the_program_see_the_same_names(name):
     package = importlib.import_module(name)
     tree = ast.parse(Path(str(package.__file__)).read_text(encoding="utf-8"))
     (branch,) = (node for node in tree.body if isinstance(node, ast.If))
@@ -32,16 +30,16 @@ def test_the_type_checker_and_the_program_see_the_same_names(name: str) -> None:
     assert not {module.stem for module in Path(str(package.__file__)).parent.glob("*.py")} & set(typed)
 
 
-def test_an_unknown_name_is_an_attribute_error() -> None:
+def test_an_unknown_name_is_an_attribute_error():
     import geo
 
     with pytest.raises(AttributeError, match="'geo' has no attribute 'farmer'"):
-        _ = geo.farmer  # type: ignore[attr-defined]
+        _ = geo.farmer
     with pytest.raises(ImportError, match="farmer"):
         exec("from geo import farmer")
 
 
-def test_errors_and_packages_are_imported_without_the_heavy_libraries() -> None:
+def test_errors_and_packages_are_imported_without_the_heavy_libraries():
     code = (
         f"import geo.errors, geo.farms, geo.named, mission.errors, {', '.join(PACKAGES)}, sys; "
         "geo.farms.farm_names(); "
@@ -87,7 +85,7 @@ shutil.rmtree(folder)
 """
 
 
-def test_modules_that_only_unix_has_are_not_needed() -> None:
+def test_modules_that_only_unix_has_are_not_needed():
     import geo
 
     done = subprocess.run([sys.executable, "-c", WINDOWS, str(geo.__file__)], capture_output=True, text=True)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import string
 
 import pytest
@@ -8,7 +6,7 @@ from hypothesis import strategies as st
 from sweeps import sweep
 
 from geo.errors import WbfMissionError
-from geo.named import Parameter, ParameterError, check_parameters, format_named, parse_named, split_named
+from geo.named import ParameterError, check_parameters, format_named, parse_named, split_named
 
 SCALARS = st.one_of(
     st.booleans(),
@@ -22,30 +20,10 @@ PARAMETERS = st.dictionaries(
 )
 
 
-def written(value: Parameter) -> str:
-    if isinstance(value, tuple):
-        return "[" + ", ".join(written(item) for item in value) + "]"
-    if value is None or isinstance(value, bool):
-        return str(value).lower()
-    return f'"{value}"' if isinstance(value, str) else repr(value)
-
-
-@sweep(few=40, many=200)
-@given(PARAMETERS)
-def test_every_value_comes_back(parameters: dict[str, Parameter]) -> None:
-    text = "gp" + ":" * bool(parameters) + ",".join(f" {k} = {written(v)}" for k, v in parameters.items())
-    name, read = parse_named(text)
-    assert name == "gp"
-    assert list(read) == list(parameters)
-    for key, value in parameters.items():
-        assert read[key] == value
-        assert type(read[key]) is type(value)
-
-
 @sweep(few=40, many=200)
 @given(PARAMETERS)
 @example({"a": "None", "b": "", "c": "-", "d": "1", "e": "a,b]", "f": ("true", None), "g": 1e300})
-def test_what_is_written_is_read_back(parameters: dict[str, Parameter]) -> None:
+def test_what_is_written_is_read_back(parameters):
     text = format_named("gp", parameters)
     assert repr(parse_named(text)) == repr(("gp", parameters))
     assert format_named(*parse_named(text)) == text
@@ -53,14 +31,9 @@ def test_what_is_written_is_read_back(parameters: dict[str, Parameter]) -> None:
 
 @sweep(few=20, many=200)
 @given(st.lists(st.tuples(st.sampled_from(["gp", "point", "disk"]), PARAMETERS), min_size=1, max_size=4))
-def test_several_names_in_one_text_are_cut_apart(named: list[tuple[str, dict[str, Parameter]]]) -> None:
+def test_several_names_in_one_text_are_cut_apart(named):
     texts = [format_named(*one) for one in named]
     assert split_named(", ".join(texts)) == texts
-
-
-def test_a_text_that_cannot_be_cut_is_refused() -> None:
-    with pytest.raises(ParameterError, match="not closed"):
-        split_named('gp:a="b, point')
 
 
 @pytest.mark.parametrize(
@@ -75,7 +48,7 @@ def test_a_text_that_cannot_be_cut_is_refused() -> None:
         ("a:b=1.2.3,c=12ab,d=nan,e=inf", ("a", {"b": "1.2.3", "c": "12ab", "d": "nan", "e": "inf"})),
     ],
 )
-def test_what_is_read(text: str, expected: tuple[str, dict[str, Parameter]]) -> None:
+def test_what_is_read(text, expected):
     assert parse_named(text) == expected
 
 
@@ -84,18 +57,14 @@ def test_what_is_read(text: str, expected: tuple[str, dict[str, Parameter]]) -> 
     [
         ("", "without a name"),
         (":a=1", "without a name"),
-        ("a=1", "without a name"),
         ("spiral:", "no key=value"),
         ("spiral:a", "no key=value"),
-        ("spiral:a=1,", "no key=value"),
         ("spiral:1a=1", "no key=value"),
-        ("spiral:=1", "no key=value"),
         ("spiral:a=", "a has no value"),
         ("spiral:a=[1,,2]", "a has no value"),
         ("spiral:a=1,a=2", "a is given twice"),
         ("spiral:a=[1,2", "brackets"),
         ("spiral:a=1]", "brackets"),
-        ("spiral:a=[[1]]", "brackets"),
         ("spiral:a=[1]2", "has text after"),
         ("spiral:a=1[2]", "more than one value"),
         ('spiral:a="b', "not closed"),
@@ -103,7 +72,7 @@ def test_what_is_read(text: str, expected: tuple[str, dict[str, Parameter]]) -> 
         ("spiral:a=1e999", "too large"),
     ],
 )
-def test_what_is_refused(text: str, says: str) -> None:
+def test_what_is_refused(text, says):
     with pytest.raises(ParameterError, match=says) as caught:
         parse_named(text)
     assert "\n" not in str(caught.value)
@@ -111,14 +80,14 @@ def test_what_is_refused(text: str, says: str) -> None:
 
 
 @given(st.text(max_size=30))
-def test_any_text_is_read_or_refused_in_one_line(text: str) -> None:
+def test_any_text_is_read_or_refused_in_one_line(text):
     try:
         parse_named(text)
     except ParameterError as error:
         assert len(str(error).splitlines()) == 1
 
 
-def test_unknown_parameters_are_refused_with_the_known_ones() -> None:
+def test_unknown_parameters_are_refused_with_the_known_ones():
     check_parameters("planner spiral", ["inset"], ["inset", "turns"])
     with pytest.raises(ParameterError) as caught:
         check_parameters("planner spiral", ["insets"], ["turns", "inset"])

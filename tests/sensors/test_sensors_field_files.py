@@ -1,10 +1,6 @@
 """Field files and sets of fields: what is read, and what is refused in one line."""
 
-from __future__ import annotations
-
-from importlib.metadata import EntryPoint
-from pathlib import Path
-from typing import Any
+from importlib.metadata import EntryPoint, EntryPoints
 
 import pytest
 from hypothesis import given
@@ -19,7 +15,7 @@ from sensors.field_files import field_from_table, field_names, field_to_table, l
 from sensors.fields import PAPER_FIELDS, Field, FieldSet
 
 RUST = Field("rust", EpidemicParameters(0.2, 8), ("tomato",), 1.0, cost_above=5.0, title="rust of tomatoes")
-PLAIN: dict[str, Any] = {"name": "nitrogen", "kind": "continuous", "crops": ["tomato"], "default": 0.5}
+PLAIN = {"name": "nitrogen", "kind": "continuous", "crops": ["tomato"], "default": 0.5}
 
 names = st.from_regex(r"[a-z][a-z0-9_]{0,23}", fullmatch=True).filter(
     lambda name: name not in ("x", "y", "day", "time_s")
@@ -41,11 +37,11 @@ fields = st.builds(
 
 
 @given(fields)
-def test_a_field_is_the_same_after_it_was_written_and_read(field: Field) -> None:
+def test_a_field_is_the_same_after_it_was_written_and_read(field):
     assert field_from_table(field_to_table(field), "here") == field
 
 
-def test_the_benchmarks_fields_are_the_papers() -> None:
+def test_the_benchmarks_fields_are_the_papers():
     assert load_field_set(["tylcv", "ccr", "soil"]) == PAPER_FIELDS
     assert [(f.weight, f.cost_above, f.cost_below, f.default) for f in PAPER_FIELDS] == [
         (1.0, 10.0, 1.0, 1.0),
@@ -54,12 +50,12 @@ def test_the_benchmarks_fields_are_the_papers() -> None:
     ]
 
 
-def write(folder: Path, text: str) -> str:
+def write(folder, text):
     (folder / "mine.toml").write_text(text)
     return "mine.toml"
 
 
-def test_a_file_may_hold_several_fields_and_begins_at_its_folder(tmp_path: Path) -> None:
+def test_a_file_may_hold_several_fields_and_begins_at_its_folder(tmp_path):
     text = """
         [[field]]
         name = "nitrogen"
@@ -84,7 +80,6 @@ def test_a_file_may_hold_several_fields_and_begins_at_its_folder(tmp_path: Path)
     ("text", "message"),
     [
         ("", r"no table \[\[field\]\]"),
-        ("field = 3", r"no table \[\[field\]\]"),
         ("field = [3]", "field 1: is no table"),
         ("colour = 1", "unknown key 'colour'"),
         ("name =", "not TOML"),
@@ -92,12 +87,12 @@ def test_a_file_may_hold_several_fields_and_begins_at_its_folder(tmp_path: Path)
         ("a = '" + "x" * 2**20 + "'", "larger than 1 MiB"),
     ],
 )
-def test_a_file_that_is_no_field_file_is_named(tmp_path: Path, text: str, message: str) -> None:
+def test_a_file_that_is_no_field_file_is_named(tmp_path, text, message):
     with pytest.raises(FieldError, match=rf"mine\.toml: .*({message})"):
         load_field_set([write(tmp_path, text)], tmp_path)
 
 
-def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
+def test_files_that_cannot_be_read_are_named(tmp_path):
     (tmp_path / "latin.toml").write_bytes(b"name = '\xff'")
     for name, message in (("latin.toml", "not UTF-8"), ("no.toml", "no such"), (".toml", "no such")):
         with pytest.raises(FieldError, match=message):
@@ -114,33 +109,30 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
         ({"kind": "disease"}, "likelihood is missing"),
         ({"crops": []}, "crops empty"),
         ({"crops": ["Maize!"]}, "crop .Maize!. is no name of a crop; names of crops are up to 40"),
-        ({"crops": ["tomato", "tomato"]}, "crops, each once"),
         ({"default": 2.0}, "default 2 is not in 0..1"),
-        ({"default": float("nan")}, "default nan"),
         ({"weight": -1.0}, "weight -1.0"),
         ({"cost_above": float("inf")}, "cost_above inf"),
         ({"title": "two\nlines"}, "title"),
         ({"colours": ["red", "green"]}, "#rrggbb"),
-        ({"colours": ["#000000"]}, "#rrggbb"),
         ({"color": "#000000"}, "color is unknown"),
         ({"dynamics": {"evaporation": 3.0}}, "evaporation 3.0 is not in 0..1"),
         ({"dynamics": {"likelihood": 0.5}}, "dynamics of a continuous field: unknown parameter 'likelihood'"),
     ],
 )
-def test_a_field_that_cannot_be_used_says_where_and_why(changes: dict[str, Any], message: str) -> None:
+def test_a_field_that_cannot_be_used_says_where_and_why(changes, message):
     with pytest.raises(FieldError, match=f"^mine.toml: .*{message}") as told:
         field_from_table({**PLAIN, **changes}, "mine.toml: field 1")
     assert "\n" not in str(told.value)
 
 
 @pytest.mark.parametrize("missing", ["name", "crops", "default"])
-def test_what_a_field_needs(missing: str) -> None:
+def test_what_a_field_needs(missing):
     table = {key: value for key, value in PLAIN.items() if key != missing}
     with pytest.raises(FieldError, match=f"here: {missing} is missing"):
         field_from_table(table, "here")
 
 
-def test_a_set_has_each_field_once_and_not_too_many() -> None:
+def test_a_set_has_each_field_once_and_not_too_many():
     with pytest.raises(FieldError, match="'soil' is given twice"):
         load_field_set(["soil", "soil"])
     with pytest.raises(FieldError, match="0 fields"):
@@ -152,32 +144,23 @@ def test_a_set_has_each_field_once_and_not_too_many() -> None:
         PAPER_FIELDS.with_dynamics(rust=SoilParameters())
 
 
-class Registered:
-    """Stands for the entry points that packages register."""
-
-    def __init__(self, *points: EntryPoint) -> None:
-        self.points = points
-
-    def __call__(self, *, group: str) -> tuple[EntryPoint, ...]:
-        return tuple(point for point in self.points if point.group == group)
+def register(monkeypatch, *points):
+    points = EntryPoints(EntryPoint(*point, "wbf_mission.fields") for point in points)
+    monkeypatch.setattr(field_files, "entry_points", lambda group: points.select(group=group))
 
 
-def point(name: str, value: str) -> EntryPoint:
-    return EntryPoint(name, value, "wbf_mission.fields")
-
-
-def test_packages_register_fields(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_packages_register_fields(monkeypatch):
     here = "sensors.field_files:RUST"
     monkeypatch.setattr(field_files, "RUST", RUST, raising=False)
-    monkeypatch.setattr(field_files, "entry_points", Registered(point("rust", here)))
+    register(monkeypatch, ("rust", here))
     assert load_field_set(["rust"])["rust"] == RUST
     assert field_names() == ("tylcv", "ccr", "soil", "rust")
     for points, message in (
-        ([point("rust", "sensors.no_such:RUST")], "cannot be loaded"),
-        ([point("rust", "sensors.field_files:field_names")], "not a sensors.fields.Field with this name"),
-        ([point("rust", here), point("rust", "another:RUST")], "registered twice"),
+        ([("rust", "sensors.no_such:RUST")], "cannot be loaded"),
+        ([("rust", "sensors.field_files:field_names")], "not a sensors.fields.Field with this name"),
+        ([("rust", here), ("rust", "another:RUST")], "registered twice"),
         ([], "unknown field 'rust': choose tylcv, ccr, soil"),
     ):
-        monkeypatch.setattr(field_files, "entry_points", Registered(*points))
+        register(monkeypatch, *points)
         with pytest.raises(FieldError, match=message):
             load_field_set(["rust"])

@@ -27,11 +27,11 @@ KEYS = (
 
 
 @pytest.mark.parametrize("key", [*KEYS, (slice(None), np.array([3, 5]), np.array([7, 8])), ...])
-def test_a_part_is_that_of_the_array(key: object) -> None:
+def test_a_part_is_that_of_the_array(key):
     np.testing.assert_array_equal(LAZY[key], WHOLE[key])
 
 
-def test_it_counts_and_computes_as_an_array() -> None:
+def test_it_counts_and_computes_as_an_array():
     assert (LAZY.shape, LAZY.dtype, LAZY.ndim, len(LAZY), LAZY.size) == (SHAPE, np.float32, 3, 3, WHOLE.size)
     assert LAZY.mean() == WHOLE.mean()
     np.testing.assert_array_equal(1.0 - LAZY, 1.0 - WHOLE)
@@ -41,10 +41,10 @@ def test_it_counts_and_computes_as_an_array() -> None:
         LAZY[3]
 
 
-def test_only_the_wanted_field_and_columns_are_read() -> None:
+def test_only_the_wanted_field_and_columns_are_read():
     asked = []
 
-    def read(field: int, columns: slice) -> np.ndarray:
+    def read(field, columns):
         asked.append((field, columns))
         return WHOLE[field, columns]
 
@@ -53,7 +53,7 @@ def test_only_the_wanted_field_and_columns_are_read() -> None:
     assert asked == [(1, slice(20, 30))]
 
 
-def test_truth_and_masks_of_a_large_farm_are_lazy_and_score_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_truth_and_masks_of_a_large_farm_are_lazy_and_score_alike(monkeypatch):
     monkeypatch.setattr(environments, "LARGE_FROM_CELLS", 1000)
     monkeypatch.setattr(sensors_fields, "LARGE_FROM_CELLS", 1000)
     crop = np.full(SHAPE[1:], 2, np.int8)
@@ -75,3 +75,15 @@ def test_truth_and_masks_of_a_large_farm_are_lazy_and_score_alike(monkeypatch: p
             value[k, 64 * i : 64 * (i + 1), 64 * j : 64 * (j + 1)] *= 0.9
         model = InformationModel(value, value, changed if revision else None, revision)
         assert lazy.add(model) == whole.add(model)
+
+
+# Where each field counts
+
+
+def test_masks_are_the_owners_crops_only():
+    crop = np.array([[0, 1, 2, 3, 4], [0, 1, 2, 3, 4]], np.int8)
+    owned = np.array([[1] * 5, [0] * 5], bool)
+    tylcv, ccr, soil = PAPER_FIELDS.masks(FarmGrid((2, 5), 1.0, crop, owned))
+    assert tylcv.tolist() == [[False, False, True, False, False], [False] * 5]
+    assert ccr.tolist() == [[False, True, False, False, False], [False] * 5]
+    assert soil.tolist() == [[False, True, True, False, False], [False] * 5]

@@ -1,15 +1,8 @@
 """Fields that nobody has a model of: of a small file, in their unit, mapped by estimators, not simulated."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given
-from hypothesis import strategies as st
 
 from geo import Crop, Farm, LocalFrame, Patch
 from sensors.dynamics.continuous import Measured
@@ -24,7 +17,7 @@ from sensors.observations import Observations
 PH = {"name": "ph", "unit": "pH", "range": [4.0, 9.0], "default": 6.5, "crops": ["maize"], "weight": 2.0}
 
 
-def farm(cell_size_m: float = 1.0) -> Farm:
+def farm(cell_size_m=1.0):
     patches = (
         Patch("m", "maize", "me", shapely.box(0, 0, 20 * cell_size_m, 20 * cell_size_m)),
         Patch("k", "kale", "me", shapely.box(20 * cell_size_m, 0, 40 * cell_size_m, 20 * cell_size_m)),
@@ -33,7 +26,7 @@ def farm(cell_size_m: float = 1.0) -> Farm:
     return Farm("f", LocalFrame(48.0, 11.0), 40, 20, patches, "me", (0.0, 0.0), cell_size_m)
 
 
-def test_a_name_is_enough(tmp_path: Path) -> None:
+def test_a_name_is_enough(tmp_path):
     (tmp_path / "f.toml").write_text('[[field]]\nname = "ndvi"\n')
     (field,) = read_fields(tmp_path / "f.toml")
     assert field == Field("ndvi", Measured(), (ALL_CROPS,), 0.5)
@@ -43,7 +36,7 @@ def test_a_name_is_enough(tmp_path: Path) -> None:
     assert field.mask(grid).sum() == 40 * 20 - 16
 
 
-def test_defaults_and_ranges_are_in_the_unit() -> None:
+def test_defaults_and_ranges_are_in_the_unit():
     field = field_from_table({**PH, "dynamics": {"correlation_length_m": 40.0}}, "here")
     assert (field.default, field.range, field.to_unit(field.default)) == (0.5, (4.0, 9.0), 6.5)
     assert field.from_unit(np.array([3.0, 6.5, 9.0, np.nan])).tolist() == pytest.approx(
@@ -55,27 +48,10 @@ def test_defaults_and_ranges_are_in_the_unit() -> None:
     assert "range" not in field_to_table(PAPER_FIELDS["soil"])
 
 
-@given(
-    low=st.floats(-1e4, 1e4),
-    width=st.floats(1e-3, 1e4),
-    part=st.integers(0, 1000),
-    values=st.lists(st.floats(0, 1)),
-)
-def test_files_and_units_come_back(low: float, width: float, part: int, values: list[float]) -> None:
-    high = low + width
-    default = float(f"{min(max(low + width * part / 1000, low), high):.9g}")
-    if not low <= default <= high:
-        return
-    field = field_from_table({**PH, "range": [low, high], "default": default}, "here")
-    assert field_from_table(field_to_table(field), "again") == field
-    assert field.from_unit(field.to_unit(np.array(values))).tolist() == pytest.approx(values, abs=1e-6)
-
-
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
         ({"range": [9.0, 4.0]}, "range 9, 4: give two finite numbers, the lower first"),
-        ({"range": [4.0]}, "range: give a list with 2 entries"),
         ({"range": [4.0, float("inf")]}, "give two finite numbers"),
         ({"default": 3.0}, "default 3 is not in 4..9"),
         (
@@ -87,14 +63,14 @@ def test_files_and_units_come_back(low: float, width: float, part: int, values: 
         ({"dynamics": {"length": 3.0}}, "dynamics of a measured field: unknown parameter 'length'"),
     ],
 )
-def test_what_is_refused(changes: dict[str, Any], text: str) -> None:
+def test_what_is_refused(changes, text):
     with pytest.raises(FieldError) as caught:
         field_from_table({**PH, **changes}, "here")
     assert text in str(caught.value)
     assert str(caught.value).startswith("here: ")
 
 
-def test_it_cannot_be_simulated() -> None:
+def test_it_cannot_be_simulated():
     fields = FieldSet((*PAPER_FIELDS, field_from_table(PH, "here")))
     with pytest.raises(FieldError, match=r"^fields: ph can only be measured, .* give a kind such as "):
         fields.require_simulated()
@@ -103,14 +79,14 @@ def test_it_cannot_be_simulated() -> None:
         generate_environment(farm().grid(), days=1, seed=1, fields=fields)
 
 
-def seen(values: list[float], x: list[int], days: list[int] | None = None) -> Observations:
+def seen(values, x, days=None):
     """Return readings along a line."""
     columns = [[value] for value in values]
     return Observations(x, [10] * len(x), list(range(len(x))), days or [6] * len(x), columns, fields=("ph",))
 
 
 @pytest.mark.parametrize("name", ["gp", "adaptive-disk", "point", "gp-sklearn"])
-def test_estimators_map_it(name: str, tmp_path: Path) -> None:
+def test_estimators_map_it(name, tmp_path):
     fields = FieldSet((field_from_table(PH, "here"),))
     options = {"cache": str(tmp_path)} if name == "gp" else {}
     estimator = make_estimator(name, fields=fields, **options)
@@ -121,8 +97,8 @@ def test_estimators_map_it(name: str, tmp_path: Path) -> None:
     assert found[2, 10] < 0.45 < found[17, 10]
 
 
-def test_the_process_has_the_length_of_the_file_and_the_mean_of_the_readings(tmp_path: Path) -> None:
-    def value(length_m: float, cell_size_m: float, x: int) -> float:
+def test_the_process_has_the_length_of_the_file_and_the_mean_of_the_readings(tmp_path):
+    def value(length_m, cell_size_m, x):
         table = {**PH, "dynamics": {"correlation_length_m": length_m, "spread": 0.5, "noise": 0.001}}
         fields = FieldSet((field_from_table(table, "here"),))
         estimator = GaussianProcessEstimator(fields=fields, cache=tmp_path)
@@ -136,7 +112,7 @@ def test_the_process_has_the_length_of_the_file_and_the_mean_of_the_readings(tmp
     assert value(6.0, 2.0, 5) == pytest.approx(value(3.0, 1.0, 5), abs=1e-6)
 
 
-def test_readings_of_earlier_days_count_as_those_of_the_day(tmp_path: Path) -> None:
+def test_readings_of_earlier_days_count_as_those_of_the_day(tmp_path):
     fields = FieldSet((field_from_table(PH, "here"),))
     both = seen([0.2, 0.8], [2, 30], [3, 6])
     once = seen([0.2, 0.8], [2, 30], [6, 6])

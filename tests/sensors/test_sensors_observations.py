@@ -88,14 +88,12 @@ def test_slices_masks_and_joining():
         ({"y": [0]}, r"y has shape \(1,\), expected \(2,\)"),
         ({"values": [[1, 1]] * 2}, "values has shape"),
         ({"values": [[1, 1, 1], [1, np.inf, 1]]}, "value of observation 1 is infinite"),
-        ({"values": [["a", 1, 1]] * 2}, "values holds something that is not a number"),
         ({"values": [[1, 1, 1], [1]]}, "values is not a regular array"),
         ({"time_s": [0, np.nan]}, "time_s of observation 1 is not finite"),
         ({"x": [0, 1.5]}, "x of observation 1 is 1.5"),
         ({"x": [0, 2**31]}, "x of observation 1 is 2147483648"),
         ({"day": [np.nan, 1]}, "day of observation 0 is nan"),
         ({"day": ["6", "6"]}, "day holds something that is not a number"),
-        ({"x": [[0, 1]]}, "x has shape"),
     ],
 )
 def test_bad_arrays_are_named(change, message):
@@ -122,8 +120,6 @@ def test_cells_outside_the_farm_are_named():
         (HEADER + "\n1,2,0,6,1,1,wet\n", "line 2: soil is 'wet'"),
         (HEADER + "\n1,2,0,6,1,1,1\n,2,0,6,1,1,1\n", "line 3: x is ''"),
         (HEADER + "\n1.5,2,0,6,1,1,1\n", "x of observation 0 is 1.5"),
-        (HEADER + "\n1e30,2,0,6,1,1,1\n", "x of observation 0"),
-        (HEADER + "\n1,2,inf,6,1,1,1\n", "time_s of observation 0 is not finite"),
         (HEADER + "\n1,2,0,6,1,1,1e99\n", "observation 0 is infinite"),
         (HEADER + '\n"1,2,0,6,1,1,1\n', "is not a CSV file"),
         (HEADER + "\n" + "1" * 200_000 + ",2,0,6,1,1,1\n", "is not a CSV file"),

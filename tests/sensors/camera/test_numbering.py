@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from geo.farms import get_farm
 from sensors.camera.leaf_camera import (
@@ -34,6 +35,7 @@ def environment():
         LeafCameraOptions(2, false_positive_rate=0.3, false_negative_rate=0.2, sensed=("ccr",)),
     ],
 )
+@sweep(few=30, many=100)
 @given(taken=IMAGES)
 def test_numbers_stand_for_the_readings_of_cameras(environment, options, taken):
     def cameras():

@@ -1,10 +1,7 @@
 """Cameras by sensor and lens: published numbers, the geometry that follows, and files."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -16,33 +13,17 @@ from sensors.errors import CameraError
 P1 = get_camera("DJI-P1-35")
 
 
-def test_published_ground_sampling_distances() -> None:
+def test_published_ground_sampling_distances():
     assert 100.0 * P1.gsd_m(80.0) == pytest.approx(80.0 / 80.0, rel=0.01)  # DJI: metres over 80, in cm
     assert 100.0 * get_camera("micasense-rededge-p").gsd_m(120.0) == pytest.approx(7.7, rel=0.03)
 
 
-@pytest.mark.parametrize(
-    ("name", "width_deg", "height_deg"), [("dji-p1-35", 54.3, 37.8), ("dji-mavic-3m-ms", 61.2, 48.1)]
-)
-def test_published_fields_of_view(name: str, width_deg: float, height_deg: float) -> None:
-    width, height = get_camera(name).footprint_m(1.0)
-    assert math.degrees(2 * math.atan(width / 2)) == pytest.approx(width_deg, abs=0.8)
-    assert math.degrees(2 * math.atan(height / 2)) == pytest.approx(height_deg, abs=0.8)
-
-
-@pytest.mark.parametrize("name", camera_names())
-def test_every_camera_has_a_source_and_square_pixels(name: str) -> None:
+@given(st.sampled_from(camera_names()), st.floats(2.0, 500.0), st.floats(0.0, 0.95), st.floats(0.0, 0.95))
+def test_height_and_gsd_are_each_others_inverse_and_overlaps_hold(name, height, front, side):
     camera = get_camera(name)
     assert camera.source
-    pitches = camera.sensor_width_mm / camera.image_width_px, camera.sensor_height_mm / camera.image_height_px
-    assert pitches[0] == pytest.approx(pitches[1], rel=0.015)
-
-
-@given(st.sampled_from(camera_names()), st.floats(2.0, 500.0), st.floats(0.0, 0.95), st.floats(0.0, 0.95))
-def test_height_and_gsd_are_each_others_inverse_and_overlaps_hold(
-    name: str, height: float, front: float, side: float
-) -> None:
-    camera = get_camera(name)
+    pitch = camera.sensor_width_mm / camera.image_width_px
+    assert pitch == pytest.approx(camera.sensor_height_mm / camera.image_height_px, rel=0.015)
     assert camera.height_m(camera.gsd_m(height)) == pytest.approx(height)
     over = Imaging(camera, height, front, side)
     assert 1.0 - over.row_spacing_m / over.across_m == pytest.approx(side, abs=1e-9)
@@ -51,7 +32,7 @@ def test_height_and_gsd_are_each_others_inverse_and_overlaps_hold(
     assert (upright.across_m, upright.along_m) == (over.along_m, over.across_m)
 
 
-def test_speed_is_limited_by_the_interval_and_by_blur() -> None:
+def test_speed_is_limited_by_the_interval_and_by_blur():
     over = Imaging(P1, 80.0, 0.8, 0.7)
     assert over.interval_speed_m_s == pytest.approx(over.image_distance_m / 0.7)
     assert over.blur_speed_m_s == pytest.approx(over.gsd_m / 0.001)
@@ -69,7 +50,7 @@ image_height_px = 3000
 """
 
 
-def test_a_camera_of_ones_own(tmp_path: Path) -> None:
+def test_a_camera_of_ones_own(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(FILE)
     assert get_camera(str(path)) == CameraModel("mine", 10.0, 7.5, 8.0, 4000, 3000)
@@ -81,12 +62,10 @@ def test_a_camera_of_ones_own(tmp_path: Path) -> None:
         ("zoom = 3", "unknown key 'zoom'"),
         ("min_interval_s = -1.0", "min_interval_s -1 must be a finite number not below zero"),
         ("shutter_s = nan", "shutter_s nan must be a finite number above zero"),
-        ("source = 7", "source"),
-        ("min_interval_s = " + "1" * 400, "min_interval_s: it is out of range"),
         ("[", "it is not TOML"),
     ],
 )
-def test_files_that_are_no_cameras_are_refused_in_one_line(tmp_path: Path, change: str, told: str) -> None:
+def test_files_that_are_no_cameras_are_refused_in_one_line(tmp_path, change, told):
     path = tmp_path / "bad.toml"
     path.write_text(FILE + change)
     with pytest.raises(CameraError, match=told) as caught:
@@ -95,7 +74,7 @@ def test_files_that_are_no_cameras_are_refused_in_one_line(tmp_path: Path, chang
     assert "\n" not in str(caught.value)
 
 
-def test_unknown_names_and_impossible_overlaps_are_refused(tmp_path: Path) -> None:
+def test_unknown_names_and_impossible_overlaps_are_refused(tmp_path):
     with pytest.raises(CameraError, match="unknown camera 'p2': choose dji-mavic-3m-ms, "):
         get_camera("p2")
     with pytest.raises(CameraError, match="no such file"):

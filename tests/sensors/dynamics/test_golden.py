@@ -1,24 +1,11 @@
 """The pure steps against the authors' published environments (one value a lattice point)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from sensors.dynamics.epidemic import (
-    CCR,
-    IMMUNE,
-    NEVER,
-    NO_HOST,
-    TYLCV,
-    EpidemicParameters,
-    status_table,
-    step,
-    value_table,
-)
+from sensors.dynamics.epidemic import CCR, IMMUNE, NEVER, NO_HOST, TYLCV, status_table, step, value_table
 from sensors.dynamics.soil import SoilCourse, SoilParameters, draw_weather
 
 GOLDEN = Path(__file__).parents[2] / "data" / "golden"
@@ -28,13 +15,7 @@ FILES = ["env_Miniberry-10_mrem", "env_Miniberry-30_mrem", "env_Miniberry-30_wbf
 CASES = [(file, disease) for file in FILES for disease in DISEASES]
 
 
-def authors_start(
-    type_map: NDArray[np.int8],
-    crop: int,
-    parameters: EpidemicParameters,
-    rng: np.random.Generator,
-    lose_seeds: bool,
-) -> NDArray[np.int8]:
+def authors_start(type_map, crop, parameters, rng, lose_seeds):
     """Day 0 as the authors draw it: seeds on cells without the crop take root (mrem) or are lost (wbf)."""
     status = np.where(type_map == crop, 0, IMMUNE).astype(np.int8)
     width, height = status.shape
@@ -46,7 +27,7 @@ def authors_start(
 
 
 @pytest.mark.parametrize(("file", "disease"), CASES)
-def test_every_day_of_the_authors_epidemics_is_reproduced(file: str, disease: str) -> None:
+def test_every_day_of_the_authors_epidemics_is_reproduced(file, disease):
     parameters, crop = DISEASES[disease]
     golden = np.load(GOLDEN / f"{file}.npz", allow_pickle=False)
     rng = np.random.default_rng(10)
@@ -58,7 +39,7 @@ def test_every_day_of_the_authors_epidemics_is_reproduced(file: str, disease: st
 
 
 @pytest.mark.parametrize(("file", "disease"), CASES)
-def test_onset_and_tables_give_the_golden_status_and_value(file: str, disease: str) -> None:
+def test_onset_and_tables_give_the_golden_status_and_value(file, disease):
     parameters, crop = DISEASES[disease]
     golden = np.load(GOLDEN / f"{file}.npz", allow_pickle=False)
     hosts = golden["type_map"] == crop
@@ -79,7 +60,7 @@ def test_onset_and_tables_give_the_golden_status_and_value(file: str, disease: s
 
 
 @pytest.mark.parametrize("file", ["env_Miniberry-10_mrem", "env_Miniberry-30_mrem"])
-def test_every_day_of_the_authors_soil_is_reproduced(file: str) -> None:
+def test_every_day_of_the_authors_soil_is_reproduced(file):
     golden = np.load(GOLDEN / f"{file}.npz", allow_pickle=False)
     shape = golden["type_map"].shape
     parameters = SoilParameters(square_humps=file.startswith("env_Miniberry-10"))

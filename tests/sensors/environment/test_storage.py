@@ -1,46 +1,31 @@
-from __future__ import annotations
-
 import contextlib
 import json
 import os
 import pickle
-import shutil
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import zarr
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from sweeps import sweep
 
-from geo.errors import WbfMissionError
 from geo.farms import get_farm
-from geo.grid import FarmGrid
-from sensors.environment import (
-    Environment,
-    EpidemicParameters,
-    generate_environment,
-    load_environment,
-    save_environment,
-)
+from sensors.environment import EpidemicParameters, generate_environment, load_environment, save_environment
 from sensors.environment import store as store_module
 from sensors.environment.storage import unfinished_store
-from sensors.environment.store import ChunkCache, ChunkedLayer, EnvironmentStore, Header
+from sensors.environment.store import ChunkCache, ChunkedLayer, Header
 from sensors.errors import EnvironmentDataError
 from sensors.fields import PAPER_FIELDS
 
 
 @pytest.fixture(scope="module")
-def grid() -> FarmGrid:
+def grid():
     return get_farm("miniberry-10").grid()
 
 
 @pytest.fixture(scope="module")
-def environment(grid: FarmGrid) -> Environment:
+def environment(grid):
     model = PAPER_FIELDS.with_dynamics(
         ccr=EpidemicParameters(0.2, 7, kernel_shape="gaussian", rule="kernel", kernel_size=5)
     )
@@ -50,19 +35,19 @@ def environment(grid: FarmGrid) -> Environment:
 
 
 @pytest.fixture
-def folder(environment: Environment, tmp_path: Path) -> Path:
+def folder(environment, tmp_path):
     save_environment(environment, tmp_path / "e")
     return tmp_path / "e"
 
 
 @contextlib.contextmanager
-def small_chunks() -> Iterator[None]:
+def small_chunks():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(store_module, "CHUNK_CELLS", 7)
         yield
 
 
-def assert_same(a: Environment, b: Environment) -> None:
+def assert_same(a, b):
     assert (a.days, a.shape, a.fields, a.provenance) == (b.days, b.shape, b.fields, b.provenance)
     for disease in ("tylcv", "ccr"):
         np.testing.assert_array_equal(a.onset(disease), b.onset(disease))
@@ -71,7 +56,7 @@ def assert_same(a: Environment, b: Environment) -> None:
 
 
 @pytest.mark.parametrize("lazy", [True, False])
-def test_what_is_saved_is_loaded(environment: Environment, folder: Path, lazy: bool) -> None:
+def test_what_is_saved_is_loaded(environment, folder, lazy):
     loaded = load_environment(folder, lazy=lazy)
     assert_same(loaded, environment)
     np.testing.assert_array_equal(loaded.sample(6, [1, 9], [2, 9]), environment.sample(6, [1, 9], [2, 9]))
@@ -82,8 +67,8 @@ def test_what_is_saved_is_loaded(environment: Environment, folder: Path, lazy: b
         loaded.level("soil", 6)[0, 0] = 1
 
 
-def test_any_zarr_reader_can_read_it(environment: Environment, folder: Path) -> None:
-    group: Any = zarr.open_group(folder, mode="r")
+def test_any_zarr_reader_can_read_it(environment, folder):
+    group = zarr.open_group(folder, mode="r")
     assert group.attrs["format"] == "wbf-mission environment"
     assert group.attrs["version"] == 3
     assert group.attrs["provenance"]["farm"] == "Miniberry-10"
@@ -95,13 +80,6 @@ def test_any_zarr_reader_can_read_it(environment: Environment, folder: Path) -> 
     np.testing.assert_array_equal(group["tylcv"][:], environment.onset("tylcv"))
 
 
-def test_a_day_is_one_file(folder: Path) -> None:
-    files = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
-    arrays = {f"{name}/zarr.json" for name in ("day", "tylcv", "ccr", "soil")}
-    days = {f"soil/c/{index}/0/0" for index in range(3)}
-    assert files == {"zarr.json", *arrays, *days, "day/c/0", "tylcv/c/0/0", "ccr/c/0/0"}
-
-
 # Chunks
 
 
@@ -110,9 +88,7 @@ def test_a_day_is_one_file(folder: Path) -> None:
     st.lists(st.tuples(st.integers(0, 29), st.integers(0, 29)), max_size=60),
     st.tuples(st.integers(0, 29), st.integers(0, 29), st.integers(1, 30), st.integers(1, 30)),
 )
-def test_cells_and_windows_of_chunks_are_those_of_the_whole(
-    chunked: tuple[Environment, Environment], cells: list[tuple[int, int]], window: tuple[int, int, int, int]
-) -> None:
+def test_cells_and_windows_of_chunks_are_those_of_the_whole(chunked, cells, window):
     memory, stored = chunked
     ix = np.array([x for x, _ in cells], np.int32)
     iy = np.array([y for _, y in cells], np.int32)
@@ -125,7 +101,7 @@ def test_cells_and_windows_of_chunks_are_those_of_the_whole(
 
 
 @pytest.fixture(scope="module")
-def chunked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Environment, Environment]]:
+def chunked(tmp_path_factory):
     """30 x 30 cells in chunks of 7 x 7, which do not divide it."""
     memory = generate_environment(get_farm("miniberry-30").grid(), days=6, seed=3)
     path = tmp_path_factory.mktemp("chunks") / "e"
@@ -134,9 +110,7 @@ def chunked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Environm
         yield memory, load_environment(path)
 
 
-def test_only_the_chunks_of_a_window_are_decoded(
-    chunked: tuple[Environment, Environment], tmp_path: Path
-) -> None:
+def test_only_the_chunks_of_a_window_are_decoded(chunked, tmp_path):
     with small_chunks():
         save_environment(chunked[0], tmp_path / "e")
         shard = tmp_path / "e" / "soil" / "c" / "6" / "0" / "0"
@@ -158,11 +132,11 @@ def test_only_the_chunks_of_a_window_are_decoded(
             load_environment(tmp_path / "e", lazy=False)
 
 
-def test_a_chunk_is_decoded_once_while_it_is_used() -> None:
+def test_a_chunk_is_decoded_once_while_it_is_used():
     array = np.arange(100 * 60, dtype=np.float32).reshape(100, 60)
-    asked: list[tuple[slice, slice]] = []
+    asked = []
 
-    def read(x: slice, y: slice) -> NDArray[np.float32]:
+    def read(x, y):
         asked.append((x, y))
         return array[x, y].copy()
 
@@ -172,16 +146,16 @@ def test_a_chunk_is_decoded_once_while_it_is_used() -> None:
     assert [(part.start, part.stop) for part, _ in asked] == [(0, 32), (32, 64), (64, 96), (96, 100)]
     layer.cells(np.array([40, 99]), np.array([5, 5]))
     assert len(asked) == 4
-    layer.cells(np.array([3, 40]), np.array([5, 59]))
-    assert len(asked) == 6
+    found = layer.cells(np.array([3, 40]), np.array([5, 59]))
+    assert found.tolist() == [array[3, 5], array[40, 59]] and len(asked) == 6
 
 
-def test_the_cache_of_chunks_is_bounded() -> None:
+def test_the_cache_of_chunks_is_bounded():
     cache = ChunkCache(100)
-    made: list[int] = []
+    made = []
 
-    def chunk(number: int) -> NDArray[np.int8]:
-        def decode() -> NDArray[np.int8]:
+    def chunk(number):
+        def decode():
             made.append(number)
             return np.zeros(40, np.int8)
 
@@ -196,44 +170,31 @@ def test_the_cache_of_chunks_is_bounded() -> None:
 # Generating into a folder
 
 
-def test_generating_into_a_folder_gives_the_same(grid: FarmGrid, tmp_path: Path) -> None:
-    in_memory = generate_environment(grid, days=6, seed=3)
-    on_disk = generate_environment(grid, days=6, seed=3, directory=tmp_path / "new" / "e")
-    assert_same(on_disk, in_memory)
-    save_environment(in_memory, tmp_path / "f")
-    for path in (tmp_path / "f").rglob("*"):
-        if path.is_file():
-            assert (
-                path.read_bytes() == (tmp_path / "new" / "e" / path.relative_to(tmp_path / "f")).read_bytes()
-            )
-    assert [path.name for path in (tmp_path / "new").iterdir()] == ["e"]
-
-
 class Stop:
     """Progress that stops at some piece of work, and counts the pieces that were done."""
 
-    def __init__(self, at: int) -> None:
+    def __init__(self, at):
         self.at = at
-        self.calls: list[int] = []
+        self.calls = []
 
-    def __call__(self, done: int, total: int) -> None:
+    def __call__(self, done, total):
         self.calls.append(done)
         if done >= self.at:
             raise KeyboardInterrupt
 
 
-def written_days(partial: Path) -> list[int]:
+def written_days(partial):
     return sorted(int(path.parts[-3]) for path in (partial / "soil").glob("c/*/0/0"))
 
 
-def test_an_interrupted_generation_goes_on_with_its_finished_days(grid: FarmGrid, tmp_path: Path) -> None:
+def test_an_interrupted_generation_goes_on_with_its_finished_days(grid, tmp_path):
     target, partial = tmp_path / "e", tmp_path / ".e.partial"
     with pytest.raises(KeyboardInterrupt):
         generate_environment(grid, days=9, seed=3, directory=target, progress=Stop(2 * 9 + 5))
     assert not target.exists()
     assert written_days(partial) == [0, 1, 2, 3]
     times = {path: path.stat().st_mtime_ns for path in partial.rglob("*") if path.is_file()}
-    made: list[int] = []
+    made = []
     again = generate_environment(
         grid, days=9, seed=3, directory=target, progress=lambda done, _total: made.append(done)
     )
@@ -244,7 +205,7 @@ def test_an_interrupted_generation_goes_on_with_its_finished_days(grid: FarmGrid
     assert [path.name for path in tmp_path.iterdir()] == ["e"]
 
 
-def test_a_half_written_day_is_made_again(grid: FarmGrid, tmp_path: Path) -> None:
+def test_a_half_written_day_is_made_again(grid, tmp_path):
     target, partial = tmp_path / "e", tmp_path / ".e.partial"
     with pytest.raises(KeyboardInterrupt):
         generate_environment(grid, days=9, seed=3, directory=target, progress=Stop(2 * 9 + 7))
@@ -257,14 +218,14 @@ def test_a_half_written_day_is_made_again(grid: FarmGrid, tmp_path: Path) -> Non
     assert not list(target.rglob("*.partial"))
 
 
-def test_another_environment_is_not_resumed(grid: FarmGrid, tmp_path: Path) -> None:
+def test_another_environment_is_not_resumed(grid, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         generate_environment(grid, days=9, seed=3, directory=tmp_path / "e", progress=Stop(2 * 9 + 7))
     other = generate_environment(grid, days=9, seed=4, directory=tmp_path / "e")
     assert_same(other, generate_environment(grid, days=9, seed=4))
 
 
-def test_what_is_there_already_is_not_made_again(grid: FarmGrid, tmp_path: Path) -> None:
+def test_what_is_there_already_is_not_made_again(grid, tmp_path):
     first = generate_environment(grid, days=4, seed=3, directory=tmp_path / "e")
     again = generate_environment(grid, days=4, seed=3, directory=tmp_path / "e", progress=Stop(0))
     assert_same(again, first)
@@ -273,15 +234,13 @@ def test_what_is_there_already_is_not_made_again(grid: FarmGrid, tmp_path: Path)
     assert_same(repaired, generate_environment(grid, days=4, seed=3))
 
 
-def test_an_interrupted_generation_keeps_the_older_environment(
-    grid: FarmGrid, environment: Environment, folder: Path
-) -> None:
+def test_an_interrupted_generation_keeps_the_older_environment(grid, environment, folder):
     with pytest.raises(KeyboardInterrupt):
         generate_environment(grid, days=3, seed=3, directory=folder, progress=Stop(1))
     assert_same(load_environment(folder), environment)
 
 
-def test_two_processes_do_not_write_the_same_environment(environment: Environment, tmp_path: Path) -> None:
+def test_two_processes_do_not_write_the_same_environment(environment, tmp_path):
     header = Header.of(environment.shape, environment.days, environment.fields, environment.provenance)
     with pytest.raises(ZeroDivisionError), unfinished_store(tmp_path / "e", header):
         with pytest.raises(EnvironmentDataError, match="another process is writing"):
@@ -291,16 +250,7 @@ def test_two_processes_do_not_write_the_same_environment(environment: Environmen
     assert_same(load_environment(tmp_path / "e"), environment)
 
 
-def test_an_older_environment_is_replaced(grid: FarmGrid, folder: Path) -> None:
-    newer = generate_environment(grid, days=2, seed=8)
-    save_environment(newer, folder)
-    assert_same(load_environment(folder), newer)
-    assert [path.name for path in folder.parent.iterdir()] == ["e"]
-
-
-def test_an_environment_of_the_second_format_says_its_version_and_is_replaced(
-    environment: Environment, folder: Path
-) -> None:
+def test_an_environment_of_the_second_format_says_its_version_and_is_replaced(environment, folder):
     edit_header(lambda header: header.update(version=2, fields=["tylcv", "ccr", "soil"], model={}))(folder)
     with pytest.raises(EnvironmentDataError, match="version 2 is not 3; generate the environment again"):
         load_environment(folder)
@@ -308,7 +258,7 @@ def test_an_environment_of_the_second_format_says_its_version_and_is_replaced(
     assert_same(load_environment(folder), environment)
 
 
-def test_an_environment_of_the_first_format_is_replaced(environment: Environment, tmp_path: Path) -> None:
+def test_an_environment_of_the_first_format_is_replaced(environment, tmp_path):
     (tmp_path / "e").mkdir()
     for name in ("environment.json", "tylcv.npy", "ccr.npy", "soil-006.npy"):
         (tmp_path / "e" / name).write_bytes(b"old")
@@ -318,25 +268,14 @@ def test_an_environment_of_the_first_format_is_replaced(environment: Environment
     assert_same(load_environment(tmp_path / "e"), environment)
 
 
-def test_a_loaded_environment_can_be_saved_onto_itself(environment: Environment, folder: Path) -> None:
-    save_environment(load_environment(folder), folder)
-    assert_same(load_environment(folder), environment)
-
-
-def test_a_folder_with_something_else_is_not_replaced(environment: Environment, tmp_path: Path) -> None:
+def test_a_folder_with_something_else_is_not_replaced(environment, tmp_path):
     (tmp_path / "thesis.txt").write_text("mine")
     with pytest.raises(EnvironmentDataError, match="something other than an environment"):
         save_environment(environment, tmp_path)
     assert (tmp_path / "thesis.txt").read_text() == "mine"
 
 
-def test_another_zarr_group_is_not_replaced(environment: Environment, tmp_path: Path) -> None:
-    zarr.create_group(tmp_path / "e", attributes={"mine": 1})
-    with pytest.raises(EnvironmentDataError, match="something other than an environment"):
-        save_environment(environment, tmp_path / "e")
-
-
-def test_a_file_in_the_way_is_named(environment: Environment, tmp_path: Path) -> None:
+def test_a_file_in_the_way_is_named(environment, tmp_path):
     (tmp_path / "e").write_text("a file")
     with pytest.raises(EnvironmentDataError, match="e: cannot be written"):
         save_environment(environment, tmp_path / "e")
@@ -345,8 +284,8 @@ def test_a_file_in_the_way_is_named(environment: Environment, tmp_path: Path) ->
 # Hostile and damaged files
 
 
-def edit(name: str, change: Callable[[Any], object]) -> Callable[[Path], None]:
-    def apply(folder: Path) -> None:
+def edit(name, change):
+    def apply(folder):
         document = json.loads((folder / name).read_text())
         change(document)
         (folder / name).write_text(json.dumps(document))
@@ -354,76 +293,64 @@ def edit(name: str, change: Callable[[Any], object]) -> Callable[[Path], None]:
     return apply
 
 
-def edit_header(change: Callable[[Any], object]) -> Callable[[Path], None]:
+def edit_header(change):
     return edit("zarr.json", lambda document: change(document["attributes"]))
 
 
-def truncate(name: str, size: int) -> Callable[[Path], None]:
-    def apply(folder: Path) -> None:
+def truncate(name, size):
+    def apply(folder):
         (folder / name).write_bytes((folder / name).read_bytes()[:size])
 
     return apply
 
 
-def write(name: str, content: bytes) -> Callable[[Path], None]:
-    def apply(folder: Path) -> None:
+def write(name, content):
+    def apply(folder):
         (folder / name).write_bytes(content)
 
     return apply
 
 
-def store_values(name: str, value: float) -> Callable[[Path], None]:
-    def apply(folder: Path) -> None:
-        array: Any = zarr.open_array(folder / name, mode="r+")
+def store_values(name, value):
+    def apply(folder):
+        array = zarr.open_array(folder / name, mode="r+")
         array[...] = value
 
     return apply
 
 
-def inner_codecs(document: Any) -> Any:
+def inner_codecs(document):
     return document["codecs"][0]["configuration"]["codecs"]
 
 
 HEADER = "zarr.json"
 TYLCV = "tylcv/zarr.json"
 SOIL = "soil/zarr.json"
-HOSTILE: list[tuple[str, Callable[[Path], object]]] = [
+HOSTILE = [
     (HEADER, lambda folder: (folder / HEADER).unlink()),
     (HEADER, write(HEADER, b"")),
     (HEADER, write(HEADER, b"\xff\xfe\x00")),
-    (HEADER, write(HEADER, b"[" * 10_000)),
     (HEADER, write(HEADER, b'{"attributes":' + b"[" * 100_000)),
-    (HEADER, write(HEADER, b"[1, 2]")),
     (HEADER, edit(HEADER, lambda document: document.pop("attributes"))),
-    (HEADER, edit(HEADER, lambda document: document.update(zarr_format=2))),
     (HEADER, edit(HEADER, lambda document: document.update(node_type="array"))),
     (HEADER, edit_header(lambda header: header.pop("days"))),
     (HEADER, edit_header(lambda header: header.update(colour="red"))),
     (HEADER, edit_header(lambda header: header.update(format="zarr"))),
     (HEADER, edit_header(lambda header: header.update(version=4))),
-    (HEADER, edit_header(lambda header: header.update(version="2"))),
-    (HEADER, edit_header(lambda header: header.update(shape=[10]))),
     (HEADER, edit_header(lambda header: header.update(shape=[0, 10]))),
     (HEADER, edit_header(lambda header: header.update(days=[]))),
     (HEADER, edit_header(lambda header: header.update(days=[6, 0]))),
-    (HEADER, edit_header(lambda header: header.update(days=[-1, 6]))),
-    (HEADER, edit_header(lambda header: header.update(fields=["soil"]))),
     (HEADER, edit_header(lambda header: header.update(fields=[]))),
     (HEADER, edit_header(lambda header: header["fields"].append(header["fields"][0]))),
     (HEADER, edit_header(lambda header: header["fields"][0].update(name="../tylcv"))),
-    (HEADER, edit_header(lambda header: header["fields"][0].update(name="day"))),
     (HEADER, edit_header(lambda header: header["fields"][0].update(kind="continuous"))),
     (HEADER, edit_header(lambda header: header["fields"][1]["dynamics"].update(likelihood=7))),
-    (HEADER, edit_header(lambda header: header["fields"][2]["dynamics"].update(spread="wide"))),
     (TYLCV, edit_header(lambda header: header.update(shape=[10, 11]))),
     (TYLCV, edit_header(lambda header: header.update(shape=[10**9, 10**9]))),
     (SOIL, edit_header(lambda header: header.update(days=[0, 6, 7, 9]))),
     (TYLCV, lambda folder: (folder / TYLCV).unlink()),
-    (TYLCV, write(TYLCV, b"{}")),
-    (TYLCV, write(TYLCV, b"[" * 10_000)),
     (TYLCV, write(TYLCV, pickle.dumps({"a": 1}))),
     (TYLCV, edit(TYLCV, lambda document: document.update(data_type="int16"))),
-    (TYLCV, edit(TYLCV, lambda document: document.update(data_type="object"))),
     (TYLCV, edit(TYLCV, lambda document: document.update(shape=[10, 10**12]))),
     (TYLCV, edit(TYLCV, lambda document: document.update(codecs=[{"name": "bytes"}]))),
     (TYLCV, edit(TYLCV, lambda document: inner_codecs(document).append({"name": "gzip"}))),
@@ -431,52 +358,28 @@ HOSTILE: list[tuple[str, Callable[[Path], object]]] = [
     (TYLCV, edit(TYLCV, lambda d: d["codecs"][0]["configuration"].update(chunk_shape=[5, 5]))),
     (SOIL, edit(SOIL, lambda document: document.update(data_type="float64"))),
     ("ccr/c/0/0", lambda folder: (folder / "ccr/c/0/0").unlink()),
-    ("ccr/c/0/0", truncate("ccr/c/0/0", 0)),
     ("ccr/c/0/0", truncate("ccr/c/0/0", 20)),
     ("ccr/c/0/0", write("ccr/c/0/0", pickle.dumps({"a": 1}))),
     ("ccr/c/0/0", store_values("ccr", -3)),
-    ("ccr/c/0/0", store_values("ccr", -128)),
     ("soil/c/1/0/0", lambda folder: (folder / "soil/c/1/0/0").unlink()),
     ("soil/c/1/0/0", truncate("soil/c/1/0/0", 200)),
     ("soil/c/0/0/0", store_values("soil", float("nan"))),
-    ("soil/c/0/0/0", store_values("soil", float("inf"))),
     ("soil/c/0/0/0", store_values("soil", -0.5)),
 ]
 
 
-@pytest.mark.parametrize("lazy", [True, False])
 @pytest.mark.parametrize(("name", "harm"), HOSTILE)
-def test_files_that_are_not_what_they_claim_are_named(
-    folder: Path, name: str, harm: Callable[[Path], object], lazy: bool
-) -> None:
+def test_files_that_are_not_what_they_claim_are_named(folder, name, harm):
     harm(folder)
-    with pytest.raises(EnvironmentDataError) as caught:
-        load_environment(folder, lazy=lazy)
-    assert str(caught.value).startswith(str(folder / name) + ": ")
-    assert "\n" not in str(caught.value)
-    assert isinstance(caught.value, WbfMissionError)
+    for lazy in (True, False):
+        with pytest.raises(EnvironmentDataError) as caught:
+            load_environment(folder, lazy=lazy)
+        assert str(caught.value).startswith(str(folder / name) + ": ")
+        assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["nowhere", "file"])
-def test_a_path_that_is_no_folder_is_named(tmp_path: Path, name: str) -> None:
+def test_a_path_that_is_no_folder_is_named(tmp_path, name):
     (tmp_path / "file").write_text("x")
     with pytest.raises(EnvironmentDataError, match=f"{name}: no such folder"):
         load_environment(tmp_path / name)
-
-
-def test_a_folder_that_vanishes_is_named(environment: Environment, folder: Path) -> None:
-    loaded = load_environment(folder)
-    shutil.rmtree(folder)
-    with pytest.raises(EnvironmentDataError, match="is missing"):
-        loaded.values(6)
-
-
-def test_a_store_that_cannot_be_written_is_named(
-    environment: Environment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(self: EnvironmentStore, name: str, day: int, level: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(EnvironmentStore, "write_level", full)
-    with pytest.raises(EnvironmentDataError, match="e: cannot be written: No space left on device"):
-        save_environment(environment, tmp_path / "e")

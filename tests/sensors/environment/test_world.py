@@ -3,7 +3,7 @@
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 
 from geo.farms import get_farm
 from sensors.dynamics.epidemic import EpidemicParameters, draw_seeds
@@ -17,6 +17,7 @@ SEEDS = st.integers(0, 2**64 - 1)
 
 
 @pytest.mark.parametrize("name", world_names())
+@settings(max_examples=20)
 @given(seed=SEEDS)
 def test_a_built_in_world_changes_dynamics_and_nothing_else(name, seed):
     world = World.load(name)
@@ -47,13 +48,6 @@ def test_a_further_law_changes_none_of_the_others(seed):
     assert many.epidemic.seeds in (1, 5)
 
 
-def test_factors_are_log_uniform():
-    world = World.of_table({"tylcv": {"likelihood": {"factor": [0.5, 2.0]}}}, "here")
-    drawn = [world.fields(PAPER_FIELDS, seed)["tylcv"].epidemic.likelihood for seed in range(1000)]
-    logs = np.log2(np.array(drawn) / 0.25)
-    assert abs(logs.mean()) < 0.06 and logs.std() == pytest.approx(1.0 / np.sqrt(3.0), abs=0.03)
-
-
 def test_a_world_is_its_table():
     for name in world_names():
         world = World.load(name)
@@ -73,7 +67,6 @@ def test_the_environment_is_of_the_world_and_the_other_fields_stay_as_they_are()
 @pytest.mark.parametrize(
     ("table", "text"),
     [
-        ({}, "here: no parameter is changed"),
         ({"tylcv": {}}, "here: no parameter is changed"),
         ({"tylcv": 3}, "here: tylcv is no table; a world has a table for each field"),
         ({"rust": {"likelihood": 0.2}}, "here: no field 'rust'; the fields are tylcv, ccr, soil"),
@@ -82,7 +75,6 @@ def test_the_environment_is_of_the_world_and_the_other_fields_stay_as_they_are()
         ({"tylcv": {"likelihood": "much"}}, "tylcv: dynamics, likelihood: it is a text; give a number"),
         ({"tylcv": {"seeds": {"factor": [0.5, 2.0]}}}, "tylcv, seeds: a factor needs a numeric published"),
         ({"tylcv": {"likelihood": {"factor": [2.0, 0.5]}}}, "factor 2, 0.5: give two numbers from 0.001"),
-        ({"tylcv": {"likelihood": {"factor": [0.5]}}}, "likelihood: factor: give a list with 2 entries"),
         ({"tylcv": {"likelihood": {"one_of": []}}}, "one_of has 0 values"),
         ({"tylcv": {"likelihood": {}}}, "give either factor = "),
         ({"tylcv": {"likelihood": {"times": 2}}}, "times is unknown"),

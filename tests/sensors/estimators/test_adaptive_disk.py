@@ -1,9 +1,5 @@
 """The adaptive disk: against its definition, and against the authors' published estimates."""
 
-import pickle
-import tracemalloc
-from pathlib import Path
-
 import numpy as np
 import pytest
 from estimator_inputs import grid_of, observations
@@ -16,22 +12,19 @@ from sensors.estimators.adaptive_disk import AdaptiveDiskEstimator
 from sensors.estimators.disks import adaptive_radius, centred_disk
 from sensors.scoring.information import TILE_CELLS, tile_shape
 
-GOLDEN = Path(__file__).parents[2] / "data" / "golden"
 
-
-def by_definition(shape, seen, default_values, radius=None):
-    """Cell by cell: the latest observation of the field within the radius."""
+def painted(shape, seen, radius=None, default_values=(1, 1, 0)):
+    """Disk by disk over the whole farm: the latest observation of a field within the radius."""
     value = np.empty((3, *shape), np.float32)
+    value[:] = np.array(default_values)[:, None, None]
     uncertainty = np.ones_like(value)
+    i, j = np.indices(shape)
     for k in range(3):
-        value[k] = default_values[k]
-        sensed = [i for i in range(len(seen)) if not np.isnan(seen.values[i, k])]
-        r = radius or (adaptive_radius(len(sensed), shape) if sensed else 0)
-        for x, y in np.ndindex(shape):
-            for i in sensed:
-                if (seen.x[i] - x) ** 2 + (seen.y[i] - y) ** 2 <= r * r:
-                    value[k, x, y] = seen.values[i, k]
-                    uncertainty[k, x, y] = 0
+        sensed = seen[seen.sensed[:, k]]
+        r = radius or (adaptive_radius(len(sensed), shape) if len(sensed) else 0)
+        for x, y, row in zip(sensed.x, sensed.y, sensed.values, strict=True):
+            disk = (i - x) ** 2 + (j - y) ** 2 <= r * r
+            value[k, disk], uncertainty[k, disk] = row[k], 0
     return value, uncertainty
 
 
@@ -59,7 +52,7 @@ def test_it_is_its_definition_whatever_the_pieces(case, radius):
         if start % 2:
             estimator.predict()
     model = estimator.predict()
-    value, uncertainty = by_definition(shape, seen, (1, 0.75, 0.125), radius)
+    value, uncertainty = painted(shape, seen, radius, (1, 0.75, 0.125))
     np.testing.assert_array_equal(model.value, value)
     np.testing.assert_array_equal(model.uncertainty, uncertainty)
 
@@ -79,46 +72,10 @@ def test_the_disks_have_about_twice_the_farms_area(n, width, height):
     assert (radius - 1) ** 2 * np.pi * n <= 2 * width * height <= radius**2 * np.pi * n
 
 
-def test_fields_sensed_together_share_their_disks():
-    rng = np.random.default_rng(5)
-    values = rng.random((30, 3))
-    estimator = AdaptiveDiskEstimator().fit(grid_of(20, 20), observations([1] * 30, [1] * 30, values))
-    assert len(set(estimator.maps_)) == 1
-    values[3, 2] = np.nan
-    estimator.partial_fit(observations([1] * 30, [1] * 30, values))
-    assert len(set(estimator.maps_)) == 2
-    assert estimator.maps_[0] is estimator.maps_[1]
-
-
 @pytest.mark.parametrize("radius", [0, -1, 2.5, 21, "wide"])
 def test_impossible_radii_are_named(radius):
     with pytest.raises(EstimatorError, match=r"radius .*from 1 to 20"):
         AdaptiveDiskEstimator(radius=radius).fit(grid_of(20, 10))
-
-
-def test_memory_is_the_result_and_one_map():
-    shape = (2000, 1500)
-    rng = np.random.default_rng(6)
-    seen = observations(rng.integers(0, 2000, 3000), rng.integers(0, 1500, 3000), rng.random((3000, 3)))
-    tracemalloc.start()
-    AdaptiveDiskEstimator().fit(grid_of(*shape), seen).predict()
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 1.4 * (6 + 1) * 4 * shape[0] * shape[1]
-
-
-def painted(shape, seen, radius=None):
-    """Disk by disk over the whole farm, every field sensed by every observation."""
-    value = np.empty((3, *shape), np.float32)
-    value[:] = np.array([1, 1, 0])[:, None, None]
-    uncertainty = np.ones_like(value)
-    i, j = np.indices(shape)
-    r = radius or (adaptive_radius(len(seen), shape) if len(seen) else 0)
-    for x, y, row in zip(seen.x, seen.y, seen.values, strict=True):
-        disk = (i - x) ** 2 + (j - y) ** 2 <= r * r
-        value[:, disk] = row[:, None]
-        uncertainty[:, disk] = 0
-    return value, uncertainty
 
 
 @sweep(few=15, many=80)
@@ -152,47 +109,3 @@ def test_farms_of_many_tiles_are_kept_up_to_date(shape, n, seed, radius, pieces)
             tiles[x // TILE_CELLS, y // TILE_CELLS] = True
             np.testing.assert_array_equal(model.changed, tiles)
         before = value, uncertainty
-
-
-def test_a_running_flight_writes_in_place_and_only_where_its_disks_are():
-    rng = np.random.default_rng(8)
-    grid = grid_of(2000, 1500)
-    seen = observations(100 + np.arange(600), np.full(600, 90), rng.random((600, 3)))
-    estimator = AdaptiveDiskEstimator().fit(grid, seen[:500])
-    first = estimator.predict()
-    tracemalloc.start()
-    later = estimator.partial_fit(seen[500:]).predict()
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert later.value is first.value
-    assert later.uncertainty is first.uncertainty
-    assert peak < 500_000
-    assert 0 < later.changed.mean() < 0.1
-    again = estimator.predict()
-    assert not again.changed.any()
-    assert again.revision == 2
-    with pytest.raises(ValueError, match="read-only"):
-        later.value[0, 0, 0] = 1
-
-
-def test_copies_of_an_estimator_go_their_own_ways():
-    rng = np.random.default_rng(9)
-    seen = observations(rng.integers(0, 90, 40), rng.integers(0, 90, 40), rng.random((40, 3)))
-    one = AdaptiveDiskEstimator().fit(grid_of(90, 90), seen[:20])
-    one.predict()
-    other = pickle.loads(pickle.dumps(one))
-    value = one.predict().copy().value
-    np.testing.assert_array_equal(other.partial_fit(seen[20:]).predict().value, painted((90, 90), seen)[0])
-    np.testing.assert_array_equal(one.predict().value, value)
-
-
-def test_fields_that_part_get_an_uncertainty_of_their_own():
-    rng = np.random.default_rng(10)
-    values = rng.random((30, 3))
-    estimator = AdaptiveDiskEstimator().fit(grid_of(80, 70), observations([20] * 30, [30] * 30, values))
-    model = estimator.predict()
-    assert model.uncertainty.strides[0] == 0
-    values[:, 1] = np.nan
-    model = estimator.partial_fit(observations([60] * 30, [60] * 30, values)).predict()
-    assert model.uncertainty[:, 60, 60].tolist() == [0, 1, 0]
-    assert model.uncertainty[:, 20, 30].tolist() == [0, 0, 0]

@@ -8,12 +8,12 @@ import pytest
 
 from geo.farms import get_farm
 from geo.grid import FarmGrid
-from sensors.errors import EstimatorError, ObservationError
-from sensors.estimators import Estimator, estimator_names, make_estimator
+from sensors.errors import EstimatorError
 from sensors.estimators import base as registry
+from sensors.estimators import estimator_names, make_estimator
 from sensors.estimators.point import PointEstimator
 from sensors.fields import PAPER_FIELDS, FieldSet
-from sensors.observations import GrowingArray, Observations
+from sensors.observations import Observations
 
 OURS = ("adaptive-disk", "authors-ad", "gp", "gp-sklearn", "point")
 GRID = FarmGrid((6, 5), 0.3048, np.ones((6, 5), np.int8), np.ones((6, 5), bool))
@@ -22,27 +22,8 @@ GRID = FarmGrid((6, 5), 0.3048, np.ones((6, 5), np.int8), np.ones((6, 5), bool))
 def test_our_estimators_are_registered():
     assert set(OURS) <= set(estimator_names())
     assert list(estimator_names()) == sorted(estimator_names())
-
-
-@pytest.mark.parametrize("name", OURS)
-def test_init_only_stores_parameters(name):
-    estimator = make_estimator(name, random_state=3)
-    params = estimator.get_params()
-    assert vars(estimator) == params
-    assert type(estimator)(**params).get_params() == params
-    assert repr(estimator).startswith(type(estimator).__name__ + "(")
-    assert isinstance(estimator, Estimator)
-
-
-def test_unknown_name_lists_the_known_ones():
     with pytest.raises(EstimatorError, match=r"unknown estimator 'kriging': choose adaptive-disk, .*point"):
         make_estimator("kriging")
-
-
-@pytest.mark.parametrize("name", OURS)
-def test_unknown_parameters_are_named(name):
-    with pytest.raises(EstimatorError, match=rf"{name}: unknown parameter 'speed'"):
-        make_estimator(name, speed=3)
 
 
 def register(monkeypatch, *points, group=registry.ENTRY_POINT_GROUP):
@@ -68,18 +49,6 @@ def test_one_name_twice_is_refused_unless_it_is_the_same(monkeypatch):
         make_estimator("point")
 
 
-@pytest.mark.parametrize("name", OURS)
-def test_observations_outside_the_farm_teach_nothing(name):
-    estimator = make_estimator(name, random_state=1).fit(GRID)
-    before = estimator.predict()
-    mixed = Observations([1, 6], [1, 1], [0, 1], [6, 6], [[0.5, 0.5, 0.5]] * 2)
-    with pytest.raises(ObservationError, match="observation 1"):
-        estimator.partial_fit(mixed)
-    assert np.array_equal(estimator.predict().value, before.value)
-    with pytest.raises(ObservationError):
-        estimator.fit(GRID, mixed)
-
-
 @pytest.mark.parametrize("values", [(1, 1), (1, 1, np.nan), (1, 1, 1, 1)])
 @pytest.mark.parametrize("name", ["adaptive-disk", "authors-ad", "point"])
 def test_default_values_are_checked(name, values):
@@ -96,16 +65,6 @@ def test_point_estimator_keeps_the_last_value_of_a_cell():
     assert model.value[:, 2, 3].tolist() == [1.0, 0.0, 0.75]
     assert model.value[:, 0, 0].tolist() == [1.0, 1.0, 0.0]
     assert model.uncertainty.sum() == 3 * (30 - 2)
-
-
-def test_growing_array_keeps_every_row():
-    rows = GrowingArray((2,), np.int32)
-    early = rows.array
-    for i in range(100):
-        rows.append([[i, i], [i, -i]])
-    assert len(rows) == 200
-    assert rows.array[:, 0].tolist() == [i for i in range(100) for _ in range(2)]
-    assert len(early) == 0
 
 
 @pytest.mark.parametrize("name", estimator_names())

@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from sweeps import sweep
 
 from geo.farms import get_farm
 from sensors.environment import generate_environment
 from sensors.estimators import advance_estimator, make_estimator
-from sensors.estimators.days import Transition, carried, transition
+from sensors.estimators.days import transition
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 
@@ -32,19 +29,6 @@ def test_sick_plants_grow_old_and_lost_ones_stay_lost():
         assert soon.variances[2] < late.variances[2] <= late.spread + 0.25
 
 
-def test_humidity_goes_back_to_what_the_weather_makes_usual():
-    soon, late = transition(SOIL, GRID, 4, 5), transition(SOIL, GRID, 4, 24)
-
-    def slope(one):
-        return one.means[1] - one.means[0]
-
-    assert 0.0 <= slope(late) < slope(soon) <= 1.0
-    assert 0.0 < soon.variances[0] < late.variances[0] <= late.spread * 1.01
-    assert transition(SOIL, GRID, 4, 5).means.tolist() == soon.means.tolist(), (
-        "equal seeds, equal transitions"
-    )
-
-
 @pytest.mark.parametrize("field", PAPER_FIELDS, ids=PAPER_FIELDS.names)
 def test_transitions_are_those_of_environments_that_nothing_was_learned_from(field):
     grid, k = get_farm("miniberry-30").grid(), PAPER_FIELDS.names.index(field.name)
@@ -59,25 +43,6 @@ def test_transitions_are_those_of_environments_that_nothing_was_learned_from(fie
     means, _ = step(before)
     assert np.mean((after - means) ** 2) < np.mean((after - before) ** 2)
     assert abs(np.mean(after - means)) < 0.05
-
-
-@sweep(few=20, many=100)
-@given(
-    st.lists(st.tuples(st.sampled_from([0.0, 0.5, 1.0, 0.7, -0.1, 1.2]), st.integers(2, 6)), min_size=1),
-    st.sampled_from(tuple(PAPER_FIELDS)),
-)
-def test_what_is_carried_is_a_value_of_the_field_and_today_is_left_as_it_is(readings, field):
-    values, days = np.array([one for one, _ in readings]), np.array([day for _, day in readings])
-    value, doubt = carried(field, GRID, values, days, 6)
-    today = days == 6
-    assert np.array_equal(value[today], values[today]) and not doubt[today].any()
-    assert ((value[~today] >= 0.0) & (value[~today] <= 1.0)).all()
-    assert ((doubt >= 0.0) & (doubt <= 1.0)).all()
-
-
-def test_without_any_spread_nothing_is_in_doubt():
-    certain = Transition(np.array([0.0, 1.0]), np.array([1.0, 1.0]), np.zeros(2), 0.0)
-    assert certain.doubt(np.zeros(3)).tolist() == [0.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize("name", CARRYING)
@@ -117,26 +82,6 @@ def test_days_learned_at_once_or_one_after_the_other_are_believed_alike(name):
     at_once = make_estimator(name).fit(GRID, Observations.concatenate(days))
     np.testing.assert_allclose(step_by_step.predict().value, at_once.predict().value, atol=1e-4)
     np.testing.assert_allclose(step_by_step.predict().uncertainty, at_once.predict().uncertainty, atol=1e-4)
-
-
-@pytest.mark.parametrize("method", ["exact", "local"])
-def test_the_gaussian_process_carries_alike_exactly_and_in_parts(method):
-    rng = np.random.default_rng(5)
-    cells = rng.permutation(100)[:60]
-    x, y = cells // 10, cells % 10
-    first = observed(list(zip(x[:40], y[:40], strict=True)), 4, rng.choice([0.5, 1.0], (40, 3)))
-    # Some of them again, and others.
-    later = observed(list(zip(x[25:], y[25:], strict=True)), 6, rng.choice([0.5, 1.0], (35, 3)))
-    estimator = make_estimator("gp", method=method).fit(GRID, first)
-    estimator.predict()
-    advance_estimator(estimator, 6)
-    estimator.predict()
-    for begin in range(0, 35, 7):
-        estimator.partial_fit(later[begin : begin + 7]).predict()
-    found = estimator.predict()
-    exact = make_estimator("gp", method="exact").fit(GRID, Observations.concatenate([first, later])).predict()
-    np.testing.assert_allclose(found.value, exact.value, atol=0.02)
-    np.testing.assert_allclose(found.uncertainty, exact.uncertainty, atol=0.02)
 
 
 def test_a_process_that_knows_no_dynamics_learns_how_fast_things_change():

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from scipy.optimize import approx_fprime
 
 from geo.farms import get_farm
 from geo.grid import FarmGrid
@@ -12,13 +11,7 @@ from sensors.environment import TYLCV, SoilParameters, generate_environment
 from sensors.errors import EstimatorError
 from sensors.estimators.gp import prior as gp_prior
 from sensors.estimators.gp.estimator import GaussianProcessEstimator
-from sensors.estimators.gp.prior import (
-    _divergence,
-    _nearest_kernel,
-    continuous_prior,
-    disease_prior,
-    learn_priors,
-)
+from sensors.estimators.gp.prior import _nearest_kernel, continuous_prior, disease_prior, learn_priors
 from sensors.estimators.gp.rbf import RbfKernel
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
@@ -45,17 +38,6 @@ def test_the_nearest_kernel_to_a_kernels_moments_is_itself():
     found = _nearest_kernel(x, y, true.between(x, y) + true.noise * np.eye(144), (0.5, 64.0))
     for name in ("length_x", "length_y", "noise", "amplitude"):
         assert getattr(found, name) == pytest.approx(getattr(true, name), rel=1e-2)
-
-
-def test_the_divergences_gradient():
-    rng = np.random.default_rng(0)
-    x, y = rng.integers(0, 12, 30), rng.integers(0, 12, 30)
-    root = rng.standard_normal((30, 40))
-    squares = [np.subtract.outer(a, a).astype(float) ** 2 for a in (x, y)]
-    theta = np.log([2.0, 3.0, 0.3, 0.8])
-    _, gradient = _divergence(theta, *squares, root @ root.T / 40)
-    numeric = approx_fprime(theta, lambda t: _divergence(t, *squares, root @ root.T / 40)[0], 1e-7)
-    np.testing.assert_allclose(gradient, numeric, rtol=1e-4, atol=1e-4)
 
 
 def test_means_and_variances_are_those_of_environments(tmp_path, monkeypatch):
@@ -104,11 +86,14 @@ def test_a_crop_that_is_not_grown_has_nothing_to_learn():
 
 
 @pytest.mark.parametrize("day", [0, 40])
-def test_any_day_and_a_tiny_farm_can_be_learned(day, tmp_path):
+def test_any_day_and_a_tiny_farm_can_be_learned_where_nothing_can_be_kept(day, tmp_path):
+    (tmp_path / "file").write_text("")
     grid = FarmGrid((7, 4), 0.3048, np.array([[1, 1, 2, 2]] * 7, np.int8), np.ones((7, 4), bool))
-    for prior in learn_priors(grid, MODEL, day, 0, tmp_path):
+    for prior in learn_priors(grid, MODEL, day, 0, tmp_path / "file" / "below"):
         assert 0 <= prior.mean <= 1
         assert prior.kernel.noise > 0
+    with pytest.raises(EstimatorError, match=r"gp: day 5000 is not in 0\.\."):
+        learn_priors(grid, MODEL, 5000, 0, tmp_path)
 
 
 def test_what_was_learned_is_kept_and_other_days_seeds_and_models_are_learned_anew(tmp_path, monkeypatch):
@@ -137,17 +122,6 @@ def test_a_damaged_file_is_replaced(tmp_path, monkeypatch):
         monkeypatch.setattr(gp_prior, "_in_memory", {})
         assert learn_priors(grid, MODEL, 6, 0, tmp_path) == first
         assert json.loads(path.read_text())["soil"]["mean"] == first[2].mean
-
-
-def test_a_folder_that_cannot_be_written_to_is_no_error(tmp_path):
-    file = tmp_path / "file"
-    file.write_text("")
-    assert len(learn_priors(small_grid(), MODEL, 6, 0, file / "below")) == 3
-
-
-def test_an_impossible_day_is_named(tmp_path):
-    with pytest.raises(EstimatorError, match=r"gp: day 5000 is not in 0\.\."):
-        learn_priors(small_grid(), MODEL, 5000, 0, tmp_path)
 
 
 def test_the_estimator_takes_the_prior_of_the_latest_day(tmp_path):

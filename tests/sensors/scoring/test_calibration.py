@@ -8,7 +8,7 @@ from hypothesis.extra import numpy as hnp
 
 from sensors.errors import EstimatorError
 from sensors.fields import PAPER_FIELDS
-from sensors.scoring.expected import calibration, of_classes, of_normal
+from sensors.scoring.expected import calibration, of_classes
 from sensors.scoring.information import HELD, InformationModel, least_sick
 
 PROBABILITIES = hnp.arrays(np.float32, st.integers(1, 60), elements=st.floats(0.0, 1.0, width=32))
@@ -22,7 +22,7 @@ def model_of(sick, deviation=0.1, **given):
     return InformationModel(values, np.full_like(values, deviation), probabilities=probabilities, **given)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(PROBABILITIES)
 def test_the_plants_that_may_be_sick_hold_nine_tenths_of_the_expected_and_none_too_many(sick):
     least = least_sick(sick)
@@ -35,7 +35,7 @@ def test_the_plants_that_may_be_sick_hold_nine_tenths_of_the_expected_and_none_t
     assert (sick[sick >= 1.0] >= least).all()
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(PROBABILITIES, st.integers(0, 2**32 - 1))
 def test_the_measures_lie_in_their_ranges_and_do_not_depend_on_the_order(probability, seed):
     rng = np.random.default_rng(seed)
@@ -62,14 +62,6 @@ def test_right_probabilities_are_calibrated_and_hold_nine_tenths_of_the_sick():
     wrong = of_classes(np.sqrt(probability), rng.random(200_000) < probability)
     assert wrong["ece"] > 0.1
     assert wrong["log_loss"] > told["log_loss"]
-
-
-def test_a_normal_distribution_holds_nine_tenths_of_what_it_draws():
-    rng = np.random.default_rng(4)
-    deviation = rng.uniform(0.1, 0.4, 50_000)
-    told = of_normal(rng.normal(0.5, deviation), np.full(50_000, 0.5), deviation)
-    assert told["held"] == pytest.approx(0.9, abs=0.01)
-    assert told["error"] == pytest.approx(1.0, abs=0.03)
 
 
 def test_only_the_cells_that_count_are_measured():

@@ -74,25 +74,6 @@ def test_the_way_home_does_not_count(autopilot, home):
     assert place.item == 3 and place.fraction == pytest.approx(0.6, abs=1e-3)
 
 
-def test_the_farthest_place_counts_and_the_leg_that_is_flown():
-    log = Log()
-    log.beat()
-    log.be(5, 40.0, 18.0)  # nearer to nothing else
-    log.beat()
-    log.be(3, 10.0, 0.0)  # a later flight begins anew
-    log.beat()
-    place = log.progress.place()
-    assert place.item == 5 and place.fraction == pytest.approx(0.6, abs=1e-3)
-
-
-def test_a_mission_that_is_over_is_told():
-    log = Log()
-    log.beat()
-    log.be(7, 10.0, 10.0)
-    log.beat()
-    assert log.progress.place() is None
-
-
 @pytest.mark.parametrize(("autopilot", "home"), [(PX4, 0), (ARDUPILOT, 1)])
 @pytest.mark.parametrize(("reached", "over"), [(5, True), (4, False)])
 def test_the_last_item_is_reached_from_a_radius_away(autopilot, home, reached, over):

@@ -52,11 +52,6 @@ def test_recorded_plans_are_read_and_written_back(name, count):
     path = PLANS / f"{name}.plan"
     mission = read_mission(path)
     assert len(mission.items) == count
-    assert mission.items[0].command == Command.NAV_TAKEOFF
-    assert mission.items[0].param4 is None
-    assert mission.items[-1].command == Command.NAV_RETURN_TO_LAUNCH
-    assert mission.home is not None
-    assert mission.home.altitude_m == 30.0
     assert json.loads(plan.dumps(mission)) == json.loads(path.read_text())
 
 
@@ -83,36 +78,9 @@ def test_keys_that_the_loaders_ask_for():
     assert mission["items"][3]["params"][0] == 3
 
 
-@pytest.mark.parametrize(("firmware", "number", "yaw"), [(12, 12, None), (3, 3, 0.0), (0, 0, None)])
-def test_firmware(firmware, number, yaw):
-    mission = document(firmware=Firmware(firmware))["mission"]
-    assert mission["firmwareType"] == number
-    assert mission["items"][0]["params"][3] == yaw
-
-
-@pytest.mark.parametrize(("frames", "mode"), [((3,), 1), ((0,), 2), ((10,), 4), ((0, 3), 0), ((), 1)])
-def test_altitude_modes(frames, mode):
-    items = tuple(MissionItem(16, frame, x=1.0, y=2.0, z=3.0) for frame in frames)
-    mission = document(Mission(items))["mission"]
-    assert mission["globalPlanAltitudeMode"] == mode
-    assert [i["AltitudeMode"] for i in mission["items"]] == [{3: 1, 0: 2, 10: 4}[frame] for frame in frames]
-
-
-def test_unknown_home_is_the_first_place():
-    mission = Mission(MISSION.items[1:])
-    assert read(document(mission)).home == GeoPoint(28.051, -82.151, 0.0)
-    assert read(document(Mission(()))).home is None
-
-
 @pytest.mark.parametrize(
     ("position", "home"),
-    [
-        ([28.0, -82.0], GeoPoint(28.0, -82.0, 0.0)),
-        ([28.0, -82.0, None], GeoPoint(28.0, -82.0, 0.0)),
-        ([28.0], None),
-        ([28.0, None, 5.0], None),
-        ([None, -82.0, 5.0], None),
-    ],
+    [([28.0, -82.0], GeoPoint(28.0, -82.0, 0.0)), ([28.0], None), ([None, -82.0, 5.0], None)],
 )
 def test_a_home_needs_two_coordinates(position, home):
     assert read(changed(("mission", "plannedHomePosition"), position)).home == home
@@ -125,10 +93,8 @@ def test_jump_is_mapped_through_the_ids():
     )  # fmt: skip
     assert read(made).items[3].param1 == 2.0
     assert document(read(made))["mission"]["items"][3]["params"][0] == 3
-
-
-def test_jump_without_ids_counts_from_one():
-    assert read(with_items(simple(), simple(177, 2, (1, 2, 0, 0, 0, 0, 0)))).items[1].param1 == 0.0
+    without_ids = with_items(simple(), simple(177, 2, (1, 2, 0, 0, 0, 0, 0)))
+    assert read(without_ids).items[1].param1 == 0.0, "counted from one"
 
 
 @pytest.mark.parametrize(
@@ -144,12 +110,6 @@ def test_bad_jump(target, part):
     assert "mission, item 3" in str(caught.value)
 
 
-@pytest.mark.parametrize("target", [-1.0, 2.0, 0.5, None])
-def test_jump_to_nowhere_is_not_written(target):
-    with pytest.raises(MissionFileError, match="item 2: DO_JUMP"):
-        plan.dumps(Mission((MISSION.items[0], MissionItem(177, 2, target))))
-
-
 def survey_document():
     return json.loads((PLANS / "survey.plan").read_text())
 
@@ -157,25 +117,13 @@ def survey_document():
 SURVEY = survey_document()["mission"]["items"][1]
 
 
-def test_survey_is_flattened():
-    mission = read(survey_document())
-    assert [item.command for item in mission.items] == [22, 16, 206, 16, 206, 177]
-    assert mission.items[5].param1 == 3.0
-
-
-@pytest.mark.parametrize("version", [2, 3, 4, 5, 6])
+@pytest.mark.parametrize("version", [2, 6])
 def test_the_commands_of_a_survey_are_those_of_any_version(version):
     older = {key: value for key, value in SURVEY.items() if key != "splitConcavePolygons"}
     calc = {"CameraName": "Sony", "DistanceToSurfaceRelative": True, "version": 1, "ImageDensity": 1.5}
     transect = SURVEY["TransectStyleComplexItem"] | {"version": 1, "FollowTerrain": False, "CameraCalc": calc}
     older |= {"version": version, "TransectStyleComplexItem": transect}
     assert read(with_items(older)).items == read(with_items(SURVEY)).items
-
-
-def test_corridor_and_unknown_complex_items_with_commands_are_flattened():
-    corridor = SURVEY | {"complexItemType": "CorridorScan"}
-    assert len(read(with_items(corridor)).items) == 4
-    assert len(read(with_items({"type": "ComplexItem", "Items": [simple()]})).items) == 1
 
 
 def test_complex_items_that_are_not_known_are_refused_by_name():
@@ -191,34 +139,6 @@ def test_items_of_older_versions_have_their_place_apart():
         read(with_items(simple(params=(0, 0, 0, 0))))
 
 
-def test_fence_and_rally():
-    made = document()
-    made["geoFence"] = {
-        "version": 2,
-        "polygons": [{"polygon": [[1, 2], [1, 3], [2, 3]], "inclusion": False, "version": 1}],
-        "circles": [{"circle": {"center": [1, 2], "radius": 50.5}, "inclusion": True, "version": 1}],
-        "breachReturn": [1, 2, 30],
-    }
-    made["rallyPoints"]["points"] = [[1, 2, 5.5]]
-    mission = read(made)
-    assert [item.command for item in mission.fence] == [5002, 5002, 5002, 5003, 5000]
-    assert [item.param1 for item in mission.fence] == [3, 3, 3, 50.5, 0]
-    assert [item.frame for item in mission.fence] == [0, 0, 0, 0, 3]
-    assert (mission.fence[1].x, mission.fence[1].y) == (1.0, 3.0)
-    assert mission.fence[4].z == 30.0
-    assert (mission.rally[0].command, mission.rally[0].frame, mission.rally[0].z) == (5100, 3, 5.5)
-    again = document(mission)
-    assert again["geoFence"] == made["geoFence"]
-    assert again["rallyPoints"] == made["rallyPoints"]
-
-
-def test_rally_altitude_above_sea_level_needs_home():
-    rally = (MissionItem(5100, 0, x=1.0, y=2.0, z=50.0),)
-    assert document(Mission((), home=HOME, rally=rally))["rallyPoints"]["points"] == [[1.0, 2.0, 20.0]]
-    with pytest.raises(MissionFileError, match="rally point 1"):
-        plan.dumps(Mission((), rally=rally))
-
-
 def vertex(command=5001, count=3.0):
     return MissionItem(command, 0, count, x=1.0, y=2.0)
 
@@ -227,12 +147,8 @@ def vertex(command=5001, count=3.0):
     ("fence", "part"),
     [
         ([vertex()] * 2, "fence item 1: a polygon of 3 vertices, but only 2"),
-        ([vertex(), vertex(), vertex(5002)], "but only 2"),
         ([vertex(count=2.0)] * 2, "param1 is 2.0"),
-        ([vertex(count=None)] * 3, "param1 is None"),
-        ([vertex(count=1e30)] * 3, "but only 3 are listed"),
         ([vertex(5003, 0.0)], "radius 0.0"),
-        ([vertex(5003, None)], "radius None"),
         ([vertex(16)], "command 16 is not a fence command"),
     ],
 )
@@ -267,37 +183,20 @@ ITEM = ("mission", "items", 0)
     ("path", "value", "part"),
     [
         (("fileType",), "Parameters", 'fileType "Parameters", not a QGroundControl plan'),
-        (("fileType",), KeyError, "not a QGroundControl plan"),
         (("version",), 2, "version is 2, but must be 1"),
-        (("mission",), KeyError, "mission"),
         (("mission",), [], "mission: it is a list; give a table of names and values"),
-        (("mission", "version"), 1, "mission, version is 1, but must be 2"),
-        (("mission", "items"), KeyError, "items"),
-        (("mission", "items"), {}, "mission, items: it is a table of names and values; give a list"),
         (("mission", "plannedHomePosition"), [91, 0, 0], "plannedHomePosition: home: point: latitude 91"),
-        (("mission", "hoverSpeed"), -1, "hover_speed_m_s is -1"),
         (("mission", "hoverSpeed"), "fast", "mission, hoverSpeed: it is a text; give a number"),
         ((*ITEM, "type"), "Sample", "'Sample'"),
-        ((*ITEM, "type"), KeyError, "type is missing"),
         ((*ITEM, "command"), "16", "mission, item 1, command: it is a text; give a whole number"),
-        ((*ITEM, "command"), 65536, "mission, item 1, command"),
-        ((*ITEM, "frame"), -1, "mission, item 1, frame"),
         ((*ITEM, "params"), [0] * 6, "mission, item 1, params"),
         ((*ITEM, "params", 4), 95.0, "mission, item 1: mission item (command 22): latitude 95"),
-        ((*ITEM, "params", 5), -190.0, "longitude -190"),
         ((*ITEM, "params", 5), None, "mission, item 1: longitude of command 22 is missing"),
         ((*ITEM, "params", 0), "a", "mission, item 1, param 1"),
-        ((*ITEM, "params", 0), 1e39, "param1 1e+39"),
         (("geoFence", "polygons", 0, "polygon"), [[1, 2]], "geoFence, polygon 1: 1 vertices"),
-        (("geoFence", "polygons", 0, "polygon", 1), [1, 200], "geoFence, polygon 1, vertex 2"),
         (("geoFence", "circles", 0, "circle", "radius"), 0, "geoFence, circle 1: radius"),
         (("geoFence", "polygon"), [[1, 2]], "draw it again"),
         (("rallyPoints", "points", 0), [1, 2], "rallyPoints, point 1"),
-        (
-            ("rallyPoints", "points", 0, 0),
-            100,
-            "rallyPoints, point 1: mission item (command 5100): latitude 100",
-        ),
         (
             ("mission", "items", 1, "TransectStyleComplexItem", "Items", 2, "params", 4),
             99,
@@ -312,35 +211,18 @@ def test_bad_values_are_named(path, value, part):
     assert "\n" not in str(caught.value)
 
 
-def test_null_altitude_is_taken_from_the_altitude_key():
-    assert read(with_items(simple(params=(0, 0, 0, None, 1, 2, None), Altitude=12.5))).items[0].z == 12.5
-
-
-def test_null_of_a_command_without_a_place_is_nothing():
-    item = read(with_items(simple(2000, 2, (0, 2, 0, None, None, None, None)))).items[0]
-    assert (item.param4, item.x, item.y, item.z) == (None, 0.0, 0.0, 0.0)
-
-
 @pytest.mark.parametrize(
     ("content", "part"),
     [
         (b'{"fileType": "Plan",\n "version": NaN}', "line 2"),
         (b'{"fileType": "Plan",\n\n "version": 1', "line 3"),
         (b'{"fileType": "Plan", "x": ' + b"[" * 100_000, "nested too deeply"),
-        (b'{"fileType": "Plan", "version": "\xff"}', "version"),
-        (b"[]", "not a QGroundControl plan"),
     ],
 )
 def test_broken_json(content, part):
     with pytest.raises(MissionFileError) as caught:
         plan.loads(content)
     assert part in str(caught.value)
-
-
-def test_byte_order_mark_and_unknown_keys_are_fine():
-    made = document() | {"custom": {"anything": [1, {"deep": None}]}}
-    made["mission"]["items"][0]["groupTag"] = 5
-    assert plan.loads(b"\xef\xbb\xbf" + json.dumps(made).encode()).home == HOME
 
 
 def test_too_many_items():

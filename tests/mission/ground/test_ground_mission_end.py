@@ -263,17 +263,6 @@ def test_a_mission_that_comes_when_the_old_one_has_ended_does_not_make_the_retur
     assert ground.outcome is Outcome.COMPLETED
 
 
-def test_a_mission_that_ends_while_another_is_sent_is_over():
-    """A real PX4 said so between the number of the new items and its acknowledgement."""
-    ground = flying(HOMEWARD)
-    ground.receive(from_vehicle(beat(MISSION)), 11.0)
-    ground.receive(from_vehicle(current(2, ACTIVE)), 11.1)
-    other = Mission((TAKEOFF, *WAYPOINTS[::-1], HOMEWARD.items[-1]), HOMEWARD.home)
-    assert ground.change(other, 2, 12.0) and ground.changing
-    ground.receive(from_vehicle(m.MAVLink_statustext_message(6, b"Mission finished, loitering\t")), 12.1)
-    assert ground.pilot.mission_over and ground.flies_home
-
-
 @settings(max_examples=30, deadline=None)
 @given(late_s=st.floats(0.0, 5.0), item=st.integers(1, 3), came=st.integers(1, 4))
 @example(late_s=5.0, item=2, came=1)

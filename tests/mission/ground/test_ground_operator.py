@@ -1,49 +1,10 @@
-"""The parts of a live flight, message by message: arming gate, modes, pilot."""
+"""The parts of a live flight, message by message: modes and pilot."""
 
 import pytest
 
-from mission.ground.arming_gate import ArmingGate, Stage
 from mission.ground.mission_end import PilotWatch
 from mission.ground.modes import Maneuver, ModeError, VehicleModes
 from mission.link.codec.dialect import mavlink as m
-
-PREARM = m.MAV_SYS_STATUS_PREARM_CHECK
-VEHICLE = (1, 1)
-
-
-def status(present, health):
-    return m.MAVLink_sys_status_message(present, present, health, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
-
-
-def test_the_vehicle_and_the_operator_have_to_agree():
-    gate = ArmingGate(VEHICLE)
-    assert {one.command for one in gate.poll(0.0)} == {
-        m.MAV_CMD_SET_MESSAGE_INTERVAL,
-        m.MAV_CMD_RUN_PREARM_CHECKS,
-    }
-    assert gate.poll(1.0) == []
-    gate.on_sys_status(status(PREARM, 0), has_position=True)
-    gate.on_text("PreArm: GPS 1: Bad fix")
-    gate.on_text("PreArm: Battery low")
-    gate.on_text("PreArm: GPS 1: Bad fix")
-    assert gate.stage is Stage.CHECKING
-    assert gate.reasons == ["Battery low", "GPS 1: Bad fix"]
-    gate.on_sys_status(status(PREARM, PREARM), has_position=True)
-    assert gate.stage is Stage.ASKING
-    gate.on_sys_status(status(PREARM, 0), has_position=True)
-    assert gate.stage is Stage.CHECKING, "it has thought better of it"
-    gate.agree()
-    assert gate.stage is Stage.CHECKING, "the operator cannot overrule it"
-    gate.on_sys_status(status(PREARM, PREARM), has_position=True)
-    assert gate.stage is Stage.GRANTED
-
-
-def test_an_autopilot_without_the_bit_is_ready_once_it_tells_where_it_is():
-    gate = ArmingGate(VEHICLE, agreed=True)
-    gate.on_sys_status(status(1, 1), has_position=False)
-    assert gate.stage is Stage.CHECKING
-    gate.on_sys_status(status(1, 1), has_position=True)
-    assert gate.stage is Stage.GRANTED
 
 
 def test_an_unknown_mode_is_named_with_those_that_there_are():
@@ -59,28 +20,6 @@ def beat(custom_mode, *, armed=True):
 
 
 AUTO, GUIDED, LOITER, RTL = 3, 4, 5, 6
-
-
-def test_who_flies_is_told_by_the_mode():
-    watch = PilotWatch()
-    watch.on_heartbeat(beat(GUIDED), 0.0, expects_change=False)
-    assert not watch.somebody_else_flies, "the mission has not begun"
-    watch.on_heartbeat(beat(AUTO), 1.0, expects_change=False)
-    watch.on_heartbeat(beat(GUIDED), 2.0, expects_change=True)
-    assert not watch.somebody_else_flies, "we are changing the mission ourselves"
-    watch.on_heartbeat(beat(LOITER), 3.0, expects_change=False)
-    assert watch.somebody_else_flies
-    watch.on_heartbeat(beat(AUTO), 4.0, expects_change=False)
-    assert not watch.somebody_else_flies
-    watch.order(Maneuver.RETURN)
-    watch.on_heartbeat(beat(AUTO), 4.5, expects_change=False)  # sent before the order arrived
-    watch.on_heartbeat(beat(RTL), 5.0, expects_change=False)
-    assert not watch.somebody_else_flies, "we ordered that"
-    assert watch.taken_out
-    assert [text for _, text in watch.events] == [
-        "taken out of its mission: mode LOITER",
-        "back in its mission (mode AUTO)",
-    ]
 
 
 def flying_watch():
@@ -128,14 +67,6 @@ def test_a_restart_is_told_once_with_what_it_changed(clock_first):
     assert watch.ended_by_restart == text
 
 
-def test_a_restart_that_changes_nothing_ends_nothing():
-    watch = flying_watch()
-    watch.on_restart(None, 20.0)
-    watch.on_heartbeat(beat(AUTO), 21.0, expects_change=False)
-    assert watch.events == [(21.0, "its autopilot has started again")]
-    assert not watch.ended_by_restart
-
-
 def test_a_pilot_who_came_during_a_silence_is_told_once_it_was_no_restart():
     watch = flying_watch()
     watch.on_heartbeat(beat(LOITER), 20.0, expects_change=False, unsure=True)
@@ -147,18 +78,6 @@ def test_a_pilot_who_came_during_a_silence_is_told_once_it_was_no_restart():
     watch.on_heartbeat(beat(LOITER), 20.0, expects_change=False, unsure=True)
     watch.on_heartbeat(beat(LOITER), 26.0, expects_change=False)
     assert len(watch.events) == 1, "it never told its clock"
-
-
-def test_an_order_is_obeyed_when_the_mode_shows_it():
-    watch = flying_watch()
-    watch.order(Maneuver.HOLD)
-    watch.on_heartbeat(beat(AUTO), 1.0, expects_change=False)
-    assert not watch.obeyed
-    watch.on_heartbeat(beat(17), 2.0, expects_change=False)
-    assert watch.obeyed == "holds (mode BRAKE)"
-    assert watch.ended_mission
-    watch.on_heartbeat(beat(AUTO), 3.0, expects_change=False)
-    assert not watch.obeyed and not watch.ended_mission, "back in its mission"
 
 
 def test_an_order_on_the_way_home_that_is_not_obeyed_has_not_ended_the_mission():

@@ -3,14 +3,14 @@
 from typing import Any
 
 import pytest
-from hypothesis import example, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mission.ground.arming_gate import ArmingGate
 from mission.ground.change import ChangeOutcome, ChangeRecord
 from mission.ground.contact import Contact
 from mission.ground.mission_end import FailureWatch
-from mission.ground.modes import Maneuver, VehicleModes
+from mission.ground.modes import Maneuver
 from mission.ground.orders import NotFlyingError
 from mission.ground.station import GroundStation
 from mission.ground.texts import TextLog
@@ -74,16 +74,6 @@ def test_it_sends_a_heartbeat_each_second_and_gives_up_without_a_vehicle() -> No
     assert 30 <= beats <= 41
 
 
-def test_it_arms_after_the_upload_and_starts_after_arming() -> None:
-    ground = GroundStation(MISSION)
-    assert commands(uploaded(ground)) == [m.MAV_CMD_COMPONENT_ARM_DISARM]
-    started = ground.receive(ack(m.MAV_CMD_COMPONENT_ARM_DISARM), 1.2)
-    assert commands(started) == [m.MAV_CMD_MISSION_START]
-    ground.receive(ack(m.MAV_CMD_MISSION_START), 1.3)
-    assert ground.phase is Phase.FLIGHT
-    assert ground.started_s == 1.3
-
-
 def test_commands_are_repeated_until_answered_then_given_up() -> None:
     ground = GroundStation(MISSION)
     first = uploaded(ground)
@@ -93,31 +83,6 @@ def test_commands_are_repeated_until_answered_then_given_up() -> None:
     assert confirmations == [0, 1, 2, 3]
     assert ground.outcome is Outcome.ARMING_REFUSED
     assert ground.reason == "no answer"
-
-
-def test_a_refusal_carries_the_vehicles_own_words() -> None:
-    ground = GroundStation(MISSION)
-    uploaded(ground)
-    ground.receive(from_vehicle(m.MAVLink_statustext_message(4, b"Arming denied: battery low")), 1.1)
-    ground.receive(ack(m.MAV_CMD_COMPONENT_ARM_DISARM, m.MAV_RESULT_DENIED), 1.2)
-    assert ground.outcome is Outcome.ARMING_REFUSED
-    assert ground.reason == "Arming denied: battery low"
-
-
-def test_a_refused_item_is_named_with_what_the_vehicle_says_after_its_answer() -> None:
-    ground = GroundStation(MISSION)
-    ground.receive(from_vehicle(m.MAVLink_statustext_message(4, b"said before")), 0.5)
-    ground.receive(heartbeat(), 1.0)
-    for seq in (0, 1):
-        ground.receive(from_vehicle(m.MAVLink_mission_request_int_message(255, 190, seq)), 1.1)
-    ground.receive(from_vehicle(m.MAVLink_mission_ack_message(255, 190, 3)), 1.2)
-    assert ground.phase is Phase.UPLOAD
-    ground.receive(from_vehicle(m.MAVLink_statustext_message(2, b"WPM: it cannot be flown")), 1.3)
-    assert ground.next_deadline() <= 1.7
-    ground.poll(1.7)
-    assert ground.outcome is Outcome.UPLOAD_FAILED
-    assert ground.reason.startswith("upload of the mission was refused at item 2 (NAV_WAYPOINT): ")
-    assert ground.reason.endswith("(MAV_MISSION_UNSUPPORTED); the vehicle says: WPM: it cannot be flown")
 
 
 def test_nothing_goes_up_that_the_autopilot_would_refuse() -> None:
@@ -130,13 +95,6 @@ def test_nothing_goes_up_that_the_autopilot_would_refuse() -> None:
     assert "mission item 2 (NAV_LOITER_TURNS)" in ground.reason
     forced = GroundStation(bad, force=True)
     assert [x.count for x in forced.receive(heartbeat(), 1.0) if x.get_type() == "MISSION_COUNT"] == [3]
-
-
-def test_the_mission_that_is_flown_is_the_one_that_was_sent() -> None:
-    nowhere = MissionItem(Command.NAV_TAKEOFF, 3, param4=None, z=5.0)
-    ground = GroundStation(Mission((nowhere, *MISSION.items[1:]), MISSION.home))
-    uploaded(ground)
-    assert ground.mission == MISSION
 
 
 @pytest.mark.parametrize(("state", "outcome"), [(5, Outcome.COMPLETED), (3, Outcome.FLIGHT_ABORTED)])
@@ -162,48 +120,6 @@ def test_disarming_ends_the_flight_by_the_missions_state(state: int, outcome: Ou
     assert ground.flight_time_s == pytest.approx(88.0 - 1.3), "until it tells that it has landed"
 
 
-def test_a_long_text_comes_in_pieces() -> None:
-    ground = GroundStation(MISSION)
-    for chunk, text in enumerate((b"Preflight Fail: the battery is at 12 % and the miss", b"ion needs 80 %")):
-        ground.receive(from_vehicle(m.MAVLink_statustext_message(4, text, 7, chunk)), 1.0)
-    ground.receive(from_vehicle(m.MAVLink_statustext_message(6, b"Ready", 0, 0)), 1.1)
-    assert [text for _, _, text in ground.texts] == [
-        "Preflight Fail: the battery is at 12 % and the mission needs 80 %",
-        "Ready",
-    ]
-
-
-def test_messages_of_other_systems_are_not_taken_for_the_vehicles() -> None:
-    ground = GroundStation(MISSION)
-    other = m.MAVLink_heartbeat_message(2, m.MAV_AUTOPILOT_PX4, 1, 0, 4, 3)
-    other.pack(m.MAVLink(None, 7, 1))
-    assert ground.receive(other, 1.0) == []
-    assert ground.phase is Phase.CONTACT
-
-
-def test_fence_and_rally_go_before_the_mission() -> None:
-    rally = MissionItem(Command.NAV_RALLY_POINT, 3, x=28.051, y=-82.151, z=20.0)
-    ground = GroundStation(Mission(MISSION.items, MISSION.home, rally=(rally,)))
-    sent = ground.receive(heartbeat(), 1.0)
-    assert sent[0].get_type() == "MISSION_COUNT"
-    assert sent[0].mission_type == m.MAV_MISSION_TYPE_RALLY
-
-
-def test_an_ardupilot_is_asked_for_telemetry_until_it_comes() -> None:
-    ground = GroundStation(MISSION)
-    beat = from_vehicle(m.MAVLink_heartbeat_message(2, m.MAV_AUTOPILOT_ARDUPILOTMEGA, 1, 0, 3, 3))
-
-    def asks(now_s: float) -> list[str]:
-        return [message.get_type() for message in ground.receive(beat, now_s)]
-
-    asked = ["REQUEST_DATA_STREAM", "COMMAND_LONG", "COMMAND_LONG"]
-    assert asks(0.0) == [*asked, "MISSION_COUNT"]
-    assert asks(1.0) == asked
-    ground.receive(from_vehicle(m.MAVLink_global_position_int_message(0, 0, 0, 0, 0, 0, 0, 0, 0)), 1.5)
-    assert asks(2.0) == []
-    assert asks(3.0) == asked
-
-
 def test_another_vehicle_on_the_link_changes_nothing():
     ground = GroundStation(MISSION)
     uploaded(ground)
@@ -222,17 +138,6 @@ def test_another_vehicle_on_the_link_changes_nothing():
         message.pack(m.MAVLink(None, 9, 1))
         assert ground.receive(message, 2.0) == []
     assert (ground.phase, ground.vehicle_state.battery.remaining, ground.texts) == before
-
-
-def test_px4s_last_word_on_arming_is_no_reason():
-    texts = TextLog()
-    generic = "Arming denied: Resolve system health failures first"
-    texts.note(generic, 0.0)
-    assert texts.last_warning("none") == generic
-    texts.note("Preflight Fail: No manual control input", 1.0)
-    texts.note(generic, 1.0)
-    assert texts.last_warning("none") == "Preflight Fail: No manual control input"
-    assert texts.last_warning("none", since=3) == "none"
 
 
 def test_control_characters_of_a_text_are_not_told() -> None:
@@ -261,34 +166,6 @@ def test_the_oldest_of_very_many_texts_are_dropped(monkeypatch: pytest.MonkeyPat
     assert (log.count, log.since(5), log.begun_until(0)) == (6, log.texts[3:], (log.texts, 6))
 
 
-def test_a_battery_is_told_by_sys_status_where_nothing_else_tells_it() -> None:
-    def status(percent: int) -> Any:
-        return m.MAVLink_sys_status_message(0, 0, 0, 0, 0, 0, percent, 0, 0, 0, 0, 0, 0)
-
-    monitor = VehicleMonitor()
-    monitor.receive(status(-1), 0.0)
-    assert monitor.battery == Battery()
-    monitor.receive(status(80), 0.0)
-    before = monitor.battery
-    monitor.receive(status(55), 0.0)
-    assert before == Battery(0.8)
-    assert monitor.battery.used_since(before, 50.0) == pytest.approx(0.25)
-    monitor.receive(m.MAVLink_battery_status_message(0, 0, 0, 0, [65535] * 10, -1, -1, -1, 54), 0.0)
-    monitor.receive(status(80), 0.0)
-    assert monitor.battery == Battery(0.54), "BATTERY_STATUS counts first"
-
-
-@pytest.mark.parametrize("message", [m.MAVLink_sys_status_message, m.MAVLink_battery_status_message])
-def test_a_battery_holds_no_more_than_all_of_it(message: Any) -> None:
-    """The byte of the wire reaches to 127."""
-    monitor = VehicleMonitor()
-    of_battery = ([65535] * 10, -1, -1, -1)
-    more = (0, 0, 0, 0, *of_battery) if message is m.MAVLink_battery_status_message else (0,) * 6
-    rest = () if message is m.MAVLink_battery_status_message else (0,) * 6
-    monitor.receive(message(*more, 127, *rest), 0.0)
-    assert monitor.battery.remaining == 1.0
-
-
 def test_a_battery_of_a_payload_is_not_the_motors() -> None:
     monitor, watch = VehicleMonitor(), FailureWatch()
 
@@ -305,24 +182,6 @@ def test_a_battery_of_a_payload_is_not_the_motors() -> None:
     assert (monitor.battery.remaining, monitor.battery_percent) == (0.15, 15), "the lowest counts"
     reads_of(0, m.MAV_BATTERY_FUNCTION_PROPULSION, 97)
     assert monitor.battery.remaining == 0.95
-
-
-SOME = st.none() | st.floats(0.0, 1.0)
-ENERGIES = st.none() | st.floats(0.0, 1e4)
-
-
-@given(SOME, ENERGIES, SOME, ENERGIES, st.floats(0.1, 1e3))
-@example(1.0, 0.0, 0.0, 80.8, 80.0)
-@example(0.5, None, 0.6, None, 80.0)
-def test_a_flight_takes_between_none_and_all_of_a_battery(
-    before: float | None,
-    first_wh: float | None,
-    after: float | None,
-    last_wh: float | None,
-    capacity_wh: float,
-) -> None:
-    used = Battery(after, last_wh).used_since(Battery(before, first_wh), capacity_wh)
-    assert used is None or 0.0 <= used <= 1.0
 
 
 ARMED = m.MAV_MODE_FLAG_SAFETY_ARMED
@@ -442,6 +301,13 @@ def test_an_unanswered_order_is_not_repeated_once_a_pilot_has_acted(name, mode, 
     assert flight.ground.pilot.somebody_else_flies is (mode == "POSCTL")
     shown = [text for _, _, text in flight.ground.texts if "did not take the order" in text]
     assert [text.replace("LOITER", "POSCTL") for text in shown] == [note] * (note is not None)
+
+
+def test_an_order_is_repeated_after_the_mission_has_ended() -> None:
+    flight = Flight("px4")
+    (order,) = flight.ground.maneuver(Maneuver.HOLD, flight.now_s)
+    flight.beats("RTL")
+    assert commands(flight.ground.poll(flight.now_s + 1.5)) == [order.command]
 
 
 @pytest.mark.parametrize("name", AUTOPILOTS)
@@ -799,33 +665,6 @@ def test_an_order_without_a_flight_mode_is_refused_and_the_change_goes_on():
         flight.ground.maneuver(Maneuver.HOLD, flight.now_s)
     assert flight.ground.changing and flight.ground.pilot.ordered is None
     assert commands(flight.ground.maneuver(Maneuver.RETURN, flight.now_s)) == [20]
-
-
-def test_a_boat_holds_in_hold():
-    modes = VehicleModes(m.MAV_AUTOPILOT_ARDUPILOTMEGA, m.MAV_TYPE_SURFACE_BOAT)
-    assert modes.maneuver(Maneuver.HOLD) == (m.MAV_CMD_DO_SET_MODE, (1.0, 4.0, 0.0))
-
-
-@pytest.mark.parametrize("in_flight", [False, True])
-def test_only_a_restart_in_flight_is_told(in_flight):
-    ground = GroundStation(MISSION)
-
-    def at(boot_s: float, now_s: float) -> None:
-        ground.receive(
-            from_vehicle(m.MAVLink_global_position_int_message(round(1e3 * boot_s), *[0] * 8)), now_s
-        )
-
-    at(90.0, 0.5)
-    if not in_flight:
-        at(1.0, 0.8)
-    uploaded(ground)
-    ground.receive(ack(m.MAV_CMD_COMPONENT_ARM_DISARM), 1.2)
-    ground.receive(ack(m.MAV_CMD_MISSION_START), 1.3)
-    if in_flight:
-        at(1.0, 1.4)
-    ground.pilot.on_heartbeat(heartbeat(armed=True), 2.0, expects_change=False)
-    told = [text for _, text in ground.pilot.events]
-    assert [text.startswith("its autopilot has started again") for text in told] == [True] * in_flight
 
 
 def test_an_item_that_there_is_not_is_refused():

@@ -1,27 +1,22 @@
-"""Guard, arming gate and link state, each by itself, against vehicles and links of every kind."""
+"""Guard and arming gate, each by itself, against vehicles and links of every kind."""
 
-import math
-
-import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from mission.autopilots import ARDUPILOT
-from mission.autopilots.profile import NeededParameter
 from mission.ground.arming_gate import ArmingGate, Stage
 from mission.ground.change import FailsafeGuard
 from mission.ground.contact import Contact
-from mission.ground.link_state import SILENCE_S, LinkState, SilenceWatch
 from mission.link.codec.dialect import mavlink as m
 
 PREARM = m.MAV_SYS_STATUS_PREARM_CHECK
 
 
 class Parameters:
-    """A vehicle with parameters, on a link that loses and delays; it may keep what it has."""
+    """A vehicle with parameters, on a link that loses and delays."""
 
-    def __init__(self, values, *, stubborn=(), lost=()):
-        self.values, self.stubborn, self.lost = dict(values), stubborn, set(lost)
+    def __init__(self, values, *, lost=()):
+        self.values, self.lost = dict(values), set(lost)
         self.states = [dict(values)]  # After each change
         self.messages = 0
 
@@ -30,7 +25,7 @@ class Parameters:
         if self.messages in self.lost:
             return []
         name = message.param_id.decode() if isinstance(message.param_id, bytes) else message.param_id
-        if message.get_type() == "PARAM_SET" and name not in self.stubborn:
+        if message.get_type() == "PARAM_SET":
             self.values[name] = round(message.param_value)
             self.states.append(dict(self.values))
         return [m.MAVLink_param_value_message(name.encode(), float(self.values[name]), 6, 1, 0)]
@@ -82,15 +77,6 @@ def test_the_failsafe_is_switched_on_last_and_what_was_set_is_told(kind, values,
     ]
 
 
-@pytest.mark.parametrize("late_s", [0.0, 0.3, 1.7])
-def test_a_parameter_that_does_not_take_the_value_refuses_the_change(late_s):
-    needed = (NeededParameter("ONE", least=5), NeededParameter("TWO", least=5))
-    vehicle = Parameters({"ONE": 0, "TWO": 0}, stubborn=("ONE",))
-    guard, notes = guarded(vehicle, needed, late_s=late_s)
-    assert not guard.ready and "ONE" in guard.refused and notes == []
-    assert vehicle.values["TWO"] == 0, "what comes after it was not set"
-
-
 def status(present, healthy):
     bits = PREARM * present, 0, PREARM * healthy
     return m.MAVLink_sys_status_message(*bits, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
@@ -136,79 +122,3 @@ def test_motors_start_only_where_vehicle_operator_and_the_others_are_ready(agree
         if not (granted or refused):
             stage = Stage.CHECKING if not able else Stage.WAITING if willing else Stage.ASKING
             assert gate.stage is stage
-
-
-def frame(sequence, message=None):
-    message = m.MAVLink_system_time_message(0, 0) if message is None else message
-    mav = m.MAVLink(None, 1, 1)
-    mav.seq = sequence % 256
-    message.pack(mav)
-    return message
-
-
-@settings(deadline=None, max_examples=60)
-@given(
-    st.lists(st.integers(1, 20), min_size=1, max_size=80),
-    st.lists(st.tuples(st.integers(0, 79), st.integers(0, 100)), max_size=5),
-    st.integers(0, 255),
-)
-def test_loss_is_what_is_missing_whatever_comes_twice_or_late(steps, again, begin):
-    """A frame that comes late or twice is none that is missing, nor one more that was sent."""
-    link, sequence = LinkState(), begin
-    link.receive(frame(sequence), 0.0)
-    for number, step in enumerate(steps):
-        sequence += step
-        link.receive(frame(sequence), 0.1)
-        for at, back in again:
-            if at == number:
-                link.receive(frame(max(sequence - back, 0)), 0.1)
-    came = 1 + len(steps)
-    assert link.lost_frames == sequence - begin + 1 - came
-    assert link.frames == came + sum(at < len(steps) for at, _ in again)
-    # The first frame counts as one that came as the next after others.
-    assert link.quality == pytest.approx(came / (sequence - begin + 1)) or begin == sequence
-    known = came >= 20
-    assert link.round_trip.loss == pytest.approx(1.0 - link.quality if known else 0.0)
-
-
-def test_the_round_trip_is_measured_by_answers_to_our_own_questions():
-    link = LinkState()
-    link.receive(frame(0), 0.0)
-    (asked,) = link.poll(1.0)
-    for other in (
-        m.MAVLink_timesync_message(0, asked.ts1),  # Its own question
-        m.MAVLink_timesync_message(5, asked.ts1 + 1),  # An answer to somebody else
-    ):
-        link.receive(frame(1, other), 1.5)
-        assert link.round_trip.seconds is None
-    link.receive(frame(2, m.MAVLink_timesync_message(5, asked.ts1)), 1.25)
-    assert link.round_trip.seconds == pytest.approx(0.25)
-    link.receive(frame(3, m.MAVLink_timesync_message(5, asked.ts1)), 9.0)
-    assert link.round_trip.seconds == pytest.approx(0.25), "an answer counts once"
-
-
-def test_questions_that_are_never_answered_are_not_kept_for_ever():
-    link = LinkState()
-    link.receive(frame(0), 0.0)
-    asked = [link.poll(float(second))[0] for second in range(1, 200)]
-    link.receive(frame(1, m.MAVLink_timesync_message(5, asked[0].ts1)), 200.0)
-    assert link.round_trip.seconds is None
-    link.receive(frame(2, m.MAVLink_timesync_message(5, asked[-1].ts1)), 199.5)
-    assert link.round_trip.seconds == pytest.approx(0.5)
-
-
-@given(st.lists(st.floats(0.01, 10.0), min_size=1, max_size=20))
-@example([5.0, 3.0])
-def test_silences_are_summed_and_the_longest_is_kept(gaps):
-    watch, now_s = SilenceWatch(), 0.0
-    watch.on_message(now_s)
-    silent = []
-    for gap_s in gaps:
-        before_s, now_s = now_s, now_s + gap_s
-        if watch.on_message(now_s):
-            silent.append(now_s - before_s)
-    assert silent == [one for one in silent if one > SILENCE_S]
-    assert len(silent) == sum(gap > SILENCE_S for gap in gaps) or any(
-        math.isclose(gap, SILENCE_S, abs_tol=1e-9) for gap in gaps
-    )
-    assert watch.silent_s == pytest.approx(sum(silent)) and watch.worst_s == max(silent, default=0.0)

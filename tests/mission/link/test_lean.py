@@ -64,19 +64,6 @@ def test_a_packed_and_a_decoded_message_tell_what_pymavlinks_do(lean):
     assert both[0][1]["srcSystem"] == 7
 
 
-def test_what_is_no_message_tells_what_pymavlinks_does(lean):
-    assert told(lean.MAVLink_unknown(77, b"ab")) == told(minimal.MAVLink_unknown(77, b"ab"))
-    assert told(lean.MAVLink_bad_data(b"ab", "bad")) == told(minimal.MAVLink_bad_data(b"ab", "bad"))
-
-
-def test_a_message_has_no_header_until_somebody_asks():
-    (got,) = FrameReader().feed(FrameWriter(7, 8).encode(heartbeat(m)))
-    assert "_header" not in vars(heartbeat(m))
-    assert "_header" not in vars(got)
-    assert got.get_srcSystem() == 7
-    assert got.get_header() is got.get_header()
-
-
 @pytest.mark.parametrize("repeat", [copy.copy, copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))])
 def test_copies_tell_the_same(repeat):
     (got,) = FrameReader().feed(FrameWriter(7, 8).encode(heartbeat(m)))

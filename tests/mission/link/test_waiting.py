@@ -109,28 +109,3 @@ def test_a_vehicle_that_was_heard_loses_nothing_to_forged_addresses(strangers, t
     line.check(VEHICLE)
     assert line.queue.dropped.keys() <= {f"10.0.0.2:{turn}" for turn in range(200)} | {"other senders"}
     assert len(line.came) + sum(line.queue.dropped.values()) == len(line.sent)
-
-
-def test_one_sender_alone_may_use_all_the_memory():
-    line = Line()
-    for _ in range(BYTES // 500 + 3):
-        line.send(VEHICLE, 500)
-    line.take(1000)
-    assert line.came == line.sent[: BYTES // 500], "what came first is kept"
-    assert line.queue.dropped == {"10.0.0.1:14550": 3}
-
-
-def test_a_vehicle_that_comes_after_many_addresses_gets_a_share():
-    """A share is given up where nothing waits; what its sender lost is counted among the others."""
-    line = Line()
-    for number in range(10):
-        for _ in range(9):
-            line.send(stranger(number), 500)
-        line.take(100)
-    for _ in range(10):
-        line.send(VEHICLE, 90)
-        line.send(stranger(9), 1500)
-        line.send(stranger(8), 1500)
-    line.take(100)
-    line.check(VEHICLE)
-    assert line.queue.dropped["other senders"] >= 6

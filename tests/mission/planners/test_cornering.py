@@ -34,49 +34,6 @@ def test_a_corner_between_legs_has_two_waypoints():
     assert sent.of_point.tolist() == [0, 1, 1, 2]
 
 
-def test_nobody_stops_at_a_corner_between_long_legs():
-    path = array((0, 0), (300, 0), (300, 200), (302, 200), (302, 0))
-    expected = [[0, 0], [300, 0], [300, 201.5], [302, 201.5], [302, -1.5]]
-    # The way between two rows is led, too, when it is no shorter than 1.5 m.
-    sent = PX4.waypoints(path, (-100.0, 0.0)).points_m.tolist()
-    assert sent[:3] == expected[:3] and sent[-1] == expected[-1]
-
-
-def test_what_is_nearly_straight_or_short_is_flown_as_it_is():
-    bend = math.radians(10.0)
-    path = array((0, 0), (20, 0), (20 + 20 * math.cos(bend), 20 * math.sin(bend)))
-    assert PX4.waypoints(path, (-9.0, 0.0)).points_m[:2].tolist() == path[:2].tolist()
-    # A curve of short legs, 30 degrees from one to the next.
-    turned = np.radians(30.0 * np.arange(6))
-    curve = np.cumsum(np.stack((np.cos(turned), np.sin(turned)), axis=1), axis=0)
-    sent = PX4.waypoints(curve, (0.0, 0.0)).points_m
-    assert sent[:-1] == pytest.approx(curve[:-1])
-    # But the end of a path is flown to: after it comes no corner.
-    assert sent[-1] == pytest.approx(curve[-1] + 1.5 * (curve[-1] - curve[-2]))
-
-
-def test_a_short_leg_with_a_corner_is_flown_to_its_end():
-    """So that a path that is changed in flight begins where it was meant to: all of it is near enough."""
-    sent = PX4.waypoints(array((1, 0), (1, 6)), (0.0, 0.0))
-    assert sent.points_m.tolist() == [[2.5, 0], [1, -1.5], [1, 7.5]]
-    assert sent.of_point.tolist() == [0, 0, 1]
-    # Not one of a few centimetres.
-    assert PX4.waypoints(array((0.2, 0), (0.2, 6)), (0.0, 0.0)).points_m.tolist() == [[0.2, -1.5], [0.2, 7.5]]
-
-
-def test_the_middle_of_a_spiral_is_flown():
-    """All of it lies within the radius: short legs with sharp corners between them are led, too."""
-    middle = array((0, 0), (1.2, 0), (1.2, 1.2), (0.3, 1.2), (0.3, 0.3), (0.9, 0.3))
-    sent = PX4.waypoints(middle, (-6.0, 0.0))
-    expected = array((0, 0), (2.7, 0), (1.2, -1.5), (1.2, 2.7), (2.7, 1.2), (-1.2, 1.2), (0.3, 2.7))
-    assert sent.points_m[:7] == pytest.approx(expected)
-    assert sent.points_m[-1] == pytest.approx((2.4, 0.3))
-    # The way from a row to the next is not, with a sharp corner at each end of it.
-    rows = array((0, 0), (6, 0), (6, 0.3), (0, 0.3), (0, 0.6), (6, 0.6))
-    expected = array((-1.5, 0), (7.5, 0), (7.5, 0.3), (-1.5, 0.3), (-1.5, 0.6), (7.5, 0.6))
-    assert PX4.waypoints(rows, (0.0, 0.0)).points_m == pytest.approx(expected)
-
-
 def test_no_leg_is_led_into_what_must_not_be_flown_over():
     path = array((0, 0), (20, 0), (20, 20))
     east = PX4.waypoints(path, avoid=shapely.box(20.5, -30, 30, 30))

@@ -71,14 +71,6 @@ def test_steep_ground_is_flown_over_higher_and_never_lower(way, height, climb, d
     assert (-rise <= descent * steps + 1e-6).all()
 
 
-def test_flat_ground_needs_no_further_waypoints() -> None:
-    path = np.array([HOME, (100.0, 0.0), (100.0, 200.0)])
-    points, altitudes, owner = profile(lambda points: np.full(len(points), 12.0)).follow(path)
-    assert np.array_equal(points, path)
-    assert altitudes.tolist() == [30.0] * 3
-    assert owner.tolist() == [0, 1, 2]
-
-
 def test_a_mission_follows_the_ground_from_home_and_back() -> None:
     ground = hills(8.0, 40.0)
     path = PlannedPath(np.array([(100.0, 0.0), (100.0, 150.0), (0.0, 150.0)]), None, "test")

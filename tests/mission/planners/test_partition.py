@@ -7,7 +7,7 @@ from sweeps import sweep
 
 from geo.farm import united
 from mission.errors import PlanningError
-from mission.planners.partition import PARTITIONS, balanced, power_cells, shares_of_reach, strips
+from mission.planners.partition import PARTITIONS, power_cells, strips
 
 FIELD = shapely.box(0.0, 0.0, 40.0, 30.0)
 WITH_POND = FIELD.difference(shapely.box(10.0, 5.0, 30.0, 25.0))
@@ -55,22 +55,6 @@ def test_cells_are_more_compact_than_strips():
         return sum(part.length for part in parts)
 
     assert border(power_cells(FIELD, [1.0] * 6)) < 0.8 * border(strips(FIELD, [1.0] * 6))
-
-
-@pytest.mark.parametrize("divide", PARTITIONS.values(), ids=PARTITIONS)
-def test_balanced_parts_take_everybody_the_same_share_of_its_reach(divide):
-    reach = np.array([900.0, 300.0, 450.0])
-    starts = [shapely.Point(0.0, 0.0), shapely.Point(-20.0, 0.0), shapely.Point(0.0, -30.0)]
-
-    def way(number, part):
-        return 2.0 * starts[number].distance(part)
-
-    parts = balanced(FIELD, divide, reach, way)
-    use = shares_of_reach(parts, reach, [way(number, part) for number, part in enumerate(parts)])
-    assert use.max() / use.min() < 1.05
-    plain = divide(FIELD, reach)
-    before = shares_of_reach(plain, reach, [way(number, part) for number, part in enumerate(plain)])
-    assert before.max() / before.min() > 1.05
 
 
 def test_what_cannot_be_divided_is_refused():

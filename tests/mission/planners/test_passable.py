@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import shapely
 
 from mission.errors import PlanningError
 from mission.planners import LengthBudget, PlanningRequest, make_planner
-from mission.planners.path import PlannedPath, path_length
-from mission.planners.search import densest_over, gaps_of, swept_lands
+from mission.planners.path import path_length
 
 FIELD = shapely.box(0, 0, 90, 60)
 POND = shapely.box(40, 20, 60, 40)
@@ -20,15 +17,6 @@ PLANNERS = ("lawnmower", "spiral", "adaptive-lawnmower", "random-waypoint")
 
 def request(area: shapely.Polygon, limit_m: float = 900.0, **more: object) -> PlanningRequest:
     return PlanningRequest(area, (0.0, 0.0), LengthBudget(limit_m), 2.0, **more)  # type: ignore[arg-type]
-
-
-class Legs:
-    """Seconds at 8 m/s, and 3 s for each leg."""
-
-    limit, unit = 200.0, "s"
-
-    def cost(self, path_xy_m: np.ndarray) -> float:
-        return path_length(path_xy_m) / 8.0 + 3.0 * len(path_xy_m)
 
 
 def line(points: np.ndarray) -> shapely.LineString:
@@ -59,31 +47,6 @@ def test_rows_lead_over_a_small_pond_but_not_over_a_long_lake() -> None:
         assert line(path.points_m).intersects(shapely.buffer(gap, -0.5)) is over
 
 
-def test_rows_over_many_ponds_lie_closer_where_turns_cost_much(monkeypatch: pytest.MonkeyPatch) -> None:
-    boxes = [shapely.box(x, y, x + 6, y + 12) for x in range(8, 76, 15) for y in (6, 24, 42)]
-    ponds = shapely.union_all(boxes)
-    asked = PlanningRequest(FIELD - ponds, (0.0, 0.0), Legs(), 2.0, passable=FIELD)
-    over = make_planner("lawnmower")(asked)
-    monkeypatch.setattr("mission.planners.search.swept_lands", lambda request: [request.area])
-    cut = make_planner("lawnmower")(asked)
-    assert over.spacing_m is not None and cut.spacing_m is not None
-    assert over.spacing_m < cut.spacing_m
-
-
-@pytest.mark.parametrize(("cut_m", "taken"), [(0.97, "over"), (0.94, "cut")])
-def test_rows_in_more_pieces_have_to_be_denser_by_a_twentieth(cut_m: float, taken: str) -> None:
-    asked = request(FIELD - POND, passable=FIELD)
-    paths = iter([PlannedPath(np.zeros((1, 2)), cut_m, "cut"), PlannedPath(np.zeros((1, 2)), 1.0, "over")])
-    assert densest_over(asked, lambda land: next(paths)).planner == taken
-
-
-def test_a_pond_that_may_be_crossed_costs_no_detour() -> None:
-    round_it = make_planner("lawnmower")(request(FIELD - POND))
-    over_it = make_planner("lawnmower")(request(FIELD - POND, passable=FIELD))
-    assert over_it.spacing_m is not None and round_it.spacing_m is not None
-    assert over_it.spacing_m <= round_it.spacing_m
-
-
 def test_fields_apart_are_reached_over_the_land_between() -> None:
     left, right = shapely.box(0, 0, 20, 40), shapely.box(60, 0, 80, 40)
     wall = shapely.box(39, -50, 41, 38)
@@ -98,13 +61,3 @@ def test_the_passable_land_holds_the_area() -> None:
         request(FIELD, passable=FIELD - POND)
     with pytest.raises(PlanningError, match="row_spacing_m"):
         request(FIELD, row_spacing_m=0.0)
-
-
-def test_gaps_are_the_holes_and_the_bays() -> None:
-    bay = shapely.box(80, 0, 90, 10)
-    area = FIELD - POND - shapely.box(20, 50, 30, 60)
-    assert [round(one.area) for one in gaps_of(area, FIELD)] == [400, 100]
-    assert gaps_of(area, area) == []
-    lands = swept_lands(replace(request(area), passable=FIELD))
-    assert [round(land.area) for land in lands] == [4900, 5300, 5400]
-    assert swept_lands(request(FIELD - bay)) == [FIELD - bay]

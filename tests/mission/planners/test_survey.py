@@ -10,22 +10,21 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from shapely import affinity
 from shapely.geometry import MultiPolygon, Polygon
 from swath import seen_share
-from sweeps import slow, sweep
+from sweeps import sweep
 
 from mission.errors import PlanningError
 from mission.planners import LengthBudget, PlanningRequest, make_planner
 from mission.planners.cornering import Cornering
 from mission.planners.path import Area, path_length
-from mission.planners.strips import Swath, cut_parts, ring_strips, rows_that_see, width, without_arms
+from mission.planners.strips import Swath, cut_parts, ring_strips, rows_that_see, width
 from mission.planners.survey import survey, without_short_legs
 from mission.planners.sweep import fly_cells
-from mission.planners.terrain import Terrain, inset
-from wbf_mission import check_planner
+from mission.planners.terrain import Terrain
 
 L = Polygon([(0, 0), (200, 0), (200, 50), (50, 50), (50, 200), (0, 200)])
 FIELD = shapely.box(0, 0, 200, 150)
@@ -59,8 +58,16 @@ def inside(path: np.ndarray, room: Area) -> bool:
     return bool(shapely.covers(shapely.buffer(room, 1e-6), shapely.LineString(path)))
 
 
-@pytest.mark.parametrize("area", [L, FIELD, FIELD - POND, APART], ids=["L", "field", "pond", "apart"])
-@pytest.mark.parametrize("wanted", [{}, {"headland_passes": 1}, {"headland_passes": 2, "headland": "last"}])
+@pytest.mark.parametrize(
+    ("area", "wanted"),
+    [
+        (L, {"headland_passes": 1}),
+        (FIELD, {}),
+        (FIELD - POND, {"headland_passes": 2, "headland": "last"}),
+        (APART, {}),
+    ],
+    ids=["L", "field", "pond", "apart"],
+)
 def test_the_whole_area_is_seen_from_within(area: Area, wanted: dict[str, Any]) -> None:
     path = survey(ask(area), **wanted)
     assert seen_share(path, area, 12.0) > 0.985
@@ -150,14 +157,6 @@ def test_what_lies_beside_a_row_that_has_to_stay_out_has_rows_of_its_own() -> No
     assert all(inside(row, area) for row in rows)
 
 
-@sweep(few=6, many=30)
-@given(stars())
-def test_paths_stay_inside_any_star(area: Polygon) -> None:
-    path = survey(ask(area, budget=LengthBudget(1e6)), angle=30.0)
-    assert inside(path.points_m, area)
-    assert seen_share(path, area, 12.0) > 0.96
-
-
 @pytest.mark.parametrize("wind_m_s", [0.0, 6.5])
 def test_no_fixed_angle_is_cheaper_than_the_best(wind_m_s: float) -> None:
     request = ask(shapely.box(0, 0, 160, 150), wind_m_s=wind_m_s)
@@ -181,15 +180,6 @@ def test_the_direction_is_refined_between_those_that_are_tried_first() -> None:
     assert math.degrees(math.atan2(longest[1], longest[0])) % 180.0 == pytest.approx(135.0, abs=8.0)
 
 
-def test_wind_turns_the_rows_that_the_fewest_turns_would_not() -> None:
-    """Rows with and against a strong wind along x cost more than a few turns more across it."""
-    field = FIELD
-    calm, windy = (survey(ask(field, wind_m_s=wind)).points_m for wind in (0.0, 7.0))
-    along = [np.abs(np.diff(path, axis=0)).sum(axis=0) for path in (calm, windy)]
-    assert along[0][0] > 4 * along[0][1]
-    assert along[1][1] > 4 * along[1][0]
-
-
 def test_parts_have_rows_of_their_own_direction() -> None:
     """Both arms of the L have rows along them, which is cheaper than any common direction."""
     request = ask(L)
@@ -210,47 +200,31 @@ def test_a_row_leads_over_a_pond_where_that_is_cheaper() -> None:
 
 
 def test_the_order_of_cells_is_the_best_of_all() -> None:
-    rng = np.random.default_rng(5)
-    corners = rng.uniform(0, 400, (5, 2))
+    """Of every order of the cells, each begun at any of its corners."""
+    corners = np.random.default_rng(5).uniform(0, 400, (4, 2))
     cells = [
         np.array([[[x, y + 5 * k], [x + 30, y + 5 * k]] for k in range(count)])
-        for (x, y), count in zip(corners, (1, 2, 3, 4, 5), strict=True)
+        for (x, y), count in zip(corners, (1, 2, 3, 4), strict=True)
     ]
-    terrain = Terrain(shapely.box(-50, -50, 500, 500), 0.0)
 
-    def ends(cell: np.ndarray, flip: int) -> Any:
-        rows = cell[:: -1 if flip >= 2 else 1].copy()
-        rows[int(not flip % 2) :: 2] = rows[int(not flip % 2) :: 2, ::-1]
-        return rows[0, 0].tolist(), rows[-1, 1].tolist()
+    def length(rows: Any) -> float:
+        return path_length(np.vstack((HOME, *rows, HOME)))
 
-    flown = [[ends(cell, flip) for flip in range(4)] for cell in cells]
-
-    def ways(order: tuple[int, ...], flips: tuple[int, ...]) -> float:
-        here, total = HOME, 0.0
-        for index, flip in zip(order, flips, strict=True):
-            first, last = flown[index][flip]
-            total += math.dist(here, first)
-            here = last
-        return total + math.dist(here, HOME)
-
-    def own_ways(rows: list[np.ndarray]) -> float:
-        inner = sum(30.0 * len(cell) + 5.0 * (len(cell) - 1) for cell in cells)
-        return path_length(np.vstack((HOME, np.vstack(rows), HOME))) - inner
-
+    ways = [
+        [
+            [row[:: (-1) ** (k + first)] for k, row in enumerate(rows)]
+            for rows in (cell, cell[::-1])
+            for first in (0, 1)
+        ]
+        for cell in cells
+    ]
     best = min(
-        ways(order, flips)
-        for order in itertools.permutations(range(5))
-        for flips in itertools.product(range(4), repeat=5)
+        length(itertools.chain(*flown))
+        for order in itertools.permutations(ways)
+        for flown in itertools.product(*order)
     )
-    found = own_ways(fly_cells(cells, terrain, HOME, home_m=HOME))
-    assert found == pytest.approx(best)
-
-
-def test_ways_round_a_wall_count_at_their_length() -> None:
-    wall = Polygon([(0, 0), (100, 0), (100, 100), (0, 100)], [[(49, 1), (51, 1), (51, 99), (49, 99)]])
-    lengths = Terrain(wall, 0.0).lengths(np.array([(40.0, 50.0), (60.0, 50.0), (40.0, 60.0)]))
-    assert lengths[0, 2] == pytest.approx(10.0)
-    assert lengths[1, 2] == pytest.approx(math.hypot(9, 49) + 2 + math.hypot(9, 39))
+    terrain = Terrain(shapely.box(-50, -50, 500, 500), 0.0)
+    assert length(fly_cells(cells, terrain, HOME, home_m=HOME)) == pytest.approx(best)
 
 
 def test_rings_and_rows_overlap_and_leave_nothing() -> None:
@@ -259,7 +233,9 @@ def test_rings_and_rows_overlap_and_leave_nothing() -> None:
     assert [shapely.LinearRing(ring).bounds for ring in rings] == [(4, 4, 196, 146), (15, 15, 185, 135)]
     # The outer ring lies 6 m inside, with detours of 2 m into the corners.
     assert np.min(np.abs(rings[0][:, 1] - 6.0)) == 0.0
-    short = ring_strips(FIELD, swath, 1, least_leg_m=3.0)[0]
+    # A detour along the bisector is longer, 6 √2 - 4 m.
+    bisecting, short = (ring_strips(FIELD, swath, 1, least_leg_m=m)[0] for m in (3.0, 5.0))
+    assert np.min(bisecting[0]) == pytest.approx(6.0 - (6.0 - 4.0 / math.sqrt(2.0)))
     assert shapely.LinearRing(short[0]).bounds == (6, 6, 194, 144)
     # Two passes see 21 m from the border; the rows' land begins 3 m within that.
     assert [part.bounds for part in left] == [(18, 18, 182, 132)]
@@ -283,11 +259,6 @@ def test_the_border_may_be_seen_as_often_as_the_rest() -> None:
     assert (path[:, 0].min(), path[:, 0].max()) == pytest.approx((0.0, 200.0), abs=1e-6)
 
 
-def test_a_budget_below_the_whole_area_names_what_it_takes() -> None:
-    with pytest.raises(PlanningError, match="survey of the whole area with rows 9 m apart needs at least"):
-        survey(ask(FIELD, budget=LengthBudget(500.0)))
-
-
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [
@@ -302,10 +273,6 @@ def test_a_budget_below_the_whole_area_names_what_it_takes() -> None:
 def test_wrong_parameters_are_refused(wrong: dict[str, Any], told: str) -> None:
     with pytest.raises(PlanningError, match=told):
         survey(ask(FIELD), **wrong)
-
-
-def test_survey_conforms() -> None:
-    check_planner(survey, ("concave", "apart"), spacing_m=20.0, angle=20.0)
 
 
 def ask_high(area: Area) -> PlanningRequest:
@@ -331,29 +298,14 @@ def test_a_strip_is_one_row_in_any_direction(length_m: float, width_m: float, de
     assert seen_share(path, strip, 51.3) > 0.99 and inside(path.points_m, strip)
 
 
-@sweep(few=5, many=30)
-@given(st.floats(2.0, 30.0), st.floats(80.0, 500.0), st.floats(80.0, 500.0), st.floats(0.0, 180.0))
-def test_a_bent_strip_is_flown_along_its_middle(
-    width_m: float, one_m: float, other_m: float, degrees: float
-) -> None:
-    line = shapely.LineString([(0.0, 0.0), (one_m, 0.0), (one_m, other_m)])
-    strip = turned(line.buffer(0.5 * width_m, cap_style="flat", join_style="mitre"), degrees)
-    path = survey(ask_high(strip))
-    assert len(path.points_m) <= 5
-    assert seen_share(path, strip, 51.3) > 0.99 and inside(path.points_m, strip)
-    assert path.length_m < 1.1 * (one_m + other_m)
-
-
 @pytest.mark.parametrize(
     ("line", "most"),
     [
-        (shapely.LineString([(x, 60.0 * math.sin(x / 255.0)) for x in range(0, 801, 10)]), 10),
         (shapely.LineString([(x, 100.0 * math.sin(x / 48.0)) for x in range(0, 601, 5)]), 24),
         (shapely.MultiLineString([[(0, 0), (400, 0)], [(200, 0), (200, 200)]]), 6),
-        (shapely.MultiLineString([[(0, 0), (300, 0)], [(0, 90), (300, 120)]]), 4),
         (shapely.box(0, 0, 300, 200).exterior, 9),
     ],
-    ids=["curve", "waves", "branch", "parts", "ring"],
+    ids=["waves", "branch", "ring"],
 )
 def test_strips_of_any_form(line: shapely.Geometry, most: int) -> None:
     strip = line.buffer(3.0)
@@ -362,63 +314,15 @@ def test_strips_of_any_form(line: shapely.Geometry, most: int) -> None:
     assert seen_share(path, strip, 51.3) > 0.99
 
 
-@settings(max_examples=20, deadline=None)
-@given(st.floats(0.5, 17.0), st.floats(0.5, 17.0), st.floats(0.0, 180.0))
-def test_a_patch_smaller_than_an_image_has_one_point_above_it(
-    length_m: float, width_m: float, degrees: float
-) -> None:
-    patch = turned(shapely.box(0.0, 0.0, length_m, width_m), degrees)
-    (point,) = survey(ask_high(patch)).points_m
-    assert shapely.distance(patch.centroid, shapely.Point(point)) < 1e-3
-
-
-def test_a_layout_that_leaves_land_unseen_is_not_chosen() -> None:
-    """Rows across a land hardly wider than an image are cheaper here, and do not see its ends."""
-    for width_m in (52.0, 60.0, 70.0):
-        strip = turned(shapely.box(0.0, 0.0, 400.0, width_m), 21.0)
-        assert seen_share(survey(ask_high(strip)), strip, 51.3) > 0.98
-
-
-@pytest.mark.parametrize("count", [4000, slow(20000)])
-@pytest.mark.parametrize("hole_m", [0.0, 50.0])
-@pytest.mark.parametrize(
-    "planner", ["survey", "spiral", "lawnmower", "adaptive-lawnmower", "random-waypoint"]
-)
-def test_every_planner_takes_rings_of_very_many_vertices(planner: str, count: int, hole_m: float) -> None:
-    angles = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
+@pytest.mark.parametrize("planner", ["survey", "spiral", "lawnmower", "random-waypoint"])
+def test_every_planner_takes_rings_of_very_many_vertices(planner: str) -> None:
+    angles = np.linspace(0.0, 2.0 * math.pi, 4000, endpoint=False)
     circle = np.column_stack((np.cos(angles), np.sin(angles)))
-    area = Polygon(200.0 * circle, [hole_m * circle] if hole_m else [])
+    area = Polygon(200.0 * circle, [50.0 * circle])
     asked = ask_high(area) if planner == "survey" else PlanningRequest(area, HOME, LengthBudget(9000.0))
     path = make_planner(planner)(asked)
     assert inside(path.points_m, area)
     assert planner != "survey" or seen_share(path, area, 51.3) > 0.98
-
-
-def test_borders_rougher_than_the_autopilot_flies_are_smoothed() -> None:
-    """Several legs in a row below its acceptance radius count as flown at once."""
-    angles = np.linspace(0.0, 2.0 * math.pi, 400, endpoint=False)
-    radii = 40.0 + 3.0 * np.random.default_rng(1).random(400)
-    area = Polygon(np.column_stack((radii * np.cos(angles), radii * np.sin(angles))))
-
-    def left_out(land: Area) -> int:
-        short = np.hypot(*np.diff(shapely.get_coordinates(land), axis=0).T) < 2.0
-        return int(np.count_nonzero(short[1:] & short[:-1]))
-
-    land = inset(area, 0.15, 2.0)
-    assert left_out(inset(area, 0.15)) > 100 and left_out(land) < 5
-    assert shapely.covers(area, land) and land.area > 0.9 * area.area
-    assert len(shapely.get_coordinates(inset(area, 0.15))) > 300
-
-
-@sweep(few=10, many=25)
-@given(st.integers(15, 90), st.integers(15, 90))
-def test_rows_of_a_rectangle_of_few_rows_lie_along_a_side(width, height):
-    """Images are square: the corners of a small field are seen."""
-    request = PlanningRequest(
-        shapely.box(0, 0, width, height), (0, 0), LengthBudget(10_000.0), footprint_m=10.0
-    )
-    steps = np.abs(np.diff(survey(request).points_m, axis=0))
-    assert (steps.min(axis=1) < 1e-6).all(), survey(request).points_m
 
 
 def rough_field(seed: int, corners: int, roughness: float) -> Polygon:
@@ -435,7 +339,7 @@ def left_out_legs(path: np.ndarray) -> int:
     return int(np.count_nonzero(short[1:] & short[:-1]))
 
 
-@pytest.mark.parametrize(("seed", "corners", "roughness"), [(2, 60, 0.05), (3, 150, 0.03), (0, 200, 0.02)])
+@pytest.mark.parametrize(("seed", "corners", "roughness"), [(2, 60, 0.05), (0, 200, 0.02)])
 def test_no_two_legs_in_a_row_are_left_out_on_a_rough_border(
     monkeypatch: pytest.MonkeyPatch, seed: int, corners: int, roughness: float
 ) -> None:
@@ -465,8 +369,7 @@ def test_a_corner_of_a_way_is_moved_into_the_land_and_what_is_passed_is_left_out
     assert without_short_legs(path, corner, 2.0, narrow) is path
 
 
-@pytest.mark.parametrize("degrees", [0.0, 33.0, 61.0])
-@pytest.mark.parametrize("width_m", [3.0, 9.0])
+@pytest.mark.parametrize(("degrees", "width_m"), [(33.0, 3.0), (0.0, 9.0)])
 def test_an_arm_narrower_than_an_image_is_one_row(degrees: float, width_m: float) -> None:
     arm = affinity.rotate(shapely.box(190, 70 - width_m / 2, 420, 70 + width_m / 2), degrees, (190.0, 70.0))
     field = shapely.union(FIELD, arm)
@@ -474,26 +377,3 @@ def test_an_arm_narrower_than_an_image_is_one_row(degrees: float, width_m: float
     outside = path.points_m[shapely.distance(shapely.points(path.points_m), FIELD) > 1e-6]
     assert 1 <= len(outside) <= 4
     assert seen_share(path, field, 51.3) > 0.98 and inside(path.points_m, field)
-
-
-def test_what_is_seen_from_a_path_is_one_thing() -> None:
-    """Square about its ends and right-angled corners; of a sharper corner the tip is not seen."""
-    swath = Swath(10.0, 8.0, 5.0)
-    above = [(0.0, 0.0)], [(0.0, 0.0), (1e-9, 0.0)]
-    assert [swath.seen_from(np.array(path)).bounds for path in above] == [(-5.0, -5.0, 5.0, 5.0)] * 2
-    corner = swath.seen_from(np.array([(0.0, 0.0), (50.0, 0.0), (50.0, 50.0)]))
-    assert shapely.covers(corner, shapely.box(-5, -5, 55, 5) | shapely.box(45, -5, 55, 55))
-    sharp = swath.seen_from(np.array([(0.0, 0.0), (50.0, 0.0), (0.0, 20.0)]))
-    assert sharp.bounds[2] < 60.0
-
-
-def test_a_field_without_arms_is_not_cut_and_one_with_them_wholly() -> None:
-    swath = Swath(20.0, 10.0, 8.0)
-    assert without_arms(FIELD, swath) == without_arms(L, swath) == []
-    assert without_arms(shapely.box(0, 0, 100, 5), swath) == []  # which is a strip
-    arms = [shapely.box(200, 20, 300, 28), shapely.box(90, 150, 95, 260)]
-    field = shapely.union_all([FIELD, *arms, shapely.box(0, 150, 10, 155)])
-    parts = without_arms(field, swath)
-    assert len(parts) == 3
-    assert sum(part.area for part in parts) == pytest.approx(field.area)
-    assert [round(part.area) for part in parts[1:]] == [round(arm.area) for arm in arms]

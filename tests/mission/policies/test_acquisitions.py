@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from policy_observations import observation
 from shapely import box
 from sweeps import sweep
 
@@ -21,21 +22,17 @@ from mission.policies.acquisition import (
     make_acquisition,
     variance,
 )
-from mission.policies.observation import Event, PolicyObservation
+from mission.policies.observation import Event
 from mission.policies.planning_grid import PlanningGrid
-from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
-from sensors.scoring.score import PAPER_WEIGHTS
 
 TOMATO, STRAWBERRY = (5, 8), (5, 2)
 SEEN = Observations([5], [8], [0.0], [6], [[1.0, 1.0, 0.4]])
 
 
 def _observation(model, seen=None):
-    farm = get_farm("miniberry-10")
-    seen = Observations.empty() if seen is None else seen
-    return PolicyObservation(Event.PERIOD, 0.0, 6, farm, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, (), 1.0)
+    return observation(farm="miniberry-10", event=Event.PERIOD, model=model, seen=seen)
 
 
 def _believed(healthy, infected, lost, value):
@@ -59,13 +56,6 @@ def test_expected_loss_is_that_of_the_score():
     values = expected_loss(_observation(_believed(0.5, 0.3, 0.2, 0.6)))
     loss = 0.5 * 0.4**2 + 10 * (0.3 * 0.1**2 + 0.2 * 0.6**2)
     assert values[TOMATO] == pytest.approx(1.0 * loss) and values[STRAWBERRY] == pytest.approx(0.2 * loss)
-
-
-def test_an_estimators_own_map_of_loss_is_taken():
-    shape = get_farm("miniberry-10").grid().shape
-    given = np.full((3, *shape), 0.25, np.float32)
-    values = expected_loss(_observation(replace(_believed(1, 0, 0, 1.0), loss_map=given)))
-    assert values[TOMATO] == pytest.approx(0.25 * 1.1) and values[STRAWBERRY] == pytest.approx(0.25 * 0.3)
 
 
 @sweep(few=40, many=200)

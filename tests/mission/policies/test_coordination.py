@@ -1,32 +1,19 @@
 import itertools
-from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from policy_observations import observation, report
 
-from geo import get_farm
 from geo.named import ParameterError
-from mission.planners import PlanningRequest, StepBudget
 from mission.policies.map_policies import Greedy
-from mission.policies.observation import Event, GeometricTravelCost, PolicyObservation, Status, VehicleReport
+from mission.policies.observation import Event, Status
 from mission.policies.steering import COORDINATIONS, Bid, auction, make_coordination, sequential
-from sensors.fields import PAPER_FIELDS
-from sensors.observations import Observations
-from sensors.scoring.information import InformationModel
-from sensors.scoring.score import PAPER_WEIGHTS
 
-FARM = get_farm("miniberry-10")
-
-
-def robot(number, steps=40.0, *, status=Status.READY, rest=()):
-    budget = StepBudget(steps)
-    request = PlanningRequest(FARM.owner_area, FARM.home_m, budget, FARM.cell_size_m)
-    here = FARM.home_m
-    return VehicleReport(
-        number, request, status, here, (0.0, 0.0), 0.0, 0.0, np.array(rest), GeometricTravelCost(budget, here)
-    )
+FARM = "miniberry-10"
+robot = partial(report, farm=FARM, steps=40.0)
 
 
 class Rows:
@@ -91,41 +78,14 @@ def test_policies_take_a_coordination():
     with pytest.raises(ParameterError, match="coordination 'barter': give sequential or auction"):
         make_coordination("barter")
     assert make_coordination(auction) is auction
-    model = InformationModel.uniform(FARM.grid().shape, value=(1, 1, 0.4), uncertainty=1)
-    seen = Observations.empty(PAPER_FIELDS.names)
-    vehicles = (robot(1), robot(2), robot(3))
-    observation = PolicyObservation(
-        Event.START, 0.0, 6, FARM, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, vehicles, compute_s=1.0
-    )
     for name in COORDINATIONS:
         policy = Greedy(coordination=name)
         policy.start()
-        paths = policy.decide(observation).paths
+        paths = policy.decide(observation(robot(1), robot(2), robot(3), farm=FARM)).paths
         assert sorted(paths) == [1, 2, 3]
         assert len({tuple(map(tuple, path.tolist())) for path in paths.values()}) == 3
     # A vehicle whose new path is still on its way to it has promised that path.
     changing = robot(1, status=Status.CHANGING, rest=paths[1])
     policy.start()
-    other = policy.decide(
-        PolicyObservation(
-            Event.PERIOD, 5.0, 6, FARM, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, (changing, robot(2)), 1.0
-        )
-    ).paths
+    other = policy.decide(observation(changing, robot(2), farm=FARM, event=Event.PERIOD)).paths
     assert set(other) == {2} and other[2].tolist() != paths[1].tolist()
-
-
-def test_a_decision_shows_the_map_that_it_was_made_by():
-    model = InformationModel.uniform(FARM.grid().shape, value=(1, 1, 0.4), uncertainty=1)
-    observation = PolicyObservation(
-        Event.START, 0.0, 6, FARM, PAPER_FIELDS, PAPER_WEIGHTS, model, Observations.empty(),
-        (robot(1), robot(2)), 2.0,
-    )  # fmt: skip
-    decision = Greedy(acquisition="variance").decide(observation)
-    shown = decision.acquisition
-    assert shown is not None
-    side_m = shown.cell_m * np.array(shown.values.shape)
-    assert (side_m >= (FARM.width_cells * FARM.cell_size_m, FARM.height_cells * FARM.cell_size_m)).all()
-    x, y = (decision.alternatives[0].points_m[0] / shown.cell_m).astype(int)
-    assert shown.values[x, y] > 0.0, "it flies where something is to be gained"
-    left = replace(observation, vehicles=(robot(1, status=Status.ENDED),))
-    assert Greedy().decide(left).acquisition is None, "nobody was to be steered"

@@ -7,23 +7,13 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from policy_observations import observation, report
 
 from geo import get_farm
-from mission.planners import PlanningRequest, StepBudget
+from mission.planners import StepBudget
 from mission.planners.path import path_length
 from mission.policies.map_policies import Greedy, Orienteering, RollingHorizon
-from mission.policies.observation import (
-    ContactArea,
-    Event,
-    GeometricTravelCost,
-    PolicyObservation,
-    Status,
-    VehicleReport,
-)
-from sensors.fields import PAPER_FIELDS
-from sensors.observations import Observations
-from sensors.scoring.information import InformationModel
-from sensors.scoring.score import PAPER_WEIGHTS
+from mission.policies.observation import ContactArea
 
 FARM = get_farm("miniberry-30")
 POLICIES = pytest.mark.parametrize("policy", [Greedy, Orienteering, RollingHorizon])
@@ -32,31 +22,16 @@ HOME_M = FARM.home_m
 
 def answer(policy, contact, *, steps=600.0, area=FARM.owner_area, position_m=HOME_M):
     """Ask for the first path of a robot on a farm of which nothing is known."""
-    budget = StepBudget(steps)
-    request = PlanningRequest(area, position_m, budget, FARM.cell_size_m)
-    cost = GeometricTravelCost(budget, position_m)
-    robot = VehicleReport(
-        1, request, Status.READY, position_m, (0.0, 0.0), 0.0, 0.0, np.empty((0, 2)), cost, contact=contact
-    )
-    model = InformationModel.uniform(FARM.grid().shape, value=(1, 1, 0.4), uncertainty=1)
-    asked = PolicyObservation(
-        Event.START, 0.0, 6, FARM, PAPER_FIELDS, PAPER_WEIGHTS, model, Observations.empty(), (robot,), 1.0
-    )
     made = policy()
     made.start()
-    return made.decide(asked).paths[1]
+    robot = report(steps=steps, area=area, here=position_m, contact=contact)
+    return made.decide(observation(robot)).paths[1]
 
 
 @cache
 def unlimited(policy):
     """Return the first path of a robot that can be told a path anywhere."""
     return answer(policy, None)
-
-
-@POLICIES
-def test_a_radio_that_reaches_everywhere_changes_nothing(policy):
-    everywhere = ContactArea(HOME_M, 1000.0)
-    assert np.array_equal(answer(policy, everywhere), unlimited(policy))
 
 
 @POLICIES

@@ -1,21 +1,18 @@
-"""The blocking driver: over memory with a clock that jumps, and over real sockets."""
+"""The blocking driver: over memory with a clock that jumps."""
 
 from __future__ import annotations
 
-import threading
-import time
 from dataclasses import replace
 
 import pytest
 
-from mission.autopilots import ARDUPILOT, PX4
-from mission.errors import LinkError, TransferError
+from mission.autopilots import PX4
+from mission.errors import LinkError
 from mission.link import MavlinkEndpoint, memory_pair, open_link
 from mission.link.codec.dialect import mavlink
 from mission.model import Mission, MissionItem, MissionType
-from mission.transfer import LocalTransferError, MissionServer, Progress, RemoteTransferError, StatusText
-from mission.transfer.driver import TransferDriver, wait_readable
-from mission.transfer.storage import as_stored
+from mission.transfer import MissionServer, Progress, RemoteTransferError, StatusText
+from mission.transfer.driver import TransferDriver
 from mission.transfer.vehicles import Vehicle
 
 MISSION, FENCE, RALLY = MissionType
@@ -76,32 +73,6 @@ class Bench:
                 self.vehicle.send(mavlink.MAVLink_statustext_message(event.severity, text))
 
 
-def test_what_the_vehicle_says_is_heard_until_after_a_failure():
-    bench = Bench(ARDUPILOT, capacity={MISSION: 5})
-    bench.driver.wait_for_vehicle()
-    MavlinkEndpoint(bench.vehicle.link, 9, 1).send(mavlink.MAVLink_statustext_message(4, b"somebody else"))
-    with pytest.raises(RemoteTransferError, match="no space"):
-        bench.driver.upload(PLAN, types=[MISSION])
-    assert [text for text, _ in bench.texts] == ["Only 6 items are supported"]
-
-
-def test_a_plan_is_sent_as_the_autopilot_takes_it_or_not_at_all():
-    spline = MissionItem(82, 3, 3.0, x=28.0, y=-82.0, z=5.0)
-    turns = MissionItem(18, 3, 2.0, x=28.0, y=-82.0, z=5.0)
-    bench = Bench()
-    bench.driver.upload(Mission((*PLAN.items, spline)))
-    assert bench.server.plan(MISSION).items[-1].command == 16
-    asked = sum(message.get_type() == "MISSION_COUNT" for message in bench.heard)
-    with pytest.raises(
-        LocalTransferError, match=r"mission item 13 \(NAV_LOITER_TURNS\): .* use NAV_LOITER_TIME"
-    ):
-        bench.driver.upload(Mission((*PLAN.items, turns)))
-    assert sum(message.get_type() == "MISSION_COUNT" for message in bench.heard) == asked
-    with pytest.raises(RemoteTransferError, match=r"refused at item 13 \(NAV_LOITER_TURNS\)"):
-        bench.driver.upload(Mission((*PLAN.items, turns)), force=True)
-    assert bench.server.plan(MISSION).items[-1].command == 16
-
-
 def test_upload_and_download():
     bench = Bench()
     found = bench.driver.wait_for_vehicle()
@@ -123,16 +94,6 @@ def test_upload_and_download():
     assert bench.driver.download()[0].items == ()
 
 
-def test_ardupilot_is_known_by_its_heartbeat():
-    bench = Bench(ARDUPILOT)
-    bench.driver.upload(PLAN, types=[MISSION])
-    assert bench.server.plan(MISSION).items == tuple(as_stored(item, ARDUPILOT) for item in PLAN.items)
-    assert bench.server.plan(RALLY).items == ()
-    came, _ = bench.driver.download(types=[MISSION])
-    assert came.items == bench.server.plan(MISSION).items
-    assert came.home is not None
-
-
 def test_no_vehicle():
     bench = Bench(beats=False)
     with pytest.raises(RemoteTransferError, match=r"no vehicle was heard in 3 s; start the vehicle"):
@@ -141,19 +102,6 @@ def test_no_vehicle():
     bench.beats = True
     with pytest.raises(RemoteTransferError, match="system id 7"):
         bench.driver.wait_for_vehicle(1.0, system_id=7)
-
-
-def test_failures_are_one_line():
-    bench = Bench(capacity={MISSION: 5})
-    with pytest.raises(TransferError, match="too many items for the vehicle") as caught:
-        bench.driver.upload(PLAN)
-    assert "\n" not in str(caught.value)
-    assert caught.value.failure.result == 4
-    with pytest.raises(LocalTransferError, match="does not belong"):
-        bench.driver.upload(Mission(PLAN.fence))
-    bench.deaf = True
-    with pytest.raises(RemoteTransferError, match="did not answer"):
-        bench.driver.download()
 
 
 def test_a_vehicle_without_a_fence_has_an_empty_one():
@@ -185,40 +133,6 @@ def test_interrupt_tells_the_vehicle():
     assert bench.server.plan(MISSION).items == ()
 
 
-@pytest.mark.parametrize("kind", ["udp", "tcp"])
-def test_over_sockets(kind):
-    theirs = open_link(f"{kind}in:127.0.0.1:0")
-    server, vehicle = MissionServer(1), MavlinkEndpoint(theirs, 1, 1)
-    stop = threading.Event()
-
-    def fly():
-        beat_s = 0.0
-        while not stop.is_set():
-            now_s = time.monotonic()
-            if now_s > beat_s + 0.1:
-                beat_s = now_s
-                vehicle.send(mavlink.MAVLink_heartbeat_message(2, 12, 1, 0, 3, 3))
-            outputs = [server.receive(message, now_s) for message in vehicle.receive()]
-            for output in (*outputs, server.poll(now_s)):
-                for message in output.messages:
-                    vehicle.send(message)
-            wait_readable(theirs, 0.02)
-
-    thread = threading.Thread(target=fly, daemon=True)
-    thread.start()
-    name = theirs.name.replace("udpin", "udpout").replace("tcpin", "tcp")
-    try:
-        with TransferDriver(MavlinkEndpoint(open_link(name), 255, 190)) as driver:
-            driver.wait_for_vehicle(5.0)
-            (*_, cost) = driver.upload(PLAN)
-            assert cost.verified
-            assert driver.download()[0].items == PLAN.items
-    finally:
-        stop.set()
-        thread.join(2.0)
-        vehicle.close()
-
-
 def test_a_broken_link_is_a_link_error():
     theirs = open_link("tcpin:127.0.0.1:0")
     driver = TransferDriver(MavlinkEndpoint(open_link(theirs.name.replace("tcpin", "tcp")), 255, 190))
@@ -241,12 +155,6 @@ def test_what_the_vehicle_makes_of_its_mission():
     assert bench.driver.mission_state() == mavlink.MISSION_STATE_NO_MISSION
     asked = [one for one in bench.heard if one.get_type() == "COMMAND_LONG"]
     assert {(one.command, one.param1) for one in asked} == {(512, 42.0)}
-
-
-def test_who_tells_no_state_of_its_mission():
-    bench = Bench()
-    assert bench.driver.mission_state() is None
-    assert bench.now_s < 2.0
 
 
 def test_plans_that_arrived_before_a_refusal_are_named():

@@ -109,7 +109,7 @@ def test_the_old_mission_is_not_checked_against_the_new_fence(autopilot, first, 
         assert (len(held.items), len(held.fence)) == (4, 4)
 
 
-@pytest.mark.parametrize("swallow", range(9))
+@pytest.mark.parametrize("swallow", [0, 3, 6, 8])
 def test_an_upload_that_breaks_off_leaves_no_mission_under_a_fence_that_is_not_its_own(swallow):
     """It may leave none, with the old fence or the new one; a mission is only there with its own fence."""
     ground = Ground(swallow=(m.MAVLINK_MSG_ID_MISSION_ITEM_INT, 10**6))
@@ -128,23 +128,6 @@ def test_an_upload_that_breaks_off_leaves_no_mission_under_a_fence_that_is_not_i
     assert not outside(ground.texts)
 
 
-def test_in_flight_nothing_is_cleared():
-    ground = Ground()
-    ground.driver.upload(OLD)
-    ground.vehicle.pilot.set_mode(Mode.MISSION)
-    ground.vehicle.pilot.arm()
-    ground.driver.mission_state(3.0)
-    assert ground.driver.vehicle.armed
-    ground.link.kind, ground.link.after = m.MAVLINK_MSG_ID_MISSION_ITEM_INT, 2
-    with pytest.raises(TransferError, match="upload of the fence") as error:
-        ground.driver.upload(NEW)
-    assert "cleared" not in str(error.value)
-    ground.link.after = 10**6
-    held = ground.holds()
-    assert (held.items, held.fence) == (OLD.items, OLD.fence) or len(held.items) == 4
-    assert ground.vehicle.pilot.mode is Mode.MISSION
-
-
 def test_a_vehicle_that_armed_since_it_was_heard_keeps_its_mission():
     """The heartbeats that say so still wait on the link when the upload begins."""
     ground = Ground()
@@ -159,23 +142,6 @@ def test_a_vehicle_that_armed_since_it_was_heard_keeps_its_mission():
         ground.driver.upload(NEW)
     assert "cleared" not in str(error.value)
     assert ground.driver.vehicle.armed
-
-
-def test_the_ground_station_clears_what_a_vehicle_holds():
-    """The second of two flights of one vehicle, each with its own fence."""
-    spec = with_autopilot(get_vehicle("quad"), "px4")
-    vehicle = SimVehicle(spec, HOME, autopilot=get_autopilot("px4"))
-    simulation = Simulation([vehicle])
-    link = simulation.open_link()
-    driver = TransferDriver(MavlinkEndpoint(link, 254, 190), clock=link.clock, wait=link.wait)
-    driver.wait_for_vehicle()
-    driver.upload(OLD)
-    link.close()
-    station = GroundStation(NEW, arming_gate=ArmingGate((1, 1), agreed=True))
-    flight = Simulation([vehicle, station])
-    flight.run(until=lambda _now_s: station.done, limit_s=300.0)
-    assert station.outcome is Outcome.COMPLETED, station.reason
-    assert not outside(text for _, _, text in station.texts)
 
 
 def none_of_ours(*plan, **options):

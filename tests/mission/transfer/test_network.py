@@ -14,10 +14,8 @@ from mission.link.faults import Faults
 from mission.model import MissionType
 from mission.transfer import (
     DownloadComplete,
-    FailureReason,
     MissionDownload,
     MissionServer,
-    MissionUpload,
     PlanReplaced,
     PlanState,
     RoundTrip,
@@ -26,7 +24,6 @@ from mission.transfer import (
     UploadVerified,
     VerifiedUpload,
 )
-from mission.transfer.storage import as_stored
 
 
 def check_promise(server, old, new, end, mission_type) -> str:
@@ -75,28 +72,6 @@ def test_what_arrives_is_what_was_sent(number, kind, up, down, seed):
     assert all(server.plan(other).items == () for other in others)
 
 
-@pytest.mark.parametrize("profile", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
-def test_seeded_runs_at_thirty_percent_loss_each_way(profile):
-    outcomes = {"new": 0, "old": 0, "unknown": 0}
-    for seed in range(60):
-        server = MissionServer(1, profile=profile)
-        old, new = make_items(5, 1), make_items(20, seed + 2)
-        server.set_plan(MissionType.MISSION, old)
-        bad = Faults(loss=0.3, duplicate=0.1, delay_s=0.02, jitter_s=0.05)
-        network = Network(server, bad, bad, seed)
-        client = VerifiedUpload(new, source=GROUND, profile=profile)
-        end = network.run(client)
-        if profile.atomic:
-            outcomes[check_promise(server, old, new, end, MissionType.MISSION)] += 1
-        else:
-            held = server.plan(MissionType.MISSION).items
-            done = isinstance(end, UploadVerified)
-            assert not done or held == tuple(as_stored(item, profile) for item in new)
-            assert done or end.vehicle_plan is PlanState.UNKNOWN or held == old
-            outcomes["new" if done else "unknown"] += 1
-    assert outcomes["new"] >= 54
-
-
 class Counting(Network):
     """A network that counts what the ground sends."""
 
@@ -139,7 +114,7 @@ def test_a_slow_link_is_not_flooded(profile, delay_s):
 
 
 @pytest.mark.parametrize("profile", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
-@pytest.mark.parametrize("delay_s", [0.3, 1.0, 2.0])
+@pytest.mark.parametrize("delay_s", [0.3, 2.0])
 def test_thirty_percent_loss_each_way_on_a_slow_link(profile, delay_s):
     """A vehicle gives up after 5 or 8 s of nothing new: a few copies a round trip, and it works."""
     uploaded = 0
@@ -162,30 +137,6 @@ def test_thirty_percent_loss_each_way_on_a_slow_link(profile, delay_s):
     assert uploaded >= 11
 
 
-def test_plain_upload_names_the_unconfirmed_case():
-    """The last ACK never comes: the client says it does not know, and the vehicle has the whole plan."""
-    server = MissionServer(1)
-    new = make_items(3, 2)
-    client = MissionUpload(new, source=GROUND)
-    network = Network(server, Faults(), Faults(), 0)
-    deliver = server.receive
-
-    def without_ack(message, now_s):
-        output = deliver(message, now_s)
-        return type(output)(tuple(m for m in output.messages if m.get_type() != "MISSION_ACK"), output.events)
-
-    server.receive = without_ack
-    end = network.run(client)
-    assert isinstance(end, TransferFailed)
-    assert end.reason is FailureReason.TIMEOUT
-    assert end.vehicle_plan is PlanState.UNKNOWN
-    assert "after the last item" in end.text
-    assert server.plan(MissionType.MISSION).items == new
-    server.receive = without_ack
-    network = Network(server, Faults(), Faults(), 0)
-    assert isinstance(network.run(VerifiedUpload(new, source=GROUND)), UploadVerified)
-
-
 @sweep(few=60, many=300)
 @given(
     number=st.integers(0, 25),
@@ -206,17 +157,3 @@ def test_a_download_is_the_vehicles_plan_or_fails(number, up, down, seed, window
     else:
         assert isinstance(end, TransferFailed)
     assert server.plan(MissionType.MISSION).items == plan
-
-
-@pytest.mark.parametrize("loss", [0.0, 0.2])
-def test_a_thousand_items(loss):
-    server = MissionServer(1, profile=PX4)
-    new = make_items(1000, 3)
-    bad = Faults(loss=loss, delay_s=0.01)
-    network = Network(server, bad, bad, 11)
-    client = VerifiedUpload(new, source=GROUND, profile=PX4)
-    assert isinstance(network.run(client), UploadVerified)
-    statistics = client.statistics()
-    assert statistics.verified
-    assert statistics.items == 1000
-    assert (statistics.retries == 0) == (loss == 0.0)

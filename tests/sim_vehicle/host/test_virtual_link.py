@@ -26,23 +26,6 @@ def test_waiting_costs_no_real_time():
     assert len(beats) == pytest.approx(121, abs=2)
 
 
-def test_wait_ends_when_something_arrives():
-    link = simulation().open_link()
-    link.wait(link, 10.0)
-    assert link.clock() < 1.1
-    assert link.receive()
-    link.wait(link, 0.01)
-    assert link.clock() < 1.2
-
-
-def test_time_passes_also_when_nothing_can_happen():
-    link = Simulation([]).open_link()
-    link.wait(link, 5.0)
-    assert link.clock() == 5.0
-    link.sleep(2.5)
-    assert link.clock() == 7.5
-
-
 def test_a_blocking_driver_runs_on_it():
     host = simulation()
     link = host.open_link()
@@ -80,9 +63,3 @@ def test_the_tap_sees_what_a_link_sends():
     frame = m.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(m.MAVLink(None, 255, 190))
     link.send(frame)
     assert seen == [frame]
-
-
-def test_a_link_that_never_reads_does_not_stop_the_clock():
-    link = simulation(faults=["bandwidth=57600"]).open_link()
-    link.sleep(120.0)
-    assert link.clock() == 120.0

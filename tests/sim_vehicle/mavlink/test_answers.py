@@ -7,10 +7,9 @@ import pytest
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.autopilot import get_autopilot, with_autopilot
+from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.mavlink.vehicle import SimVehicle
 from tests.support.mission_items import RTL, takeoff, wp
 from tests.support.peer import Peer as GroundPeer
 
@@ -33,6 +32,13 @@ class Peer(GroundPeer):
         assert self.result(22, 0, 0, 0, NAN, NAN, NAN, altitude) == 0
         self.wait(20.0)
         assert self.vehicle.pilot.state.position_m[2] > 8.0
+
+
+def setpoint(mask, place=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0), *, frame=1, north_m_s2=0.0):
+    """A setpoint in a local frame, north, east, down."""
+    return m.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, frame, mask, *place, *velocity, north_m_s2, 0, 0, 0, 0
+    )
 
 
 def push(peer, seconds, message):
@@ -155,46 +161,31 @@ def test_px4_takes_any_mode_on_the_ground_and_does_not_arm_in_it():
         assert not peer.vehicle.pilot.armed
 
 
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_a_command_that_there_is_not_is_refused_without_a_word(autopilot):
-    peer = Peer(autopilot)
-    assert [peer.result(command) for command in (31010, 34 if autopilot == "ardupilot" else 224)] == [3, 3]
-    assert peer.texts() == []
-
-
 @pytest.mark.parametrize(
-    ("autopilot", "text"),
-    [("ardupilot", "Disarming motors"), ("px4", "Disarmed by auto preflight disarming")],
+    ("autopilot", "kind", "name", "value", "text"),
+    [
+        ("ardupilot", "quad", "DISARM_DELAY", None, "Disarming motors"),
+        ("px4", "quad", "COM_DISARM_PRFLT", None, "Disarmed by auto preflight disarming"),
+        ("ardupilot", "quad", "DISARM_DELAY", 0.0, None),
+        ("px4", "quad", "COM_DISARM_PRFLT", 30.0, None),
+        ("px4", "rover", "COM_DISARM_PRFLT", None, None),
+        ("ardupilot", "rover", "DISARM_DELAY", None, None),
+        ("ardupilot", "fixed-wing", "DISARM_DELAY", None, None),
+    ],
 )
-def test_a_vehicle_that_never_takes_off_is_disarmed(autopilot, text):
-    peer = Peer(autopilot)
+def test_a_vehicle_that_never_takes_off_is_disarmed(autopilot, kind, name, value, text):
+    """After ten seconds, which are a parameter; rovers and ArduPlane stay armed."""
+    peer = Peer(autopilot, kind)
+    if value is not None:
+        peer.vehicle.pilot.parameters.stored[name] = value
     assert peer.result(400, 1.0) == 0
     peer.wait(9.5)
     assert peer.vehicle.pilot.armed
-    peer.wait(1.0)
-    assert not peer.vehicle.pilot.armed
-    assert not peer.of("HEARTBEAT")[-1].base_mode & 128
-    assert peer.texts()[-1] == text
-
-
-@pytest.mark.parametrize(("autopilot", "name"), [("ardupilot", "DISARM_DELAY"), ("px4", "COM_DISARM_PRFLT")])
-@pytest.mark.parametrize(("value", "armed"), [(3.0, False), (0.0, True), (30.0, True)])
-def test_the_time_on_the_ground_is_a_parameter(autopilot, name, value, armed):
-    peer = Peer(autopilot)
-    peer.vehicle.pilot.parameters.stored[name] = value
-    assert peer.result(400, 1.0) == 0
-    peer.wait(20.0)
-    assert peer.vehicle.pilot.armed is armed
-
-
-@pytest.mark.parametrize(
-    ("autopilot", "kind"), [("px4", "rover"), ("ardupilot", "rover"), ("ardupilot", "fixed-wing")]
-)
-def test_rovers_and_arduplane_stay_armed(autopilot, kind):
-    peer = Peer(autopilot, kind)
-    assert peer.result(400, 1.0) == 0
-    peer.wait(40.0)
-    assert peer.vehicle.pilot.armed
+    peer.wait(1.0 if text else 15.0)
+    assert peer.vehicle.pilot.armed is (text is None)
+    if text:
+        assert not peer.of("HEARTBEAT")[-1].base_mode & 128
+        assert peer.texts()[-1] == text
 
 
 def test_brake_is_told_as_brake():
@@ -209,13 +200,7 @@ def test_brake_is_told_as_brake():
 def test_a_velocity_with_the_force_bit_and_no_force_is_flown(mask):
     peer = Peer("ardupilot")
     peer.fly()
-    for _ in range(3):
-        peer.tell(
-            m.MAVLink_set_position_target_local_ned_message(
-                0, 1, 1, 8, mask, 0, 0, 0, 2.0, 0, 0, 0, 0, 0, 0, 0
-            )
-        )
-        peer.wait(1.0)
+    push(peer, 3.0, setpoint(mask, velocity=(2.0, 0.0, 0.0), frame=8))
     speed = math.hypot(*peer.vehicle.pilot.state.velocity_m_s[:2])
     assert speed == pytest.approx(2.0, abs=0.1)
     assert not any("refused" in text for text in peer.texts())
@@ -224,15 +209,15 @@ def test_a_velocity_with_the_force_bit_and_no_force_is_flown(mask):
 def test_a_force_is_refused():
     peer = Peer("ardupilot")
     peer.fly()
-    peer.tell(
-        m.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0x0E3F, 0, 0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0)
-    )
+    peer.tell(setpoint(0x0E3F, north_m_s2=1.0))
     assert "Setpoint refused: forces are not flown" in peer.texts()
 
 
-@pytest.mark.parametrize("command", [420, 211, 42600])
-def test_px4_does_not_answer_an_injected_failure_a_gripper_or_a_winch(command):
-    assert Peer("px4").result(command, 0.0, 1.0) is None
+@pytest.mark.parametrize(
+    ("autopilot", "command", "result"), [("px4", 420, None), ("px4", 211, None), ("ardupilot", 420, 3)]
+)
+def test_px4_does_not_answer_an_injected_failure_a_gripper_or_a_winch(autopilot, command, result):
+    assert Peer(autopilot).result(command, 0.0, 1.0) is result
 
 
 def test_ardupilot_sends_its_banner_when_asked():
@@ -242,24 +227,16 @@ def test_ardupilot_sends_its_banner_when_asked():
     assert Peer("px4").result(42428) == 3
 
 
-def test_ardupilot_knows_no_injected_failures():
-    assert Peer("ardupilot").result(420, 0.0, 1.0) == 3
-
-
 @pytest.mark.parametrize("down_m", [0.0, 2.0])
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_a_setpoint_at_or_below_the_ground_is_flown_to_the_ground(autopilot, down_m):
     peer = Peer(autopilot)
     peer.fly()
-    setpoint = m.MAVLink_set_position_target_local_ned_message(
-        0, 1, 1, 1, 0b100111111000, 8.0, 0.0, down_m, 0, 0, 0, 0, 0, 0, 0.0, 0
-    )
-    peer.tell(setpoint)
+    there = setpoint(0b100111111000, (8.0, 0.0, down_m))
+    peer.tell(there)
     if autopilot == "px4":
         assert peer.result(176, 1.0, 6.0) == 0
-    for _ in range(200):
-        peer.tell(setpoint)
-        peer.wait(0.1)
+    push(peer, 20.0, there)
     east, north, up = peer.vehicle.pilot.state.position_m
     assert (east, north) == pytest.approx((0.0, 8.0), abs=0.5)
     assert 0.0 <= up < 0.3
@@ -272,15 +249,11 @@ def test_arducopter_looks_along_velocities_without_a_heading(autopilot, headings
     peer.fly()
     seen = []
     for velocity in ((-2.0, 0.0, 0.0), (0.0, -2.0, 0.5), (0.0, 0.0, -0.5), (0.2, 0.0, 0.0)):
-        for _ in range(80):
-            peer.tell(
-                m.MAVLink_set_position_target_local_ned_message(
-                    0, 1, 1, 1, 0b111111000111, 0, 0, 0, *velocity, 0, 0, 0, 0, 0
-                )
-            )
-            if autopilot == "px4" and peer.vehicle.pilot.mode is not Mode.GUIDED:
-                assert peer.result(176, 1.0, 6.0) == 0
-            peer.wait(0.1)
+        order = setpoint(0b111111000111, velocity=velocity)
+        push(peer, 0.2, order)
+        if autopilot == "px4" and peer.vehicle.pilot.mode is not Mode.GUIDED:
+            assert peer.result(176, 1.0, 6.0) == 0
+        push(peer, 8.0, order)
         seen.append(round(math.degrees(peer.vehicle.pilot.state.yaw_rad)) % 360)
     assert seen == pytest.approx(headings, abs=5)
 
@@ -347,21 +320,13 @@ def answers_to_count(peer, items, plan=m.MAV_MISSION_TYPE_MISSION):
     return told
 
 
-@pytest.mark.parametrize(("kind", "room"), [("quad", 650), ("wing", 655), ("rover", 655)])
-def test_ardupilot_has_room_for_so_many_items_without_a_card(kind, room):
-    """Home counts; 9758 or 9842 bytes of 15 for each item (StorageManager.cpp)."""
+@pytest.mark.parametrize(
+    ("kind", "rooms"), [("quad", (650, 70, 46)), ("wing", (655, 84, 50)), ("rover", (655, 84, 50))]
+)
+def test_ardupilot_has_room_for_so_many_items_without_a_card(kind, rooms):
+    """Items of mission, fence and rally points; home counts (StorageManager.cpp)."""
     peer = Peer("ardupilot", kind)
-    assert answers_to_count(peer, room) == [("MISSION_REQUEST", None)]
-    refused = answers_to_count(peer, room + 1)
-    assert ("MISSION_ACK", m.MAV_MISSION_NO_SPACE) in refused
-    assert ("STATUSTEXT", f"Only {room} items are supported") in refused
-
-
-@pytest.mark.parametrize(("kind", "fence", "rally"), [("quad", 70, 46), ("wing", 84, 50), ("rover", 84, 50)])
-def test_ardupilot_has_room_for_so_much_of_a_fence_and_so_many_rally_points(kind, fence, rally):
-    """560 and 690 bytes, or 672 and 750 (StorageManager.cpp), of 8 for a corner and 15 for a rally point."""
-    peer = Peer("ardupilot", kind)
-    for plan, room in ((m.MAV_MISSION_TYPE_FENCE, fence), (m.MAV_MISSION_TYPE_RALLY, rally)):
+    for plan, room in enumerate(rooms):
         assert answers_to_count(peer, room, plan) == [("MISSION_REQUEST", None)]
         refused = answers_to_count(peer, room + 1, plan)
         assert ("MISSION_ACK", m.MAV_MISSION_NO_SPACE) in refused
@@ -388,55 +353,16 @@ def test_ardupilots_card_is_read_when_it_starts():
     assert ("STATUSTEXT", "Only 4368 items are supported") in answers_to_count(peer, 60_000)
 
 
-def test_ardupilots_card_may_be_given_before_the_start():
-    spec = with_autopilot(get_vehicle("quad"), "ardupilot", {"BRD_SD_MISSION": 20.0})
-    peer = Peer("ardupilot", spec=spec)
-    assert answers_to_count(peer, 1365) == [("MISSION_REQUEST", None)]
-    assert ("STATUSTEXT", "Only 1365 items are supported") in answers_to_count(peer, 1366)
-    peer.tell(m.MAVLink_param_request_read_message(1, 1, b"BRD_SD_MISSION", -1))
-    assert peer.of("PARAM_VALUE")[-1].param_value == 20.0
-    peer.tell(m.MAVLink_param_set_message(1, 1, b"BRD_SD_MISSION", 0.0, m.MAV_PARAM_TYPE_INT16))
-    peer.result(m.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1.0)
-    assert ("STATUSTEXT", "Only 650 items are supported") in answers_to_count(peer, 1365)
-
-
-def test_a_drone_with_the_largest_card_takes_the_card_that_it_is_given():
-    spec = with_autopilot(get_vehicle("quad"), "ardupilot", {"BRD_SD_MISSION": 20.0})
-    drone = SimVehicle(spec, HOME, autopilot=get_autopilot("ardupilot"), sd_card=True)
-    assert drone.pilot.parameters.kept("BRD_SD_MISSION", 0.0) == 20.0
-
-
-@pytest.mark.parametrize(("name", "autopilot"), [("BRD_SD_MISSION", "px4"), ("BRD_SD_FENCES", "ardupilot")])
-def test_a_card_that_an_autopilot_has_not_is_refused(name, autopilot):
-    with pytest.raises(VehicleError, match=f"no parameter {name}"):
-        with_autopilot(get_vehicle("quad"), autopilot, {name: 64.0})
-
-
-def test_more_than_the_largest_card_is_refused():
-    with pytest.raises(VehicleError, match="give 0 to 64 KiB"):
-        with_autopilot(get_vehicle("quad"), "ardupilot", {"BRD_SD_MISSION": 65.0})
-
-
 @pytest.mark.parametrize(
-    ("autopilot", "words"), [("px4", ["IGN MISSION_ITEM: Invalid item"]), ("ardupilot", [])]
+    ("autopilot", "name", "kib", "reason"),
+    [
+        ("px4", "BRD_SD_MISSION", 64.0, "no parameter BRD_SD_MISSION"),
+        ("ardupilot", "BRD_SD_MISSION", 65.0, "give 0 to 64 KiB"),
+    ],
 )
-def test_what_is_said_of_an_item_that_does_not_exist(autopilot, words):
-    """``mavlink_mission.cpp`` has one text for all of them, ``MissionItemProtocol.cpp`` none."""
-    peer = Peer(autopilot)
-    before = len(peer.texts())
-    peer.tell(count(2))
-    peer.tell(m.MAVLink_mission_item_int_message(1, 1, 0, 3, 999, 0, 1, 0, 0, 0, 0, 0, 0, 9.0))
-    peer.wait(0.1)
-    assert peer.texts()[before:] == words
-
-
-@pytest.mark.parametrize(("autopilot", "result"), [("px4", 2), ("ardupilot", 4)])
-@pytest.mark.parametrize("what", [1.0, 2.0, 3.0])
-def test_an_armed_vehicle_does_not_start_again(what, autopilot, result):
-    """``Commander.cpp``: denied, and not rejected for a time; ``GCS_Common.cpp``: failed."""
-    peer = Peer(autopilot)
-    assert peer.result(400, 1.0) == 0
-    assert peer.result(m.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, what) == result
+def test_a_card_that_an_autopilot_has_not_is_refused(autopilot, name, kib, reason):
+    with pytest.raises(VehicleError, match=reason):
+        with_autopilot(get_vehicle("quad"), autopilot, {name: kib})
 
 
 def test_px4_refuses_a_long_mission_without_a_word():
@@ -451,19 +377,18 @@ def landed(peer):
     return peer.of("HEARTBEAT")[-1].custom_mode
 
 
-def test_px4_holds_after_a_flight_that_began_with_a_take_off():
-    peer = Peer("px4")
+@pytest.mark.parametrize(("autopilot", "mode"), [("px4", 4 << 16 | 3 << 24), ("ardupilot", 9)])
+def test_px4_holds_after_a_landing_and_ardupilot_stays_in_its_mode(autopilot, mode):
+    peer = Peer(autopilot)
     peer.fly()
     assert peer.result(m.MAV_CMD_NAV_LAND) == 0
-    assert landed(peer) == 4 << 16 | 3 << 24
+    assert landed(peer) == mode
 
 
 def test_px4_goes_back_to_offboard_after_a_failsafe_and_does_not_arm_there_without_a_stream():
     peer = Peer("px4")
     peer.fly()
-    hold = m.MAVLink_set_position_target_local_ned_message(
-        0, 1, 1, 1, 0x0FC7, 0, 0, 0, 0.0, 0, 0, 0, 0, 0, 0, 0
-    )
+    hold = setpoint(0x0FC7)
     push(peer, 2.0, hold)
     assert peer.result(176, 1.0, 6.0) == 0
     push(peer, 1.0, hold)
@@ -472,13 +397,6 @@ def test_px4_goes_back_to_offboard_after_a_failsafe_and_does_not_arm_there_witho
     assert landed(peer) == 6 << 16
     assert peer.result(400, 1.0) == m.MAV_RESULT_TEMPORARILY_REJECTED
     assert any("No offboard signal" in text for text in peer.texts())
-
-
-def test_ardupilot_stays_in_the_mode_in_which_it_has_landed():
-    peer = Peer("ardupilot")
-    peer.fly()
-    assert peer.result(m.MAV_CMD_NAV_LAND) == 0
-    assert landed(peer) == 9
 
 
 def test_a_fence_that_holds_arducopter_does_so_from_the_first_moment():
@@ -525,23 +443,6 @@ def test_refused_commands_have_the_words_of_the_autopilot_or_none(autopilot, ord
     assert peer.result(*order) == result
     peer.wait(0.5)
     assert peer.texts()[before:] == texts
-
-
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_a_position_outside_the_fence_is_refused_with_the_words_of_the_autopilot_or_none(autopilot):
-    peer = Peer(autopilot)
-    peer.fly()
-    pilot = peer.vehicle.pilot
-    pilot.parameters.fence_enable, pilot.parameters.fence_radius_m = 1, 30.0
-    pilot.apply_parameters()
-    before = len(peer.texts())
-    latitude, longitude = pilot.frame.to_wgs84(80.0, 0.0)
-    place = (round(latitude * 1e7), round(longitude * 1e7), 10.0)
-    order = m.MAVLink_command_int_message(1, 1, 6, 192, 0, 0, -1.0, 1.0, 0, NAN, *place)
-    (answer,) = [one for one in peer.tell(order) if one.get_type() == "COMMAND_ACK"]
-    assert answer.result == m.MAV_RESULT_DENIED
-    peer.wait(0.5)
-    assert peer.texts()[before:] == (["Reposition is outside geofence"] if autopilot == "px4" else [])
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])

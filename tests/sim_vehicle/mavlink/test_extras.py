@@ -67,14 +67,6 @@ def test_commands_messages_and_capabilities_of_an_extra(monkeypatch):
     assert [ping.seq for ping in pings] == [2, 7]
 
 
-def test_an_extra_refuses_a_mode(monkeypatch):
-    peer = peer_with(monkeypatch, Extra)
-    peer.vehicle.pilot.arm()
-    with pytest.raises(Exception, match="not today"):
-        peer.vehicle.pilot.set_mode(Mode.LAND)
-    peer.vehicle.pilot.set_mode(Mode.HOLD)
-
-
 def test_a_message_of_a_stream_waits_until_it_is_ready(monkeypatch):
     monkeypatch.setattr("sim_vehicle.mavlink.vehicle.STREAMS", {1: (OWN_MESSAGE,)})
     peer = peer_with(monkeypatch, Extra, autopilot="ardupilot")

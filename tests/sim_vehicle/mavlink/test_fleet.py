@@ -45,7 +45,7 @@ def free_ports(number):
     return ports
 
 
-def hear(endpoint, seconds=0.4, systems=frozenset()):
+def hear(endpoint, seconds=0.2, systems=frozenset()):
     """What an endpoint hears, saying hello now and then; longer if these systems are not yet among it."""
     heard, began = [], time.monotonic()
     while (waited := time.monotonic() - began) < seconds or (
@@ -100,16 +100,13 @@ def test_ports_of_a_large_fleet_do_not_meet():
 
 @pytest.mark.parametrize(
     ("home", "count", "text"),
-    [
-        (HOME, 0, "1 to 250"),
-        (HOME, 251, "1 to 250"),
-        ([(HOME, 0.0), (HOME, 0.0)], 3, "a home for each"),
-        ([], None, "1 to 250"),
-    ],
+    [(HOME, 0, "1 to 250"), (HOME, 251, "1 to 250"), ([(HOME, 0.0), (HOME, 0.0)], 3, "a home for each")],
 )
 def test_impossible_fleets(home, count, text):
     with pytest.raises(VehicleError, match=text):
         Fleet(get_vehicle("quad"), home, count)
+    with pytest.raises(VehicleError, match="spacing"):
+        quads(2, spacing_m=0.0)
 
 
 def test_system_ids_follow_the_first():
@@ -118,11 +115,6 @@ def test_system_ids_follow_the_first():
     assert {system for url in fleet.urls for system in url.systems} == {7, 8}
     with pytest.raises(VehicleError, match="250 to 251"):
         Fleet(get_vehicle("quad"), HOME, 2, first_system=250)
-
-
-def test_impossible_spacing():
-    with pytest.raises(VehicleError, match="spacing"):
-        quads(2, spacing_m=0.0)
 
 
 def test_a_home_for_each():
@@ -151,9 +143,8 @@ def test_commands_reach_the_vehicle_that_is_meant_and_two_grounds_hear_each_othe
         one = MavlinkEndpoint(open_link(url), 255, 190)
         two = MavlinkEndpoint(open_link(url), 254, 190)
         one.send(m.MAVLink_command_long_message(2, 1, 400, 0, 1.0, *[0.0] * 6))
-        heard = hear(one, 0.5, {2})
-        others = hear(two, 1.2, {255})
-        hear(one, 0.2)
+        heard = hear(one, 0.3, {2})
+        others = hear(two, 0.3, {255})
         acks = [x.get_srcSystem() for x in heard if x.get_type() == "COMMAND_ACK"]
         assert acks == [2]
         assert [vehicle.pilot.armed for vehicle in fleet.vehicles] == [False, True, False]
@@ -284,14 +275,6 @@ def test_the_same_seed_and_inputs_give_the_same_bytes(tmp_path):
     assert first[0][:2] == ["completed", "battery_depleted"]
 
 
-def test_each_vehicle_has_its_own_gusts():
-    fleet = quads(3, wind=Wind(3.0, 0.0, 1.5, seed=3))
-    simulation = Simulation(fleet.vehicles)
-    simulation.run(limit_s=5.0)
-    states = [vehicle.pilot.executor.motion._wind.block[0].tolist() for vehicle in fleet.vehicles]
-    assert len({tuple(state) for state in states}) == 3
-
-
 def told_at(endpoint, number):
     """What a vehicle sends over a link, with the sequence numbers of its frames."""
     heard = []
@@ -329,23 +312,4 @@ def test_each_link_of_px4_has_its_own_messages_rates_and_sequence_numbers():
         numbers = [x.get_seq() for x in told]
         assert numbers == [(numbers[0] + k) % 256 for k in range(len(numbers))], "nothing seems lost"
         for end in ends:
-            end.close()
-
-
-def test_peers_on_one_link_with_a_name_both_hear_every_number():
-    vehicle = quads(1, sitl_rates=True).vehicles[0]
-    named = ServerUrl("tcpin:127.0.0.1:0", frozenset((1,)), "ground")
-    with Server([vehicle], [named]) as server:
-        url = server.urls[0].replace("tcpin", "tcp")
-        ends = [MavlinkEndpoint(open_link(url), 250 + number, 190) for number in range(2)]
-        server.run(limit_s=0.3)
-        for _ in range(20):
-            # What the vehicle says to all gets a number of the link, too.
-            server.send(vehicle, [m.MAVLink_statustext_message(6, b"to all")])
-            server.run(limit_s=0.05)
-        for end in ends:
-            told = told_at(end, 100)
-            assert sum(message.get_type() == "STATUSTEXT" for message in told) >= 10
-            numbers = [message.get_seq() for message in told]
-            assert numbers == [(numbers[0] + k) % 256 for k in range(len(numbers))], "nothing seems lost"
             end.close()

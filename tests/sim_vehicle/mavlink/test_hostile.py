@@ -15,10 +15,12 @@ from mission.transfer.driver import TransferDriver
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.px4 import PX4
+from sim_vehicle.host.router import target_offsets
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
 
 HOME = GeoPoint(28.05, -82.15, 20.0)
+ITEMS = tuple(MissionItem.waypoint(28.05 + 1e-5 * k, -82.15, 10.0) for k in range(4))
 KINDS = sorted(m.mavlink_map)
 LIKELY = sorted(SimVehicle(get_vehicle("quad"), HOME).wanted or ())
 
@@ -40,8 +42,6 @@ def valid_frame(rng, kind):
         )
         del payload[message_type.unpacker.size :]
     if rng.random() < 0.8:
-        from sim_vehicle.host.router import target_offsets
-
         for at, value in zip(target_offsets(kind), (1, rng.choice([1, 1, 0, 190, 100])), strict=True):
             if at >= 0:
                 payload[at] = value
@@ -88,17 +88,24 @@ def still_works(vehicle):
     link = simulation.open_link()
     driver = TransferDriver(MavlinkEndpoint(link, 255, 190), clock=link.clock, wait=link.wait)
     link.sleep(20.0)
-    items = tuple(MissionItem.waypoint(28.05 + 1e-5 * k, -82.15, 10.0) for k in range(4))
     driver.wait_for_vehicle()
-    driver.upload(Mission(items, home=HOME))
+    driver.upload(Mission(ITEMS, home=HOME))
     position = vehicle.pilot.state.position_m
     return all(abs(value) < 1e6 for value in position)
 
 
+@pytest.mark.parametrize("flies", [False, True], ids=["standing", "flying"])
 @pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
-def test_a_short_bombardment(autopilot):
+def test_a_short_bombardment(autopilot, flies):
     vehicle = SimVehicle(get_vehicle("quad"), HOME, autopilot=autopilot)
-    bombard(vehicle, random.Random(3), 150_000)
+    if flies:
+        takeoff = MissionItem(22, 3, x=HOME.latitude_deg, y=HOME.longitude_deg, z=10.0)
+        vehicle.pilot.load([takeoff, *ITEMS])
+        vehicle.pilot.arm()
+        vehicle.pilot.start_mission()
+        vehicle.poll(3.0)
+        assert vehicle.pilot.state.position_m[2] > 0.0
+    bombard(vehicle, random.Random(3), 80_000)
     assert still_works(vehicle)
 
 
@@ -140,9 +147,6 @@ def steps_of_download(count):
     for seq in range(count):
         yield m.MAVLink_mission_request_int_message(1, 1, seq, 0)
     yield m.MAVLink_mission_ack_message(1, 1, 0, 0)
-
-
-ITEMS = tuple(MissionItem.waypoint(28.05 + 1e-5 * k, -82.15, 10.0) for k in range(4))
 
 
 @pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])

@@ -8,10 +8,8 @@ import pytest
 from geo.frame import LocalFrame
 from mission.ground.station import GroundStation
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.model import GeoPoint, Mission, MissionItem
 from mission.outcome import Outcome
-from mission.transfer import wire
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.behaviour import Mode
@@ -94,33 +92,14 @@ def test_a_fixed_wing_flies_a_mission_and_tells_what_it_does(autopilot):
 
 
 @BOTH
-def test_a_mission_that_only_returns_ends_over_home_or_on_the_ground(autopilot):
-    items = (item(22, 0.0, 150.0, 40.0, 10.0), item(16, 0.0, 600.0, 50.0), MissionItem(20, 2))
-    vehicle, ground, _ = flight("fixed-wing", items, autopilot)
-    assert ground.outcome is Outcome.COMPLETED, ground.reason
-    # The file of the vehicle makes PX4 land; ArduPlane circles.
-    assert (vehicle.pilot.state.position_m[2] == 0.0) is (autopilot is PX4)
-
-
-@BOTH
 def test_a_fixed_wing_without_a_take_off_does_not_arm(autopilot):
     _, ground, _ = flight("fixed-wing", (item(16, 0.0, 600.0, 50.0), MissionItem(20, 2)), autopilot)
     assert ground.outcome in (Outcome.MISSION_REJECTED, Outcome.ARMING_REFUSED)
     assert "no take-off before it" in ground.reason
 
 
-def uploaded(vehicle, items):
-    """Send a mission and return the result of the transfer."""
-    if vehicle.firmware.title == "ArduPlane":
-        items = (MissionItem.waypoint(POINT.latitude_deg, POINT.longitude_deg, 12.0), *items)
-    sent = [m.MAVLink_mission_count_message(1, 1, len(items), 0)]
-    sent += [wire.item_to_message(one, seq, 0, (1, 1)) for seq, one in enumerate(items)]
-    answers = []
-    for message in sent:
-        (crossed,) = FrameReader().feed(FrameWriter(255, 190).encode(message))
-        answers += vehicle.receive(crossed, 0.0)
-    results = [message.type for message in answers if message.get_type() == "MISSION_ACK"]
-    return results, [message.text for message in answers if message.get_type() == "STATUSTEXT"]
+def plane(autopilot=ARDUPILOT):
+    return Peer(autopilot, "fixed-wing", home=POINT)
 
 
 TAKEOFF = item(22, 0.0, 150.0, 40.0, 10.0)
@@ -129,20 +108,20 @@ LANDS = (TAKEOFF, item(16, 0.0, 600.0, 50.0), item(16, 0.0, -600.0, 30.0), item(
 
 
 def test_px4_refuses_a_fixed_wings_mission_without_a_landing_unless_told():
-    vehicle = SimVehicle(get_vehicle("fixed-wing"), POINT, autopilot=PX4)
-    results, texts = uploaded(vehicle, RETURNS)
-    assert results == [0]  # it is stored all the same
-    assert "Mission rejected: Landing waypoint/pattern required." in "".join(texts)
-    assert vehicle.pilot.mission.state is MissionState.NO_MISSION
-    vehicle.pilot.set_mode(Mode.MISSION)
+    peer = plane(PX4)
+    pilot = peer.vehicle.pilot
+    assert peer.upload(RETURNS).type == 0, "it is stored all the same"
+    assert "Mission rejected: Landing waypoint/pattern required." in "".join(peer.texts())
+    assert pilot.mission.state is MissionState.NO_MISSION
+    pilot.set_mode(Mode.MISSION)
     with pytest.raises(RefusedError, match="Landing waypoint"):
-        vehicle.pilot.arm()
-    uploaded(vehicle, LANDS)
-    assert vehicle.pilot.mission.state is MissionState.NOT_STARTED
-    uploaded(vehicle, RETURNS)
+        pilot.arm()
+    peer.upload(LANDS)
+    assert pilot.mission.state is MissionState.NOT_STARTED
+    peer.upload(RETURNS)
     packed = struct.unpack("<f", struct.pack("<i", 0))[0]
-    vehicle.receive(m.MAVLink_param_set_message(1, 1, b"MIS_TKO_LAND_REQ", packed, 6), 0.0)
-    assert vehicle.pilot.mission.state is MissionState.NOT_STARTED
+    peer.tell(m.MAVLink_param_set_message(1, 1, b"MIS_TKO_LAND_REQ", packed, 6))
+    assert pilot.mission.state is MissionState.NOT_STARTED
 
 
 @pytest.mark.parametrize(
@@ -165,22 +144,22 @@ def test_what_px4_wants_of_a_mission(rule, items, reason):
 
 
 def test_arduplane_does_not_arm_with_a_landing_that_a_return_would_not_fly():
-    vehicle = SimVehicle(get_vehicle("fixed-wing"), POINT, autopilot=ARDUPILOT)
-    results, _ = uploaded(vehicle, (TAKEOFF, LANDS[1], MissionItem(189, 2), *LANDS[2:]))
-    assert results[-1] == 0, "DO_LAND_START in frame 2 is taken"
-    vehicle.receive(m.MAVLink_param_set_message(1, 1, b"RTL_AUTOLAND", 0.0, 9), 0.0)
+    peer = plane()
+    taken = peer.upload((TAKEOFF, LANDS[1], MissionItem(189, 2), *LANDS[2:])).type
+    assert taken == 0, "DO_LAND_START in frame 2 is taken"
+    peer.tell(m.MAVLink_param_set_message(1, 1, b"RTL_AUTOLAND", 0.0, 9))
     with pytest.raises(RefusedError, match="DO_LAND_START set and RTL_AUTOLAND disabled"):
-        vehicle.pilot.arm()
-    vehicle.receive(m.MAVLink_param_set_message(1, 1, b"RTL_AUTOLAND", 1.0, 9), 0.0)
-    vehicle.pilot.arm()
-    assert vehicle.pilot.armed
+        peer.vehicle.pilot.arm()
+    peer.tell(m.MAVLink_param_set_message(1, 1, b"RTL_AUTOLAND", 1.0, 9))
+    peer.vehicle.pilot.arm()
+    assert peer.vehicle.pilot.armed
 
 
 def test_the_time_constant_of_plane_parm_is_taken():
-    vehicle = SimVehicle(get_vehicle("fixed-wing"), POINT, autopilot=ARDUPILOT)
-    answers = vehicle.receive(m.MAVLink_param_set_message(1, 1, b"RLL2SRV_TCONST", 0.25, 9), 0.0)
-    assert [a.param_value for a in answers if a.get_type() == "PARAM_VALUE"] == [0.25]
-    assert dict(vehicle.pilot.spec.parameters)["RLL2SRV_TCONST"] == 0.25
+    peer = plane()
+    peer.tell(m.MAVLink_param_set_message(1, 1, b"RLL2SRV_TCONST", 0.25, 9))
+    assert peer.of("PARAM_VALUE")[-1].param_value == 0.25
+    assert dict(peer.vehicle.pilot.spec.parameters)["RLL2SRV_TCONST"] == 0.25
 
 
 @BOTH
@@ -197,156 +176,109 @@ def test_a_rover_drives_a_mission(autopilot):
 
 
 @pytest.mark.parametrize(
-    ("name", "table", "banner"),
-    [("fixed-wing", "apm", "ArduPlane V4.7.0 (1511f271)"), ("rover", "rover", "ArduRover V4.7.0 (1511f271)")],
+    ("name", "table", "banner", "own"),
+    [
+        ("fixed-wing", "apm", "ArduPlane V4.7.0", {"AIRSPEED_CRUISE", "NAVL1_PERIOD", "RTL_ALTITUDE"}),
+        ("rover", "rover", "ArduRover V4.7.0", {"WP_SPEED", "TURN_RADIUS"}),
+    ],
 )
-def test_modes_and_parameters_are_those_of_the_autopilot(name, table, banner):
+def test_modes_and_parameters_are_those_of_the_autopilot(name, table, banner, own):
     from pymavlink import mavutil
 
     numbers = {text: number for number, text in getattr(mavutil, f"mode_mapping_{table}").items()}
-    vehicle = SimVehicle(get_vehicle(name), POINT, autopilot=ARDUPILOT)
-    modes = vehicle.firmware.mavlink.modes
+    peer = Peer(ARDUPILOT, name)
+    modes = peer.vehicle.firmware.mavlink.modes
     hold = "LOITER" if name == "fixed-wing" else "HOLD"
     for mode, text in ((Mode.MISSION, "AUTO"), (Mode.RTL, "RTL"), (Mode.GUIDED, "GUIDED"), (Mode.HOLD, hold)):
         assert modes[mode] == numbers[text]
-        assert vehicle.firmware.mavlink.modes.mode_of(numbers[text]) is mode
-    ask = m.MAVLink_param_request_list_message(1, 1)
-    ask._header.srcSystem = 255
-    answers = vehicle.receive(ask, 0.0)
-    for tick in range(1, 100):
-        answers += vehicle.poll(0.02 * tick)
-    texts = [message.text for message in answers if message.get_type() == "STATUSTEXT"]
-    assert banner.encode() in [bytes(text) if isinstance(text, bytes) else text.encode() for text in texts]
-    names = {
-        message.param_id if isinstance(message.param_id, str) else message.param_id.decode()
-        for message in answers
-        if message.get_type() == "PARAM_VALUE"
-    }
-    names = {text.rstrip("\0") for text in names}
-    wanted = {
-        "fixed-wing": {"AIRSPEED_CRUISE", "NAVL1_PERIOD", "RTL_ALTITUDE"},
-        "rover": {"WP_SPEED", "TURN_RADIUS"},
-    }
-    assert wanted[name] <= names
+        assert modes.mode_of(numbers[text]) is mode
+    peer.tell(m.MAVLink_param_request_list_message(1, 1))
+    peer.wait(2.0)
+    assert f"{banner} (1511f271)" in peer.texts()
+    names = {message.param_id for message in peer.of("PARAM_VALUE")}
+    assert own <= names
     assert not any(text.startswith(("WPNAV_", "MPC_")) or text == "RTL_ALT" for text in names)
-
-
-def test_px4_tells_its_kind_by_a_parameter_and_has_its_own_modes():
-    vehicle = SimVehicle(get_vehicle("fixed-wing"), POINT, autopilot=PX4)
-    rows = PX4.for_vehicle("multirotor").mavlink.modes.rows
-    own = tuple(row for row in rows if row[1] is not Mode.FOLLOW)
-    assert vehicle.firmware.mavlink.modes.rows == own, "only multirotors follow"
-    answers = vehicle.receive(m.MAVLink_param_request_read_message(1, 1, b"MAV_TYPE", -1), 0.0)
-    assert answers[0].get_type() == "PARAM_VALUE"
-    answers = vehicle.receive(m.MAVLink_param_request_read_message(1, 1, b"MPC_XY_CRUISE", -1), 0.0)
-    assert not [message for message in answers if message.get_type() == "PARAM_VALUE"]
-
-
-def test_a_parameter_set_in_flight_changes_the_circle():
-    vehicle = SimVehicle(get_vehicle("fixed-wing"), POINT, autopilot=PX4)
-    pilot = vehicle.pilot
-    pilot.takeoff(50.0)
-    pilot.arm()
-    vehicle.poll(60.0)
-    pilot.set_mode(Mode.HOLD)
-    message = m.MAVLink_param_set_message(1, 1, b"NAV_LOITER_RAD", 120.0, m.MAV_PARAM_TYPE_REAL32)
-    vehicle.receive(message, 60.0)
-    x, y, _ = pilot.executor.motion.stopping_point()
-    pilot.set_mode(Mode.HOLD)
-    vehicle.poll(160.0)
-    east, north, _ = pilot.state.position_m
-    assert math.hypot(east - x, north - y) == pytest.approx(120.0, rel=0.05)
 
 
 @BOTH
 def test_a_rover_that_rolls_out_without_power_still_tells_its_throttle(autopilot):
-    vehicle = SimVehicle(get_vehicle("rover"), POINT, autopilot=autopilot)
-    vehicle.pilot.load([item(16, 100.0, 0.0)])
-    vehicle.pilot.arm()
-    vehicle.pilot.set_mode(Mode.MISSION)
-    writer = FrameWriter(1, 1)
+    peer = Peer(autopilot, "rover", home=POINT)
+    pilot = peer.vehicle.pilot
+    pilot.load([item(16, 100.0, 0.0)])
+    pilot.arm()
+    pilot.set_mode(Mode.MISSION)
     told = []
-    for k in range(1, 400):
-        if k == 150:
-            vehicle.pilot.drain_battery(0.0)
-        for message in vehicle.poll(k / 10.0):
-            writer.encode(message)
-        (hud,) = vehicle.built(m.MAVLINK_MSG_ID_VFR_HUD)
-        writer.encode(hud)
-        told.append(hud.throttle)
+    for tenth in range(400):
+        if tenth == 150:
+            pilot.drain_battery(0.0)
+        peer.wait(0.1)
+        told.append(peer.asked(m.MAVLINK_MSG_ID_VFR_HUD).throttle)
     assert max(told) > 10
     assert all(0 <= throttle <= 100 for throttle in told)
 
 
-class Airborne:
-    """A fixed wing in the air by a mission."""
+def airborne(autopilot=ARDUPILOT):
+    """Return a fixed wing in the air by a mission."""
+    peer = plane(autopilot)
+    pilot = peer.vehicle.pilot
+    pilot.parameters.mission_requirement = 0
+    pilot.load([item(22, 0.0, 200.0, 60.0), item(16, 0.0, 900.0, 60.0), item(16, 0.0, 2500.0, 60.0)])
+    pilot.arm()
+    pilot.start_mission()
+    fly_on(peer, lambda: height(peer) >= 55.0, 120.0)
+    return peer
 
-    def __init__(self, autopilot=ARDUPILOT):
-        items = [item(22, 0.0, 200.0, 60.0), item(16, 0.0, 900.0, 60.0), item(16, 0.0, 2500.0, 60.0)]
-        self.vehicle = SimVehicle(get_vehicle("fixed-wing"), POINT, autopilot=autopilot)
-        self.pilot = pilot = self.vehicle.pilot
-        pilot.parameters.mission_requirement = 0
-        self.now_s = 0.0
-        self.told = self.vehicle.poll(0.0)
-        pilot.load(items)
-        pilot.arm()
-        pilot.start_mission()
-        while pilot.state.position_m[2] < 55.0:
-            self.wait(1.0)
-            assert self.now_s < 120.0
 
-    def wait(self, seconds, message=None):
-        for _ in range(round(10 * seconds)):
-            self.now_s += 0.1
-            if message is not None:
-                (crossed,) = FrameReader().feed(FrameWriter(255, 190).encode(message))
-                self.told += self.vehicle.receive(crossed, self.now_s)
-            self.told += self.vehicle.poll(self.now_s)
+def push(peer, seconds, *, pitch=0, roll=0):
+    """Hold the sticks for a time; return how far the course turned meanwhile."""
+    before = course(peer)
+    for _ in range(round(10 * seconds)):
+        peer.tell(m.MAVLink_manual_control_message(1, pitch, roll, 500, 0, 0))
+        peer.wait(0.1)
+    return math.remainder(course(peer) - before, 2.0 * math.pi)
 
-    def fbwa(self):
-        change = m.MAVLink_command_long_message(1, 1, 176, 0, 1.0, 5.0, 0, 0, 0, 0, 0)
-        self.wait(0.1, change)
-        assert self.pilot.mode is Mode.MANUAL
 
-    @property
-    def course(self):
-        return math.atan2(*self.pilot.state.velocity_m_s[:2])
+def course(peer):
+    return math.atan2(*peer.vehicle.pilot.state.velocity_m_s[:2])
 
-    @property
-    def texts(self):
-        told = [t.text for t in self.told if t.get_type() == "STATUSTEXT"]
-        return [t if isinstance(t, str) else t.decode() for t in told]
+
+def height(peer):
+    return peer.vehicle.pilot.state.position_m[2]
+
+
+def fly_on(peer, until, limit_s=400.0):
+    """Fly until something is so."""
+    end_s = peer.now_s + limit_s
+    while not until():
+        peer.wait(0.1)
+        assert peer.now_s < end_s
 
 
 def test_a_fixed_wing_banks_climbs_and_flies_straight_by_sticks():
-    plane = Airborne()
-    plane.fbwa()
-    before, height = plane.course, plane.pilot.state.position_m[2]
-    plane.wait(4.0, m.MAVLink_manual_control_message(1, 0, 500, 500, 0, 0))
-    assert 0.15 < math.remainder(plane.course - before, 2.0 * math.pi) < 2.5, "to the right"
-    plane.wait(6.0, m.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0))
-    straight = plane.course
-    plane.wait(4.0, m.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0))
-    assert math.remainder(plane.course - straight, 2.0 * math.pi) == pytest.approx(0.0, abs=0.1)
-    assert plane.pilot.state.position_m[2] == pytest.approx(height, abs=15.0)
-    height = plane.pilot.state.position_m[2]
-    plane.wait(8.0, m.MAVLink_manual_control_message(1, -600, 0, 500, 0, 0))
-    assert plane.pilot.state.position_m[2] > height + 5.0, "pulled"
-    before = plane.course
-    plane.wait(4.0, m.MAVLink_manual_control_message(1, 0, -500, 500, 0, 0))
-    assert -2.5 < math.remainder(plane.course - before, 2.0 * math.pi) < -0.15, "to the left"
+    peer = airborne()
+    assert peer.result(176, 1.0, 5.0) == 0
+    assert peer.vehicle.pilot.mode is Mode.MANUAL
+    before = height(peer)
+    assert 0.15 < push(peer, 4.0, roll=500) < 2.5, "to the right"
+    push(peer, 6.0)
+    assert push(peer, 4.0) == pytest.approx(0.0, abs=0.1)
+    assert height(peer) == pytest.approx(before, abs=15.0)
+    before = height(peer)
+    push(peer, 8.0, pitch=-600)
+    assert height(peer) > before + 5.0, "pulled"
+    assert -2.5 < push(peer, 4.0, roll=-500) < -0.15, "to the left"
 
 
 def test_a_fixed_wing_circles_and_returns_when_its_sticks_fall_silent():
-    plane = Airborne()
-    plane.fbwa()
-    plane.wait(2.0, m.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0))
-    plane.wait(2.0)
-    assert plane.pilot.mode is Mode.HOLD
-    assert plane.texts[-1] == "RC Short Failsafe: switched to CIRCLE"
-    plane.wait(5.0)
-    assert plane.pilot.mode is Mode.RTL
-    assert plane.texts[-1] == "RC Long Failsafe: switched to RTL"
+    peer = airborne()
+    peer.result(176, 1.0, 5.0)
+    push(peer, 2.0)
+    peer.wait(2.0)
+    assert peer.vehicle.pilot.mode is Mode.HOLD
+    assert peer.texts()[-1] == "RC Short Failsafe: switched to CIRCLE"
+    peer.wait(5.0)
+    assert peer.vehicle.pilot.mode is Mode.RTL
+    assert peer.texts()[-1] == "RC Long Failsafe: switched to RTL"
 
 
 def test_a_rover_turns_on_between_two_stick_messages():
@@ -359,30 +291,27 @@ def test_a_rover_turns_on_between_two_stick_messages():
 
 
 def test_sticks_in_a_mission_do_not_move_a_fixed_wing():
-    plane = Airborne()
-    before = plane.course
-    plane.wait(4.0, m.MAVLink_manual_control_message(1, 0, 1000, 500, 0, 0))
-    assert math.remainder(plane.course - before, 2.0 * math.pi) == pytest.approx(0.0, abs=0.15)
-    plane.wait(10.0)
-    assert plane.pilot.mode is Mode.MISSION, "FS_LONG_ACTN 0 goes on"
+    peer = airborne()
+    assert push(peer, 4.0, roll=1000) == pytest.approx(0.0, abs=0.15)
+    peer.wait(10.0)
+    assert peer.vehicle.pilot.mode is Mode.MISSION, "FS_LONG_ACTN 0 goes on"
 
 
 @pytest.mark.parametrize("main_mode", [2.0, 3.0, 7.0], ids=["ALTCTL", "POSCTL", "STABILIZED"])
 def test_px4_banks_and_climbs_a_fixed_wing_by_sticks(main_mode):
-    plane = Airborne(PX4)
-    plane.wait(0.1, m.MAVLink_command_long_message(1, 1, 176, 0, 1.0, main_mode, 0, 0, 0, 0, 0))
-    assert plane.pilot.mode is Mode.MISSION, "not without sticks"
-    plane.wait(0.1, m.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0))
-    plane.wait(0.1, m.MAVLink_command_long_message(1, 1, 176, 0, 1.0, main_mode, 0, 0, 0, 0, 0))
-    assert plane.pilot.mode in (Mode.ALTITUDE, Mode.POSITION, Mode.MANUAL)
-    before = plane.course
-    plane.wait(4.0, m.MAVLink_manual_control_message(1, 0, 500, 500, 0, 0))
-    assert 0.15 < math.remainder(plane.course - before, 2.0 * math.pi) < 2.8, "to the right"
-    height = plane.pilot.state.position_m[2]
-    plane.wait(8.0, m.MAVLink_manual_control_message(1, -800, 0, 500, 0, 0))
-    assert plane.pilot.state.position_m[2] > height + 5.0, "pulled"
-    plane.wait(2.0)
-    assert plane.pilot.mode is Mode.HOLD
+    peer = airborne(PX4)
+    pilot = peer.vehicle.pilot
+    peer.result(176, 1.0, main_mode)
+    assert pilot.mode is Mode.MISSION, "not without sticks"
+    push(peer, 0.1)
+    peer.result(176, 1.0, main_mode)
+    assert pilot.mode in (Mode.ALTITUDE, Mode.POSITION, Mode.MANUAL)
+    assert 0.15 < push(peer, 4.0, roll=500) < 2.8, "to the right"
+    before = height(peer)
+    push(peer, 8.0, pitch=-800)
+    assert height(peer) > before + 5.0, "pulled"
+    peer.wait(2.0)
+    assert pilot.mode is Mode.HOLD
 
 
 GO_AROUND = 191
@@ -390,75 +319,47 @@ GO_AROUND = 191
 
 def landing_plane():
     """Return an ArduPlane that lands, 20 m above the ground."""
-    vehicle = SimVehicle(get_vehicle("fixed-wing"), POINT, autopilot=ARDUPILOT)
+    peer = plane()
     items = item(22, 0.0, 150.0, 40.0, 10.0), item(16, 0.0, -700.0, 40.0), item(21, 0.0, 0.0)
-    assert uploaded(vehicle, items)[0] == [m.MAV_MISSION_ACCEPTED]
-    vehicle.pilot.arm(force=True)
-    vehicle.pilot.start_mission()
-    fly_on(vehicle, lambda: vehicle.pilot.executor.mission.lands and height(vehicle) < 20.0)
-    return vehicle
-
-
-def height(vehicle):
-    return vehicle.pilot.state.position_m[2]
-
-
-def fly_on(vehicle, until, limit_s=400.0):
-    """Fly until something is so; return the texts on the way."""
-    told, end_s = [], vehicle.pilot.state.time_s + limit_s
-    while not until():
-        now_s = vehicle.pilot.state.time_s + 0.1
-        told += vehicle.poll(now_s)
-        assert now_s < end_s
-    return texts_of(told)
-
-
-def texts_of(told):
-    texts = [message.text for message in told if message.get_type() == "STATUSTEXT"]
-    return [text if isinstance(text, str) else text.decode() for text in texts]
-
-
-def answered(vehicle, message):
-    """Send a message; return the results and the texts that answer it."""
-    (crossed,) = FrameReader().feed(FrameWriter(255, 190).encode(message))
-    told = vehicle.receive(crossed, vehicle.pilot.state.time_s)
-    return [answer.result for answer in told if answer.get_type() == "COMMAND_ACK"], texts_of(told)
-
-
-def go_around(height_m=0.0):
-    return m.MAVLink_command_long_message(1, 1, GO_AROUND, 0, height_m, *[0.0] * 6)
+    assert peer.upload(items).type == m.MAV_MISSION_ACCEPTED
+    pilot = peer.vehicle.pilot
+    pilot.arm(force=True)
+    pilot.start_mission()
+    fly_on(peer, lambda: pilot.executor.mission.lands and height(peer) < 20.0)
+    return peer, pilot.executor.mission
 
 
 def test_arduplane_goes_around_by_command():
-    vehicle = landing_plane()
-    results, texts = answered(vehicle, go_around(55.0))
-    assert results == [m.MAV_RESULT_ACCEPTED]
-    texts += fly_on(vehicle, lambda: not vehicle.pilot.executor.mission.goes_around)
-    assert height(vehicle) == pytest.approx(55.0, abs=1.0)
-    assert "Landing aborted, climbing to 55m" in texts
-    texts += fly_on(vehicle, lambda: vehicle.pilot.executor.mission.lands)
-    assert "Restarted landing sequence at waypoint 2" in texts
+    peer, mission = landing_plane()
     # 0 is the height of the landing or the take-off.
-    texts = answered(vehicle, go_around(0.0))[1]
-    texts += fly_on(vehicle, lambda: not vehicle.pilot.executor.mission.goes_around)
-    assert "Landing aborted, climbing to 40m" in texts
+    for asked_m, height_m, within_m in ((55.0, 55, 1.0), (0.0, 40, 3.0)):
+        assert peer.result(GO_AROUND, asked_m) == m.MAV_RESULT_ACCEPTED
+        fly_on(peer, lambda: not mission.goes_around)
+        assert height(peer) == pytest.approx(height_m, abs=within_m)
+        assert f"Landing aborted, climbing to {height_m}m" in peer.texts()
+        fly_on(peer, lambda: mission.lands)
+        assert peer.texts().count("Restarted landing sequence at waypoint 2") > 0
 
 
-def test_only_arduplane_on_its_landing_goes_around():
-    vehicle = SimVehicle(get_vehicle("fixed-wing"), POINT, autopilot=ARDUPILOT)
-    assert answered(vehicle, go_around())[0] == [m.MAV_RESULT_FAILED]
-    for name, autopilot in (("quad", ARDUPILOT), ("rover", ARDUPILOT), ("fixed-wing", PX4)):
-        vehicle = SimVehicle(get_vehicle(name), POINT, autopilot=autopilot)
-        assert answered(vehicle, go_around())[0] == [m.MAV_RESULT_UNSUPPORTED]
+@pytest.mark.parametrize(
+    ("name", "autopilot", "result"),
+    [
+        ("fixed-wing", ARDUPILOT, m.MAV_RESULT_FAILED),
+        ("quad", ARDUPILOT, m.MAV_RESULT_UNSUPPORTED),
+        ("fixed-wing", PX4, m.MAV_RESULT_UNSUPPORTED),
+    ],
+)
+def test_only_arduplane_on_its_landing_goes_around(name, autopilot, result):
+    assert Peer(autopilot, name).result(GO_AROUND) == result
 
 
 @pytest.mark.parametrize(
     ("enabled", "throttle", "breaks_off"), [(1, 960, True), (1, 850, False), (0, 960, False)]
 )
 def test_full_throttle_breaks_off_a_landing_if_that_is_enabled(enabled, throttle, breaks_off):
-    vehicle = landing_plane()
-    vehicle.pilot.parameters.stored["LAND_ABORT_THR"] = float(enabled)
-    _, texts = answered(vehicle, m.MAVLink_manual_control_message(1, 0, 0, throttle, 0, 0))
-    assert vehicle.pilot.executor.mission.goes_around is breaks_off
-    texts += fly_on(vehicle, lambda: not vehicle.pilot.executor.mission.goes_around)
-    assert ("Landing aborted via throttle" in texts) is breaks_off
+    peer, mission = landing_plane()
+    peer.vehicle.pilot.parameters.stored["LAND_ABORT_THR"] = float(enabled)
+    peer.tell(m.MAVLink_manual_control_message(1, 0, 0, throttle, 0, 0))
+    assert mission.goes_around is breaks_off
+    fly_on(peer, lambda: not mission.goes_around)
+    assert ("Landing aborted via throttle" in peer.texts()) is breaks_off

@@ -7,14 +7,12 @@ import time
 import pytest
 from processes import wait_until
 
-from mission.ground.station import GroundStation
 from mission.link import FrameReader, FrameWriter
 from mission.link.address import MavlinkEndpoint
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.signing import Signing
 from mission.link.opening import open_link
 from mission.model import Command, Frame, Mission, MissionItem, MissionType
-from mission.outcome import Outcome
 from mission.transfer import wire
 from mission.transfer.driver import TransferDriver
 from sim_vehicle.airframe.catalog import get_vehicle
@@ -22,10 +20,9 @@ from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.host.server import Server
-from sim_vehicle.host.simulation import Simulation, StopReason
+from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
-from tests.support.peer import HOME, running
-from tests.support.peer import Peer as GroundPeer
+from tests.support.peer import HOME, Peer, running
 
 BOTH = pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
 TAKEOFF = MissionItem(Command.NAV_TAKEOFF, Frame.GLOBAL_RELATIVE_ALT, x=28.05, y=-82.15, z=5.0)
@@ -35,22 +32,10 @@ SURVEY = (TAKEOFF, THERE, BACK)
 KEY = b"k" * 32
 
 
-class Peer(GroundPeer):
-    """A ground station that uploads plans, too."""
-
-    def upload(self, items, kind=0):
-        """Send a plan; home goes in front where the autopilot has it there."""
-        if self.autopilot is ARDUPILOT and kind == 0:
-            items = (MissionItem.waypoint(1, 2, 3), *items)
-        self.tell(m.MAVLink_mission_count_message(1, 1, len(items), kind))
-        for seq, item in enumerate(items):
-            answers = self.tell(wire.item_to_message(item, seq, MissionType(kind), (1, 1)))
-        return next(answer for answer in answers if answer.get_type() == "MISSION_ACK")
-
-    def start(self):
-        self.upload(tuple(_plain(item) for item in SURVEY))
-        assert self.result(400, 1.0) == 0
-        assert self.result(300) == 0
+def start(peer):
+    peer.upload(tuple(map(_plain, SURVEY)))
+    assert peer.result(400, 1.0) == 0
+    assert peer.result(300) == 0
 
 
 def _plain(item):
@@ -108,7 +93,7 @@ def test_mavsdk_notices_a_new_plan():
 
 def test_px4_repeats_what_was_reached_and_reports_the_return_instead_of_the_last_place():
     peer = Peer(PX4)
-    peer.start()
+    start(peer)
     peer.wait(120.0)
     seqs = [message.seq for message in peer.of("MISSION_ITEM_REACHED")]
     assert sorted(set(seqs)) == [0, 2]
@@ -120,7 +105,7 @@ def test_px4_repeats_what_was_reached_and_reports_the_return_instead_of_the_last
 @BOTH
 def test_the_next_item_is_told_a_moment_after_the_last_was_reached(autopilot):
     peer = Peer(autopilot)
-    peer.start()
+    start(peer)
     peer.wait(12.0)
     shown = list(zip(peer.times, peer.told, strict=True))
     first = autopilot is ARDUPILOT
@@ -271,17 +256,6 @@ def test_ardupilot_counts_its_plans_in_parameters():
     assert total(b"MIS_TOTAL") == 4
 
 
-@BOTH
-def test_our_ground_station_flies_either(autopilot):
-    vehicle = SimVehicle(get_vehicle("quad"), HOME, autopilot=autopilot)
-    ground = GroundStation(Mission(SURVEY, HOME))
-    reason = Simulation([vehicle, ground]).run(lambda _now_s: ground.done, limit_s=300.0)
-    assert reason is StopReason.FINISHED
-    assert ground.outcome is Outcome.COMPLETED, ground.reason
-    fixes = len(ground.tracks.track(vehicle.pilot.frame).time_s)
-    assert fixes == pytest.approx(10.0 * ground.flight_time_s, rel=0.1)
-
-
 def signed_hosts(signing):
     vehicle = SimVehicle(get_vehicle("quad"), HOME, signing=signing)
     taps = []
@@ -401,29 +375,6 @@ def test_ardupilot_streams_what_its_simulator_does(kind, hz):
     assert rates["HEARTBEAT"] == 1.0
 
 
-@pytest.mark.parametrize("link", ["payload", "gimbal"])
-def test_what_else_is_on_board_hears_a_heartbeat_where_little_is_sent(link):
-    assert rates_of(SimVehicle(get_vehicle("quad"), HOME), link) == {"HEARTBEAT": 1.0}
-
-
-def test_messages_of_px4s_simulator_tell_what_is_so():
-    peer = Peer(PX4)
-    pings = [peer.asked(4) for _ in range(3)]
-    assert [ping.seq for ping in pings] == [0, 1, 2]
-    assert {(ping.target_system, ping.target_component) for ping in pings} == {(0, 0)}
-    sync = peer.asked(111)
-    assert (sync.tc1, sync.ts1) == (0, peer.vehicle.state.unix_us * 1000)
-    on_ground, servo = peer.asked(286), peer.asked(36)
-    assert on_ground.landed_state == m.MAV_LANDED_STATE_ON_GROUND
-    assert servo.servo1_raw == 900, "motors off"
-    peer.start()
-    peer.wait(12.0)
-    flying, servo, attitude = peer.asked(286), peer.asked(36), peer.asked(31)
-    assert flying.landed_state == m.MAV_LANDED_STATE_IN_AIR
-    assert flying.q == pytest.approx([attitude.q1, attitude.q2, attitude.q3, attitude.q4])
-    assert 1300 < servo.servo1_raw < 1700
-
-
 def home_at(peer, altitude, frame, x=28.0501, y=-82.1499):
     numbers = (round(x * 1e7), round(y * 1e7), altitude)
     message = m.MAVLink_command_int_message(1, 1, frame, 179, 0, 0, *[0.0] * 4, *numbers)
@@ -474,17 +425,6 @@ def test_altitudes_above_a_home_that_moved_count_from_there(autopilot):
 
 
 @BOTH
-def test_home_here_in_the_air_is_as_high_as_the_vehicle(autopilot):
-    peer = Peer(autopilot)
-    peer.start()
-    peer.wait(20.0)
-    height = peer.vehicle.pilot.state.position_m[2]
-    assert height > 3.0
-    assert peer.result(179, 1.0) == 0
-    assert peer.of("HOME_POSITION")[-1].altitude == pytest.approx(1000.0 * (20.0 + height), abs=50.0)
-
-
-@BOTH
 def test_a_home_without_an_altitude_is_refused(autopilot):
     peer = Peer(autopilot)
     assert home_at(peer, math.nan, 0) == 2
@@ -492,19 +432,3 @@ def test_a_home_without_an_altitude_is_refused(autopilot):
     here = home_at(peer, 33.0, 0, 0.0, 0.0)
     assert here == (2 if autopilot is PX4 else 0), "ArduPilot takes zeros for here"
     assert peer.asked(242).altitude == 20_000
-
-
-@BOTH
-def test_rally_points_are_as_high_above_a_home_that_moves(autopilot):
-    peer, place = Peer(autopilot), MissionItem(Command.NAV_RALLY_POINT, 3, x=28.051, y=-82.15, z=20.0)
-    points = peer.vehicle.pilot.executor.mission.return_points
-    peer.vehicle.pilot.set_rally([place])
-    assert points.rally_m[0][2] == 20.0
-    assert home_at(peer, 35.0, 0) == 0
-    assert points.rally_m[0][2] == 35.0
-    peer.vehicle.pilot.set_rally([place])
-    assert points.rally_m[0][2] == 35.0
-    peer.vehicle.pilot.set_rally(
-        [MissionItem(Command.NAV_RALLY_POINT, Frame.GLOBAL, x=28.051, y=-82.15, z=50.0)]
-    )
-    assert points.rally_m[0][2] == 30.0, "above the sea: 20 m are the start's"

@@ -39,6 +39,11 @@ def late_s(flight, at_s):
     return flight.reaches(*FAR) - at_s - undisturbed_s(flight.vehicle.autopilot.name)[1]
 
 
+def shots_ordered(flight, since_s=0.0):
+    """The distances between shots that the vehicle ordered of its camera."""
+    return [a.param1 for a in flight.of("COMMAND_LONG", since_s - 1e-9) if a.command == 206]
+
+
 def shown(items):
     """What both autopilots keep of items."""
     return [(item.command, item.param1, item.x, item.y, item.z) for item in items]
@@ -75,7 +80,11 @@ def test_px4_flies_on_untouched_until_the_ack():
     assert flight.dip(at_s) < 0.05
     (ack,) = (a for a in flight.send(wired[-1], len(wired) - 1) if a.get_type() == "MISSION_ACK")
     assert ack.type == 0
-    assert flight.current.mission_id == ack.opaque_id != before.mission_id
+    current = flight.current
+    assert current.seq == 65535, "unknown for a moment"
+    assert current.mission_id == ack.opaque_id != before.mission_id
+    flight.wait(1.0)
+    assert flight.current.seq == flight.of("MISSION_CURRENT")[-1].seq == TURN
 
 
 def test_ardupilot_restarts_the_leg_with_each_item():
@@ -110,9 +119,8 @@ def test_the_same_items_up_to_the_present_one_keep_it(autopilot, late, within, i
 
 
 @BOTH
-@DYNAMICS
-def test_a_quite_different_list_is_flown_from_the_same_number_at_once(autopilot, dynamics):
-    flight = Flight(autopilot, dynamics=dynamics).fly().to_the_change()
+def test_a_quite_different_list_is_flown_from_the_same_number_at_once(autopilot):
+    flight = Flight(autopilot).fly().to_the_change()
     flight.upload(OTHER)
     assert flight.seq == TURN
     flight.reaches(20, 220)
@@ -169,8 +177,7 @@ def test_speed_and_shot_distance_stay(autopilot):
     flight.upload(OTHER)
     flight.wait(60.0, lambda: flight.seq == TURN + 1)
     assert flight.pilot.executor.mission.settings.speed_m_s == 7.0
-    orders = [a.param1 for a in flight.of("COMMAND_LONG") if a.command == 206]
-    assert set(orders) == {5.0}, "the new DO items before the present one are not run"
+    assert set(shots_ordered(flight)) == {5.0}, "the new DO items before the present one are not run"
 
 
 @pytest.mark.parametrize(("autopilot", "again"), [(PX4, True), (ARDUPILOT, False)], ids=["px4", "ardupilot"])
@@ -184,18 +191,6 @@ def test_the_counter_of_jumps(autopilot, again):
     flight.upload((*jumping[:-1], wp(0, 40), RTL))
     settings = flight.pilot.executor.mission.settings
     assert (settings.jumps == {}) is again
-
-
-def test_ids_change_with_the_ack_and_current_is_unknown_for_a_moment_on_px4():
-    flight = Flight(PX4).fly().to_the_change()
-    before = flight.current.mission_id
-    ack = flight.upload(NEXT)
-    current = flight.current
-    assert (current.seq, current.mission_id) == (65535, ack.opaque_id)
-    assert before != ack.opaque_id
-    flight.wait(1.0)
-    assert flight.current.seq == TURN
-    assert flight.of("MISSION_CURRENT")[-1].seq == TURN
 
 
 # Orders about the present item.
@@ -239,25 +234,17 @@ def test_px4_runs_the_do_items_from_the_mark_on():
     at_s = flight.now_s
     flight.upload((TAKEOFF, speed(4.0), shots(2.0), wp(*CORNER), wp(*FAR), RTL), marked=1)
     assert flight.seq == 3
-    orders = [a.param1 for a in flight.of("COMMAND_LONG", at_s - 1e-9) if a.command == 206]
     flight.wait(0.1)
-    orders = [a.param1 for a in flight.of("COMMAND_LONG", at_s - 1e-9) if a.command == 206]
-    assert orders
-    assert set(orders) == {2.0}
+    assert set(shots_ordered(flight, at_s)) == {2.0}
     flight.wait(6.0)
     assert flight.speed == pytest.approx(4.0, abs=0.1)
 
 
-def test_px4_obeys_a_mark_in_an_identical_list():
-    flight = Flight(PX4).fly().to_the_change()
-    flight.upload(BASE, marked=3)
-    assert flight.seq == 3
-
-
-def test_ardupilot_ignores_the_mark():
-    flight = Flight(ARDUPILOT).fly().to_the_change()
-    flight.upload(NEXT, marked=3)
-    assert flight.seq == TURN
+@pytest.mark.parametrize(("autopilot", "items", "seq"), [(PX4, BASE, 3), (ARDUPILOT, NEXT, TURN)])
+def test_ardupilot_ignores_the_mark(autopilot, items, seq):
+    flight = Flight(autopilot).fly().to_the_change()
+    flight.upload(items, marked=3)
+    assert flight.seq == seq, "PX4 obeys it, in an identical list, too"
 
 
 # Pause, upload, go on.
@@ -284,20 +271,10 @@ def test_px4_goes_back_in_a_survey_after_a_plain_hold():
     flight.wait(4.0)
     flight.result(176, 1.0, 4.0, 4.0)
     assert flight.seq == TURN - 2
-    orders = [a.param1 for a in flight.of("COMMAND_LONG", at_s - 1e-9) if a.command == 206]
-    assert set(orders) == {0.0}
+    assert set(shots_ordered(flight, at_s)) == {0.0}
     flight.reaches(0, 30)
     flight.wait(1.0)
-    orders = [a.param1 for a in flight.of("COMMAND_LONG", at_s - 1e-9) if a.command == 206]
-    assert orders[-1] == 5.0, "shots go on from the next position"
-
-
-def test_ardupilot_goes_on_in_a_survey_where_it_was():
-    flight = Flight(ARDUPILOT).fly().to_the_change()
-    flight.result(176, 1.0, 17.0)
-    flight.wait(4.0)
-    flight.result(176, 1.0, 3.0)
-    assert flight.seq == TURN
+    assert shots_ordered(flight, at_s)[-1] == 5.0, "shots go on from the next position"
 
 
 @pytest.mark.parametrize("mode", [4.0, 17.0], ids=["guided", "brake"])
@@ -313,6 +290,7 @@ def test_ardupilot_pauses_takes_a_list_and_goes_on_at_its_own_speed(mode):
     current = flight.current
     assert (current.mission_state, current.mission_mode) == (m.MISSION_STATE_NOT_STARTED, 0)
     flight.result(176, 1.0, 3.0)
+    assert flight.seq == TURN
     flight.reaches(*FAR)
     assert max(v for t, v in flight.speeds if t > flight.now_s - 15.0) > 8.0
 
@@ -515,9 +493,8 @@ def test_px4_offboard_is_fast_also_in_corners_and_returns_without_setpoints():
     assert not flight.pilot.armed
 
 
-@DYNAMICS
-def test_ardupilot_hovers_in_guided_when_the_ground_station_dies(dynamics):
-    flight = Flight(ARDUPILOT, dynamics=dynamics).fly().to_the_change()
+def test_ardupilot_hovers_in_guided_when_the_ground_station_dies():
+    flight = Flight(ARDUPILOT).fly().to_the_change()
     flight.tell(position_command(150, 150))
     before = len(flight.texts())
     flight.wait(90.0)
@@ -609,35 +586,25 @@ def test_px4_holds_after_the_last_item_and_starts_from_a_chosen_one():
     flight.reaches(0, 30)
 
 
-def left_at_the_turn(autopilot, *hold):
-    """A vehicle that was ordered out of its mission, and got the same mission again."""
+@pytest.mark.parametrize(
+    ("autopilot", "hold", "lands", "seq"),
+    [(PX4, (4.0, 3.0), False, 0), (PX4, (4.0, 3.0), True, 0), (ARDUPILOT, (17.0,), False, TURN)],
+    ids=["px4", "px4-landed", "ardupilot"],
+)
+def test_px4_restarts_its_mission_at_mission_start(autopilot, hold, lands, seq):
     flight = Flight(autopilot).fly().to_the_change()
     assert flight.result(176, 1.0, *hold) == 0
     flight.wait(3.0)
     assert flight.upload(BASE).type == 0
-    assert flight.seq == TURN
-    return flight
-
-
-@pytest.mark.parametrize("landed", [False, True], ids=["in the air", "landed"])
-def test_px4_restarts_its_mission_at_mission_start(landed):
-    flight = left_at_the_turn(PX4, 4.0, 3.0)
-    if landed:
+    if lands:
         flight.result(21)
         flight.wait(100.0, lambda: not flight.pilot.armed)
-        assert flight.seq == TURN
-    flight.fly()
-    assert flight.seq == 0
-
-
-def test_ardupilot_resumes_its_mission_at_mission_start():
-    flight = left_at_the_turn(ARDUPILOT, 17.0)
-    flight.fly()
     assert flight.seq == TURN
+    flight.fly()
+    assert flight.seq == seq, "ArduPilot goes on, PX4 begins anew"
 
 
-@pytest.mark.parametrize("by_upload", [False, True], ids=["chosen", "uploaded"])
-@pytest.mark.parametrize("landed", [False, True], ids=["in the air", "landed"])
+@pytest.mark.parametrize(("by_upload", "landed"), [(False, True), (True, False)], ids=["landed", "uploaded"])
 def test_px4_goes_on_at_what_came_on_the_way_home_of_its_mission(by_upload, landed):
     flight = Flight(PX4, items=(*END, RTL)).fly()
     flight.wait(90.0, lambda: flight.mode is Mode.RTL)
@@ -662,9 +629,8 @@ def test_px4_goes_on_at_what_came_on_the_way_home_of_its_mission(by_upload, land
     assert flight.pilot.outcome is Outcome.COMPLETED
 
 
-@DYNAMICS
-def test_ardupilot_stays_in_auto_after_the_last_item_until_the_mission_is_started(dynamics):
-    flight = Flight(ARDUPILOT, dynamics=dynamics, items=END).fly()
+def test_ardupilot_stays_in_auto_after_the_last_item_until_the_mission_is_started():
+    flight = Flight(ARDUPILOT, items=END).fly()
     complete = m.MISSION_STATE_COMPLETE
     flight.wait(90.0, lambda: flight.pilot.mission.state == complete)
     flight.wait(8.0)
@@ -690,18 +656,17 @@ def test_ardupilot_stays_in_auto_after_the_last_item_until_the_mission_is_starte
     [
         (PX4, (4.0, 3.0), False),
         (PX4, (4.0, 5.0), False),
-        (ARDUPILOT, (4.0,), True),
         (ARDUPILOT, (17.0,), True),
         (ARDUPILOT, (6.0,), True),
     ],
-    ids=["px4-hold", "px4-rtl", "ardupilot-guided", "ardupilot-brake", "ardupilot-rtl"],
+    ids=["px4-hold", "px4-rtl", "ardupilot-brake", "ardupilot-rtl"],
 )
 def test_where_shots_go_on(autopilot, mode, goes_on):
     flight = Flight(autopilot).fly().to_the_change()
     at_s = flight.now_s
     assert flight.result(176, 1.0, *mode) == 0
     flight.wait(2.0)
-    orders = [a.param1 for a in flight.of("COMMAND_LONG", at_s - 1e-9) if a.command == 206]
+    orders = shots_ordered(flight, at_s)
     assert (orders == []) is goes_on
     assert set(orders) <= {0.0}
 
@@ -725,18 +690,3 @@ def test_ardupilot_tells_of_its_own_shots(autopilot):
     flight.tell(m.MAVLink_mission_set_current_message(1, 1, 3))
     flight.vehicle.command_camera(206, (0.0,) * 7)
     assert [a.get_type() for a in flight.tell_as(1, 100, image)] == ["COMMAND_LONG"], "not ordered any more"
-
-
-@pytest.mark.parametrize("sent", [None, 1, 0])
-def test_a_shortened_list_is_the_vehicles_also_on_the_ground(sent):
-    flight = Flight(ARDUPILOT)
-    flight.upload(BASE[:4], stop_after=sent)
-    flight.wait(10.0)
-    assert shown(flight.pilot.mission.items) == shown(BASE[:4])
-    flight.upload(())
-    assert flight.pilot.mission.items == ()
-    only_home = m.MAVLink_mission_count_message(1, 1, 1, 0)
-    flight.upload(BASE)
-    flight.tell(only_home)
-    flight.send(wp(0, 0), 0)
-    assert flight.pilot.mission.items == ()

@@ -14,39 +14,31 @@ from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import FlightPhase, ItemReached, LandedState, MissionComplete
 from sim_vehicle.motion.batch import VehicleBatch
 from sim_vehicle.motion.legs import KEEP, Circle, Heading, Leg, LegKind, Route
+from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.weather.atmosphere import Turbulence, WindShear
 from sim_vehicle.weather.wind import Wind
 
 pytestmark = pytest.mark.kernel
+MULTIROTORS = pytest.mark.parametrize("autopilot", ["generic", "px4", "ardupilot"])
 
 
 @pytest.mark.parametrize("wind", [None, Wind(1.0, -0.5, gust_m_s=0.5, seed=1)], ids=["calm", "gusts"])
-@pytest.mark.parametrize(
-    ("vehicle", "autopilot", "far_m", "limit_s"),
-    [
-        ("quad", "generic", 15.0, 90.0),
-        ("quad", "px4", 15.0, 120.0),
-        ("quad", "ardupilot", 15.0, 120.0),
-        ("rover", "px4", 8.0, 90.0),
-        ("rover", "ardupilot", 8.0, 90.0),
-    ],
-)
-def test_a_short_mission_is_flown_to_its_end(vehicle, autopilot, far_m, limit_s, wind):
-    executor = MissionExecutor(with_autopilot(get_vehicle(vehicle), autopilot), HOME, wind=wind)
-    corner = [item(Command.NAV_WAYPOINT, far_m, 0.0, 5.0), item(Command.NAV_WAYPOINT, far_m, far_m, 6.0, 1.0)]
+@MULTIROTORS
+def test_a_short_mission_is_flown_to_its_end(autopilot, wind):
+    executor = MissionExecutor(with_autopilot(get_vehicle("quad"), autopilot), HOME, wind=wind)
+    corner = [item(Command.NAV_WAYPOINT, 15.0, 0.0, 5.0), item(Command.NAV_WAYPOINT, 15.0, 15.0, 6.0, 1.0)]
     executor.mission.load(
         [item(Command.NAV_TAKEOFF, 0.0, 0.0, 5.0), *corner, item(Command.NAV_LAND, 5.0, 5.0, 0.0)]
     )
     executor.arm()
     executor.start()
-    events = executor.advance(limit_s)
+    events = executor.advance(120.0)
     assert [event.seq for event in events if isinstance(event, ItemReached)] == [0, 1, 2, 3]
     x, y, z = executor.motion.position_m
     assert (x, y, z) == pytest.approx((5.0, 5.0, 0.0), abs=2.5)
-    assert vehicle == "rover" or executor.flight.landed is LandedState.ON_GROUND
+    assert executor.flight.landed is LandedState.ON_GROUND
 
 
-MULTIROTORS = pytest.mark.parametrize("autopilot", ["generic", "px4", "ardupilot"])
 DRYDEN = Wind(2.0, 1.0, seed=5, turbulence=Turbulence(3.0, 15.0, 8.0), shear=WindShear("log"))
 
 
@@ -140,21 +132,34 @@ def test_a_batch_moves_as_its_vehicles_one_by_one(name, autopilot):
     singles, many = (
         [flight_procedures(spec).motion(spec, wind, 0.3) for wind in (None, GUSTS, DRYDEN)] for _ in range(2)
     )
-    for group in (singles, many):
+
+    def fly(group, far_m):
         for k, vehicle in enumerate(group):
-            vehicle.track, vehicle.track_every = np.zeros((20, 3)), 50
             legs = [
                 Leg((0.0, 0.0, 8.0), 5.0, heading=KEEP, kind=LegKind.TAKEOFF),
-                Leg((20.0, 10.0 * k, 8.0), 4.0, radius_m=1.5, near_m=4.0, pause_s=0.5),
+                Leg((far_m, 10.0 * k, 8.0), 4.0, radius_m=1.5, near_m=4.0, pause_s=0.5),
             ]
             if name == "fixed-wing":
                 legs.append(Leg((60.0, 60.0, 20.0), 14.0, kind=LegKind.LOITER, circle=Circle(50.0, 1.0)))
             vehicle.fly(Route.through(legs))
+
+    for group in (singles, many):
+        for vehicle in group:
+            vehicle.track, vehicle.track_every = np.zeros((20, 3)), 50
+        fly(group, 20.0)
     batch = VehicleBatch(many)
-    for steps in (1, 150, 400):
-        events = batch.advance(steps, stop_each=False)
-        assert events.tolist() == [vehicle.advance(steps, stop_each=False) for vehicle in singles]
+    stops = np.array([True, False, True])
+    for steps in ([1, 1, 1], [0, 150, 80], [400, 0, 250], [300, 400, 500]):
+        events = batch.advance(np.array(steps), stop_each=stops)
+        for vehicle, number, stop, event in zip(singles, steps, stops.tolist(), events, strict=True):
+            assert (vehicle.advance(number, stop_each=stop) if number else MotionEvent.RAN) == event
         for one, other in zip(singles, many, strict=True):
-            np.testing.assert_array_equal(one.state, other.state)
+            for row in ("state", "counters", "arrivals", "guide", "heads", "curves"):
+                np.testing.assert_array_equal(getattr(one, row, 0), getattr(other, row, 0), err_msg=row)
             assert one.snapshot() == other.snapshot()
             assert one.track_points == other.track_points
+            np.testing.assert_array_equal(one.track[: one.track_points], other.track[: one.track_points])
+        if steps[1] == 0:
+            for group in (singles, many):
+                fly(group[::2], -30.0)
+    np.testing.assert_array_equal(batch.state, np.array([vehicle.state for vehicle in singles]))

@@ -49,7 +49,7 @@ FARMS = st.one_of(
 )
 
 
-@sweep(few=30, many=100)
+@sweep(few=20, many=100)
 @given(FARMS)
 def test_limits_hold_and_every_leg_is_flown(legs):
     vehicle, states, event = fly(legs)
@@ -61,7 +61,7 @@ def test_limits_hold_and_every_leg_is_flown(legs):
     assert np.all(np.diff(states[:, 11]) > 0.0)
 
 
-@sweep(few=25, many=150)
+@sweep(few=15, many=100)
 @given(FARMS, FARMS, st.integers(1, 600))
 def test_limits_hold_when_the_target_changes_on_the_way(first, second, steps):
     vehicle = Multirotor(QUAD)
@@ -81,8 +81,7 @@ def test_the_flight_does_not_depend_on_how_it_is_stepped(legs, gusts, chunk):
 
 
 @pytest.mark.parametrize(
-    ("distance", "speed"),
-    [*itertools.product([0.02, 0.3, 1.0, 9.0, 60.0], [0.5, 5.0, 10.0, 13.3]), (1500.0, 13.3)],
+    ("distance", "speed"), [*itertools.product([0.02, 1.0, 60.0], [0.5, 5.0, 13.3]), (1500.0, 13.3)]
 )
 def test_a_stop_is_not_overshot(distance, speed):
     vehicle, states, _ = fly([Leg((distance, 0.0, 0.0), speed)])
@@ -103,8 +102,8 @@ def test_a_long_leg_takes_the_time_of_its_profile():
     assert states[:, 3].max() == pytest.approx(10.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("turn_deg", [5, 20, 45, 90, 120, 150, 180])
-@pytest.mark.parametrize("radius", [0.1, 0.5, 2.0])
+@pytest.mark.parametrize("turn_deg", [20, 90, 150, 180])
+@pytest.mark.parametrize("radius", [0.1, 2.0])
 @pytest.mark.parametrize("speed", [3.0, 12.0])
 def test_corners_are_flown_near_the_acceptance_radius(turn_deg, radius, speed):
     turn = math.radians(turn_deg)
@@ -122,33 +121,6 @@ def test_corners_are_flown_near_the_acceptance_radius(turn_deg, radius, speed):
     assert along.min() >= -radius * 1.6
     assert np.hypot(states[when, 3], states[when, 4]) > 0.0
     check_limits(states, QUAD)
-
-
-def test_a_slight_bend_is_hardly_slowed_for():
-    bend = [Leg((100.0, 0.0, 0.0), 8.0, radius_m=1.0), Leg((200.0, 5.0, 0.0), 8.0)]
-    vehicle, states, _ = fly(bend)
-    assert np.hypot(*states[int(vehicle.arrivals[0]), 3:5]) > 7.5
-
-
-def test_dense_waypoints_are_flown_as_fast_as_one_leg():
-    dense = [Leg((0.3 * k, 0.0, 0.0), 5.0, radius_m=0.1) for k in range(1, 301)]
-    one, *_ = fly([Leg((90.0, 0.0, 0.0), 5.0)])
-    many, states, _ = fly(dense)
-    assert many.time_s == pytest.approx(one.time_s, rel=0.01)
-    assert states[:, 0].max() <= 90.002
-
-
-def test_a_slow_leg_is_entered_slowly():
-    legs = [Leg((100.0, 0.0, 0.0), 10.0, radius_m=1.0), Leg((200.0, 0.0, 0.0), 2.0)]
-    vehicle, states, _ = fly(legs)
-    assert states[int(vehicle.arrivals[0]), 3] == pytest.approx(2.0, abs=0.05)
-
-
-def test_a_climb_is_spread_over_its_leg():
-    _, states, _ = fly([Leg((100.0, 0.0, 30.0), 8.0)])
-    assert np.abs(states[:, 2] - 0.3 * states[:, 0]).max() < 1e-6
-    _, steep, _ = fly([Leg((1.0, 0.0, 30.0), 8.0)])
-    assert steep[:, 5].max() == pytest.approx(QUAD.climb_speed_m_s, rel=0.15)
 
 
 def test_the_vehicle_looks_along_the_path():
@@ -204,25 +176,6 @@ def test_a_wind_that_is_too_strong_ends_in_a_stall_not_in_a_hang(wind):
     assert vehicle.time_s < 200.0
 
 
-def test_nearness_is_told_once():
-    vehicle = Multirotor(QUAD)
-    vehicle.fly(Route.through([Leg((100.0, 0.0, 0.0), 8.0, near_m=30.0)]))
-    assert vehicle.advance(100_000) is MotionEvent.NEAR
-    assert vehicle.position_m[0] == pytest.approx(70.0, abs=0.2)
-    assert vehicle.advance(100_000) is MotionEvent.REACHED
-
-
-def test_an_empty_battery_is_told_until_it_is_ignored():
-    small = replace(REAL, battery=replace(REAL.battery, capacity_wh=0.5))
-    vehicle = Multirotor(small)
-    vehicle.fly(Route.through([Leg((1000.0, 0.0, 0.0), 8.0)]))
-    assert vehicle.advance(100_000) is MotionEvent.ENERGY
-    assert vehicle.energy_j == pytest.approx(1800.0, abs=5.0)
-    assert vehicle.advance(5) is MotionEvent.ENERGY
-    vehicle.ignore_energy()
-    assert vehicle.advance(5) is MotionEvent.RAN
-
-
 def test_the_stopping_point_is_where_it_stops():
     vehicle = Multirotor(QUAD)
     vehicle.fly(Route.through([Leg((300.0, 100.0, 20.0), 10.0)]))
@@ -231,6 +184,5 @@ def test_the_stopping_point_is_where_it_stops():
     _, states, _ = fly([Leg(point, 13.0, heading=KEEP)], vehicle=vehicle)
     assert np.linalg.norm(states[-1, :3] - point) < 0.05
     check_limits(states, QUAD)
-    assert (
-        np.linalg.norm(states[:, :3] - states[0, :3], axis=1).max() <= math.dist(point, states[0, :3]) + 0.01
-    )
+    farthest = np.linalg.norm(states[:, :3] - states[0, :3], axis=1).max()
+    assert farthest <= math.dist(point, states[0, :3]) + 0.01

@@ -1,38 +1,27 @@
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from recordings import compare, fly_recording, load_recording
 from short_flights import started
-from sweeps import sweep
 
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.navigation_errors import COLUMNS, GRID_S, EstimateErrors, SensorNoise
 from sim_vehicle.autopilot import flight_procedures, get_autopilot, with_autopilot
-from sim_vehicle.autopilot.px4 import PX4_MULTIROTOR, return_height_m
+from sim_vehicle.autopilot.px4 import return_height_m
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
-from sim_vehicle.execution.state import (
-    CannotFly,
-    FlightPhase,
-    Landed,
-    LandedState,
-    MissionComplete,
-    TargetReached,
-)
+from sim_vehicle.execution.state import Landed, MissionComplete
 from sim_vehicle.mavlink.vehicle import SimVehicle
-from sim_vehicle.motion.legs import ALONG, KEEP, Leg, LegKind, Route
-from sim_vehicle.motion.model import MotionEvent
-from sim_vehicle.motion.px4.model import Px4Multirotor
+from sim_vehicle.motion.legs import LegKind
 from sim_vehicle.motion.px4.smoothing import brakeable_speed, follow, profile, stretched, turn_speed
 from sim_vehicle.prediction.predict import predict_flight
-from sim_vehicle.weather.wind import Wind
 
 FLIGHTS = Path(__file__).parents[2] / "data" / "flights"
 FRAME = LocalFrame(28.05, -82.15)
@@ -122,33 +111,32 @@ def test_errors_of_its_estimate_hold_it_up_at_waypoints_of_half_a_metre():
     """Recorded: 478 s from the first to the last waypoint; an exact estimate takes 415 s."""
     recording = load_recording(FLIGHTS / "px4-acceptance-half-metre.json")
     first, last = recording.flight.window(recording.items)
-    times = [lasted(recording, seed) for seed in range(6)]
+    times = [lasted(recording, seed) for seed in range(4)]
     assert np.mean(times) == pytest.approx(last - first, rel=0.05)
     assert 8.0 < np.std(times) < 30.0
     assert min(times) > lasted(recording) + 20.0
 
 
-@pytest.mark.parametrize("name", ["lawnmower-5", "random-10", "spiral-8"])
+@pytest.mark.parametrize("name", ["random-10", "spiral-8"])
 def test_errors_of_its_estimate_hardly_matter_at_waypoints_of_two_metres(recorded, name):
     recording, _ = recorded[name]
     first, last = recording.flight.window(recording.items)
-    for seed in range(3):
-        assert lasted(recording, seed) == pytest.approx(last - first, rel=0.03)
+    assert lasted(recording, 1) == pytest.approx(last - first, rel=0.03)
 
 
-class NoErrors(EstimateErrors):
-    """An estimate that could err, and does not."""
+@dataclass(frozen=True)
+class Wrong(EstimateErrors):
+    """An estimate that errs by one number in one column, from some time on, for some time."""
 
-    def first(self, count):
-        return np.zeros((count, COLUMNS))
-
-
-class Push(EstimateErrors):
-    """Nothing wrong but a vehicle that is pushed north with 0.5 m/s^2, from 20 s on."""
+    column: int = 0
+    wrong: float = 0.0
+    since_s: float = 0.0
+    for_s: float = 1e4
 
     def first(self, count):
         errors = np.zeros((count, COLUMNS))
-        errors[round(20.0 / GRID_S) :, 5] = 0.5
+        since = round(self.since_s / GRID_S)
+        errors[since : since + round(self.for_s / GRID_S), self.column] = self.wrong
         return errors
 
 
@@ -173,29 +161,17 @@ def test_a_turning_nose_carries_the_tilt_along(side):
         left = leg[0] * back[:, 1] - leg[1] * back[:, 0]
         return np.mean(side * left[(back @ leg > 3.0) & (back @ leg < 12.0)])
 
-    assert aside(NoErrors()) - aside(None) > 0.1
+    assert aside(Wrong()) - aside(None) > 0.1
 
 
 def test_a_push_that_the_estimate_does_not_know_moves_the_vehicle_until_the_controllers_hold_against_it():
     items = waypoint(0, 0, radius=0.5), waypoint(150, 0, radius=0.5)
-    straight, pushed = path(NoErrors(), *items), path(Push(), *items)
+    straight, pushed = path(Wrong(), *items), path(Wrong(column=5, wrong=0.5, since_s=20.0), *items)
     both = min(len(straight), len(pushed))
     aside = pushed[:both, 1] - straight[:both, 1]
     assert (aside[:200] == 0.0).all()
     assert 0.1 < aside.max() < 0.4
     assert aside[-1] < 0.5 * aside.max()
-
-
-class ToldClimb(EstimateErrors):
-    """A vertical speed that is told wrongly for a second, from `SINCE_S` on."""
-
-    SINCE_S, WRONG_M_S = 0.0, 0.0
-
-    def first(self, count):
-        errors = np.zeros((count, COLUMNS))
-        since = round(self.SINCE_S / GRID_S)
-        errors[since : since + round(1.0 / GRID_S), 3] = self.WRONG_M_S
-        return errors
 
 
 def heights_of(errors, spec=QUAD):
@@ -216,21 +192,13 @@ def landed_s(errors, spec=QUAD):
 
 @pytest.mark.parametrize(("wrong_m_s", "later_s"), [(0.2, 0.0), (-0.3, 2.0), (0.3, 2.0)])
 def test_a_told_vertical_speed_delays_the_land_detector(wrong_m_s, later_s):
-    touch_s, end_s = landed_s(NoErrors())
-    shaken = type("Shaken", (ToldClimb,), {"SINCE_S": touch_s + 1.0, "WRONG_M_S": wrong_m_s, "__slots__": ()})
-    assert landed_s(shaken())[1] - end_s == pytest.approx(later_s, abs=0.3)
-    calm = type("Calm", (ToldClimb,), {"SINCE_S": touch_s + 2.3, "WRONG_M_S": wrong_m_s, "__slots__": ()})
-    assert landed_s(calm())[1] == pytest.approx(end_s, abs=0.05)
-    assert landed_s(shaken(), quad(LNDMC_Z_VEL_MAX=0.5))[1] == pytest.approx(end_s, abs=0.05)
-
-
-class Offset(EstimateErrors):
-    """A height that is told 2 m too great."""
-
-    def first(self, count):
-        errors = np.zeros((count, COLUMNS))
-        errors[:, 0] = 2.0
-        return errors
+    touch_s, end_s = landed_s(Wrong())
+    shaken, calm = (
+        Wrong(column=3, wrong=wrong_m_s, since_s=touch_s + later, for_s=1.0) for later in (1.0, 2.3)
+    )
+    assert landed_s(shaken)[1] - end_s == pytest.approx(later_s, abs=0.3)
+    assert landed_s(calm)[1] == pytest.approx(end_s, abs=0.05)
+    assert landed_s(shaken, quad(LNDMC_Z_VEL_MAX=0.5))[1] == pytest.approx(end_s, abs=0.05)
 
 
 def test_a_landing_slows_down_by_the_height_over_the_ground():
@@ -239,7 +207,7 @@ def test_a_landing_slows_down_by_the_height_over_the_ground():
         heights = up[np.argmax(up) :]
         return 0.1 * (np.argmax(heights < 4.0) - np.argmax(heights < 11.0))
 
-    assert sinks_s(Offset()) == pytest.approx(sinks_s(NoErrors()), abs=0.15)
+    assert sinks_s(Wrong(wrong=2.0)) == pytest.approx(sinks_s(Wrong()), abs=0.15)
 
 
 def test_the_same_errors_make_the_same_flight_however_it_is_cut():
@@ -278,124 +246,6 @@ def test_telemetry_tells_the_believed_height_and_velocity_and_the_camera_the_tru
     assert 0.1 < np.std(slips, axis=0)[0] < 0.4
 
 
-def test_the_speed_of_a_long_leg_comes_up_slowly():
-    executor = start(TAKEOFF, speed(8.0), waypoint(400, 0), waypoint(410, 0))
-    speeds = {}
-    while executor.mission.current_seq < 3:
-        executor.advance(executor.time_s + 0.1)
-        state = executor.state()
-        speeds[round(state.position_m[0] / 20.0)] = state.velocity_m_s[0]
-    assert 5.8 < speeds[1] < 6.7
-    assert 7.2 < speeds[4] < 7.65
-    assert 7.5 < speeds[17] < 8.0
-
-
-def test_dense_waypoints_are_crept_along():
-    """Waypoints nearer than the acceptance radius are each approached as if to stop."""
-    near = predict(TAKEOFF, *(waypoint(1.0 * k, 0) for k in range(100)))
-    assert near.feasible
-    assert 70.0 < near.duration_s < 110.0
-
-
-def test_the_overshoot_of_a_corner_is_there():
-    executor = start(TAKEOFF, speed(8.0), waypoint(90, 0), waypoint(90, 90), waypoint(0, 90))
-    xs = []
-    while executor.mission.current_seq < 4:
-        executor.advance(executor.time_s + 0.1)
-        xs.append(executor.state().position_m[0])
-    assert 90.8 < max(xs) < 91.8
-
-
-coordinate = st.floats(-60.0, 60.0)
-place = st.tuples(
-    coordinate,
-    coordinate,
-    st.floats(1.0, 40.0),
-    st.sampled_from([0.0, 0.0, 0.0, 2.0]),
-    st.sampled_from([0.0, 0.0, 0.3, 1.0, 5.0, 30.0]),
-    st.sampled_from([None, None, 0.0, 200.0]),
-)
-near = st.tuples(
-    st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.just(8.0), st.just(0.0), st.just(0.0), st.none()
-)
-missions = st.one_of(st.lists(place, min_size=1, max_size=8), st.lists(near, min_size=2, max_size=25))
-winds = st.one_of(st.none(), st.builds(Wind, st.floats(-5.0, 5.0), st.floats(-5.0, 5.0)))
-
-
-@sweep(few=25, many=120, suppress_health_check=[HealthCheck.too_slow])
-@given(missions, st.floats(1.0, 12.0), winds)
-def test_every_mission_ends_at_home(places, cruise, wind):
-    flight = predict(TAKEOFF, speed(cruise), *(waypoint(*p) for p in places), RETURN, wind=wind)
-    assert flight.feasible, flight.reason
-    assert np.isfinite(flight.track_m).all()
-    assert np.hypot(*flight.track_m[-1, :2]) < 3.0
-    assert flight.track_m[-1, 2] == 0.0
-    assert flight.track_m[:, 2].max() < 45.0
-    assert np.abs(flight.track_m[:, :2]).max() < 90.0
-
-
-@settings(max_examples=15, deadline=None)
-@given(
-    st.lists(place, min_size=1, max_size=4),
-    st.lists(st.integers(1, 900), min_size=1, max_size=40),
-    st.sampled_from([None, Wind(3.0, -1.0, gust_m_s=1.5, seed=3)]),
-)
-def test_cutting_the_flight_changes_nothing(places, cuts, wind):
-    rows = [Leg((0.0, 0.0, 8.0), 5.0, heading=KEEP, kind=LegKind.TAKEOFF)]
-    rows += [Leg((x, y, z), 7.0) for x, y, z, *_ in places]
-    rows += [Leg((0.0, 0.0, 0.0), 5.0, heading=KEEP, kind=LegKind.LAND)]
-    whole, cut = (Px4Multirotor(QUAD, PX4_MULTIROTOR.law, wind) for _ in range(2))
-    for vehicle in (whole, cut):
-        vehicle.fly(Route.through(rows))
-    whole.advance(9000, stop_each=False)
-    steps = 0
-    for size in cuts * 9000:
-        if cut.step >= whole.step or steps > 9000:
-            break
-        before = cut.step
-        cut.advance(min(size, whole.step - cut.step), stop_each=size % 2 == 0)
-        steps += cut.step - before
-    assert np.array_equal(whole.state, cut.state, equal_nan=True)
-    assert np.array_equal(whole.guide, cut.guide, equal_nan=True)
-    assert np.array_equal(whole.arrivals, cut.arrivals)
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "longer"),
-    [
-        ("MPC_XY_CRUISE", 9.0, False),
-        ("MPC_XY_VEL_MAX", 3.0, True),
-        # More acceleration with the same jerk has PX4 brake earlier.
-        ("MPC_ACC_HOR", 15.0, True),
-        ("MPC_JERK_AUTO", 12.0, False),
-        ("MPC_XY_TRAJ_P", 0.1, True),
-        ("MPC_XY_ERR_MAX", 0.3, True),
-        ("MPC_XY_VEL_I_ACC", 0.05, True),
-        ("MPC_TILTMAX_AIR", 20.0, True),
-        ("MPC_Z_V_AUTO_UP", 0.7, True),
-        ("MPC_Z_V_AUTO_DN", 0.5, True),
-        ("MPC_TKO_SPEED", 3.0, False),
-        ("MPC_TKO_RAMP_T", 0.5, False),
-        ("MPC_LAND_SPEED", 1.2, False),
-        ("MPC_LAND_ALT1", 6.0, False),
-        ("MPC_LAND_ALT2", 9.0, True),
-        ("MPC_LAND_ALT3", 4.0, True),
-        ("MPC_LAND_CRWL", 0.15, True),
-        ("NAV_ACC_RAD", 8.0, False),
-        ("NAV_MC_ALT_RAD", 0.1, True),
-        ("RTL_RETURN_ALT", 60.0, True),
-        ("RTL_LAND_DELAY", 20.0, True),
-        ("COM_SPOOLUP_TIME", 6.0, True),
-        ("LNDMC_TRIG_TIME", 3.0, True),
-    ],
-)
-def test_a_parameter_changes_the_flight(name, value, longer):
-    items = (TAKEOFF, waypoint(80, 0, 22.0), waypoint(80, 40, 10.0), waypoint(20, 40), RETURN)
-    before = predict(*items).duration_s
-    after = predict(*items, spec=quad(**{name: value})).duration_s
-    assert after > before + 0.3 if longer else after < before - 0.3
-
-
 def test_a_heading_is_waited_for():
     plain = predict(TAKEOFF, waypoint(6, 0), waypoint(60, 0), RETURN)
     turning = (TAKEOFF, waypoint(6, 0, yaw=180.0), waypoint(60, 0), RETURN)
@@ -403,36 +253,6 @@ def test_a_heading_is_waited_for():
     assert turned.duration_s > plain.duration_s + 1.0
     quick = predict(*turning, spec=quad(MPC_YAWRAUTO_ACC=300.0))
     assert quick.duration_s < turned.duration_s - 1.0
-
-
-def test_the_airframe_changes_the_flight():
-    items = (TAKEOFF, speed(8.0), waypoint(120, 0), waypoint(120, 60), RETURN)
-    sleek = predict(*items, spec=replace(QUAD, linear_drag_1_s=0.2))
-    lazy = predict(*items, spec=replace(QUAD, attitude_response_s=0.4))
-    plain = predict(*items)
-    assert sleek.duration_s < plain.duration_s - 1.0
-    assert abs(lazy.duration_s - plain.duration_s) > 0.02
-
-
-def test_parameters_are_checked():
-    with pytest.raises(VehicleError, match="out of range"):
-        quad(MPC_ACC_HOR=99.0)
-    with pytest.raises(VehicleError, match="no parameter WPNAV_SPEED"):
-        quad(WPNAV_SPEED=500.0)
-    assert QUAD.acceptance_radius_m == 2.0
-    assert QUAD.cruise_speed_m_s == 5.0
-    assert QUAD.top_speed_m_s == pytest.approx(12.0)
-    assert quad(COM_DISARM_LAND=0.0).disarm_delay_s > 3000.0
-
-
-def test_a_headwind_slows_and_a_storm_stops():
-    items = (TAKEOFF, speed(8.0), waypoint(150, 0), RETURN)
-    calm, head = predict(*items), predict(*items, wind=Wind(-4.0, 0.0))
-    assert head.feasible
-    assert head.duration_s > calm.duration_s + 2.0
-    storm = predict(*items, wind=Wind(-14.0, 0.0))
-    assert not storm.feasible
-    assert "wind" in storm.reason
 
 
 def test_a_way_home_with_a_margin_is_that_of_so_much_farther():
@@ -482,73 +302,6 @@ def test_a_return_begins_where_the_vehicle_is():
     assert not executor.flight.armed
 
 
-@settings(max_examples=25, deadline=None)
-@given(st.floats(0.5, 60.0), st.sampled_from(["hold", "goto", "speed", "land", "return", "steer", "restart"]))
-def test_orders_on_the_way(when_s, order):
-    executor = start(TAKEOFF, speed(8.0), waypoint(100, 0), waypoint(100, 60, 20.0), waypoint(0, 60), RETURN)
-    executor.advance(when_s)
-    if executor.flight.landed is LandedState.ON_GROUND:
-        return
-    if order == "hold":
-        executor.flight.hold()
-        executor.advance(when_s + 30.0)
-        state = executor.state()
-        assert math.hypot(*state.velocity_m_s) < 0.2
-        assert executor.flight.phase is FlightPhase.HOLD
-        executor.start()
-    elif order == "goto":
-        executor.goto(-20.0, 5.0, 15.0)
-        events = executor.advance(when_s + 150.0)
-        assert any(isinstance(event, TargetReached) for event in events)
-        assert math.dist(executor.state().position_m, (-20.0, 5.0, 15.0)) < 0.3
-        executor.start()
-    elif order == "speed":
-        executor.set_speed(4.0)
-    elif order == "land":
-        executor.land()
-    elif order == "return":
-        executor.return_home()
-    elif order == "steer":
-        executor.steer((3.0, -2.0, 0.5))
-        executor.advance(when_s + 8.0)
-        executor.start()
-    else:
-        executor.flight.hold()
-        executor.advance(when_s + 0.3)
-        executor.start()
-    events = executor.advance(when_s + 500.0)
-    assert not any(isinstance(event, CannotFly) for event in events)
-    assert any(isinstance(event, Landed) for event in events)
-    assert not executor.flight.armed
-    if order != "land":
-        assert math.hypot(*executor.state().position_m[:2]) < 1.0
-
-
-def test_a_second_flight_is_like_the_first():
-    executor = MissionExecutor(QUAD, FRAME)
-    ends = []
-    for _ in range(2):
-        executor.mission.load((TAKEOFF, waypoint(20, 0), RETURN))
-        executor.arm()
-        begin_s = executor.time_s
-        executor.start()
-        while executor.flight.armed:
-            executor.advance(executor.time_s + 1.0)
-        ends.append(executor.time_s - begin_s)
-        executor.advance(executor.time_s + 5.0)
-    assert ends[0] == pytest.approx(ends[1], abs=1.1)
-
-
-def test_attitude_leans_into_the_drag():
-    executor = start(TAKEOFF, speed(6.0), waypoint(200, 0), RETURN)
-    executor.advance(35.0)
-    roll, pitch, airspeed, throttle = executor.motion.attitude()
-    assert pitch == pytest.approx(-math.atan2(airspeed, 9.80665), abs=0.03)
-    assert abs(roll) < 0.03
-    assert 5.0 < airspeed < 6.1
-    assert 0.5 < throttle < 0.65
-
-
 @settings(max_examples=300, deadline=None)
 @given(
     st.floats(-6.0, 6.0),
@@ -578,20 +331,6 @@ def test_speeds_that_leave_room():
     assert turn_speed(-1.0, 1.5, 2.0) > 100.0
 
 
-def test_standing_still_it_reports_the_first_leg():
-    vehicle = Px4Multirotor(QUAD, PX4_MULTIROTOR.law, yaw_rad=1.0)
-    assert vehicle.advance(100) is MotionEvent.RAN
-    vehicle.fly(Route.through([Leg((0.0, 0.0, 5.0), 5.0, heading=KEEP, kind=LegKind.TAKEOFF, near_m=4.0)]))
-    events = []
-    while not events or events[-1] is not MotionEvent.REACHED:
-        events.append(vehicle.advance(10_000))
-    assert events == [MotionEvent.NEAR, MotionEvent.REACHED]
-    assert vehicle.snapshot().heading_rad == pytest.approx(1.0)
-    x, y, z = vehicle.stopping_point()
-    assert (x, y) == pytest.approx((0.0, 0.0), abs=0.01)
-    assert z == vehicle.position_m[2]
-
-
 @pytest.mark.parametrize("radius_m", [10.0, -25.0])
 @pytest.mark.parametrize("seed", [None, 2, 3])
 def test_an_orbit_is_flown_by_velocities_whatever_the_estimate_is_off_by(seed, radius_m):
@@ -618,25 +357,3 @@ def test_an_orbit_is_flown_by_velocities_whatever_the_estimate_is_off_by(seed, r
     turned = np.unwrap(bearings)[-1] - bearings[0]
     assert turned == pytest.approx(np.mean(speeds) * 99.5 / radius_m, rel=0.1)
     assert np.mean(speeds) == pytest.approx(2.7 if radius_m < 0.0 else 2.3, abs=0.25)
-
-
-def test_an_orbit_is_no_faster_than_its_bend_allows_and_goes_on_in_no_other_order():
-    executor = MissionExecutor(QUAD, FRAME)
-    executor.arm()
-    executor.takeoff(5.0)
-    executor.advance(15.0)
-    executor.orbit(3.0, 0.0, 5.0, 3.0, 9.0, heading=ALONG)
-    executor.advance(40.0)
-    state = executor.state()
-    assert math.hypot(*state.velocity_m_s[:2]) < math.sqrt(2.0 * 3.0)
-    course = math.atan2(*state.velocity_m_s[:2])
-    assert abs(math.remainder(state.yaw_rad - course, 2.0 * math.pi)) < math.radians(25.0)
-    executor.advance(640.0)
-    assert executor.flight.phase is FlightPhase.GOTO
-    assert math.hypot(executor.motion.position_m[0] - 3.0, executor.motion.position_m[1]) < 5.0
-    executor.flight.hold()
-    executor.advance(650.0)
-    assert math.hypot(*executor.state().velocity_m_s[:2]) < 0.05
-    executor.goto(20.0, 0.0, 8.0)
-    executor.advance(670.0)
-    assert executor.motion.position_m == pytest.approx((20.0, 0.0, 8.0), abs=0.5)

@@ -74,10 +74,15 @@ def check_rests(predictor, points, flight, every, *, seconds_share, energy_share
         assert watt_hours[0] == pytest.approx(used_wh - before_wh, abs=energy_share * used_wh)
 
 
-@pytest.mark.parametrize("wind", [None, Wind(3.0, -2.0)], ids=["calm", "windy"])
 @pytest.mark.parametrize(
-    ("vehicle", "autopilot"),
-    [("quad", "px4"), ("quad", "ardupilot"), ("quad", "generic"), ("mapping-quad", "px4"), ("rover", "px4")],
+    ("vehicle", "autopilot", "wind"),
+    [
+        ("quad", "px4", Wind(3.0, -2.0)),
+        ("quad", "ardupilot", Wind(3.0, -2.0)),
+        ("quad", "generic", None),
+        ("mapping-quad", "px4", None),
+        ("rover", "px4", None),
+    ],
 )
 def test_the_rest_of_a_mission_costs_what_the_whole_flight_says(vehicle, autopilot, wind):
     spec = with_autopilot(get_vehicle(vehicle), autopilot)

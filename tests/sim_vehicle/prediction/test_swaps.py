@@ -1,6 +1,5 @@
 import math
 
-import numpy as np
 import pytest
 from short_flights import started
 
@@ -10,7 +9,7 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.execution.state import BatteryDepleted, CannotFly, MissionComplete
-from sim_vehicle.prediction.battery_swaps import batteries_needed, battery_changes, time_home_s
+from sim_vehicle.prediction.battery_swaps import batteries_needed, battery_changes
 from sim_vehicle.prediction.predict import predict_flight
 from sim_vehicle.weather.atmosphere import Turbulence
 from sim_vehicle.weather.wind import Wind
@@ -71,8 +70,6 @@ def flown_with_changes(mission, spec, wind, changes):
 CASES = [
     ("quad", "px4", rows(400.0, 50, 6.0, 8.0), None),
     ("quad", "ardupilot", rows(400.0, 60, 6.0, 8.0, aside=300.0), Wind(0.0, -4.0)),
-    ("quad", "generic", rows(400.0, 60, 6.0, 8.0), None),
-    ("mini-quad", "px4", rows(300.0, 40, 6.0, 5.0), Wind(3.0, 0.0)),
     ("mini-quad", "ardupilot", rows(300.0, 60, 6.0, 5.0), None),
     ("rover", "px4", rows(400.0, 60, 6.0, 1.5), None),
 ]
@@ -96,7 +93,7 @@ def test_each_battery_comes_home_with_its_reserve_and_little_more(name, autopilo
 
 def test_batteries_are_changed_in_order_and_on_the_way():
     spec = with_autopilot(get_vehicle("quad"), "px4")
-    mission = rows(400.0, 100, 4.0, 8.0, aside=1000.0)
+    mission = rows(400.0, 70, 4.0, 8.0, aside=1000.0)
     changes = battery_changes(mission, spec)
     assert len(changes) >= 3
     times = [change.time_s for change in changes]
@@ -104,7 +101,7 @@ def test_batteries_are_changed_in_order_and_on_the_way():
     for change in changes:
         assert 997.0 < change.place_m[0] < 1403.0 and change.place_m[2] == pytest.approx(10.0, abs=0.5)
     # Farther from home, more of each battery goes into the ways.
-    assert len(battery_changes(rows(400.0, 100, 4.0, 8.0), spec)) < len(changes)
+    assert len(battery_changes(rows(400.0, 70, 4.0, 8.0), spec)) < len(changes)
 
 
 def test_gusts_are_one_sample_that_is_not_the_flight():
@@ -120,20 +117,3 @@ def test_without_a_battery_or_without_hope():
     spec = with_autopilot(get_vehicle("quad"), "px4")
     assert battery_changes(rows(400.0, 2, 4.0, 8.0, aside=9000.0), spec) is None
     assert battery_changes(rows(400.0, 2, 4.0, 8.0), spec, wind=Wind(25.0)) is None
-
-
-def test_the_time_home_is_the_straight_line_and_the_descent():
-    quad, rover = get_vehicle("quad"), get_vehicle("rover")
-    positions = np.array([[30.0, 40.0, 0.0], [30.0, 40.0, 60.0], [0.0, 0.0, 60.0]])
-    across, down = 50.0 / quad.cruise_speed_m_s, 60.0 / quad.descent_speed_m_s
-    assert time_home_s(positions, quad) == pytest.approx([across, across + down, down])
-    assert time_home_s(positions[:1], rover) == pytest.approx([50.0 / rover.cruise_speed_m_s])
-    # What the vehicle really takes is no less than that, and not much more.
-    vehicle = begun(quad, None, (MissionItem(22, 3, 0, 0, 0, None, 28.05, -82.15, 60.0),))
-    while vehicle.motion.position_m[2] < 59.9:
-        vehicle.advance(vehicle.time_s + 0.5)
-    before_s = vehicle.time_s
-    vehicle.return_home()
-    while vehicle.motion.position_m[2] > 0.0:
-        vehicle.advance(vehicle.time_s + 0.1)
-    assert 0.9 * down < vehicle.time_s - before_s < 1.0 * down + 15.0

@@ -36,8 +36,8 @@ def degrees(points):
     return [FRAME.to_wgs84(float(x), float(y)) for x, y in points]
 
 
-def planned(points=OLD, image_m=4.0):
-    through = [MissionItem.waypoint(*one, HEIGHT_M, acceptance_radius_m=2.0) for one in degrees(points)]
+def planned(points=OLD, image_m=4.0, radius_m=2.0):
+    through = [MissionItem.waypoint(*one, HEIGHT_M, acceptance_radius_m=radius_m) for one in degrees(points)]
     items = (
         MissionItem(22, 3, 0, 0, 0, None, HOME.latitude_deg, HOME.longitude_deg, HEIGHT_M),
         MissionItem(178, param1=1.0, param2=5.0, param3=-1.0),

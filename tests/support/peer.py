@@ -5,7 +5,9 @@ from contextlib import contextmanager
 
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import FrameReader, FrameWriter
-from mission.model import GeoPoint
+from mission.model import GeoPoint, MissionType
+from mission.transfer import wire
+from mission.transfer.wire import to_wire_order
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.host.simulation import StopReason
@@ -67,6 +69,15 @@ class Peer:
         """The answer to REQUEST_MESSAGE; None where there is none."""
         answers = self.command(512, message_id, *params)
         return next((answer for answer in answers if type(answer).id == message_id), None)
+
+    def upload(self, items, kind=0):
+        """Send a plan; the MISSION_ACK. Home goes in front of a mission where the autopilot has it there."""
+        plan = MissionType(kind)
+        wired = to_wire_order(tuple(items), plan, self.vehicle.firmware.profile)
+        answers = self.tell(m.MAVLink_mission_count_message(1, 1, len(wired), kind))
+        for seq, item in enumerate(wired):
+            answers += self.tell(wire.item_to_message(item, seq, plan, (1, 1)))
+        return next(answer for answer in answers if answer.get_type() == "MISSION_ACK")
 
     def of(self, kind):
         return [message for message in self.told if message.get_type() == kind]

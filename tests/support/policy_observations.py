@@ -28,7 +28,8 @@ def report(system_id=1, *, farm="miniberry-30", area=None, budget=None, steps=20
         0.0,
         known.get("spent", 0.0),
         known.get("rest", NOWHERE),
-        GeometricTravelCost(budget, here),
+        known.get("travel_cost", GeometricTravelCost(budget, here)),
+        contact=known.get("contact"),
     )
 
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import zarr
 
-from wbf_mission.results.differences import differences, sums
 from wbf_mission.results.storage import ArrayFileError, read_array, write_array
 
 FIELDS = ("tylcv", "ccr", "soil")
@@ -28,31 +27,12 @@ def test_a_smooth_field_takes_a_quarter(tmp_path):
     assert (tmp_path / "a.zarr.zip").stat().st_size < 0.25 * smooth.nbytes
 
 
-def test_an_array_without_differences_is_read_as_before(tmp_path):
-    array = np.random.default_rng(2).random((2, 30, 20), np.float32)
-    with zarr.storage.ZipStore(tmp_path / "a.zarr.zip", mode="w") as store:
-        zarr.create_array(store, data=array, chunks=(1, 7, 20))
-    np.testing.assert_array_equal(read_array(tmp_path / "a.zarr.zip", array.shape), array)
-
-
-def test_the_differences_are_of_neighbours_along_both_axes():
-    cells = np.arange(6, dtype=np.uint32).reshape(2, 3) ** 2
-    found = differences(cells.view(np.float32)).view(np.uint32)
-    assert found.tolist() == [[0, 1, 3], [9, 6, 6]]
-    np.testing.assert_array_equal(sums(found.view(np.float32)).view(np.uint32), cells)
-
-
 def test_other_programs_read_it_with_names(tmp_path):
     write_array(tmp_path / "a.zarr.zip", np.ones((3, 4, 5)), FIELDS)
     stored = zarr.open_array(zarr.storage.ZipStore(tmp_path / "a.zarr.zip"), mode="r")
     assert stored.attrs["fields"] == list(FIELDS)
     assert stored.metadata.dimension_names == ("field", "x", "y")
     assert stored.dtype == np.float32
-
-
-def test_what_is_constant_takes_little_room(tmp_path):
-    write_array(tmp_path / "a.zarr.zip", np.full((3, 1000, 1000), 0.99, np.float32), FIELDS)
-    assert (tmp_path / "a.zarr.zip").stat().st_size < 200_000
 
 
 def test_a_file_that_is_no_array_is_refused_by_name(tmp_path):

@@ -1,9 +1,6 @@
 """The bar of what is being done, on a real pseudo-terminal."""
 
-from functools import cache
-
 import pytest
-from sweeps import slow
 from terminal import on_terminal, screen
 
 BAR = "\u2501"
@@ -34,35 +31,24 @@ SAID = ["line 0", "line 6 ", "warned", "line 12 ", "question?", "answered", "lin
 
 
 @pytest.fixture(scope="module")
-def shown_at(tmp_path_factory):
-    """The exit code and what is written on a terminal so wide, by a shell that believes another width."""
-
-    @cache
-    def shown(width, believed=None):
-        folder = tmp_path_factory.mktemp("terminal")
-        return on_terminal(["-c", PROGRAM], width=width, cwd=folder, columns=believed)
-
-    return shown
-
-
-@pytest.mark.parametrize(
-    ("width", "believed"),
-    [(80, None), slow(200, None), slow(60, None), (80, 200)],
-)
-def test_lines_stay_and_the_bar_leaves_nothing_behind(shown_at, width, believed):
-    """In a shell that has exported COLUMNS before its window was resized, too."""
-    code, written = shown_at(width, believed)
+def written(tmp_path_factory):
+    """Output on a terminal of 80 columns, of a shell that exported COLUMNS before its window was resized."""
+    folder = tmp_path_factory.mktemp("terminal")
+    code, text = on_terminal(["-c", PROGRAM], width=80, cwd=folder, columns=200)
     assert code == 0
+    return text
+
+
+def test_lines_stay_and_the_bar_leaves_nothing_behind(written):
     assert BAR in written
-    shown = [line for line in screen(written, width) if line]
+    shown = [line for line in screen(written, 80) if line]
     assert not any(BAR in line for line in shown)
     starts = [line for line in shown if not line.startswith("x")]
     assert len(starts) == len(SAID) and all(map(str.startswith, starts, SAID)), shown
 
 
-def test_one_bar_is_shown_at_a_time(shown_at):
+def test_one_bar_is_shown_at_a_time(written):
     """What records a terminal has a new line for each line of it, so none for a bar."""
-    _, written = shown_at(80)
     lines = written.replace("\r\n", "\n").split("\n")
     assert len(lines) <= len(SAID) + 6, lines
     for moment in range(len(written)):

@@ -1,7 +1,5 @@
 """A budget of batteries: the longest mission that they carry, cut into so many sorties."""
 
-import json
-
 import pytest
 from sweeps import slow
 
@@ -20,14 +18,7 @@ def scenario(small, **more):
 
 @pytest.mark.parametrize(
     ("count", "more"),
-    [
-        slow(2, {}),
-        slow(3, {"planner": "lawnmower"}),
-        (3, {"autopilot": "ardupilot"}),
-        slow(4, {"wind_speed_m_s": 3.0}),
-        slow(2, {"wind_speed_m_s": 4.0, "turbulence": "light"}),
-        slow(3, {"farm": "waterberry", "vehicle": "quad"}),
-    ],
+    [(3, {"autopilot": "ardupilot"}), slow(2, {"wind_speed_m_s": 4.0, "turbulence": "light"})],
 )
 def test_so_many_batteries_carry_it_and_hardly_more(small, count, more):
     one, steps = scenario(small, **more), []
@@ -42,8 +33,7 @@ def test_so_many_batteries_carry_it_and_hardly_more(small, count, more):
     assert whole.budget_text == f"{count} batteries" and steps == sorted(steps) and len(steps) < 11
     # An eighth more takes more.
     longer = plan(scenario(small, **more, budget=f"{1.125 * whole.length_m:.0f}m"))
-    again = sorties_of(longer, one)
-    assert len(again.sorties) > count
+    assert len(sorties_of(longer, one).sorties) > count
 
 
 @pytest.mark.slow
@@ -63,42 +53,16 @@ def test_one_battery_is_what_a_plan_without_a_budget_takes(small):
     assert cut is None and whole.mission == plan(one).mission and whole.budget_text == "1 battery"
 
 
-@pytest.mark.parametrize("text", ["3 batteries", "3batteries", " 3 BATTERIES ", "3battery"])
-def test_how_it_is_written(text):
-    assert batteries_in(text) == 3
-
-
 @pytest.mark.parametrize(
-    "text", ["3", "30min", "3.5batteries", "-3batteries", None, "batteries", "3 batteriess"]
+    ("text", "count"),
+    [("3 batteries", 3), (" 3 BATTERIES ", 3), ("3battery", 3)]
+    + [(text, None) for text in ("3", "30min", "3.5batteries", "-3batteries", None, "batteries")],
 )
-def test_what_is_no_number_of_batteries(text):
-    assert batteries_in(text) is None
+def test_how_a_number_of_batteries_is_written(text, count):
+    assert batteries_in(text) == count
 
 
-@pytest.mark.parametrize("text", ["0 batteries", "101batteries"])
-def test_numbers_out_of_range_are_refused(text):
-    with pytest.raises(ScenarioError, match="give 1 to 100"):
-        batteries_in(text)
-
-
-COMMAND = (
-    "plan",
-    "--farm",
-    FARM,
-    "--planner",
-    "spiral",
-    "--budget",
-    "2 batteries",
-    "--autopilot",
-    "ardupilot",
-)
-
-
-def test_the_command_writes_so_many_sorties(small, tmp_path, capsys):
-    code = main([*COMMAND, "--vehicle", small, "--out", str(tmp_path / "rows.plan"), "--json"])
-    values = json.loads(capsys.readouterr().out)
-    assert code == 0 and values["batteries"] == 2 and values["budget"] == "2 batteries"
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["rows-sortie-1.plan", "rows-sortie-2.plan"]
+COMMAND = ("plan", "--farm", FARM, "--planner", "spiral", "--budget", "2 batteries")
 
 
 @pytest.mark.parametrize(

@@ -54,10 +54,8 @@ def policy_file(folder, answer):
     [
         ("return 1 / 0", "crashed"),
         ("return Decision({1: [[np.nan, 1.0]]})", "not finite"),
-        ("return Decision({1: [1.0, 2.0, 3.0]})", "no points"),
         ("return Decision({1: [[-0.1, observation.vehicles[0].position_m[1]]]})", "outside the area"),
         ("return Decision({1: np.tile([[0.5, 0.5], [2.0, 2.0]], (40, 1))})", "over the budget"),
-        ("return Decision({7: [[1.0, 1.0]]})", "wrong vehicle"),
         ("return 3", "no Decision"),
         slow("time.sleep(1.01); return NO_CHANGE", "too late"),
     ],
@@ -93,14 +91,6 @@ def test_a_few_bad_answers_are_a_warning(tmp_path, capsys):
     assert f"1 crashed; first: policy Mine failed: {cause}" in told
 
 
-def test_a_policy_that_crashes_always_is_not_good(tmp_path, capsys):
-    name = policy_file(tmp_path, "return 1 / 0")
-    assert main([*FLY, "--policy", name, "--json"]) == 1
-    told = capsys.readouterr()
-    assert json.loads(told.out)["policy_failed"] is True
-    assert "answers were bad" in told.err
-
-
 @pytest.mark.parametrize("command", ["check-policy", "check-planner", "check-estimator"])
 def test_a_check_blames_the_users_line(tmp_path, capsys, command):
     if command == "check-policy":
@@ -122,7 +112,6 @@ def test_a_check_blames_the_users_line(tmp_path, capsys, command):
     ("answer", "words"),
     [
         ("return None", "predict returned None, not an InformationModel"),
-        ("return model.value", "predict returned an array, not an InformationModel"),
         ("return InformationModel(model.value + np.float32(0.5), model.uncertainty)", "values are 0 to 1"),
         (
             "return InformationModel(model.value, model.uncertainty - np.float32(2))",
@@ -132,10 +121,6 @@ def test_a_check_blames_the_users_line(tmp_path, capsys, command):
         (
             "return InformationModel(model.value, model.uncertainty, fields=('ccr', 'tylcv', 'soil'))",
             "predict returned the fields ccr, tylcv, soil; the fields of the run are tylcv, ccr",
-        ),
-        (
-            "return InformationModel(model.value[:2], model.uncertainty[:2], fields=('tylcv', 'ccr'))",
-            "predict returned the fields tylcv, ccr; the fields of the run are",
         ),
         (
             "return InformationModel(model.value[:, :3], model.uncertainty[:, :3])",

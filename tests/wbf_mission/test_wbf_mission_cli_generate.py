@@ -1,19 +1,14 @@
 """``wbf-mission farm generate``, and the cache of ``fly``."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
-import numpy as np
 import pytest
 from processes import environment
-from sweeps import slow
 
 from geo.system import AvailableMemory
 from sensors.environment import cache, load_environment
@@ -25,13 +20,13 @@ FLY = ["fly", "--farm", "miniberry-10", "--vehicle", "ideal", "--planner", "lawn
 FLY += ["--estimator", "adaptive-disk", "--no-files", "--json"]
 
 
-def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+def run(capsys, *arguments):
     code = main(list(arguments))
     captured = capsys.readouterr()
     return code, captured.out, captured.err
 
 
-def test_an_ensemble_is_generated_once(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_an_ensemble_is_generated_once(capsys, tmp_path):
     command = [*GENERATE, "--count", "3", "--out", str(tmp_path / "e"), "--json"]
     code, out, err = run(capsys, *command)
     first = json.loads(out)
@@ -43,51 +38,22 @@ def test_an_ensemble_is_generated_once(capsys: pytest.CaptureFixture[str], tmp_p
     assert (code, second["generated"], second["found"]) == (0, 0, 3)
     assert second["bytes"] == first["bytes"]
     assert Ensemble.load(tmp_path / "e")[2].days == (0, 1, 2, 3)
-
-
-def test_a_table_says_what_was_done(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    code, out, err = run(capsys, *GENERATE, "--keep", "1,3", "--out", str(tmp_path / "e"), "-q")
-    assert (code, err) == (0, "")
-    assert "1: 1 generated now, 0 existed already" in out
-    assert Ensemble.load(tmp_path / "e")[0].days == (1, 3)
-
-
-def test_the_folder_is_named_after_the_farm(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    code, _, _ = run(capsys, *GENERATE)
-    assert code == 0
-    assert (tmp_path / "environments" / "miniberry-10" / "member-00000").is_dir()
+    assert run(capsys, *GENERATE, "--keep", "0,2-3", "--out", str(tmp_path / "kept"), "-q")[0] == 0
+    assert Ensemble.load(tmp_path / "kept")[0].days == (0, 2, 3)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["--count", "0"], "--count"),
-        (["--days", "127"], "--days"),
-        (["--jobs", "0"], "--jobs"),
-        (["--keep", "x"], "--keep"),
-        (["--keep", "6-2"], "--keep"),
-        (["--keep", "127"], "--keep"),
-        (["--keep", ""], "--keep"),
-        (["--farm", "atlantis"], "atlantis"),
-        (["--seed", "-1"], "seed"),
-    ],
+    "words", ["--count 0", "--days 127", "--jobs 0", "--keep x", "--keep 6-2", "--keep 20", "--farm atlantis"]
 )
-def test_bad_input_is_one_line_and_exit_code_2(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: list[str], says: str
-) -> None:
-    code, out, err = run(capsys, *GENERATE, "--out", str(tmp_path / "e"), *arguments)
+def test_bad_input_is_one_line_and_exit_code_2(capsys, tmp_path, words):
+    code, out, err = run(capsys, *GENERATE, "--out", str(tmp_path / "e"), *words.split())
     assert (code, out) == (2, "")
     assert err.count("\n") == 1
-    assert says in err
+    assert words.split()[0] in err or "atlantis" in err
     assert not (tmp_path / "e").exists()
 
 
-def test_too_little_memory_is_one_line_and_exit_code_2(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_too_little_memory_is_one_line_and_exit_code_2(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr("geo.system.available_memory", lambda: AvailableMemory(300_000_000, "the test"))
     out = str(tmp_path / "e")
     code, _, err = run(
@@ -99,11 +65,10 @@ def test_too_little_memory_is_one_line_and_exit_code_2(
     assert err.count("\n") == 1
 
 
-@pytest.mark.parametrize("jobs", [slow("1"), "2"])
-def test_ctrl_c_keeps_what_is_finished(capsys: pytest.CaptureFixture[str], tmp_path: Path, jobs: str) -> None:
+def test_ctrl_c_keeps_what_is_finished(capsys, tmp_path):
     command = ["farm", "generate", "--farm", "miniberry-30", "--count", "400", "--out", str(tmp_path / "e")]
     process = subprocess.Popen(
-        [sys.executable, "-m", "wbf_mission", *command, "--jobs", jobs],
+        [sys.executable, "-m", "wbf_mission", *command, "--jobs", "2"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -130,9 +95,7 @@ def test_ctrl_c_keeps_what_is_finished(capsys: pytest.CaptureFixture[str], tmp_p
     assert all(path.stat().st_mtime_ns == time_ns for path, time_ns in times.items())
 
 
-def test_fly_takes_the_environment_from_the_cache(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_fly_takes_the_environment_from_the_cache(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv(cache.LIMIT_VARIABLE, "10")
     monkeypatch.setattr(cache, "CACHED_FROM_CELLS", 0)
@@ -151,14 +114,3 @@ def test_fly_takes_the_environment_from_the_cache(
     code, _, err = run(capsys, *FLY)
     assert code == 2
     assert cache.LIMIT_VARIABLE in err
-
-
-def test_small_farms_stay_out_of_the_cache(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setenv(cache.LIMIT_VARIABLE, "10")
-    code, out, _ = run(capsys, *FLY)
-    assert (code, json.loads(out)["environment_cached"]) == (0, False)
-    assert not (tmp_path / "wbf-mission").exists()
-    assert np.isfinite(json.loads(out)["score"])

@@ -1,6 +1,5 @@
 """Coverage: one number, that of a plan, of its check and of what was flown."""
 
-import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -8,10 +7,8 @@ import pytest
 import shapely
 from hypothesis import given
 from hypothesis import strategies as st
-from sweeps import slow
 
 from geo import Crop, Farm, FarmError, LocalFrame, Obstacle, Patch, save_farm
-from mission.files import write_mission
 from mission.model import Command, GeoPoint, Mission, MissionItem
 from sim_vehicle.prediction.flight import Prediction
 from wbf_mission.flight import fly
@@ -20,7 +17,6 @@ from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario, ScenarioError
 
 FRAME = LocalFrame(28.05, -82.15)
-RTL = MissionItem(Command.NAV_RETURN_TO_LAUNCH)
 
 
 def farm(*patches, **more):
@@ -116,47 +112,6 @@ def test_cells_count_once(cells):
     wanted = {(x, y) for x, y in cells if 0 <= x < 20 and 0 <= y < 10 and POTATOES.scouted_cells[x, y]}
     x, y = np.array(cells, dtype=np.int64).reshape(-1, 2).T
     assert seen_share(POTATOES, x, y) == pytest.approx(len(wanted) / 150)
-
-
-@pytest.mark.parametrize(
-    ("autopilot", "metres"),
-    [("ardupilot", 1.0), slow("ardupilot", 0.5), slow("px4", 1.0), ("px4", 3.0)],
-)
-def test_a_plan_counts_the_images_that_the_trigger_takes(tmp_path, autopilot, metres):
-    """Orders for each row, an image at once: rows are about as long as a whole number of distances."""
-    flies = {"farm": "miniberry-30", "autopilot": autopilot, "estimate_errors": False}
-    rows = plan(Scenario(**flies, planner="lawnmower", budget="120m")).mission
-    items, ends = [], itertools.cycle([by_distance(metres), by_distance(0.0, 0.0)])
-    for item in rows.items:
-        if item.command != Command.DO_SET_CAM_TRIGG_DIST:
-            items += [item, next(ends)] if item.command == Command.NAV_WAYPOINT else [item]
-    for number, mission in enumerate((replace(rows, items=tuple(items)), rows)):
-        file = tmp_path / f"{number}.plan"
-        write_mission(mission, file)
-        scenario = Scenario(**flies, mission=str(file), estimator="point")
-        made, flown = plan(scenario), fly(scenario)
-        assert flown.flights[0].camera.images == pytest.approx(planned_images(made), abs=number)
-
-
-def planned_images(made):
-    return len(image_places(made.farm, made.mission, made.prediction))
-
-
-@pytest.mark.parametrize(
-    ("options", "slack"),
-    [
-        ({"planner": "lawnmower", "budget": "90m"}, 0.02),
-        ({"planner": "lawnmower", "camera_footprint": 5, "budget": "120m"}, 0.05),
-        ({"planner": "spiral", "budget": "100m", "wind_speed_m_s": 4.0}, 0.03),
-        ({"planner": "lawnmower", "vehicle": "ideal", "budget": "60steps"}, 0.011),
-    ],
-)
-def test_what_is_planned_is_seen(options, slack):
-    autopilot = {} if "vehicle" in options else {"autopilot": "ardupilot"}
-    result = fly(Scenario(farm="miniberry-10", estimator="point", **autopilot, **options))
-    summary = result.summary()
-    assert 0.2 < summary["coverage"] == pytest.approx(summary["predicted_coverage"], abs=slack)
-    assert summary["predicted_coverage"] == plan(result.scenario).coverage
 
 
 def test_fields_that_grow_nowhere_are_refused(tmp_path):

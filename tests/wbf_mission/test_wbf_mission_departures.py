@@ -25,10 +25,7 @@ def test_those_who_never_fly_at_the_same_time_are_never_near():
     assert least_apart_m(first, first + np.array([0.0, 4.0])) == 4.0
 
 
-@pytest.mark.parametrize(
-    ("vehicles", "planner", "seed"),
-    [(2, "lawnmower", 1), slow(3, "spiral", 2)],
-)
+@pytest.mark.parametrize(("vehicles", "planner", "seed"), [(2, "lawnmower", 1), slow(3, "spiral", 2)])
 def test_a_fleet_at_one_height_keeps_its_distance(vehicles, planner, seed):
     scenario = Scenario(**SHORT, vehicles=vehicles, planner=planner)
     delays = departure_delays(plan_fleet(scenario), 3.0)
@@ -38,11 +35,6 @@ def test_a_fleet_at_one_height_keeps_its_distance(vehicles, planner, seed):
     assert result.outcome is Outcome.COMPLETED
     assert {one.plan.mission.items[0].z for one in result.flights} == {10.0}
     assert result.least_distance_m is None or result.least_distance_m >= 3.0
-
-
-def test_robots_without_size_start_at_once():
-    plans = plan_fleet(Scenario(farm="miniberry-10", vehicle="ideal", vehicles=2))
-    assert departure_delays(plans, 3.0) == [0, 0]
 
 
 def test_who_would_wait_too_long_is_told(monkeypatch):

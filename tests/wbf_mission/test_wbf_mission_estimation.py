@@ -102,17 +102,6 @@ def test_nobody_asks_the_estimator_while_a_snapshot_is_made(monkeypatch):
     run.close()
 
 
-def test_an_error_of_the_estimator_is_the_snapshots_too(monkeypatch):
-    grid = get_farm("miniberry-10").grid()
-    estimator = make_estimator("point").fit(grid)
-    monkeypatch.setattr(estimator, "partial_fit", lambda _seen: 1 // 0)
-    run = RunEstimate(estimator, RunningScore(np.ones((3, 10, 10)), PAPER_FIELDS.masks(grid)), every=1)
-    run.add([Observations([1], [1], [0.0], [6], [[1, 1, 0.5]])])
-    with pytest.raises(EstimatorError, match="ZeroDivisionError"):
-        run.snapshot().result()
-    run.close()
-
-
 def little(monkeypatch, size):
     found = AvailableMemory(size, "control group limit 1.0 GB")
     monkeypatch.setattr(geo.system, "available_memory", lambda: found)
@@ -131,11 +120,6 @@ def test_a_run_that_would_not_fit_is_refused_before_it_starts(monkeypatch, capsy
     )
     assert "but 900 MB are free (control group limit 1.0 GB)" in lines[0]
     assert not list(tmp_path.iterdir())
-
-
-def test_a_small_farm_fits(monkeypatch):
-    little(monkeypatch, 900_000_000)
-    require_run_memory(get_farm("miniberry-100"), make_estimator("adaptive-disk"), 1000)
 
 
 def test_an_estimator_says_what_it_needs(monkeypatch):

@@ -3,7 +3,7 @@
 from wbf_mission.events import EventStream, Noted, Progressed, VehicleMoved
 
 
-def test_every_listener_hears_every_event_in_order() -> None:
+def test_every_listener_hears_every_event_in_order():
     stream, first, second = EventStream(), [], []
     stream.listen(first.append)
     stream.listen(second.append)
@@ -12,7 +12,7 @@ def test_every_listener_hears_every_event_in_order() -> None:
     assert first == second == [Noted("one"), Progressed("flying", 1.0, 2.0)]
 
 
-def test_a_listener_hears_only_the_kinds_that_it_wants() -> None:
+def test_a_listener_hears_only_the_kinds_that_it_wants():
     stream, told = EventStream(), []
     assert not stream.wants(Progressed)
     stream.listen(told.append, Progressed)

@@ -1,10 +1,6 @@
 """Farms of other programs' files on the command line, in scenario files and in results."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyogrio.raw
@@ -12,7 +8,6 @@ import pytest
 import shapely
 
 from geo import load_farm
-from wbf_mission import Scenario
 from wbf_mission.cli.app import main
 from wbf_mission.scenario import load_scenario
 
@@ -20,7 +15,7 @@ X, Y = 386_900.0, 3_103_300.0  # UTM 17N, near Plant City
 
 
 @pytest.fixture
-def fields(tmp_path: Path) -> Path:
+def fields(tmp_path):
     """Return a GeoPackage of two layers, one of them with a spike."""
     path = tmp_path / "fields.gpkg"
     spiked = [(0, 0), (40, 0), (40, 20), (60, 20), (40, 20), (40, 30), (0, 30)]
@@ -39,13 +34,13 @@ def fields(tmp_path: Path) -> Path:
     return path
 
 
-def run(capsys: Any, *words: str, code: int = 0) -> tuple[str, str]:
+def run(capsys, *words, code=0):
     assert main(list(words)) == code
     out, err = capsys.readouterr()
     return out, err
 
 
-def test_show_and_save_say_what_was_mended(fields: Path, tmp_path: Path, capsys: Any) -> None:
+def test_show_and_save_say_what_was_mended(fields, tmp_path, capsys):
     saved = tmp_path / "farm.geojson"
     _, err = run(capsys, "farm", "save", f"{fields}|2026", "--out", str(saved), code=2)
     assert err.count("\n") == 1 and "feature 1 ('acker'): the polygon is not valid: Self-intersection" in err
@@ -60,7 +55,7 @@ def test_show_and_save_say_what_was_mended(fields: Path, tmp_path: Path, capsys:
     assert run(capsys, "farm", "draw", str(saved), "--out", str(tmp_path / "farm.png"), "-q")[1] == ""
 
 
-def test_a_plan_of_a_layer_beside_the_scenario_file(fields: Path, capsys: Any) -> None:
+def test_a_plan_of_a_layer_beside_the_scenario_file(fields, capsys):
     scenario = fields.parent / "mine.toml"
     scenario.write_text(
         'farm = "fields.gpkg|layername=2026"\nrepair = true\ncrop = "maize"\nbudget = "300m"\n'
@@ -71,26 +66,7 @@ def test_a_plan_of_a_layer_beside_the_scenario_file(fields: Path, capsys: Any) -
     assert "note: farm: feature 1 ('acker'): mended (self-intersection)" in err
 
 
-def test_a_farm_is_not_overwritten_by_a_mission(fields: Path, capsys: Any) -> None:
-    farm = fields.with_suffix(".kml")
-    farm.write_text("<kml/>")
-    for words in (("--farm", str(farm)), ("--farm", f"{farm}|Fields")):
-        _, err = run(capsys, "plan", *words, "--out", str(farm), code=2)
-        assert "this is an input file" in err
-    assert farm.read_text() == "<kml/>"
-
-
-def test_how_a_file_is_read_is_part_of_a_scenario() -> None:
-    farm = Scenario(farm="miniberry-10", crop="maize", farm_crs="EPSG:32617", repair=True).farm
-    assert (farm.crop, farm.crs, farm.repair, farm.load().name) == (
-        "maize",
-        "EPSG:32617",
-        True,
-        "miniberry-10",
-    )
-
-
-def test_a_field_without_a_model_is_planned_for_and_not_simulated(fields: Path, capsys: Any) -> None:
+def test_a_field_without_a_model_is_planned_for_and_not_simulated(fields, capsys):
     layer = fields.parent / "ph.toml"
     layer.write_text(
         '[[field]]\nname = "ph"\nunit = "pH"\nrange = [4, 9]\ndefault = 6.5\ncrops = ["maize"]\n'
@@ -109,7 +85,7 @@ def test_a_field_without_a_model_is_planned_for_and_not_simulated(fields: Path, 
     assert not started.exists()
 
 
-def test_a_field_of_any_crop_is_flown(fields: Path, capsys: Any) -> None:
+def test_a_field_of_any_crop_is_flown(fields, capsys):
     layer = fields.parent / "water.toml"
     layer.write_text(
         '[[field]]\nname = "water"\nkind = "continuous"\ncrops = ["all"]\n'

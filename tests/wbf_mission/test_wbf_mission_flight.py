@@ -1,8 +1,6 @@
 """Whole flights, from the plan to the score."""
 
-from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,13 +10,11 @@ from mission.files import write_mission
 from mission.model import Command, Mission, MissionItem
 from mission.outcome import Outcome
 from sensors.estimation import RunEstimate
-from sensors.observations import Observations
 from sim_vehicle.host.simulation import Impairment
 from wbf_mission.events import Found
 from wbf_mission.exit_codes import exit_code_of_flight
 from wbf_mission.flight import Simulated, fly
 from wbf_mission.preflight.finding import PreflightError
-from wbf_mission.results.result import Result
 from wbf_mission.run.plan import plan
 from wbf_mission.run.resolve import make_environment
 from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
@@ -29,32 +25,12 @@ QUAD = Scenario(
 )
 
 
-def test_the_ideal_robot_sees_the_truth_of_each_step() -> None:
-    result = fly(IDEAL)
-    assert result.outcome is Outcome.COMPLETED
-    seen = result.observations
-    assert len(seen) == pytest.approx(result.plan.prediction.duration_s, abs=1)
-    assert result.truth is not None
-    assert np.array_equal(seen.values, result.truth[:, seen.x, seen.y].T)
-    assert len(result.history.entries) == len(seen)
-
-
-@pytest.mark.parametrize("planner", ["lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint"])
-@pytest.mark.parametrize("estimator", ["adaptive-disk", "gp", "point"])
-def test_every_planner_with_every_estimator(planner: str, estimator: str) -> None:
-    result = fly(replace(IDEAL, planner=planner, estimator=estimator))
-    assert result.outcome is Outcome.COMPLETED
-    assert result.history.score is not None
-    assert result.history.score <= 0.0
-    assert result.history.entries[-1].loss <= result.history.entries[0].loss
-
-
 @pytest.fixture(scope="module")
-def quad_flight() -> Result:
+def quad_flight():
     return fly(QUAD)
 
 
-def test_the_quad_flies_what_was_planned_and_looks_all_the_way(quad_flight: Result) -> None:
+def test_the_quad_flies_what_was_planned_and_looks_all_the_way(quad_flight):
     result = quad_flight
     assert result.outcome is Outcome.COMPLETED, result.reason
     assert result.transfers[0].verified
@@ -69,7 +45,7 @@ def test_the_quad_flies_what_was_planned_and_looks_all_the_way(quad_flight: Resu
     assert np.array_equal(seen.values, result.truth[:, seen.x, seen.y].T)
 
 
-def test_equal_scenarios_give_equal_bytes(tmp_path: Path) -> None:
+def test_equal_scenarios_give_equal_bytes(tmp_path):
     rough = {"wind_speed_m_s": 4.0, "wind_gust_m_s": 1.0, "camera_noise": 0.1, "false_negative_rate": 0.1}
     windy = scenario_with(QUAD, {"budget": "80m", **rough})
     first = fly(windy, by=Simulated(tlog=tmp_path / "first.tlog"))
@@ -82,7 +58,7 @@ def test_equal_scenarios_give_equal_bytes(tmp_path: Path) -> None:
     assert not np.array_equal(first.truth, other.truth)
 
 
-def test_a_bad_radio_costs_time_but_no_picture(quad_flight: Result) -> None:
+def test_a_bad_radio_costs_time_but_no_picture(quad_flight):
     radio = Impairment(loss=0.1, duplication=0.05, delay_s=0.05, jitter_s=0.1, seed=2)
     result = fly(QUAD, by=Simulated(impairment=radio))
     assert result.outcome is Outcome.COMPLETED, result.reason
@@ -91,14 +67,14 @@ def test_a_bad_radio_costs_time_but_no_picture(quad_flight: Result) -> None:
     assert len(result.observations) == pytest.approx(len(quad_flight.observations), abs=20)
 
 
-def test_no_contact_is_an_outcome() -> None:
+def test_no_contact_is_an_outcome():
     result = fly(QUAD, by=Simulated(impairment=Impairment(loss=1.0)))
     assert result.outcome is Outcome.NO_CONTACT
     assert len(result.observations) == 0
     assert result.summary()["outcome"] == "no_contact"
 
 
-def test_an_item_that_cannot_be_flown_is_an_outcome(tmp_path: Path) -> None:
+def test_an_item_that_cannot_be_flown_is_an_outcome(tmp_path):
     made = plan(QUAD).mission
     broken = Mission(
         (*made.items[:3], MissionItem(Command.NAV_SPLINE_WAYPOINT, 0), *made.items[3:]), made.home
@@ -113,7 +89,7 @@ def test_an_item_that_cannot_be_flown_is_an_outcome(tmp_path: Path) -> None:
     assert result.reason
 
 
-def test_a_battery_that_does_not_last_is_an_outcome(tmp_path: Path) -> None:
+def test_a_battery_that_does_not_last_is_an_outcome(tmp_path):
     small = tmp_path / "small.toml"
     small.write_text('kind = "multirotor"\nbase = "quad"\n[battery]\ncapacity_wh = 6.0\n')
     back_and_forth = {"vehicle": str(small), "planner": "random-waypoint", "budget": "1km"}
@@ -130,11 +106,11 @@ def test_a_battery_that_does_not_last_is_an_outcome(tmp_path: Path) -> None:
     assert len(result.observations) > 0
 
 
-def test_ctrl_c_keeps_what_was_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_keeps_what_was_seen(monkeypatch):
     learned = []
     original = RunEstimate.add
 
-    def add(self: RunEstimate, parts: Sequence[Observations], offset_s: float = 0.0) -> None:
+    def add(self, parts, offset_s=0.0):
         original(self, parts, offset_s)
         learned.append(sum(map(len, parts)))
         if sum(learned) > 100:
@@ -148,35 +124,15 @@ def test_ctrl_c_keeps_what_was_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     assert exit_code_of_flight(result.outcome) == 130
 
 
-def test_partial_sensors_leave_the_other_fields_alone() -> None:
-    result = fly(replace(IDEAL, camera_fields=("soil",)))
-    assert np.isnan(result.observations.values[:, :2]).all()
-    assert not np.isnan(result.observations.values[:, 2]).any()
-    assert result.model is not None
-    assert (result.model.value[:2] == 1.0).all()
-
-
-def test_a_wide_footprint_sees_more_cells(quad_flight: Result) -> None:
-    wide = fly(replace(QUAD, camera_footprint=3))
-    assert wide.summary()["cells_observed"] > 1.3 * quad_flight.summary()["cells_observed"]
-
-
-def test_the_environment_is_the_seeds_alone() -> None:
+def test_the_environment_is_the_seeds_alone():
     farm = plan(IDEAL).farm
     first = make_environment(IDEAL, farm).values(6)
     again = make_environment(scenario_with(IDEAL, {"planner": "spiral", "vehicle": "quad"}), farm).values(6)
     assert np.array_equal(first, again)
 
 
-def test_the_ideal_robot_flies_a_mission_that_comes_home(tmp_path: Path) -> None:
-    path = tmp_path / "rows.plan"
-    write_mission(plan(QUAD).mission, path)
-    result = fly(scenario_with(IDEAL, {"farm": "miniberry-30", "mission": str(path), "estimator": "point"}))
-    assert result.outcome is Outcome.COMPLETED, result.reason
-
-
 @pytest.mark.parametrize("job", [fly, plan])
-def test_what_is_no_scenario_is_refused(job: Callable[[object], object]) -> None:
+def test_what_is_no_scenario_is_refused(job):
     with pytest.raises(ScenarioError, match=r"the scenario is a dict: give a Scenario: write Scenario\(\*\*"):
         job({"farm": "miniberry-10"})
     with pytest.raises(ScenarioError, match=r"the scenario is a str: give a Scenario$"):

@@ -4,9 +4,6 @@ import itertools
 import os
 import signal
 import threading
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import joblib
 import numpy as np
@@ -16,7 +13,6 @@ import wbf_mission.run.reuse
 from mission.outcome import Outcome
 from wbf_mission.events import EventStream, Progressed
 from wbf_mission.flight import Simulated, fly
-from wbf_mission.results.result import Result
 from wbf_mission.run.hosting import VirtualHosting
 from wbf_mission.run.resolve import resolve
 from wbf_mission.run.reuse import FlightsAhead, can_fly_ahead
@@ -35,13 +31,13 @@ SHORT = Scenario(
 
 
 @pytest.fixture
-def worth(monkeypatch: pytest.MonkeyPatch) -> None:
+def worth(monkeypatch):
     """Make every run worth other processes, on a machine of two cores."""
     monkeypatch.setattr(wbf_mission.run.reuse, "WORTH_S", 0.0)
     monkeypatch.setattr(joblib, "cpu_count", lambda: 2)
 
 
-def assert_alike(one: Result, other: Result) -> None:
+def assert_alike(one, other):
     assert one.history == other.history
     assert one.outcome == other.outcome and one.reason == other.reason
     assert one.simulated_s == other.simulated_s and one.frames == other.frames
@@ -54,16 +50,16 @@ def assert_alike(one: Result, other: Result) -> None:
     assert timeless(one) == timeless(other)
 
 
-def timeless(run: Result) -> list[dict[str, Any]]:
+def timeless(run):
     return [{**record.summary(), "compute_s": 0.0} for record in run.decisions]
 
 
-def counted(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+def counted(monkeypatch):
     """Note what the flights flown ahead gave."""
-    taken: list[Any] = []
+    taken = []
     take = FlightsAhead.take
 
-    def noted(self: FlightsAhead, day: int, flight: int) -> Any:
+    def noted(self, day, flight):
         taken.append(take(self, day, flight))
         return taken[-1]
 
@@ -71,9 +67,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     return taken
 
 
-def test_flights_ahead_are_those_one_after_the_other(
-    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_flights_ahead_are_those_one_after_the_other(request, monkeypatch, tmp_path):
     taken = counted(monkeypatch)
     alone = fly(SHORT, by=Simulated(tlog=tmp_path / "alone.tlog"))
     assert not taken, "a short run needs no other processes"
@@ -81,7 +75,7 @@ def test_flights_ahead_are_those_one_after_the_other(
     # A terminal's progress bar has a lock, which cannot be sent to another process.
     events, lock, done = EventStream(), threading.RLock(), list[str]()
 
-    def hear(event: Progressed) -> None:
+    def hear(event):
         with lock:
             done.append(event.what)
 
@@ -95,12 +89,10 @@ def test_flights_ahead_are_those_one_after_the_other(
 
 @pytest.mark.usefixtures("worth")
 @pytest.mark.parametrize("finished", [0, 2])
-def test_ctrl_c_keeps_the_flights_that_are_over(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, finished: int
-) -> None:
+def test_ctrl_c_keeps_the_flights_that_are_over(monkeypatch, tmp_path, finished):
     take, count = FlightsAhead.take, itertools.count()
 
-    def interrupted(self: FlightsAhead, day: int, flight: int) -> Any:
+    def interrupted(self, day, flight):
         if next(count) == finished:
             raise KeyboardInterrupt
         return take(self, day, flight)
@@ -118,7 +110,7 @@ def test_ctrl_c_keeps_the_flights_that_are_over(
 
 
 @pytest.mark.usefixtures("worth")
-def test_a_fleet_that_loses_a_vehicle_is_flown_one_after_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fleet_that_loses_a_vehicle_is_flown_one_after_the_other(monkeypatch):
     faults = ["motor-failure,vehicle=2,at=airborne,from=10"]
     fleet = Scenario(**{**SHORT.to_dict(), "days": 1, "vehicles": 2})
     taken = counted(monkeypatch)
@@ -138,22 +130,22 @@ def test_a_fleet_that_loses_a_vehicle_is_flown_one_after_the_other(monkeypatch: 
         ({"farm": "waterberry"}, VirtualHosting()),
     ],
 )
-def test_some_runs_are_not_flown_ahead(options: dict[str, Any], hosting: VirtualHosting) -> None:
+def test_some_runs_are_not_flown_ahead(options, hosting):
     assert can_fly_ahead(resolve(SHORT), VirtualHosting(), 1.0)
     given = {key: value for key, value in {**SHORT.to_dict(), **options}.items() if value is not None}
     assert not can_fly_ahead(resolve(Scenario(**given)), hosting, 1e9)
 
 
-def _dies(day: int, flight: int) -> int:
+def _dies(day, flight):
     """Fly nothing; the process of one flight is killed, as by a lack of memory."""
     if (day, flight) == (6, 2):
         os.kill(os.getpid(), signal.SIGKILL)
     return day + flight
 
 
-def test_what_a_killed_process_should_have_flown_is_flown_here() -> None:
-    killed: Callable[..., Any] = _dies
-    ahead = FlightsAhead(killed, [(6, 2), (7, 1)])  # type: ignore[arg-type]
+def test_what_a_killed_process_should_have_flown_is_flown_here():
+    killed = _dies
+    ahead = FlightsAhead(killed, [(6, 2), (7, 1)])
     try:
         assert ahead.take(6, 2) is None
         assert ahead.take(9, 9) is None

@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 from sensors.estimators.base import LEARNING
-from wbf_mission.cli.output import FILE_WIDTH, Output
+from wbf_mission.cli.output import Output
 
 
 def test_json_spells_out_what_no_reader_could_decode(capsys):
@@ -20,29 +20,12 @@ def test_json_spells_out_what_no_reader_could_decode(capsys):
     assert told == {"file": "a\\udcff.plan", "rows": [{"name": "b\\udc80"}, 3], "pair": ["c", 1.5]}
 
 
-def test_a_long_name_leaves_room_for_the_numbers(capsys):
-    rows = [["gp:" + "learn_from=observations," * 5, *["-0.1234"] * 8], ["spiral", *["-0.5678"] * 8]]
-    Output().table(None, ["planner, estimator", *["score"] * 8], rows)
-    told = capsys.readouterr().out
-    assert (told.count("-0.1234"), told.count("-0.5678")) == (8, 8)
-    assert max(map(len, told.splitlines())) <= FILE_WIDTH
-
-
 def test_a_number_is_never_broken(capsys):
     interval = "-0.2840 (-0.3010 to -0.2670)"
     rows = [["WBF/Miniberry-30-Sweep-v1 greedy:least_weight=0.35", *[interval] * 3, *["-0.2840"] * 9]] * 2
     Output().table(None, ["planner", *["score over the run"] * 3, *["loss a cell"] * 9], rows)
     told = capsys.readouterr().out
     assert len(re.findall(r"-0\.2840 ", told)) >= 2 * 12
-
-
-def test_a_terminal_has_one_bar_for_each_thing():
-    output = Output()
-    output._stderr = Console(stderr=True, force_terminal=True, width=90)
-    with output.progress() as progress:
-        for done in (0.0, 1.0, 2.0):
-            progress("flying", done, 2.0)
-        progress("saving [bold]x[/nope]", 1.0, 1.0)
 
 
 def test_a_bar_has_the_time_left():

@@ -38,7 +38,6 @@ def test_the_page_shows_the_examples_as_they_are(name):
     ("command", "name"),
     [
         ("check-policy", [POLICY]),
-        ("check-planner", ["spiral"]),
         ("check-planner", [ZIGZAG, "--land", "convex"]),
         ("check-estimator", [ESTIMATOR]),
     ],
@@ -46,15 +45,6 @@ def test_the_page_shows_the_examples_as_they_are(name):
 def test_a_contract_that_is_kept(command, name, capsys):
     assert main([command, *name, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["keeps"] is True
-
-
-def test_a_contract_that_is_broken_is_told(tmp_path, capsys):
-    text = (EXAMPLES / "my_policy.py").read_text().replace("points_m for", "points_m * 1e3 for")
-    (tmp_path / "bad.py").write_text(text)
-    assert main(["check-policy", f"{tmp_path / 'bad.py'}:RowsThenGreedy", "--json"]) == 1
-    found = json.loads(capsys.readouterr().out)
-    assert found["keeps"] is False
-    assert len(found["broken"]) > 10
 
 
 def test_a_kit_is_as_wide_as_is_asked(capsys):
@@ -155,14 +145,13 @@ def test_files_that_code_names_and_modules_beside_it_count_with_it(tmp_path, cap
         "--planners",
         f"{tmp_path / 'loads.py'}:Loads",
         "--seeds",
-        "2",
+        "1",
     ]
-    run += ["--estimators", "point", "--out", str(tmp_path / "r")]
-    assert main(["bench", "run", *run, "--jobs", "2", "--quiet"]) == 0
+    run += ["--estimators", "point", "--out", str(tmp_path / "r"), "--quiet"]
+    assert main(["bench", "run", *run]) == 0
     who = ["--name", "M", "--by", "M", "--code", str(tmp_path / "loads.py"), "--out", str(tmp_path / "p.zip")]
     assert main(["bench", "submit", str(tmp_path / "r"), *who]) == 0
     assert "1 equal" in capsys.readouterr().out
-    assert main(["bench", "verify", str(tmp_path / "p.zip"), "--environments", "2"]) == 0
 
 
 def test_a_module_beside_the_file_does_not_hide_another(tmp_path, capsys):
@@ -179,21 +168,12 @@ def test_a_module_beside_the_file_does_not_hide_another(tmp_path, capsys):
         own_choice(f"{tmp_path / 'mine.py'}:wide", "planner")
 
 
-def test_a_benchmark_takes_them_from_the_command_line(tmp_path, capsys):
-    arguments = ["--scenarios", "WBF/Miniberry-10-v1", "--estimators", ESTIMATOR, "--seeds", "1", "--json"]
-    assert main(["bench", "compare", f"{POLICY}:share=0.4", "--against", "spiral", *arguments]) == 0
-    (found,) = json.loads(capsys.readouterr().out)
-    assert (found["mine"], found["estimator"]) == ("RowsThenGreedy:share=0.4", "Smooth")
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [
         ("raise ValueError('no\\nway')", "cannot be run: ValueError: no way (line 1)"),
         ("x = (", "cannot be run: SyntaxError"),
-        ("import nix_nix", "No module named 'nix_nix'"),
         ("class Other: pass", "defines no Mine; it defines Other"),
-        ("", "defines no Mine; it defines nothing"),
         ("class Mine:\n    def __init__(self):\n        1 / 0", "Mine cannot be made: ZeroDivisionError"),
         ("class Mine: pass", "a policy has triggers, start() and decide(observation)"),
     ],

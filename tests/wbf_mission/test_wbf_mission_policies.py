@@ -1,8 +1,5 @@
 """Policies in flight: whole runs of one vehicle, of several, over days; what they see and what is noted."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
 from sweeps import slow
@@ -10,37 +7,35 @@ from sweeps import slow
 from mission.errors import PlanningError
 from mission.outcome import Outcome
 from mission.policies.decision import NO_CHANGE, Alternative, Decision
-from mission.policies.observation import Event, PolicyObservation, Status
+from mission.policies.observation import Event, Status
 from mission.policies.policy import Triggers
-from sim_vehicle.host.simulation import Impairment
-from wbf_mission.flight import Simulated, fly
+from wbf_mission.flight import fly
 from wbf_mission.replanning.record import SKIPPED
-from wbf_mission.results.result import Result, load_result
+from wbf_mission.results.result import load_result
 from wbf_mission.scenario import Scenario, scenario_with
 
 IDEAL = Scenario(farm="miniberry-30", vehicle="ideal", budget="80steps", estimator="adaptive-disk", seed=4)
 QUAD = Scenario(farm="miniberry-30", vehicle="quad", budget="60s", estimator="adaptive-disk", seed=4)
+EXACT = scenario_with(QUAD, {"estimator": "point", "estimate_errors": False, "seed": 0})
 
 
 class Wanderer:
     """Goes to random points that its budget allows; with a hook that may answer something else."""
 
-    def __init__(
-        self, triggers: Triggers, answer: Callable[[PolicyObservation], Decision | None] | None = None
-    ) -> None:
+    def __init__(self, triggers, answer=None):
         self._asking = triggers
         self._answer = answer
-        self.observations: list[PolicyObservation] = []
+        self.observations = []
         self.start()
 
     @property
-    def triggers(self) -> Triggers:
+    def triggers(self):
         return self._asking
 
-    def start(self) -> None:
+    def start(self):
         self._random = np.random.default_rng(1)
 
-    def decide(self, observation: PolicyObservation) -> Decision:
+    def decide(self, observation):
         self.observations.append(observation)
         answer = self._answer(observation) if self._answer is not None else None
         if answer is not None:
@@ -58,29 +53,12 @@ class Wanderer:
         return Decision(paths, reason="wander", alternatives=tuple(alternatives))
 
 
-def changes_of(result: Result) -> list[tuple[str, float | None]]:
+def changes_of(result):
     return [(one.outcome, one.effect_s) for record in result.decisions for one in record.changes]
 
 
-def test_an_ideal_robot_follows_and_misses_no_cell() -> None:
-    policy = Wanderer(Triggers(period_s=7.0))
-    result = fly(scenario_with(IDEAL, {"policy": policy}))
-    assert result.outcome is Outcome.COMPLETED
-    steps = np.diff(result.observations.time_s)
-    assert np.allclose(steps, 1.0), "an image in every step, changes of the path or not"
-    assert 60 < len(result.observations) <= 81
-    flown = [outcome for outcome, _ in changes_of(result)]
-    assert flown.count("flown") >= 8 and set(flown) <= {"planned", "flown"}
-    asked = np.array([record.time_s for record in result.decisions if record.event != "start"])
-    assert np.all(np.diff(asked) < 7.01), "every 7 s, or earlier when a path ends"
-    assert policy.observations[0].event is Event.START and policy.observations[1].event is Event.PERIOD
-    assert [len(one.observations) for one in policy.observations[1:]] == [
-        record.observations for record in result.decisions[1:]
-    ]
-
-
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_a_quad_follows_within_its_budget(autopilot: str) -> None:
+def test_a_quad_follows_within_its_budget(autopilot):
     scenario = Scenario(**{**QUAD.to_dict(), "autopilot": autopilot})
     policy = Wanderer(Triggers(period_s=8.0))
     result = fly(scenario_with(scenario, {"policy": policy}))
@@ -101,17 +79,9 @@ def test_a_quad_follows_within_its_budget(autopilot: str) -> None:
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_a_path_is_not_changed_before_the_vehicle_is_at_its_height(autopilot: str) -> None:
-    scenario = Scenario(
-        farm="miniberry-30",
-        vehicle="quad",
-        estimator="point",
-        budget="60s",
-        autopilot=autopilot,
-        estimate_errors=False,
-    )
+def test_a_path_is_not_changed_before_the_vehicle_is_at_its_height(autopilot):
     policy = Wanderer(Triggers(period_s=2.0))
-    result = fly(scenario_with(scenario, {"policy": policy}))
+    result = fly(scenario_with(EXACT, {"policy": policy, "autopilot": autopilot}))
     assert result.outcome is Outcome.COMPLETED, result.reason
     climbing = [one.vehicles[0].status is Status.CLIMBING for one in policy.observations[1:]]
     assert any(outcome == "flown" for outcome, _ in changes_of(result)) and not any(climbing)
@@ -119,12 +89,8 @@ def test_a_path_is_not_changed_before_the_vehicle_is_at_its_height(autopilot: st
     assert result.track.altitude_m[np.argmax(aside_m > 1.0)] > 9.5
 
 
-@pytest.mark.parametrize("seed", [2, 5])
-def test_a_path_of_short_legs_costs_what_its_flight_takes(seed: int) -> None:
-    scenario = Scenario(
-        farm="miniberry-30", vehicle="quad", estimator="point", budget="90s", seed=seed, estimate_errors=False
-    )
-    result = fly(scenario_with(scenario, {"policy": "confidence-guided"}))
+def test_a_path_of_short_legs_costs_what_its_flight_takes():
+    result = fly(scenario_with(EXACT, {"policy": "confidence-guided", "budget": "90s", "seed": 2}))
     assert result.outcome is Outcome.COMPLETED
     last = [one for one in result.decisions if one.changes][-1]
     assert last.time_s > 50.0 and last.changes[0].outcome == "flown"
@@ -135,11 +101,8 @@ def test_a_path_of_short_legs_costs_what_its_flight_takes(seed: int) -> None:
 
 
 @pytest.mark.parametrize("budget", ["70s", "60m"])
-def test_a_tour_of_a_vehicle_whose_turns_cost_time_keeps_the_way_home(budget: str) -> None:
-    scenario = Scenario(
-        farm="miniberry-30", vehicle="quad", estimator="point", budget=budget, seed=5, estimate_errors=False
-    )
-    result = fly(scenario_with(scenario, {"policy": "orienteering"}))
+def test_a_tour_of_a_vehicle_whose_turns_cost_time_keeps_the_way_home(budget):
+    result = fly(scenario_with(EXACT, {"policy": "orienteering", "budget": budget, "seed": 5}))
     assert result.outcome is Outcome.COMPLETED
     first = result.decisions[0].changes[0]
     assert len(first.path_m) > 1 and first.cost <= float(budget[:-1])
@@ -148,7 +111,7 @@ def test_a_tour_of_a_vehicle_whose_turns_cost_time_keeps_the_way_home(budget: st
         assert result.flights[0].flight_time_s < 70.5
 
 
-def test_equal_runs_are_equal_to_the_bit_and_load_again(tmp_path: Path) -> None:
+def test_equal_runs_are_equal_to_the_bit_and_load_again(tmp_path):
     one, other = (fly(scenario_with(IDEAL, {"policy": Wanderer(Triggers(observations=9))})) for _ in range(2))
     for name in ("x", "y", "time_s", "values"):
         np.testing.assert_array_equal(getattr(one.observations, name), getattr(other.observations, name))
@@ -169,12 +132,10 @@ def test_equal_runs_are_equal_to_the_bit_and_load_again(tmp_path: Path) -> None:
     [
         (lambda s: Decision({1: [[-1.0, 0.0]]}), "leaves its area (request.room) at (-1.0, 0.0) m"),
         (lambda s: Decision({1: np.tile([[0.5, 0.5], [8.0, 8.0]], (20, 1))}), "left of the budget of 80"),
-        (lambda s: Decision({9: [[1.0, 1.0]]}), "no vehicle has the system id 9"),
-        (lambda s: 1 / 0, "failed: ZeroDivisionError"),
         (lambda s: "west", "answered with a str"),
     ],
 )
-def test_a_wrong_answer_is_noted_and_the_old_path_flown(answer: Callable[..., Decision], why: str) -> None:
+def test_a_wrong_answer_is_noted_and_the_old_path_flown(answer, why):
     first = Decision({1: [[0.5, 0.5], [5.0, 5.0]]})
     policy = Wanderer(Triggers(period_s=5.0), lambda s: first if s.event is Event.START else answer(s))
     result = fly(scenario_with(IDEAL, {"policy": policy}))
@@ -185,11 +146,11 @@ def test_a_wrong_answer_is_noted_and_the_old_path_flown(answer: Callable[..., De
     assert np.hypot(result.track.x_m[-1] - 5.0, result.track.y_m[-1] - 5.0) < 0.3
 
 
-def test_an_ideal_robot_that_is_to_go_home_now_ends_its_flight() -> None:
+def test_an_ideal_robot_that_is_to_go_home_now_ends_its_flight():
     """Its mission does not lead home: it is over where it is, as no way home is paid for."""
     first = Decision({1: [[0.5, 0.5], [8.5, 0.5], [8.5, 8.5]]})
 
-    def home(observation: PolicyObservation) -> Decision:
+    def home(observation):
         if observation.event is Event.START:
             return first
         return NO_CHANGE if observation.time_s < 12.0 else Decision({1: []}, reason="home")
@@ -203,21 +164,21 @@ def test_an_ideal_robot_that_is_to_go_home_now_ends_its_flight() -> None:
     assert asked[0].time_s <= result.flight_time_s <= asked[0].time_s + 2.0
 
 
-def test_without_a_first_path_nothing_flies() -> None:
+def test_without_a_first_path_nothing_flies():
     with pytest.raises(PlanningError, match=r"policy Wanderer has no path for vehicle 1"):
         fly(scenario_with(IDEAL, {"policy": Wanderer(Triggers(), lambda s: NO_CHANGE)}))
 
 
-def test_without_anything_worth_a_first_flight_nothing_flies() -> None:
+def test_without_anything_worth_a_first_flight_nothing_flies():
     with pytest.raises(PlanningError, match=r"policy Wanderer finds nothing worth a flight"):
         fly(scenario_with(IDEAL, {"policy": Wanderer(Triggers(), lambda s: Decision({1: []}))}))
 
 
-def test_a_later_flight_that_is_not_worth_making_is_not_made(tmp_path: Path) -> None:
+def test_a_later_flight_that_is_not_worth_making_is_not_made(tmp_path):
     """The days go on, and what is believed holds for as long as the flight would have taken."""
-    flown: list[int] = []
+    flown = []
 
-    def every_other(observation: PolicyObservation) -> Decision | None:
+    def every_other(observation):
         if observation.event is Event.START:
             flown.append(observation.day)
             return Decision({1: []}) if len(flown) % 2 == 0 else Decision({1: [[0.5, 0.5], [6.0, 6.0]]})
@@ -248,8 +209,8 @@ def test_a_later_flight_that_is_not_worth_making_is_not_made(tmp_path: Path) -> 
     assert again.outcome is Outcome.COMPLETED and again.summary()["skipped_flights"] == 2
 
 
-@pytest.mark.parametrize("policy", ["greedy", "rolling-horizon", "orienteering", "confidence-guided"])
-def test_days_go_on_where_nothing_is_left_to_gain(policy: str) -> None:
+@pytest.mark.parametrize("policy", ["rolling-horizon", "orienteering"])
+def test_days_go_on_where_nothing_is_left_to_gain(policy):
     options = {"farm": "miniberry-10", "vehicle": "ideal", "estimator": "adaptive-disk", "budget": "100steps"}
     result = fly(Scenario(**options, policy=policy, days=2, flights_per_day=3))
     assert result.outcome is Outcome.COMPLETED
@@ -257,67 +218,22 @@ def test_days_go_on_where_nothing_is_left_to_gain(policy: str) -> None:
     assert len(result.flights) + result.skipped_flights == 6
 
 
-def test_of_a_fleet_one_may_stay_in_the_first_flight() -> None:
-    def first_only(observation: PolicyObservation) -> Decision | None:
-        told.append(len(observation.vehicles))
-        return Decision({1: [[4.0, 4.0]], 2: []}) if observation.event is Event.START else NO_CHANGE
-
-    told: list[int] = []
-    result = fly(
-        scenario_with(
-            scenario_with(IDEAL, {"vehicles": 2}), {"policy": Wanderer(Triggers(period_s=5.0), first_only)}
-        )
-    )
-    assert result.outcome is Outcome.COMPLETED
-    assert [one.system_id for one in result.flights] == [1] and result.skipped_flights == 1
-    assert told[0] == 2 and set(told[1:]) == {1}
-
-
-def test_home_at_once_is_flown() -> None:
-    def homewards(observation: PolicyObservation) -> Decision | None:
+def test_home_at_once_is_flown():
+    def homewards(observation):
         if observation.event is Event.START:
             return Decision({1: [[8.0, 8.0], [1.0, 8.0]]})
         asked.append(observation)
         return Decision({1: []}) if len(asked) < 2 else NO_CHANGE
 
-    asked: list[PolicyObservation] = []
+    asked = []
     result = fly(scenario_with(QUAD, {"policy": Wanderer(Triggers(period_s=3.0), homewards)}))
     assert result.outcome is Outcome.COMPLETED
     assert result.flight_time_s < 40.0
     assert changes_of(result)[1][0] == "flown"
 
 
-def test_vehicles_fly_together_and_share_what_they_see() -> None:
-    policy = Wanderer(Triggers(period_s=6.0))
-    result = fly(scenario_with(IDEAL, {"vehicles": 3, "budget": "40steps", "policy": policy}))
-    assert result.outcome is Outcome.COMPLETED
-    assert [one.system_id for one in result.flights] == [1, 2, 3]
-    assert [len(one.vehicles) for one in policy.observations] == [3] * len(policy.observations)
-    assert len(result.observations) > 90
-    assert len({tuple(one.track.x_m) for one in result.flights}) == 3
-
-
-def test_days_go_on_with_one_estimate() -> None:
-    policy = Wanderer(Triggers(period_s=10.0))
-    options = {"days": 3, "day": 5, "budget": "30steps", "flights_per_day": 2, "policy": policy}
-    result = fly(scenario_with(IDEAL, options))
-    assert [(one.day, one.flight) for one in result.flights] == [
-        (5, 1),
-        (5, 2),
-        (6, 1),
-        (6, 2),
-        (7, 1),
-        (7, 2),
-    ]
-    assert np.unique(result.observations.day).tolist() == [5, 6, 7]
-    starts = [one for one in policy.observations if one.event is Event.START]
-    assert [len(one.observations) > 0 for one in starts] == [False, *[True] * 5]
-    assert [one.day for one in starts] == [5, 5, 6, 6, 7, 7]
-    assert np.all(np.diff(result.history.times_s) >= 0.0)
-
-
-def test_a_policy_is_asked_before_a_path_ends() -> None:
-    def last_moment(observation: PolicyObservation) -> Decision | None:
+def test_a_policy_is_asked_before_a_path_ends():
+    def last_moment(observation):
         if observation.event is Event.START:
             return Decision({1: [[4.0, 4.0]]})
         if observation.event is Event.ENDING and observation.time_s < 40.0:
@@ -332,89 +248,17 @@ def test_a_policy_is_asked_before_a_path_ends() -> None:
     assert sum(outcome == "flown" for outcome, _ in changes_of(result)) >= 2
 
 
-def test_a_policy_is_not_asked_more_often_than_it_wants() -> None:
+def test_a_policy_is_not_asked_more_often_than_it_wants():
     result = fly(scenario_with(IDEAL, {"policy": Wanderer(Triggers(observations=1, least_s=6.0))}))
     times = [record.time_s for record in result.decisions if record.event == "observations"]
     assert len(times) > 5 and min(np.diff(times)) > 5.99
 
 
-def test_images_that_are_fetched_after_the_flight_ask_nobody() -> None:
-    lossy = Impairment(loss=0.2)
-    result = fly(
-        scenario_with(IDEAL, {"policy": Wanderer(Triggers(observations=1))}), by=Simulated(impairment=lossy)
-    )
-    assert result.outcome is Outcome.COMPLETED
-    assert result.decisions[-1].observations < len(result.observations)
-
-
-def test_a_joint_of_two_pieces_of_a_path_takes_no_step() -> None:
-    """The robot flies on there, so a path may be as long as if each point were named once."""
-
-    def named(times: int) -> Result:
-        def eastwards(observation: PolicyObservation) -> Decision:
-            if observation.event is Event.START:
-                return Decision({1: [[0.15, 8.0]]})
-            if len(asked) > 0:
-                return NO_CHANGE
-            vehicle = observation.vehicles[0]
-            asked.append(observation)
-            legs = np.arange(5.0, 5.0 * (vehicle.left // 5.0) + 1.0, 5.0) * observation.farm.cell_size_m
-            ends = np.array(vehicle.position_m) + np.outer(legs, (1.0, 0.0))
-            return Decision({1: np.repeat(ends, times, axis=0)})
-
-        asked: list[PolicyObservation] = []
-        return fly(
-            scenario_with(
-                scenario_with(IDEAL, {"budget": "30steps"}),
-                {"policy": Wanderer(Triggers(observations=5), eastwards)},
-            )
-        )
-
-    once, twice = named(1), named(2)
-    changes = [one for record in twice.decisions for one in record.changes]
-    assert changes[1].outcome == "flown" and not any(one.refused for one in twice.decisions)
-    np.testing.assert_array_equal(once.observations.x, twice.observations.x)
-    assert changes[1].cost == [one for record in once.decisions for one in record.changes][1].cost
-
-
-def test_a_joint_of_the_first_path_costs_no_step_either() -> None:
-    def flown(times: int) -> Result:
-        def decide(observation: PolicyObservation) -> Decision:
-            if observation.event is not Event.START:
-                return NO_CHANGE
-            cell_m = observation.farm.cell_size_m
-            there = np.array([[(0.5 + 4 * k % 8) * cell_m, 0.5 * cell_m] for k in range(6)])
-            return Decision({1: np.repeat(there, times, axis=0)})
-
-        # Six stays more would not fit.
-        shorter = scenario_with(IDEAL, {"budget": "24steps"})
-        return fly(scenario_with(shorter, {"policy": Wanderer(Triggers(observations=500), decide)}))
-
-    once, twice = flown(1), flown(2)
-    assert once.decisions[0].changes[0].cost == twice.decisions[0].changes[0].cost
-    np.testing.assert_array_equal(once.observations.x, twice.observations.x)
-
-
-def test_a_policy_is_scored_as_often_as_a_planner() -> None:
-    """It begins with a short path; the number of scored times follows from what the budget pays for."""
-    short = Wanderer(Triggers(observations=10))
-    result = fly(scenario_with(QUAD, {"score_points": 12, "policy": short}))
-    assert len(result.decisions) > 3
-    assert 6 <= len(result.history.entries) <= 24
-
-
 @pytest.mark.parametrize(
     ("policy", "autopilot"),
-    [
-        ("greedy", "px4"),
-        slow("greedy", "ardupilot"),
-        slow("rolling-horizon", "px4"),
-        ("rolling-horizon", "ardupilot"),
-        ("orienteering", "px4"),
-        slow("orienteering", "ardupilot"),
-    ],
+    [("greedy", "px4"), slow("rolling-horizon", "ardupilot"), slow("orienteering", "px4")],
 )
-def test_a_vehicle_whose_turns_cost_time_uses_its_budget(policy: str, autopilot: str) -> None:
+def test_a_vehicle_whose_turns_cost_time_uses_its_budget(policy, autopilot):
     # Of point observations there is always more to learn.
     options = {"policy": policy, "autopilot": autopilot, "budget": "2min", "estimator": "point"}
     run = fly(scenario_with(QUAD, {**options, "estimate_errors": False}))
@@ -423,7 +267,7 @@ def test_a_vehicle_whose_turns_cost_time_uses_its_budget(policy: str, autopilot:
     assert len(run.observations) > 130
 
 
-def test_a_battery_is_flown_down_to_its_reserve_and_no_further(tmp_path: Path) -> None:
+def test_a_battery_is_flown_down_to_its_reserve_and_no_further(tmp_path):
     small = tmp_path / "small.toml"
     small.write_text('kind = "multirotor"\nbase = "quad"\n[battery]\ncapacity_wh = 15.0\n')
     run = fly(Scenario(farm="miniberry-30", vehicle=str(small), policy="greedy", estimator="point"))

@@ -7,20 +7,18 @@ import sys
 from functools import cache
 from pathlib import Path
 
-import msgspec
 import pytest
 from sweeps import slow
 from threadpoolctl import threadpool_info
 
 from geo.compiled import compiled_folder
 from sensors.estimators import estimator_names
-from wbf_mission import BenchSpec, Scenario, benchmark, fly, load_result
-from wbf_mission.bench.rows import read_rows
+from wbf_mission import Scenario, fly, load_result
 
 CPUS = Path("/proc/cpuinfo")
 FLAGS = frozenset(CPUS.read_text().split()) if CPUS.is_file() else frozenset()
 AVX512 = ("avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl")
-NEEDED = {"Sandybridge": ("avx",), "Haswell": ("avx2", "fma"), "Zen": ("avx2", "fma"), "SkylakeX": AVX512}
+NEEDED = {"Sandybridge": ("avx",), "Haswell": ("avx2", "fma"), "SkylakeX": AVX512}
 KERNELS = [name for name, flags in NEEDED.items() if FLAGS.issuperset(flags)]
 VARIABLES = ("OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES", "OPENBLAS_NUM_THREADS")
 
@@ -64,7 +62,7 @@ if "epidemic" in estimator_names():
     quick = "epidemic:outbreaks=20,epochs=1"
     RUNS["epidemic"] = {"policy": "greedy", "estimator": quick, "days": 2, "budget": "60s"}
 # Kernels without FMA differ most from what a processor chooses; the first and the last run take longest.
-QUICK = ("Sandybridge", tuple(RUNS)[1:4])
+QUICK = ("Sandybridge", tuple(RUNS)[1:3])
 CHOSEN = [QUICK] * ("Sandybridge" in KERNELS) + [slow(name, tuple(RUNS)) for name in KERNELS]
 
 
@@ -121,27 +119,6 @@ def command_line(folder, *words, **forced):
     return done.stdout
 
 
-SPEC = {"planners": ["greedy"], "estimators": ["gp", "adaptive-disk"], "seeds": 1}
-COSTS = ("wall_time_s", "cpu_time_s", "timings_s", "hardware", "versions")
-
-
-def decided(rows):
-    return sorted(
-        ({k: v for k, v in msgspec.structs.asdict(one).items() if k not in COSTS} for one in rows),
-        key=lambda one: one["key"],
-    )
-
-
-@pytest.mark.slow
-def test_the_command_line_flies_the_rows_that_python_flies(tmp_path):
-    words = ["--scenarios", "WBF/Miniberry-10-v1", "--seeds", "1"]
-    words += ["--planners", "greedy", "--estimators", "gp,adaptive-disk", "--jobs", "2"]
-    forced = disabled("") | ({"OPENBLAS_CORETYPE": "Sandybridge"} if "Sandybridge" in KERNELS else {})
-    command_line(tmp_path, "bench", "run", *words, "--out", str(tmp_path / "out"), **forced)
-    here = benchmark(BenchSpec.of(["WBF/Miniberry-10-v1"], **SPEC))
-    assert decided(read_rows(tmp_path / "out")) == decided(here)
-
-
 def test_the_command_line_flies_what_python_flies(tmp_path):
     words = ["--farm", "miniberry-10", "--policy", "greedy", "--estimator", "gp", "--no-plots", "--quiet"]
     words += ["--budget", "60s"]
@@ -160,7 +137,4 @@ def test_kernels_can_be_forced(tmp_path):
         told = subprocess.run(
             command, env=environment_of(tmp_path, OPENBLAS_CORETYPE=kernel), check=True, capture_output=True
         )
-        # OpenBLAS has Haswell's kernels for Zen, and tells one name or the other.
-        names = {kernel, "Haswell"} if kernel == "Zen" else {kernel}
-        found = told.stdout.decode()
-        assert any(name in found for name in names) or "openblas" not in str(threadpool_info())
+        assert kernel in told.stdout.decode() or "openblas" not in str(threadpool_info())

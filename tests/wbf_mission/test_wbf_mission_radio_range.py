@@ -1,11 +1,10 @@
 """A ground station whose radio reaches only so far: what is seen beyond arrives later."""
 
 from collections import Counter
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, example, given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from sweeps import slow, sweep
 
@@ -15,17 +14,13 @@ from mission.policies.observation import Event, Status
 from mission.policies.policy import FixedPlan, Triggers
 from wbf_mission import Scenario, Simulated, fly
 from wbf_mission.planning.station_range import SLOWER, SPARE_S, StationRange
+from wbf_mission.run import joint_flight
 from wbf_mission.run.resolve import resolve
 from wbf_mission.run.sortie import SILENT_S
 from wbf_mission.scenario import ScenarioError, scenario_with
 
-ROWS = {
-    "farm": "miniberry-30",
-    "estimator": "point",
-    "planner": "lawnmower",
-    "budget": "60m",
-    "altitude_m": 3.0,
-}
+PLACE = {"farm": "miniberry-30", "estimator": "point", "budget": "60m", "altitude_m": 3.0}
+ROWS = {**PLACE, "planner": "lawnmower"}
 AUTOPILOTS = ("px4", "ardupilot")
 RANGES_M = (1.0, 6.0)
 
@@ -50,10 +45,7 @@ def test_reach_tells_how_long_a_plan_explains_silence():
     assert not StationRange(50.0, (0.0, 0.0), 3.0, 2.0).is_near_border((9.0, 0.0), 8.0)
 
 
-@pytest.mark.parametrize(
-    ("vehicles", "autopilot"),
-    [(1, "px4"), slow(1, "ardupilot"), slow(2, "px4"), (2, "ardupilot")],
-)
+@pytest.mark.parametrize(("vehicles", "autopilot"), [slow(1, "px4"), (2, "ardupilot")])
 def test_the_map_of_a_fixed_plan_is_the_same_in_the_end(autopilot, vehicles):
     # Behind each other, or the first vehicle would start beyond the least range; a PX4 lands up to a metre
     # beside where it started.
@@ -91,8 +83,7 @@ class Watching:
 
 def test_a_policy_knows_how_old_is_what_it_sees():
     policy = Watching()
-    scenario = {key: value for key, value in ROWS.items() if key != "planner"}
-    result = fly(Scenario(**scenario, vehicles=2, radio_range_m=6.0, policy=policy))
+    result = fly(Scenario(**PLACE, vehicles=2, radio_range_m=6.0, policy=policy))
     assert result.outcome is Outcome.COMPLETED
     # Only asked while somebody can be told something; then the other one may be silent.
     reports = [one for observation in policy.observations for one in observation.vehicles]
@@ -103,31 +94,9 @@ def test_a_policy_knows_how_old_is_what_it_sees():
     assert Counter(one.status for one in reports)[Status.LOST] == 0
 
 
-def test_observations_come_when_it_is_in_range_again_and_not_before():
-    policy = Watching()
-    scenario = {key: value for key, value in ROWS.items() if key != "planner"}
-    result = fly(Scenario(**{**scenario, "budget": "120m"}, radio_range_m=6.0, policy=policy))
-    assert result.outcome is Outcome.COMPLETED
-    # Nobody is asked while nobody can be told: the questions, two seconds apart, have gaps.
-    asked = policy.observations[1:]
-    gaps = [k for k, (a, b) in enumerate(pairwise(asked)) if b.time_s - a.time_s > 4.0]
-    assert gaps
-    for k in gaps:
-        if k + 2 >= len(asked):
-            continue
-        before, after = (asked[i].observations.time_s for i in (k, k + 2))
-        since = (result.observations.time_s > before[-1]) & (result.observations.time_s <= after.max())
-        assert len(after) - len(before) == np.count_nonzero(since), "all that was seen meanwhile has come"
-
-
 @pytest.mark.parametrize(
     ("policy", "speed_m_s", "autopilot"),
-    [
-        ("greedy", 2.0, "ardupilot"),
-        ("greedy", 5.0, "px4"),
-        ("greedy", 5.0, "ardupilot"),
-        slow("rolling-horizon", 2.0, "px4"),
-    ],
+    [("greedy", 2.0, "ardupilot"), slow("greedy", 5.0, "ardupilot"), slow("rolling-horizon", 2.0, "px4")],
 )
 def test_beyond_the_range_a_policy_flies_all_that_its_budget_pays_for(policy, speed_m_s, autopilot):
     rows = {"farm": "miniberry-100", "estimator": "adaptive-disk", "estimate_errors": False}
@@ -157,8 +126,7 @@ class GoneTooFar(Watching):
 def test_a_mission_that_ended_unheard_is_completed_and_not_changed_on_the_way_home(autopilot):
     policy = GoneTooFar()
     policy.triggers = Triggers(period_s=0.5)
-    scenario = {key: value for key, value in ROWS.items() if key != "planner"}
-    options = {**scenario, "budget": "200m", "autopilot": autopilot, "estimate_errors": False}
+    options = {**PLACE, "budget": "200m", "autopilot": autopilot, "estimate_errors": False}
     result = fly(Scenario(**options, radio_range_m=7.0, policy=policy))
     assert result.outcome is Outcome.COMPLETED, result.reason
     last = policy.observations[-1]
@@ -178,11 +146,12 @@ class NearAndFar(Watching):
         return Decision({1: near, 2: [[8.5, 8.5], [8.5, 0.5], [0.5, 0.5]]})
 
 
-def test_a_vehicle_that_fails_beyond_the_range_is_lost_after_the_time_that_its_plan_explains():
+def test_a_vehicle_that_fails_beyond_the_range_is_lost_after_the_time_that_its_plan_explains(monkeypatch):
+    monkeypatch.setattr(joint_flight, "FLIGHT_LIMIT_EXTRA_S", 0.0)
+    monkeypatch.setattr(joint_flight, "FLIGHT_LIMIT_FACTOR", 2.0)
     policy = NearAndFar()
-    scenario = {key: value for key, value in ROWS.items() if key != "planner"}
     # Layers of exact vehicles are thin enough for that range.
-    fleet = Scenario(**{**scenario, "budget": "200m"}, vehicles=2, radio_range_m=7.0, estimate_errors=False)
+    fleet = Scenario(**{**PLACE, "budget": "200m"}, vehicles=2, radio_range_m=7.0, estimate_errors=False)
     assert fly(scenario_with(fleet, {"policy": policy})).outcome is Outcome.COMPLETED
     reports = [(one.time_s, one.vehicle(2)) for one in policy.observations]
     assert all(one.status is not Status.LOST for _, one in reports)
@@ -201,10 +170,14 @@ def test_a_vehicle_that_fails_beyond_the_range_is_lost_after_the_time_that_its_p
     )
 
 
-@pytest.mark.parametrize("autopilot", AUTOPILOTS)
-@sweep(1, 12, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(range_m=st.floats(3.5, 14.0), vehicles=st.integers(1, 2), seed=st.integers(0, 99))
-@example(range_m=4.0, vehicles=2, seed=66)
+@sweep(1, 16)
+@given(
+    autopilot=st.sampled_from(AUTOPILOTS),
+    range_m=st.floats(3.5, 14.0),
+    vehicles=st.integers(1, 2),
+    seed=st.integers(0, 99),
+)
+@example(autopilot="px4", range_m=4.0, vehicles=2, seed=66)
 def test_whatever_the_range_it_ends_at_home_within_its_battery(autopilot, range_m, vehicles, seed):
     scenario = Scenario(
         farm="miniberry-30",

@@ -70,13 +70,6 @@ def test_what_fails_beside_a_run_does_not_stop_it_and_is_tried_again(tmp_path):
     assert calls_of(tmp_path) == ["gp"]
 
 
-@pytest.mark.parametrize(("farm", "estimator"), [("miniberry-100", "gp"), ("waterberry", "point")])
-def test_where_little_is_compiled_no_process_is_started(tmp_path, farm, estimator):
-    with rehearsed(run_on(farm, estimator=estimator), partial(note_call, tmp_path)) as ready:
-        ready()
-    assert calls_of(tmp_path) == []
-
-
 @pytest.mark.parametrize("missing", ["compiler", "core", "cache"])
 def test_without_a_second_core_a_compiler_or_a_cache_nothing_runs_beside(tmp_path, monkeypatch, missing):
     if missing == "core":

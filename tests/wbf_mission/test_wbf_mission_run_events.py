@@ -1,7 +1,5 @@
 """The events that a run tells: what the terminal, a page and files see of it."""
 
-import threading
-from collections import Counter
 from concurrent.futures import Future
 from types import SimpleNamespace
 
@@ -19,7 +17,6 @@ from wbf_mission.events import (
     RunBegun,
     RunEnded,
     Seen,
-    VehicleMoved,
     VehicleSaid,
 )
 from wbf_mission.run import joint_flight
@@ -75,19 +72,6 @@ def test_the_events_hold_what_the_result_holds(spiral):
     assert texts == result.texts
 
 
-def test_the_vehicle_is_told_where_it_was_at_least_once_a_second(spiral):
-    result, heard = spiral
-    moved = [one for one, _ in heard if isinstance(one, VehicleMoved)]
-    times = np.array([one.time_s for one in moved])
-    assert np.all(np.diff(times) > 0.0) and np.max(np.diff(times)) < 1.5
-    track = result.track
-    for one in moved[:: len(moved) // 20]:
-        # Telemetry comes ten times a second, the vehicle's clock begins when it is switched on.
-        nearest = np.min(np.hypot(track.x_m - one.x_m, track.y_m - one.y_m))
-        assert nearest < 1.0
-    assert moved[-1].battery < moved[0].battery
-
-
 def test_who_follows_a_policy_hears_its_decisions_and_the_paths_that_it_changes():
     result, heard = _flown(policy="greedy", vehicle="quad", budget="3min", estimator="adaptive-disk")
     decided = [one.record for one, _ in heard if isinstance(one, Decided)]
@@ -114,22 +98,6 @@ def test_a_run_is_the_same_whether_somebody_follows_it_or_not(spiral):
     assert np.array_equal(alone.model.value, followed.model.value)
 
 
-def test_days_and_flights_come_one_after_the_other():
-    result, heard = _flown(
-        planner="spiral", vehicle="ideal", budget="60steps", estimator="point", days=2, flights_per_day=2
-    )
-    order = [
-        (one.day, getattr(one, "flight", 0))
-        for one, _ in heard
-        if isinstance(one, DayBegun | Planned | FlightEnded)
-    ]
-    assert order == sorted(order)
-    counts = Counter(type(one) for one, _ in heard)
-    assert counts[FlightEnded] == len(result.flights) == 4
-    times = [one.time_s for one, _ in heard if isinstance(one, VehicleMoved)]
-    assert times == sorted(times)
-
-
 def test_a_policy_that_never_answers_is_left_behind(monkeypatch):
     monkeypatch.setattr(joint_flight, "LAST_ANSWER_S", 0.05)
     seen, learned = [], []
@@ -139,18 +107,6 @@ def test_a_policy_that_never_answers_is_left_behind(monkeypatch):
     JointFlight._await_answer(flight)
     assert [event.text for event in seen] == ["the policy did not answer within 0.05 s after the flight"]
     assert (flight._thinking, learned) == (None, [True])
-
-
-def test_a_late_answer_is_waited_for_and_dropped():
-    seen, learned, thinking = [], [], Future()
-    stream = EventStream()
-    stream.listen(seen.append)
-    threading.Timer(0.05, lambda: thinking.set_result("late")).start()
-    flight = SimpleNamespace(
-        _thinking=thinking, _events=stream, learn=lambda: learned.append(thinking.done())
-    )
-    JointFlight._await_answer(flight)
-    assert (flight._thinking, learned, seen) == (None, [True], [])
 
 
 def test_an_error_of_the_last_decision_is_raised():

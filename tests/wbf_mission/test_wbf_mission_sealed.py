@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geo import FarmGrid, get_farm
+from geo import get_farm
 from geo.seeds import child_seed, sealed_seed, stream
-from mission.planners import PlannedPath, PlanningRequest, make_planner
+from mission.planners import make_planner
 from mission.policies.decision import NO_CHANGE, Decision
-from mission.policies.observation import Event, PolicyObservation
+from mission.policies.observation import Event
 from mission.policies.policy import Triggers
 from sensors.camera.leaf_camera import LeafCamera
 from sensors.environment import Environment
@@ -20,7 +20,6 @@ from sensors.environment.cache import EnvironmentCache
 from sensors.estimators import base
 from sensors.estimators.point import PointEstimator
 from sensors.fields import PAPER_FIELDS
-from sensors.observations import Observations
 from sensors.scoring.score import RunningScore
 from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.flight import fly
@@ -36,9 +35,9 @@ RUN = Scenario(
 )
 
 
-def reachable(*roots: Any) -> list[Any]:
+def reachable(*roots):
     """Return all objects that lead off from some: attributes, slots, items, closures, arguments bound."""
-    found: dict[int, Any] = {}
+    found = {}
     queue = list(roots)
     while queue:
         one = queue.pop()
@@ -69,13 +68,13 @@ def reachable(*roots: Any) -> list[Any]:
     return list(found.values())
 
 
-def seeds_in(objects: list[Any]) -> list[Any]:
+def seeds_in(objects):
     numbers = {int(one) for one in objects if isinstance(one, (int, np.integer)) and one >= 0}
     sequences = [one for one in objects if isinstance(one, np.random.SeedSequence)]
     return [*numbers, *(one for one in sequences)]
 
 
-def finds_truth(objects: list[Any], grid: FarmGrid, truth: np.ndarray) -> bool:
+def finds_truth(objects, grid, truth):
     """Whether one of the objects is, or gives, the seed of the environment."""
     candidates = seeds_in(objects)
     for seed in candidates:
@@ -88,13 +87,13 @@ def finds_truth(objects: list[Any], grid: FarmGrid, truth: np.ndarray) -> bool:
     return False
 
 
-def true_state(scenario: Scenario) -> tuple[FarmGrid, np.ndarray]:
+def true_state(scenario):
     grid = get_farm(scenario.farm.name).grid()
     made, _ = EnvironmentCache.off().environment(grid, day=6, seed=child_seed(scenario.seed, "environment"))
     return grid, made.values(6)
 
 
-def plain(objects: list[Any]) -> list[Any]:
+def plain(objects):
     """Return the values among objects, in the order in which they were found."""
     return [
         (one.shape, one.tobytes()) if isinstance(one, np.ndarray) else one
@@ -114,17 +113,16 @@ ODD = {
         "estimate_errors": True,
     },
     "two quads": {"vehicle": "quad,quad", "separation": "layers:3"},
-    "the paper's robot": {"vehicle": "ideal", "budget": None},
     "several days": {"vehicle": "ideal", "budget": None, "days": 2, "estimator": LEARNED},
 }
 
 
 @pytest.mark.parametrize("odd", ODD)
 @pytest.mark.parametrize("kind", ["policy", "planner"])
-def test_before_anything_was_seen_own_code_is_given_the_same_on_every_seed(odd: str, kind: str) -> None:
+def test_before_anything_was_seen_own_code_is_given_the_same_on_every_seed(odd, kind):
     given = []
     for seed in (RUN.seed, 1):
-        cheat: Any = CheatingPolicy() if kind == "policy" else CheatingPlanner()
+        cheat = CheatingPolicy() if kind == "policy" else CheatingPlanner()
         shorter = {"budget": "1min", **ODD[odd]}
         scenario = Scenario(**{**RUN.to_dict(), **shorter, "seed": seed, kind: cheat})
         if kind == "policy":
@@ -136,8 +134,8 @@ def test_before_anything_was_seen_own_code_is_given_the_same_on_every_seed(odd: 
     assert given[0] == given[1]
 
 
-def test_own_code_draws_from_a_seed_of_its_own_and_what_is_built_in_from_the_runs() -> None:
-    def request(seed: int, **given: Any) -> Any:
+def test_own_code_draws_from_a_seed_of_its_own_and_what_is_built_in_from_the_runs():
+    def request(seed, **given):
         scenario = Scenario(**{**RUN.to_dict(), "seed": seed, **given})
         (vehicle,) = vehicles_of(scenario, scenario.farm.load(), seed=seed, first_day=6)
         later = vehicle.task.of_sortie(SortieNumber(7, 1, 1, 6))
@@ -151,21 +149,19 @@ def test_own_code_draws_from_a_seed_of_its_own_and_what_is_built_in_from_the_run
     assert request(1, policy=mine)[0] != request(1, policy=mine)[1]  # each flight draws anew
 
 
-def test_an_estimator_of_another_package_draws_from_a_seed_of_its_own(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_an_estimator_of_another_package_draws_from_a_seed_of_its_own(monkeypatch):
     class Drawing(PointEstimator):
-        def __init__(self, random_state: Any = None) -> None:
+        def __init__(self, random_state=None):
             super().__init__()
             self.random_state = random_state
 
     module = types.ModuleType("somebodys")
-    module.Drawing = Drawing  # type: ignore[attr-defined]
+    module.Drawing = Drawing
     monkeypatch.setitem(sys.modules, "somebodys", module)
     entry = EntryPoint("drawing", "somebodys:Drawing", "wbf_mission.estimators")
     for where in (base, choice):
         monkeypatch.setattr(where, "entry_points", lambda group: EntryPoints([entry]))
-    states: list[Any] = [estimator_of(Choice("drawing"), seed, PAPER_FIELDS) for seed in (1, 2)]
+    states = [estimator_of(Choice("drawing"), seed, PAPER_FIELDS) for seed in (1, 2)]
     assert states[0].random_state.entropy == states[1].random_state.entropy
 
 
@@ -174,10 +170,10 @@ class CheatingPlanner:
 
     __name__ = "cheat"
 
-    def __init__(self) -> None:
-        self.seen: list[Any] = []
+    def __init__(self):
+        self.seen = []
 
-    def __call__(self, request: PlanningRequest) -> PlannedPath:
+    def __call__(self, request):
         self.seen = reachable(request)
         return make_planner("lawnmower")(request)
 
@@ -187,28 +183,27 @@ class CheatingEstimator(PointEstimator):
 
     given: list[Any]
 
-    def fit(self, grid: FarmGrid, observations: Observations | None = None) -> "CheatingEstimator":
+    def fit(self, grid, observations=None):
         self.given = [grid, observations]
         super().fit(grid, observations)
         return self
 
-    def partial_fit(self, observations: Observations) -> "CheatingEstimator":
+    def partial_fit(self, observations):
         self.given.append(observations)
         super().partial_fit(observations)
         return self
 
 
-def test_the_cheat_would_find_a_seed_that_is_not_sealed() -> None:
+def test_the_cheat_would_find_a_seed_that_is_not_sealed():
     grid, truth = true_state(RUN)
     assert finds_truth(
         reachable({"hidden": [lambda: RUN.seed, child_seed(RUN.seed, "planner")]}), grid, truth
     )
 
 
-@pytest.mark.parametrize("budget", ["3min", "5Wh", "60m"])
-def test_a_planner_reaches_neither_truth_nor_its_seed(budget: str) -> None:
+def test_a_planner_reaches_neither_truth_nor_its_seed():
     cheat = CheatingPlanner()
-    scenario = Scenario(**{**RUN.to_dict(), "budget": budget, "planner": cheat, "turbulence": "light"})
+    scenario = Scenario(**{**RUN.to_dict(), "budget": "5Wh", "planner": cheat, "turbulence": "light"})
     plan(scenario)
     assert len(cheat.seen) > 20
     assert not [one for one in cheat.seen if isinstance(one, FORBIDDEN)]
@@ -216,7 +211,7 @@ def test_a_planner_reaches_neither_truth_nor_its_seed(budget: str) -> None:
     assert not finds_truth(cheat.seen, *true_state(RUN))
 
 
-def test_an_estimator_reaches_neither_truth_nor_its_seed() -> None:
+def test_an_estimator_reaches_neither_truth_nor_its_seed():
     cheat = CheatingEstimator()
     result = fly(scenario_with(RUN, {"estimator": cheat}))
     seen = reachable(cheat, cheat.given)
@@ -231,11 +226,11 @@ def test_an_estimator_reaches_neither_truth_nor_its_seed() -> None:
 
 
 @pytest.mark.parametrize("name", sorted({"epidemic", "gp", "gp-sklearn"} & {*base.estimator_names()}))
-def test_an_estimator_that_draws_gets_a_sealed_seed(name: str) -> None:
+def test_an_estimator_that_draws_gets_a_sealed_seed(name):
     estimator = estimator_of(Choice(name), RUN.seed, PAPER_FIELDS)
     if name == "gp-sklearn":
         estimator.fit(RUN.farm.load().grid)
-        names: list[tuple[str, ...]] = [(), ("environment",), ("planner",), ("estimator",), ("camera",)]
+        names = [(), ("environment",), ("planner",), ("estimator",), ("camera",)]
         states = [state for path in names for state in child_seed(RUN.seed, *path).generate_state(8)]
         drawn = [stream(RUN.seed, *path).integers(2**31) for path in names]
         assert vars(estimator)["seed_"] not in {*states, *drawn}, "a stream of the run's seed"
@@ -249,18 +244,18 @@ class CheatingPolicy:
 
     seed = 0
 
-    def __init__(self) -> None:
-        self.observations: list[PolicyObservation] = []
-        self.seen: list[Any] = []
+    def __init__(self):
+        self.observations = []
+        self.seen = []
 
     @property
-    def triggers(self) -> Triggers:
+    def triggers(self):
         return Triggers(period_s=4.0)
 
-    def start(self) -> None:
+    def start(self):
         pass
 
-    def decide(self, observation: PolicyObservation) -> Decision:
+    def decide(self, observation):
         self.observations.append(observation)
         if observation.event is Event.START:
             path = [[0.5, 0.5], [2.5, 0.5], [2.5, 2.5]]
@@ -268,7 +263,7 @@ class CheatingPolicy:
         return NO_CHANGE
 
 
-def test_a_policy_that_cheats_finds_nothing() -> None:
+def test_a_policy_that_cheats_finds_nothing():
     policy = CheatingPolicy()
     fly(scenario_with(RUN, {"policy": policy}))
     assert len(policy.observations) > 3

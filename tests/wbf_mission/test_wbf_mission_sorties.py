@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from sweeps import slow
 
 from geo import Obstacle, get_farm, save_farm
 from mission.course import Course, Place
@@ -19,9 +18,8 @@ from wbf_mission import Scenario, Simulated, fly, load_result
 from wbf_mission.addons.operate.resume import resume_place
 from wbf_mission.cli.app import main
 from wbf_mission.events import EventStream
-from wbf_mission.planning import MissionBuilder
 from wbf_mission.planning.coverage import image_places
-from wbf_mission.planning.sorties import SortieCosts, UncutError, cut_plan, overlap_of, sorties_of
+from wbf_mission.planning.sorties import SortieCosts, UncutError, sorties_of
 from wbf_mission.preflight.run import check_plans
 from wbf_mission.run.plan import plan
 
@@ -75,9 +73,8 @@ def test_every_place_of_an_image_is_seen_by_a_sortie(small):
     assert farthest_from(on_land(planned, farm), np.vstack(parts)) < 0.4 * made.whole.spacing_m
 
 
-@pytest.mark.parametrize("autopilot", [slow("px4"), "ardupilot"])
-def test_gusts_and_a_wind_are_counted(small, autopilot):
-    windy = scenario(small, wind_speed_m_s=4.0, turbulence="light", autopilot=autopilot, budget="700m")
+def test_gusts_and_a_wind_are_counted(small):
+    windy = scenario(small, wind_speed_m_s=4.0, turbulence="light", autopilot="ardupilot", budget="700m")
     made = cut(windy)
     assert all(one.plan.prediction.most_wh <= 0.8 * 12.0 for one in made.sorties)
     assert any(one.plan.prediction.most_wh > one.plan.prediction.energy_wh for one in made.sorties)
@@ -186,21 +183,17 @@ def test_a_mission_that_cannot_be_cut_says_why(small, tmp_path, capsys):
     assert not out.exists()
 
 
-@pytest.mark.parametrize(
-    ("vehicle", "rows", "options", "sorties"),
-    [("quad", 2, ["--home", "28.0495,-82.15"], 1), (None, 5, [], 3)],
-)
-def test_a_mission_without_a_return_is_cut(small, tmp_path, capsys, vehicle, rows, options, sorties):
-    ends = [(28.05 + 1e-4 * k, -82.15 + 2e-3 * ((k + side) % 2)) for k in range(rows) for side in (0, 1)]
+def test_a_mission_without_a_return_is_cut(small, tmp_path, capsys):
+    ends = [(28.05 + 1e-4 * k, -82.15 + 2e-3 * ((k + side) % 2)) for k in range(5) for side in (0, 1)]
     first, *others = [MissionItem.waypoint(*end, 10.0) for end in ends]
     items = (MissionItem(22, 3, z=10.0), first, MissionItem(206, param1=2.0), *others)
     file, out = tmp_path / "rows.waypoints", tmp_path / "out.waypoints"
     write_mission(Mission(items, home=GeoPoint(28.05, -82.15, 30.0)), file)
-    farm = ["--farm", FARM, "--mission", str(file), "--vehicle", vehicle or small]
-    code, said, _ = run(capsys, "plan", *farm, *options, "--out", str(out), "--json")
-    assert code == 0 and len(json.loads(said)["sorties"]) == sorties
+    farm = ["--farm", FARM, "--mission", str(file), "--vehicle", small]
+    code, said, _ = run(capsys, "plan", *farm, "--out", str(out), "--json")
+    assert code == 0 and len(json.loads(said)["sorties"]) == 3
     made = [read_mission(path).items for path in sorted(tmp_path.glob("out*"))]
-    assert [part[-1].command for part in made] == [20] * (sorties - 1) + [16]
+    assert [part[-1].command for part in made] == [20, 20, 16]
 
 
 def test_obstacles_are_flown_round_on_the_ways(small, tmp_path):
@@ -216,14 +209,6 @@ def test_obstacles_are_flown_round_on_the_ways(small, tmp_path):
     home_m = np.asarray(farm.home_m)
     begins = [farm.frame.from_wgs84(*made.course.position(part.begin)[:2]) for part in made.sorties]
     assert any(shapely.LineString([home_m, begin]).intersects(barn.polygon) for begin in begins)
-
-
-def test_the_overlap_and_the_time_of_a_change_are_as_wanted(small, calm):
-    one, whole = scenario(small), calm.whole
-    builder = MissionBuilder.of(one, get_farm(FARM))
-    assert overlap_of(builder, whole) > 2 * builder.image_spacing_m
-    made = cut_plan(whole, builder, footprint=one.camera.footprint, overlap_m=30.0, change_s=60.0)
-    assert made.change_s == 60.0 and made.total_s - made.flight_s == 60.0 * (len(made.sorties) - 1)
 
 
 def run(capsys, *arguments):
@@ -258,38 +243,12 @@ def test_the_command_writes_a_file_for_each_sortie(small, tmp_path, capsys):
     assert not any("no waypoint lies on the farm" in text for text in values["warnings"])
 
 
-@pytest.mark.slow
-def test_of_a_fleet_each_has_its_totals_and_all_a_finish(small, tmp_path, capsys):
-    fleet = (*PLAN[:-3], "--budget", "800m", "--vehicle", small, "--vehicles", "2")
-    code, said, _ = run(capsys, *fleet, "--out", str(tmp_path / "rows.plan"))
-    assert code == 0 and "all together" in said and "vehicle 2" in said
-    written = sorted(one.name for one in tmp_path.iterdir())
-    assert {"rows-1-sortie-1.plan", "rows-2-sortie-1.plan", "rows-2-sortie-2.plan"} <= set(written)
-    code, said, _ = run(capsys, *fleet, "--json")
-    values = json.loads(said)
-    totals = [one["time_with_changes_s"] for one in values["plans"]]
-    assert values["finish_s"] == max(totals)
-    assert totals[0] == pytest.approx(
-        values["plans"][0]["predicted_time_s"] + 180.0 * (len(values["plans"][0]["sorties"]) - 1)
-    )
-    # One that a battery is enough for is done when it has landed.
-    code, said, _ = run(capsys, *PLAN[:-3], "--budget", "300m", "--vehicles", "2", "--json")
-    values = json.loads(said)
-    assert values["finish_s"] == max(one["predicted_time_s"] for one in values["plans"])
-
-
 def test_the_whole_is_written_when_that_is_wanted(small, tmp_path, capsys):
     out = tmp_path / "rows.plan"
     code, _, said = run(capsys, *PLAN, small, "--out", str(out), "--whole")
     assert code == 2 and "it needs 3 batteries" in said and "sorties" in said and not out.exists()
     code, _, said = run(capsys, *PLAN, small, "--out", str(out), "--whole", "--force")
     assert code == 0 and out.exists() and "the vehicle cannot fly this mission" in said
-
-
-def test_what_a_battery_is_enough_for_stays_as_it_is(tmp_path, capsys):
-    out = tmp_path / "rows.plan"
-    code, said, _ = run(capsys, *PLAN, "quad", "--out", str(out), "--json")
-    assert code == 0 and out.exists() and "sorties" not in json.loads(said)
 
 
 def test_it_is_gone_on_with_at_an_item(small, tmp_path, capsys):
@@ -317,7 +276,6 @@ def test_it_is_gone_on_with_at_an_item(small, tmp_path, capsys):
         (("--resume", "12"), "give the mission file with --mission"),
         (("--whole", "--overlap", "3"), "leave out --overlap"),
         (("--overlap", "-1"), "out of range"),
-        (("--change-time", "1e9"), "out of range"),
         (("--home", "28.05"), "give latitude and longitude"),
         (("--home", "100,200"), "give latitude and longitude"),
     ],
@@ -331,7 +289,6 @@ def test_what_makes_no_sense_is_told_in_a_line(small, tmp_path, capsys, options,
     ("where", "text"),
     [
         ("99999", "give 1 to"),
-        ("0", "give 1 to"),
         ("4+900m", "m long; give fewer metres"),
         ("nothing.tlog", "there is no such file"),
         (".", "has no flight.tlog"),
@@ -348,9 +305,8 @@ def test_places_that_are_not_on_the_mission_are_refused(small, calm, tmp_path, c
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_every_sortie_comes_home_with_its_reserve_in_gusts(small, seed):
-    windy = {"wind_speed_m_s": 3.0, "turbulence": "light", "seed": seed}
+def test_every_sortie_comes_home_with_its_reserve_in_gusts(small):
+    windy = {"wind_speed_m_s": 3.0, "turbulence": "light", "seed": 1}
     result = fly(scenario(small, **windy, estimator="adaptive-disk", gps_noise_m=0.3))
     assert len(result.flights) >= 3 and result.outcome is Outcome.COMPLETED
     assert all(0.3 < one.battery_used < 0.8 for one in result.flights)

@@ -1,12 +1,8 @@
 """Other operating systems: the types hold for macOS and Windows, and nothing needs what only Unix has."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from processes import running, wait_until
@@ -24,10 +20,9 @@ CORE = ["geo", "sensors", "mission", "sim_vehicle", "wbf_mission"]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("platform", ["darwin", "win32"])
-def test_the_types_hold_on_other_systems(platform: str) -> None:
-    cache = ROOT / ".mypy_cache" / platform  # mypy discards a cache of another platform
-    words = [sys.executable, "-m", "mypy", "--platform", platform, f"--cache-dir={cache}"]
+def test_the_types_hold_on_windows():
+    cache = ROOT / ".mypy_cache" / "win32"  # mypy discards a cache of another platform
+    words = [sys.executable, "-m", "mypy", "--platform", "win32", f"--cache-dir={cache}"]
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
 
@@ -68,7 +63,7 @@ sys.exit(main())
 """
 
 
-def run_bare(code: str, *words: str, folder: Path) -> str:
+def run_bare(code, *words, folder):
     done = subprocess.run(
         [sys.executable, "-c", BARE + code, *words], cwd=folder, capture_output=True, text=True
     )
@@ -76,12 +71,12 @@ def run_bare(code: str, *words: str, folder: Path) -> str:
     return done.stdout
 
 
-def test_modules_of_the_core_are_imported_without_what_only_unix_has(tmp_path: Path) -> None:
+def test_modules_of_the_core_are_imported_without_what_only_unix_has(tmp_path):
     run_bare(IMPORTS, *CORE, folder=tmp_path)
 
 
 @pytest.mark.slow
-def test_a_plan_and_a_flight_need_nothing_that_only_unix_has(tmp_path: Path) -> None:
+def test_a_plan_and_a_flight_need_nothing_that_only_unix_has(tmp_path):
     farm = ["--farm", "miniberry-10", "--seed", "1"]
     run_bare(COMMAND, "plan", *farm, "--out", "plan.plan", folder=tmp_path)
     run_bare(COMMAND, "fly", *farm, "--out", "run", folder=tmp_path)
@@ -91,23 +86,12 @@ def test_a_plan_and_a_flight_need_nothing_that_only_unix_has(tmp_path: Path) -> 
 
 
 @pytest.mark.slow
-def test_a_benchmark_needs_nothing_that_only_unix_has(tmp_path: Path) -> None:
-    words = ["--scenarios", "WBF/Miniberry-10-v1", "--planners", "spiral", "--estimators", "point"]
-    # More jobs need joblib's workers, which look for signals of Linux where they were imported on Linux.
-    more = ["--seeds", "2", "--jobs", "1", "--out", "results"]
-    run_bare(COMMAND, "bench", "run", *words, *more, folder=tmp_path)
-    assert len(list((tmp_path / "results").rglob("*.parquet"))) > 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("scheme", ["tcpin", "udpin"])
-def test_a_client_uploads_to_a_simulator_without_what_only_unix_has(tmp_path: Path, scheme: str) -> None:
+def test_a_client_uploads_to_a_simulator_without_what_only_unix_has(tmp_path):
     ready = tmp_path / "ready"
-    words = ["sim", "--farm", "miniberry-10", "--ready-file", "ready", "--listen", f"{scheme}:127.0.0.1:0"]
+    words = ["sim", "--farm", "miniberry-10", "--ready-file", "ready", "--listen", "udpin:127.0.0.1:0"]
     with running([sys.executable, "-c", BARE + COMMAND, *words], tmp_path, stdout=subprocess.DEVNULL):
         wait_until(ready.exists, "the simulator does not start")
-        scheme_of_client = "tcp" if scheme == "tcpin" else "udpout"
-        link = mavutil.mavlink_connection(ready.read_text().strip().replace(scheme, scheme_of_client))
+        link = mavutil.mavlink_connection(ready.read_text().strip().replace("udpin", "udpout"))
         try:
             wait_until(lambda: answers(link, "HEARTBEAT"), "a heartbeat")
             link.mav.mission_count_send(1, 1, 2, 0)
@@ -121,7 +105,7 @@ def test_a_client_uploads_to_a_simulator_without_what_only_unix_has(tmp_path: Pa
             link.close()
 
 
-def answers(link: Any, kind: str) -> Any:
+def answers(link, kind):
     """Return the next message of a kind; until one comes, the client's heartbeat is sent."""
     link.mav.heartbeat_send(m.MAV_TYPE_GCS, m.MAV_AUTOPILOT_INVALID, 0, 0, 0)
     return link.recv_match(type=kind, blocking=True, timeout=1.0)
@@ -141,9 +125,7 @@ def answers(link: Any, kind: str) -> Any:
         (open_mission, "tests/data/foreign/mavproxy_fence.txt"),
     ],
 )
-def test_texts_that_an_editor_of_windows_saved_say_the_same(
-    read: Callable[[Path], object], name: str, tmp_path: Path
-) -> None:
+def test_texts_that_an_editor_of_windows_saved_say_the_same(read, name, tmp_path):
     saved = tmp_path / Path(name).name
     lines = (ROOT / name).read_text(encoding="utf-8-sig").splitlines()
     saved.write_bytes("\r\n".join(["\ufeff" + lines[0], *lines[1:], ""]).encode())

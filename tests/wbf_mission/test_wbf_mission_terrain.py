@@ -1,10 +1,7 @@
 """Plans that follow the ground of a raster, from the options to the mission's altitudes."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,9 +11,9 @@ from rasterio.transform import from_origin
 
 from geo import get_farm
 from geo.errors import GroundError
-from geo.farm import Farm, Obstacle
+from geo.farm import Obstacle
 from mission.files import read_mission, write_mission
-from mission.model import Command, Frame, Mission
+from mission.model import Command, Frame
 from wbf_mission.cli.app import main
 from wbf_mission.flight import fly
 from wbf_mission.planning import MissionBuilder
@@ -27,7 +24,7 @@ from wbf_mission.scenario import Scenario, ScenarioError
 AROUND_M = 400.0
 
 
-def raster(path: Path, farm: Farm, height_m: float) -> str:
+def raster(path, farm, height_m):
     """Write hills over a farm, in pixels of about 5 m."""
     ends = np.array([-AROUND_M, farm.width_cells * farm.cell_size_m + AROUND_M])
     latitude, longitude = farm.frame.to_wgs84(ends, ends)
@@ -43,7 +40,7 @@ def raster(path: Path, farm: Farm, height_m: float) -> str:
     return str(path)
 
 
-def above_ground(farm: Farm, mission: Mission, ground: FarmGround) -> np.ndarray:
+def above_ground(farm, mission, ground):
     """Return the heights over the ground along the straight legs between home and the waypoints."""
     waypoints = [one for one in mission.items if one.command == Command.NAV_WAYPOINT]
     xy = np.column_stack(farm.frame.from_wgs84(*np.array([(one.x, one.y) for one in waypoints]).T))
@@ -54,7 +51,7 @@ def above_ground(farm: Farm, mission: Mission, ground: FarmGround) -> np.ndarray
     return heights + ground(np.array([farm.home_m]))[0] - ground(places)
 
 
-def test_a_plan_keeps_its_height_above_the_ground_and_the_prediction_sees_it(tmp_path: Path) -> None:
+def test_a_plan_keeps_its_height_above_the_ground_and_the_prediction_sees_it(tmp_path):
     farm = get_farm("miniberry-100")
     file = raster(tmp_path / "hills.tif", farm, 6.0)
     options = {"farm": "miniberry-100", "planner": "lawnmower", "budget": "600m"}
@@ -75,7 +72,7 @@ def test_a_plan_keeps_its_height_above_the_ground_and_the_prediction_sees_it(tmp
 
 @pytest.mark.slow
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
-def test_what_is_flown_follows_the_ground(tmp_path: Path, autopilot: str) -> None:
+def test_what_is_flown_follows_the_ground(tmp_path, autopilot):
     """By an exact estimate, while images are taken, after a PX4 has swung over the height of its take-off."""
     farm = get_farm("miniberry-100")
     file = raster(tmp_path / "hills.tif", farm, 6.0)
@@ -99,7 +96,7 @@ def test_what_is_flown_follows_the_ground(tmp_path: Path, autopilot: str) -> Non
     assert np.abs(over[imaging] - 20.0).max() <= 1.0
 
 
-def test_an_obstacle_is_flown_over_only_where_the_ground_allows(tmp_path: Path) -> None:
+def test_an_obstacle_is_flown_over_only_where_the_ground_allows(tmp_path):
     """A shed of 14 m under a flight of 20 m: over flat ground it is passed, on a slope it may be too near."""
     plain = get_farm("waterberry")
     shed = Obstacle(shapely.box(600.0, 600.0, 680.0, 680.0), height_m=14.0, name="shed")
@@ -111,14 +108,14 @@ def test_an_obstacle_is_flown_over_only_where_the_ground_allows(tmp_path: Path) 
     assert MissionBuilder.of(Scenario(farm="waterberry", altitude_m=20.0), farm).barred == ()
 
 
-def test_an_autopilot_that_follows_the_terrain_gets_heights_above_it() -> None:
+def test_an_autopilot_that_follows_the_terrain_gets_heights_above_it():
     done = plan(Scenario(farm="miniberry-100", budget="600m", height_above_ground_m=20.0, terrain_frame=True))
     waypoints = [one for one in done.mission.items if one.command == Command.NAV_WAYPOINT]
     assert {(one.frame, one.z) for one in waypoints} == {(Frame.GLOBAL_TERRAIN_ALT, 20.0)}
     assert done.prediction.feasible
 
 
-def test_heights_above_ground_need_a_ground_and_one_vehicle(tmp_path: Path) -> None:
+def test_heights_above_ground_need_a_ground_and_one_vehicle(tmp_path):
     given = {"farm": "miniberry-30", "height_above_ground_m": 20.0}
     with pytest.raises(ScenarioError, match="give either --terrain"):
         Scenario(**given)
@@ -132,9 +129,7 @@ def test_heights_above_ground_need_a_ground_and_one_vehicle(tmp_path: Path) -> N
         plan(Scenario(**given, terrain=(str(tmp_path / "none.tif"),)))
 
 
-def test_sorties_from_another_ground_height_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_sorties_from_another_ground_height_are_refused(tmp_path, capsys):
     farm = get_farm("miniberry-100")
     ground = FarmGround.read(farm, farm.home_m, (raster(tmp_path / "hills.tif", farm, 6.0),))
     x, y = np.meshgrid(np.arange(-50.0, 150.0), np.arange(-50.0, 150.0))

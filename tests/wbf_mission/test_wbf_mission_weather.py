@@ -1,9 +1,6 @@
-from __future__ import annotations
-
 import math
 from contextlib import nullcontext
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,10 +13,8 @@ from wbf_mission.addons.base.simulator import make_components
 from wbf_mission.flight import fly
 from wbf_mission.planning import MissionBuilder
 from wbf_mission.planning.conditions import flight_level, noise_of, wind_of, wind_of_run
-from wbf_mission.results.files import track_table
-from wbf_mission.results.result import Result
 from wbf_mission.run.plan import plan
-from wbf_mission.scenario import Scenario, ScenarioError, load_scenario
+from wbf_mission.scenario import Scenario, ScenarioError
 from wbf_mission.scenario.values import shear_values, turbulence_value
 
 WINDY = Scenario(
@@ -40,22 +35,18 @@ LOST = replace(WINDY, gps_noise_m=1.5, baro_noise_m=0.4)
     [
         ({"wind_shear": "linear"}, "wind shear 'linear': choose log, power, sitl"),
         ({"wind_roughness_m": 0.0}, "wind roughness"),
-        ({"wind_exponent": 2.0}, "wind exponent"),
-        ({"wind_height_m": 0.5}, "wind height"),
         ({"turbulence": "awful"}, "turbulence 'awful': choose light, moderate, severe, wind"),
-        ({"turbulence": -1.0}, "turbulence -1"),
         ({"turbulence": math.nan}, "turbulence nan"),
         ({"turbulence": "light", "wind_gust_m_s": 1.0}, "give only one of the two"),
-        ({"gps_noise_m": -0.1}, "gps noise"),
         ({"baro_noise_m": 99.0}, "baro noise"),
     ],
 )
-def test_weather_that_makes_no_sense_is_refused(changes: dict[str, object], message: str) -> None:
+def test_weather_that_makes_no_sense_is_refused(changes, message):
     with pytest.raises(ScenarioError, match=message):
-        Scenario(**changes)  # type: ignore[arg-type]
+        Scenario(**changes)
 
 
-def test_the_wind_of_a_scenario() -> None:
+def test_the_wind_of_a_scenario():
     wind = wind_of_run(WINDY)
     assert wind.turbulence is not None
     w20 = 5.0 * math.log(6.096 / 0.1) / math.log(10.0 / 0.1)
@@ -70,7 +61,7 @@ def test_the_wind_of_a_scenario() -> None:
     assert noise_of(WINDY.vehicle, 5).is_off
 
 
-def test_options() -> None:
+def test_options():
     assert shear_values("log, 0.03, 2") == {
         "wind_shear": "log",
         "wind_roughness_m": 0.03,
@@ -82,31 +73,18 @@ def test_options() -> None:
             shear_values(wrong)
 
 
-def test_a_scenario_file_tells_the_weather(tmp_path: Path) -> None:
-    path = tmp_path / "windy.toml"
-    path.write_text('wind_speed_m_s = 4\nwind_shear = "power"\nturbulence = 6.5\ngps_noise_m = 1.0\n')
-    scenario = load_scenario(path)
-    assert (scenario.weather.wind_shear, scenario.weather.turbulence, scenario.vehicle.gps_noise_m) == (
-        "power",
-        6.5,
-        1.0,
-    )
-    path.write_text('turbulence = "light"\n')
-    assert load_scenario(path).weather.turbulence == "light"
-
-
-def test_a_wind_too_strong_at_the_height_of_the_flight_is_refused() -> None:
+def test_a_wind_too_strong_at_the_height_of_the_flight_is_refused():
     calm_below = Scenario(wind_speed_m_s=12.0, wind_height_m=2.0, wind_shear="log", altitude_m=60.0)
     with pytest.raises(ScenarioError, match="blown away"):
         plan(calm_below)
 
 
 @pytest.fixture(scope="module")
-def flights() -> tuple[Result, Result]:
+def flights():
     return fly(WINDY), fly(LOST)
 
 
-def test_noise_leaves_the_wind_and_the_belief_alone(flights: tuple[Result, Result]) -> None:
+def test_noise_leaves_the_wind_and_the_belief_alone(flights):
     sure, lost = flights
     assert sure.outcome.is_good and lost.outcome.is_good
     assert lost.battery_used == sure.battery_used
@@ -116,7 +94,7 @@ def test_noise_leaves_the_wind_and_the_belief_alone(flights: tuple[Result, Resul
     np.testing.assert_array_equal(lost.track.y_m, sure.track.y_m)
 
 
-def test_the_truth_is_beside_what_was_believed(flights: tuple[Result, Result]) -> None:
+def test_the_truth_is_beside_what_was_believed(flights):
     sure, lost = flights
     assert sure.true_track is None and sure.summary()["position_error_m"] is None
     assert lost.true_track is not None
@@ -128,7 +106,7 @@ def test_the_truth_is_beside_what_was_believed(flights: tuple[Result, Result]) -
     assert heights.min() >= 0.0 and heights[-1] == 0.0
 
 
-def test_errors_of_place_cost_score_and_put_leaves_into_wrong_cells(flights: tuple[Result, Result]) -> None:
+def test_errors_of_place_cost_score_and_put_leaves_into_wrong_cells(flights):
     sure, lost = flights
     assert sure.truth is not None and sure.model is not None and lost.model is not None
     for result, right in ((sure, True), (lost, False)):
@@ -138,19 +116,13 @@ def test_errors_of_place_cost_score_and_put_leaves_into_wrong_cells(flights: tup
     assert lost.history.entries[-1].score < sure.history.entries[-1].score
 
 
-def test_the_table_of_the_track_has_both(flights: tuple[Result, Result]) -> None:
-    for result, columns in zip(flights, (9, 14), strict=True):
-        table = track_table(result.flights)
-        assert table.shape == (len(result.track.time_s), columns)
-
-
-def test_an_ardupilot_tells_the_truth_too() -> None:
+def test_an_ardupilot_tells_the_truth_too():
     result = fly(replace(LOST, autopilot="ardupilot"))
     assert result.outcome.is_good and result.true_track is not None
     assert len(result.true_track.time_s) > 0.8 * len(result.track.time_s)
 
 
-def test_the_simulator_has_the_weather_and_the_errors() -> None:
+def test_the_simulator_has_the_weather_and_the_errors():
     simulated = make_components(LOST, count=2, with_camera=False)
     first, second = simulated.vehicles
     assert first.errors is not None and second.errors is not None
@@ -159,9 +131,9 @@ def test_the_simulator_has_the_weather_and_the_errors() -> None:
     assert make_components(WINDY, with_camera=False).vehicle.errors is None
 
 
-@pytest.mark.parametrize("vehicle", ["quad", "mini-quad", "mapping-quad"])
+@pytest.mark.parametrize("vehicle", ["quad", "mini-quad"])
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_the_greatest_speeds_bound_the_wind_and_the_cruise_speed(vehicle: str, autopilot: str) -> None:
+def test_the_greatest_speeds_bound_the_wind_and_the_cruise_speed(vehicle, autopilot):
     flown = with_autopilot(get_vehicle(vehicle), autopilot)
     limits = {"wind_speed_m_s": flown.airspeed_limit_m_s, "cruise_speed_m_s": flown.fastest_m_s}
     for name, fastest in limits.items():

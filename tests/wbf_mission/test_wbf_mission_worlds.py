@@ -79,12 +79,3 @@ def test_files_beside_a_catalogued_scenario_are_found():
     smooth = load_scenario("WBF/Miniberry-30-Smooth-v1")
     assert resolve(smooth).fields.names == ("short", "middle", "long")
     assert "WBF/fields/smooth" not in scenario_ids()
-
-
-def test_a_gaussian_process_is_at_home_on_smooth_fields():
-    base = scenario_with(load_scenario("WBF/Miniberry-30-Smooth-v1"), {"planner": "lawnmower"})
-    losses = {}
-    for estimator in ("gp", "adaptive-disk"):
-        result = fly(scenario_with(base, {"estimator": estimator}))
-        losses[estimator] = np.square(result.model.value - result.truth).mean(axis=(1, 2))
-    assert (losses["gp"] < 0.5 * losses["adaptive-disk"]).all()

@@ -11,17 +11,15 @@ import time
 import msgspec
 import pytest
 from processes import environment
-from sweeps import slow
 
 from mission.planners import planner_names
 from sensors.estimators.point import PointEstimator
 from wbf_mission import Decision, Triggers, benchmark
-from wbf_mission.addons.base.standings import standings
 from wbf_mission.bench import engine
 from wbf_mission.bench.benchmark import BenchmarkInterrupted
 from wbf_mission.bench.engine import fly_all, fly_run
 from wbf_mission.bench.provenance import hardware
-from wbf_mission.bench.rows import BenchStore, build_of, read_rows
+from wbf_mission.bench.rows import BenchStore, read_rows
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.cli.app import main
 
@@ -81,14 +79,6 @@ def test_a_policy_is_held_to_the_last_paths_that_it_chose(tmp_path, budget, told
         assert row.predicted_time_s is None  # metres are no time
     else:
         assert row.predicted_time_s == pytest.approx(row.flight_time_s, rel=error)
-
-
-def test_the_environment_of_a_seed_is_shared(rows):
-    at = {(one.planner, one.estimator, one.seed): one for one in rows}
-    # Before anything is known of the other cells all estimators stand alike on one seed, not on another.
-    first = {seed: at["spiral", "point", seed].scores[0] for seed in (0, 1)}
-    assert first[0] != first[1]
-    assert at["lawnmower", "point", 0].scores[0] == pytest.approx(first[0], rel=0.2)
 
 
 def test_processes_change_nothing_and_runs_that_cannot_be_flown_there_are_rows_that_say_so(spec, rows):
@@ -152,28 +142,6 @@ def test_a_run_that_fails_is_kept_with_the_cause_and_the_others_go_on(tmp_path, 
     assert flown == ["Broken", "Broken"]
 
 
-class GoesNowhere:
-    """Has a path of no length on some environments, here all."""
-
-    triggers = Triggers()
-
-    def start(self):
-        pass
-
-    def decide(self, observation):
-        return Decision({one.system_id: [one.request.start_xy_m] for one in observation.vehicles})
-
-
-def test_a_flight_that_sees_nothing_is_a_failure_and_counts_as_the_worst():
-    rows = benchmark(BenchSpec.of(TEN, [GoesNowhere(), "spiral"], ["point"], 2))
-    assert [row.error for row in rows if row.planner == "GoesNowhere"] == [
-        "no score: no cell of the farm was observed"
-    ] * 2
-    best, nowhere = standings(rows)
-    assert (best.planner, best.environments, best.failed) == ("spiral", 2, 0)
-    assert (nowhere.environments, nowhere.failed) == (2, 2)
-
-
 def test_a_run_does_not_see_what_those_before_it_left(tmp_path):
     class Counting(PointEstimator):
         count = 0
@@ -207,15 +175,8 @@ def test_rows_of_other_code_are_kept_apart_with_a_word(tmp_path, monkeypatch, ca
     assert {one.codes["code"] for one in again} == {"1.2.3"}
     assert main(["bench", "report", str(tmp_path), "--json", "--out", str(tmp_path / "report")]) == 0
     told = capsys.readouterr()
-    found = json.loads(told.out)["standings"]
-    assert [one["environments"] for one in found] == [2, 2, 2]
-    build = build_of(old[0])
-    names = {one["scenario"] for one in found}
-    assert f"{TEN[0]} [{build}, 1.2.3]" in names
-    assert len(names) == 3
-    assert "warning: rows of 3 versions" in told.err
-    assert f"{build}, 1.2.3: 2 rows" in told.err
-    assert "of 3 behaviours" in told.err
+    assert [one["environments"] for one in json.loads(told.out)["standings"]] == [2, 2, 2]
+    assert "warning: rows of 3 versions" in told.err and "of 3 behaviours" in told.err
 
 
 def test_ctrl_c_gives_what_is_done(spec, tmp_path, monkeypatch):
@@ -253,15 +214,11 @@ def started(folder, *more):
     return process
 
 
-@pytest.mark.parametrize(
-    ("jobs", "number", "code"),
-    [("2", signal.SIGINT, 130), slow("2", signal.SIGTERM, 143), slow("1", signal.SIGINT, 130)],
-)
-def test_a_signal_keeps_what_is_finished(tmp_path, jobs, number, code):
-    process = started(tmp_path / "b", "--jobs", jobs)
-    os.killpg(process.pid, number)  # a terminal sends it to the workers as well
+def test_a_signal_keeps_what_is_finished(tmp_path):
+    process = started(tmp_path / "b", "--jobs", "2")
+    os.killpg(process.pid, signal.SIGINT)  # a terminal sends it to the workers as well
     out, err = process.communicate(timeout=120)
-    assert process.returncode == code
+    assert process.returncode == 130
     (row,) = json.loads(out)["standings"]
     assert 2 <= row["environments"] < 3000
     assert len(read_rows(tmp_path / "b")) == row["environments"]
@@ -269,31 +226,12 @@ def test_a_signal_keeps_what_is_finished(tmp_path, jobs, number, code):
     assert "Traceback" not in err
 
 
-@pytest.mark.slow
-def test_kill_keeps_what_is_finished(tmp_path, capsys):
-    process = started(tmp_path / "b")
-    os.killpg(process.pid, signal.SIGKILL)
-    process.communicate(timeout=120)
-    before = len(read_rows(tmp_path / "b"))
-    assert 2 <= before < 3000
-    arguments = ["bench", "run", "--scenarios", TEN[0], "--planners", "lawnmower", "--estimators", "point"]
-    assert main([*arguments, "--seeds", str(before + 1), "--out", str(tmp_path / "b"), "--json"]) == 0
-    (row,) = json.loads(capsys.readouterr().out)["standings"]
-    assert row["environments"] == before + 1
-
-
-def test_the_commands_print_tables(spec, rows, tmp_path, capsys):
+def test_the_commands_print_tables(tmp_path, capsys):
     benchmark(BenchSpec.of(scenarios=TEN, planners=["spiral"], estimators=["point"], seeds=2), out=tmp_path)
-    capsys.readouterr()
-    assert main(["bench", "report", str(tmp_path)]) == 0
-    text = capsys.readouterr().out
-    assert TEN[0] in text
-    assert "spiral" in text
     assert main(["bench", "report", str(tmp_path), "--out", str(tmp_path / "report")]) == 0
+    text = capsys.readouterr().out
+    assert TEN[0] in text and "spiral" in text
     assert (tmp_path / "report" / "report.html").is_file()
-    capsys.readouterr()
-    assert main(["bench", "list"]) == 0
-    assert "Fifteen days" in capsys.readouterr().out
     assert main(["bench", "report", str(tmp_path / "no")]) == 2
     assert "holds no results of a benchmark" in capsys.readouterr().err
     assert main(["bench", "run", "--out", str(tmp_path / "x"), "--jobs", "0"]) == 2

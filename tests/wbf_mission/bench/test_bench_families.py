@@ -7,16 +7,7 @@ import pytest
 from geo.farms import get_farm
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.cli.app import main
-from wbf_mission.run.plan import plan_fleet
-from wbf_mission.scenario import (
-    ScenarioError,
-    families,
-    family_of,
-    get_family,
-    load_scenario,
-    scenario_ids,
-    scenario_with,
-)
+from wbf_mission.scenario import families, family_of, load_scenario, scenario_ids
 
 
 def test_every_scenario_of_a_family_exists_and_is_in_no_other():
@@ -30,16 +21,6 @@ def test_a_family_can_be_flown_by_its_planners_and_estimators(family):
     spec = BenchSpec.of(family.scenarios, family.planners, family.estimators, 1)
     assert len(spec) == len(family.scenarios) * len(family.planners) * len(family.estimators)
     assert all(load_scenario(one).score.points == 36 for one in family.scenarios)
-
-
-@pytest.mark.parametrize("name", get_family("farms").scenarios)
-def test_farms_of_real_fields_have_a_thousand_cells_with_both_crops(name):
-    farm = load_scenario(name).farm.load()
-    assert 950 <= farm.owner_cells <= 1050 and farm.notes == ()
-    assert set(farm.grown) == {"strawberry", "tomato"}
-    for crop in farm.grown:
-        assert 0.4 < farm.grid().of_crops([crop]).sum() / farm.owner_cells < 0.6
-    assert farm.width_cells * farm.height_cells <= 128 * 128  # epidemic sees them as a whole
 
 
 def test_the_farms_are_what_the_tool_writes(tmp_path):
@@ -71,21 +52,3 @@ def test_bench_run_flies_a_family(capsys, tmp_path):
     )
     assert main(["bench", "run", str(tmp_path / "a.toml"), "--family", "smooth", *few]) == 2
     assert "give only one of the two" in capsys.readouterr().err
-
-
-def test_an_unknown_family_is_told():
-    with pytest.raises(ScenarioError, match="unknown family 'field': choose own, worlds"):
-        get_family("field")
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=[pytest.mark.slow] if name != family.scenarios[0] else [])
-        for family in families()
-        for name in family.scenarios
-    ],
-)
-def test_every_planner_of_a_family_finds_a_path(name):
-    for planner in ("lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint"):
-        assert plan_fleet(scenario_with(load_scenario(name), {"planner": planner, "estimator": "point"}))

@@ -1,6 +1,5 @@
 """Planners of other libraries in the benchmark, with stand-ins for the libraries' programs."""
 
-import os
 import shutil
 import sys
 from functools import cache
@@ -9,10 +8,7 @@ from pathlib import Path
 import numpy as np
 import peers
 import pytest
-import shapely
 
-from geo.grid import Crop
-from mission.planners import CropArea, LengthBudget, PlanningRequest
 from wbf_mission import BenchSpec, Scenario, benchmark, fly
 from wbf_mission.scenario.choice import Choice
 
@@ -98,32 +94,7 @@ def test_goals_of_a_library_are_flown_one_after_the_other():
     assert again.score == first.score
 
 
-@pytest.mark.usefixtures("libraries")
-def test_a_program_that_ends_is_told():
-    worker = peers.worker("pypolo")
-    worker.close()
-    with pytest.raises(RuntimeError, match="its program has ended"):
-        worker.ask({"ask": "start"})
-
-
-def test_the_environment_is_left_as_it_was():
-    assert peers.FOLDER not in os.environ
-
-
 def test_a_path_is_cut_into_steps_of_the_robot():
     path = peers.steps_along([[1.0, 0.0], [1.0, 0.4]], (0.0, 0.0), 0.3)
     assert path == pytest.approx(np.array([[0.3, 0], [0.6, 0], [0.9, 0], [1.0, 0.2], [1.0, 0.4]]))
     assert len(peers.steps_along([[0.9, 0.0]], (0.0, 0.0), 0.3)) == 3
-
-
-def test_only_land_with_crops_is_to_be_known():
-    request = PlanningRequest(
-        shapely.box(0, 0, 4, 2),
-        (0.0, 0.0),
-        LengthBudget(9.0),
-        0.5,
-        (CropArea(Crop.TOMATO, shapely.box(0, 0, 1, 1)), CropArea(Crop.STRAWBERRY, shapely.box(3, 1, 4, 2))),
-    )
-    points = np.array(peers.land(request))
-    assert len(points) == 8
-    assert set(np.unique(points[:, 0])) == {0.25, 0.75, 3.25, 3.75}

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -113,20 +112,6 @@ def test_the_behaviour_of_each_room_counts(monkeypatch, room):
     assert not before & keys_of(planners=["spiral"], estimators=["point"])
 
 
-def test_keys_do_not_depend_on_source_files(monkeypatch):
-    kept = keys_of(planners=["spiral", "greedy"], estimators=["gp"])
-    monkeypatch.setattr(Path, "read_bytes", lambda path: b"")
-    assert keys_of(planners=["spiral", "greedy"], estimators=["gp"]) == kept
-
-
-def test_a_policy_is_asked_in_flight_and_a_planner_before():
-    planner, policy = BenchSpec.of(
-        scenarios=TEN, planners=["spiral", "greedy"], estimators=["gp"], seeds=1
-    ).runs()
-    assert (planner.scenario.mission.planner.name, planner.scenario.mission.policy) == ("spiral", None)
-    assert policy.scenario.mission.policy.name == "greedy"
-
-
 def test_runs_of_one_environment_follow_one_another():
     seeds = [one.seed for one in BenchSpec.of(scenarios=TEN, seeds=[5, 2]).runs()]
     assert seeds == [5] * 8 + [2] * 8
@@ -156,28 +141,22 @@ def test_a_file_may_name_scenarios_beside_it(tmp_path):
     [
         ("seeds = 0", "seeds 0 are neither a number of seeds"),
         ("seeds = [1, 1]", "seeds: a seed is given twice"),
-        ("seeds = [-1]", "neither a number of seeds"),
         ("seeds = true", "neither a number of seeds"),
+        ("seeds = 20_000_000", "neither a number of seeds"),
         ('seeds = "9..5"', "'9..5' is neither a seed nor a range"),
-        ('seeds = "1..2..3"', "'1..2..3' is neither a seed nor a range"),
-        ('seeds = "-1"', "neither a seed nor a range"),
         ('seeds = "5,"', "'' is neither a seed nor a range"),
         ('seeds = "0..99999999999"', "too many seeds"),
-        ('seeds = "0"', "seeds 0 are neither a number of seeds"),
         ('seeds = "3..5,4"', "a seed is given twice"),
-        ("seeds = 20_000_000", "neither a number of seeds"),
         ("planners = []", "planners [] is not a list with entries"),
         ('planners = "spiral"', "planners 'spiral' is not a list"),
         ('planners = ["spirall"]', "unknown planner or policy 'spirall' (is 'spiral' meant?)"),
         ('planners = ["spiral", "spiral"]', "planners: spiral is given twice"),
-        ('planners = ["spiral:speed=3"]', "speed"),
         ('planners = ["greedy:nix=3"]', "nix"),
-        ('estimators = ["gpp"]', "gpp"),
         ("estimators = [3]", "estimator 3"),
         ("scenarios = [3]", "3 is neither an id nor a file"),
         ('scenarios = ["nix.toml"]', "nix.toml: cannot be read"),
-        ('scenarios = ["WBF/Nix-v1"]', "unknown scenario WBF/Nix-v1"),
-        ("nix = 1", "unknown key 'nix'"),
+        ('scenarios = ["WBF/Miniberry30-v1"]', "is WBF/Miniberry-30-v1 meant"),
+        ("nix = 1", "spec.toml: unknown key 'nix'"),
         ("seeds = ", "cannot be read as a scenario"),
     ],
 )
@@ -187,9 +166,3 @@ def test_what_is_wrong_is_named(tmp_path, text, words):
         BenchSpec.read(tmp_path / "spec.toml")
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_a_file_that_is_wrong_is_named(tmp_path):
-    (tmp_path / "spec.toml").write_text("nix = 1\n")
-    with pytest.raises(ScenarioError, match=r"spec.toml: unknown key"):
-        BenchSpec.read(tmp_path / "spec.toml")

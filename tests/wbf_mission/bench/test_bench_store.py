@@ -1,6 +1,5 @@
 """Rows that are kept."""
 
-import errno
 from array import array
 from pathlib import Path
 
@@ -63,24 +62,6 @@ def test_rows_come_back_equal_from_journal_and_table(tmp_path_factory, rows):
         assert store.done == {key: one.error is None for key, one in by_key(rows).items()}
 
 
-def test_what_rows_have_in_common_is_in_memory_once(tmp_path):
-    common = {
-        "versions": {"python": "3", "commit": "4622"},
-        "codes": {"code": "c0de"},
-        "hardware": {"cores": "2"},
-        "objects": {"planner": "UCB(beta=9.0)"},
-        "bad_answers": {"crashed": 1},
-    }
-    with BenchStore(tmp_path) as store:
-        store.add(row(1, **common))
-    store = BenchStore(tmp_path)
-    store.add(row(2, **common))
-    first, second = read_rows(tmp_path)  # one of the table, one of the journal
-    store.close()
-    assert [name for name in common if getattr(first, name) is not getattr(second, name)] == []
-    assert {name: getattr(first, name) for name in common} == common
-
-
 def test_a_row_that_was_half_written_is_flown_again(tmp_path):
     store = BenchStore(tmp_path)
     store.add(row(1, score=-1.0))
@@ -94,16 +75,6 @@ def test_a_row_that_was_half_written_is_flown_again(tmp_path):
         again.add(row(2))
     assert [one.seed for one in read_rows(tmp_path)] == [1, 2]
     assert sorted(path.name for path in tmp_path.iterdir()) == [".lock", TABLE]
-
-
-def test_the_later_row_of_a_run_counts(tmp_path):
-    with BenchStore(tmp_path) as store:
-        store.add(row(1, error="no"))
-    with BenchStore(tmp_path) as store:
-        store.add(row(1, score=-2.0))
-        assert store.done == {"0001": True}
-    (found,) = read_rows(tmp_path)
-    assert (found.error, found.score) == (None, -2.0)
 
 
 def test_only_one_process_writes(tmp_path):
@@ -154,27 +125,6 @@ def test_a_table_of_too_many_rows_is_not_read(tmp_path, monkeypatch):
         read_rows(tmp_path)
 
 
-def test_the_table_is_plain_columns(tmp_path):
-    with BenchStore(tmp_path) as store:
-        store.add(
-            row(
-                1,
-                score=-0.5,
-                losses={"tylcv": 0.25},
-                scores=array("d", [-1.0, -0.5]),
-                history={"tylcv": array("d", [1.0, 0.25])},
-            )
-        )
-        store.add(row(2, error="no such thing"))
-    table = pq.read_table(tmp_path / TABLE)
-    assert {"key", "scenario", "planner", "estimator", "seed", "score", "loss_tylcv"} <= set(
-        table.column_names
-    )
-    assert table["loss_tylcv"].to_pylist() == [0.25, None]
-    assert table["history_tylcv"].to_pylist() == [[1.0, 0.25], None]
-    assert str(table.schema.field("seed").type) == "uint64"
-
-
 def test_a_full_disk_is_told_by_the_name_of_the_journal(tmp_path):
     store = BenchStore(tmp_path)
     store.add(row(1))
@@ -186,13 +136,3 @@ def test_a_full_disk_is_told_by_the_name_of_the_journal(tmp_path):
     store._journal = kept
     store.close()
     assert [one.key for one in store.rows] == ["0001"]
-
-
-def test_a_disk_without_locks_is_written(tmp_path, monkeypatch):
-    def fails(descriptor, operation):
-        raise OSError(errno.ENOLCK, "No locks available")
-
-    monkeypatch.setattr("fcntl.flock", fails)
-    with BenchStore(tmp_path) as store:
-        store.add(row(1))
-    assert len(read_rows(tmp_path)) == 1

@@ -1,6 +1,5 @@
 """Findings, reports, and the ways through a mission."""
 
-import json
 import re
 
 import pytest
@@ -38,16 +37,6 @@ def test_an_error_is_told_in_one_line_with_the_way_out():
     told = "mission item 3 (NAV_LAND): is wrong; height 3 m (at most 2 m); change it (and 1 more error)"
     assert str(caught.value) == f"{told}; preflight check: nothing was sent, --force does it nevertheless"
     Report((NOTE,)).require_no_errors("nothing was sent", EventStream())
-
-
-def test_a_finding_is_plain_values_for_json():
-    values = json.loads(json.dumps(ERROR.summary()))
-    assert values["item"] == 3
-    assert (values["measured"], values["value"], values["unit"]) == ("height", 3, "m")
-    assert (values["limit"], values["against"]) == (2, "at most")
-    nothing = json.loads(json.dumps(NOTE.summary()))
-    assert nothing.keys() == values.keys()
-    assert (nothing["fix"], nothing["value"], nothing["against"]) == (None, None, None)
 
 
 @given(st.floats(-1e6, 1e6, allow_nan=False), st.floats(-1e6, 1e6, allow_nan=False), st.sampled_from(Against))

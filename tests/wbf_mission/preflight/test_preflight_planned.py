@@ -1,7 +1,5 @@
 """What our own planners make has no errors, whoever flies it."""
 
-from dataclasses import replace
-
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -9,7 +7,7 @@ from sweeps import slow, sweep
 
 from mission.errors import PlanningError
 from wbf_mission.preflight.finding import Severity
-from wbf_mission.preflight.run import check_mission, check_plan
+from wbf_mission.preflight.run import check_mission
 from wbf_mission.preflight.subject import Circumstances
 from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario
@@ -88,19 +86,6 @@ def test_a_plan_for_the_whole_battery_of_a_vehicle_that_fits_the_farm_has_no_war
     assert [str(one) for one in report.findings if one.severity is not Severity.NOTE] == []
 
 
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_a_fixed_wing_over_a_small_farm_is_told_how_little_it_flies(autopilot):
-    scenario = Scenario(farm="miniberry-30", planner="lawnmower", vehicle="fixed-wing", autopilot=autopilot)
-    made = plan(scenario)
-    report = check_mission(made.mission, Circumstances(scenario.vehicle, scenario.weather, made.farm)).report
-    found, *unseen = report.of(Severity.WARNING)
-    assert found.code == "tight-turn"
-    # ArduPlane flies so far beyond the rows that no image shows the farm.
-    assert [one.code for one in unseen] == ["unseen"] * (made.coverage == 0.0)
-    assert found.measure.value < found.measure.limit == 90.0
-    assert "fly a multirotor" in found.fix
-
-
 def test_an_autopilot_that_ignores_a_parameter_is_counted_the_same_everywhere():
     scenario = Scenario(
         farm="miniberry-30", planner="lawnmower", autopilot="ardupilot", acceptance_radius_m=2.0
@@ -113,36 +98,3 @@ def test_an_autopilot_that_ignores_a_parameter_is_counted_the_same_everywhere():
     assert remark.count == found.count == remark.summary()["count"] == waypoints > 50
     assert remark.item is not None and found.item == remark.item + 1
     assert str(found) == str(remark)
-
-
-@pytest.mark.parametrize("gust_m_s", [0.0, 1.5])
-def test_the_check_predicts_what_planning_does(gust_m_s):
-    scenario = Scenario(
-        farm="miniberry-10",
-        planner="spiral",
-        budget="2min",
-        wind_speed_m_s=4.0,
-        wind_direction_deg=250.0,
-        wind_gust_m_s=gust_m_s,
-    )
-    result = plan(scenario)
-    checked = check_mission(result.mission, Circumstances(scenario.vehicle, scenario.weather))
-    assert result.prediction.duration_interval_s is not None
-    predicted = checked.subject.prediction
-    for name in ("duration_s", "energy_wh", "path_length_m", "duration_interval_s", "energy_bound_wh"):
-        assert getattr(predicted, name) == getattr(result.prediction, name), name
-    (told,) = [one.text for one in checked.report.findings if one.code == "flight"]
-    assert f"in a wind of 4 m/s{' and gusts' if gust_m_s else ''}: " in told
-
-
-@pytest.mark.parametrize(("vehicle", "planner"), [("quad", "spiral"), ("mapping-quad", "survey")])
-def test_the_coverage_of_planning_is_that_of_the_check_and_is_not_computed_again(vehicle, planner):
-    scenario = Scenario(farm="miniberry-30", planner=planner, vehicle=vehicle)
-    made = plan(scenario)
-    around = replace(Circumstances.of(scenario, made.farm), imaging=made.imaging)
-    checked = check_mission(made.mission, around).subject
-    assert checked.coverage == pytest.approx(made.coverage, abs=1e-3)
-    predicted = replace(around, prediction=made.prediction)
-    assert check_mission(made.mission, predicted).subject.coverage == made.coverage
-    codes = [finding.code for finding in check_plan(replace(made, coverage=0.0), scenario).findings]
-    assert "unseen" in codes

@@ -35,12 +35,6 @@ def test_the_page_tells_where_ours_leads_and_where_it_does_not():
     )
 
 
-def test_methods_that_were_not_flown_are_told():
-    rows = [row(SWEEP, "spiral", "gp", seed, -0.3 - 0.01 * seed) for seed in range(3)]
-    page = "\n".join(families.markdown(rows))
-    assert f"| `own` | {SWEEP} | 3 |  |  | spiral, gp | -0.3100" in page and "| nothing to compare |" in page
-
-
 def test_whether_what_is_stated_holds():
     rows = [
         structs.replace(

@@ -43,9 +43,7 @@ def test_choices_that_plan_the_same_path_are_tried_once():
         load_scenario(SCENARIO), ["lawnmower", "lawnmower:direction=x", "lawnmower:direction=1.5708"]
     )
     assert kept == ["lawnmower", "lawnmower:direction=1.5708"]
-
-
-def test_a_path_that_does_not_fit_is_not_tried():
+    # A path that does not fit is not tried.
     assert distinct(load_scenario(SCENARIO), ["lawnmower:max_spacing_m=0.31", "spiral"]) == ["spiral"]
 
 

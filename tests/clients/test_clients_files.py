@@ -19,8 +19,7 @@ def finished(start, limit_s=60.0):
             return name
 
 
-@autopilots()
-@pytest.mark.parametrize("burst", [False, True])
+@pytest.mark.parametrize(("autopilot", "burst"), [("px4", True), ("ardupilot", False)])
 def test_mavsdk_puts_lists_compares_gets_and_removes_a_file(autopilot, burst, connected, tmp_path):
     from mavsdk.plugins.ftp import Ftp, FtpError
 

@@ -14,7 +14,7 @@ def gimbal_of(flying):
 def test_mavsdk_takes_control_turns_the_gimbal_and_follows_it(connected, tools):
     from mavsdk.plugins.gimbal import ControlMode, Gimbal, GimbalMode, SendMode
 
-    flying, system = connected("ardupilot", camera=True, speed=2.0)
+    flying, system = connected("ardupilot", camera=True, speed=4.0)
     tools.request_streams(flying)
     gimbal = Gimbal(system)
     found = tools.wait_until(lambda: gimbal.gimbal_list().gimbals, what="the gimbal")

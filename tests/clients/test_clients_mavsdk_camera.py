@@ -47,11 +47,7 @@ def test_pictures_one_by_one_and_in_series(autopilot, shooting, tools):
     storage = []
     camera.subscribe_storage(lambda update, _: storage.append(update.storage))
     (found,) = camera.camera_list().cameras
-    assert (found.component_id, found.vendor_name, found.model_name) == (
-        CAMERA,
-        "wbf-mission",
-        "leaf camera",
-    )
+    assert (found.component_id, found.vendor_name, found.model_name) == (CAMERA, "wbf-mission", "leaf camera")
     assert found.horizontal_resolution_px == found.vertical_resolution_px == 1
     camera.set_mode(CAMERA, Mode.PHOTO)
     tools.wait_until(lambda: camera.get_mode(CAMERA) == Mode.PHOTO, what="photo mode")

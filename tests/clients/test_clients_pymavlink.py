@@ -133,7 +133,7 @@ def test_old_scripts_with_float_items_and_the_waypoint_loader(autopilot, master,
 
 @autopilots(slow_with=["px4"])
 def test_a_mission_is_flown(autopilot, master, tools):
-    flying, connection = master(autopilot)
+    flying, connection = master(autopilot, speed=20.0)
     ardupilot = autopilot == "ardupilot"
     assert upload(connection, flying.mission)[0] == 0
     connection.waypoint_set_current_send(0)
@@ -159,8 +159,7 @@ def test_a_mission_is_flown(autopilot, master, tools):
 
 @autopilots(slow_with=["ardupilot"])
 def test_guided_flight_by_commands(autopilot, master):
-    """Arm, take off, wait for the altitude, go somewhere, come back."""
-    flying, connection = master(autopilot)
+    flying, connection = master(autopilot, speed=20.0)
     ardupilot = autopilot == "ardupilot"
     assert set(connection.mode_mapping()) >= {"GUIDED", "RTL"} if ardupilot else {"LOITER", "RTL"}
     if ardupilot:

@@ -1,14 +1,10 @@
 """Our client and commands before a vehicle that is not ours: MAVSDK's server plugins."""
 
-import json
-import subprocess
-import sys
 from contextlib import contextmanager
 from types import SimpleNamespace
 
 import pytest
 
-from mission.files import read_mission, write_mission
 from mission.link import MavlinkEndpoint, open_link
 from mission.link.codec.dialect import mavlink
 from mission.model import GeoPoint, Mission, MissionItem, MissionType
@@ -62,54 +58,20 @@ def survey(number):
 
 def test_driver_uploads_downloads_and_clears(reference, tools):
     items = (*tools.mission_about(HOME)[:1], *survey(300), *tools.mission_about(HOME)[-1:])
+    fence, rally = tools.fence_about(HOME), tools.rally_about(HOME)
     with driver_on(reference.url) as driver:
         assert driver.vehicle.component_id == 1
-        (cost,) = driver.upload(Mission(items, home=HOME))
-        assert cost.retries == 0
-        result, plan = tools.wait_until(lambda: reference.received, what="the mission")[-1]
-        assert result.name == "SUCCESS"
-        assert [(i.command, i.x, i.y) for i in plan.mission_items] == [
-            (i.command, i.wire_x(), i.wire_y()) for i in items
-        ]
-        mission, _ = driver.download(types=[MissionType.MISSION])
-        assert [i.wire_x() for i in mission.items] == [i.wire_x() for i in items]
+        costs = driver.upload(Mission(items, home=HOME, fence=fence, rally=rally))
+        assert [cost.retries for cost in costs] == [0, 0, 0], "each is read back and compared"
+        tools.wait_until(lambda: len(reference.received) == 3, what="the plans")
+        assert {result.name for result, _ in reference.received} == {"SUCCESS"}
+        back, _ = driver.download()
+        for mine, theirs in ((items, back.items), (fence, back.fence), (rally, back.rally)):
+            assert [(i.command, i.wire_x(), i.wire_y()) for i in theirs] == [
+                (i.command, i.wire_x(), i.wire_y()) for i in mine
+            ]
         driver.clear([MissionType.MISSION])
         tools.wait_until(lambda: reference.cleared, what="the clearing")
-
-
-def test_fence_and_rally_points_go_with_the_mission(reference, tools):
-    fence, rally = tools.fence_about(HOME), tools.rally_about(HOME)
-    plans = Mission(tools.mission_about(HOME), home=HOME, fence=fence, rally=rally)
-    with driver_on(reference.url) as driver:
-        assert len(driver.upload(plans)) == 3, "each is read back and compared"
-        back, _ = driver.download()
-    assert [i.command for i in back.items] == [i.command for i in plans.items]
-    assert [(i.command, i.wire_x()) for i in back.fence] == [(i.command, i.wire_x()) for i in fence]
-    assert [(i.command, i.wire_y()) for i in back.rally] == [(i.command, i.wire_y()) for i in rally]
-
-
-def run(*arguments):
-    return subprocess.run(
-        [sys.executable, "-m", "wbf_mission", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-
-
-def test_upload_and_download_commands(reference, tools, tmp_path):
-    plan, back = tmp_path / "sent.plan", tmp_path / "back.plan"
-    items = (*tools.mission_about(HOME), *survey(40))
-    write_mission(Mission(items, home=HOME), plan)
-    done = run("upload", plan, "--connect", reference.url, "--json")
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["items"] == {"mission": len(items)}
-    done = run("download", "--connect", reference.url, "--out", back)
-    assert done.returncode == 0, done.stderr
-    again = read_mission(back).items
-    assert [(i.command, i.wire_x(), i.wire_y()) for i in again] == [
-        (i.command, i.wire_x(), i.wire_y()) for i in items
-    ]
 
 
 def test_its_parameters_telemetry_and_actions_reach_our_endpoint(reference, tools):

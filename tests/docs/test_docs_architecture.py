@@ -1,15 +1,10 @@
 """The page on the architecture knows every room, its picture can be drawn, and every decision is listed."""
 
 import importlib
-import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
-from PIL import Image
-from PIL.PngImagePlugin import PngInfo
 
 ROOT = Path(__file__).parents[2]
 FLOORS = ("geo", "sensors", "mission", "sim_vehicle", "wbf_mission")
@@ -40,33 +35,9 @@ def test_the_files_that_it_sends_a_reader_to_exist():
     assert [name for name in named if not (ROOT / name).exists()] == []
 
 
-@pytest.fixture(scope="module")
-def drawing():
-    """Import what draws the picture, and with it matplotlib."""
-    return importlib.import_module("draw_architecture")
-
-
-def test_the_picture_is_that_of_the_code(drawing):
+def test_the_picture_is_that_of_the_code():
+    drawing = importlib.import_module("draw_architecture")
     assert drawing.check(drawing.PICTURE) == []
-
-
-def test_a_picture_that_the_code_has_left_behind_is_found(drawing, tmp_path):
-    picture = tmp_path / "architecture.png"
-    drawing.draw(picture)
-    with Image.open(picture) as image:
-        said = json.loads(image.info["Description"])
-    said["rooms"]["mission.files"][1] *= 2
-    said["rooms"]["mission.cellar"] = [1, 100]
-    said["arrows"].pop(0)
-    info = PngInfo()
-    info.add_text("Description", json.dumps(said))
-    Image.new("L", (1, 1)).save(picture, pnginfo=info)
-    command = [sys.executable, ROOT / "docs" / "draw_architecture.py", "--check", "--out", picture]
-    checked = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    assert checked.returncode == 1
-    lines = checked.stderr.splitlines()
-    assert [line.split(":")[0] for line in lines[:3]] == ["mission.cellar", "mission.files", "arrows"]
-    assert len(lines) == 4 and lines[3].endswith("draw it again")
 
 
 def test_the_walk_through_a_flight_names_what_there_is():
@@ -82,10 +53,6 @@ def test_every_room_of_the_application_is_told_of():
     rooms = {path.parent.name for path in (ROOT / "wbf_mission").glob("*/__init__.py")}
     told = PAGE.split("## The rooms of the application")[1].split("##")[0]
     assert rooms == set(re.findall(r"`(\w+)`", told)) - {"resolve"}
-
-
-def test_the_root_of_the_application_is_small():
-    assert len(list((ROOT / "wbf_mission").glob("*.py"))) <= 12
 
 
 @pytest.mark.parametrize("package", PACKAGES)

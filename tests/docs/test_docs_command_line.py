@@ -47,14 +47,6 @@ def test_the_page_names_no_other_option():
         assert misadvice(line.split(), line) == [], line
 
 
-def test_a_page_without_a_row_and_one_with_another_are_seen():
-    row = "| `--animate` | animation of the run (`run.gif`) | `fly` |\n"
-    assert row in PAGE
-    assert of_commands() - of_page(PAGE.replace(row, "")).keys() == {("--animate", "fly")}
-    other = PAGE.replace(row, row + "| `--whole` | nothing | `fly` |\n")
-    assert of_page(other).keys() - of_commands() == {("--whole", "fly")}
-
-
 @pytest.mark.parametrize("key", all_options())
 def test_every_key_of_a_scenario_file_stands_beside_its_option(key):
     option = all_options()[key][2]

@@ -21,12 +21,7 @@ from mavsdk.follow_me import Config, TargetLocation
 from mavsdk.geofence import Circle, FenceType, GeofenceData, Point, Polygon
 from mavsdk.mission import MissionItem, MissionPlan
 from mavsdk.mission_raw import MissionItem as RawItem
-from mavsdk.offboard import (
-    Attitude,
-    PositionNedYaw,
-    VelocityBodyYawspeed,
-    VelocityNedYaw,
-)
+from mavsdk.offboard import Attitude, PositionNedYaw, VelocityBodyYawspeed, VelocityNedYaw
 from mavsdk.rtk import RtcmData
 from mavsdk.server_utility import StatusTextType
 from mavsdk.telemetry import LandedState

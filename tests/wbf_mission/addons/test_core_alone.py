@@ -211,12 +211,7 @@ def test_a_vehicle_has_no_extras_and_heartbeats_of_other_kinds_are_not_taken_for
 
 @pytest.mark.parametrize(
     ("command", "page"),
-    [
-        ("bench board no.zip --out written", "bench"),
-        ("bench paper --out written", "bench"),
-        ("bench replay rows spiral1 --out written", "run"),
-        ("report rows --out written.html", "bench.report"),
-    ],
+    [("bench replay rows spiral1 --out written", "run"), ("report rows --out written.html", "bench.report")],
 )
 def test_add_ons_ask_for_pages_as_the_core_does(tmp_path, monkeypatch, capsys, command, page):
     add_row(tmp_path)

@@ -6,16 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from estimator_inputs import grid_of, observations, random_observations
-from hypothesis import given
-from hypothesis import strategies as st
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, WhiteKernel
 
 from sensors.errors import EstimatorError
-from sensors.estimators.gp.estimator import ZERO_MEAN, GaussianProcessEstimator
 from sensors.fields import PAPER_FIELDS
-from wbf_mission.addons.authors.adaptive_disk import AuthorsAdaptiveDiskEstimator, misplaced_disk
+from wbf_mission.addons.authors.adaptive_disk import AuthorsAdaptiveDiskEstimator
 from wbf_mission.addons.authors.sklearn_gp import SklearnGaussianProcessEstimator
 
 GOLDEN = Path(__file__).parents[3] / "data" / "golden"
@@ -37,15 +34,6 @@ def test_authors_ad_is_the_published_estimate(name):
             np.testing.assert_array_equal(model.uncertainty[k], run[f"unc_{field}"])
 
 
-@given(st.integers(1, 40))
-def test_the_authors_disk_lies_aside_and_lacks_a_row_and_a_column(radius):
-    disk = misplaced_disk(radius)
-    i, j = np.indices((2 * radius,) * 2) - radius
-    covered = (disk.low[:, None] - radius <= j) & (j < disk.high[:, None] - radius)
-    assert disk.first == 0
-    assert np.array_equal(covered, i**2 + j**2 <= radius**2)
-
-
 def test_scikit_learn_variant_is_the_papers_regressor():
     shape = (9, 8)
     seen = random_observations(12, shape, seed=3)
@@ -58,18 +46,6 @@ def test_scikit_learn_variant_is_the_papers_regressor():
     mean, std = regressor.predict(np.argwhere(np.ones(shape)), return_std=True)
     np.testing.assert_allclose(model.value[0], mean.reshape(shape), atol=1e-6)
     np.testing.assert_allclose(model.uncertainty[0], std.reshape(shape), atol=1e-6)
-
-
-def test_both_processes_agree_when_they_have_the_same_kernel():
-    shape = (14, 12)
-    seen = random_observations(16, shape, seed=5)
-    slow = SklearnGaussianProcessEstimator(n_restarts=3, random_state=1).fit(grid_of(*shape), seen).predict()
-    paper = GaussianProcessEstimator(
-        ZERO_MEAN, clip=False, amplitude_bounds=(1.0, 1.0), learn_from="observations"
-    )
-    fast = paper.fit(grid_of(*shape), seen).predict()
-    np.testing.assert_allclose(fast.value[0], slow.value[0], atol=2e-3)
-    np.testing.assert_allclose(fast.uncertainty[0], slow.uncertainty[0], atol=2e-3)
 
 
 def test_scikit_learn_variant_refuses_what_it_cannot_finish():

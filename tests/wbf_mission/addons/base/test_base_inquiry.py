@@ -116,13 +116,6 @@ def test_a_parameter_that_it_does_not_have_is_given_up():
     assert took_s < 5.0
 
 
-def test_thirty_percent_loss_each_way():
-    vehicle = Answering(PX4)
-    answers, _ = converse(vehicle, loss=0.3)
-    assert len(answers.parameters) >= len(vehicle.parameters) - 2
-    assert answers.version is not None
-
-
 def test_a_link_of_two_seconds_is_not_flooded():
     vehicle = Answering(ARDUPILOT)
     answers, took_s = converse(vehicle, delay_s=2.0)

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from bench_rows import made_row, rows
 from msgspec import structs
-from scipy import stats
 
-from wbf_mission.addons.base.intervals import _drawn, _weights, mean_intervals, ratio_intervals
+from wbf_mission.addons.base.intervals import mean_intervals, ratio_intervals
 from wbf_mission.addons.base.standings import score_over_time, scored, standings
 
 
@@ -71,29 +70,6 @@ def test_intervals_of_a_table_hold_together():
     assert 0.92 < together / (CASES // 2) < 0.99
 
 
-def test_one_interval_together_is_that_alone():
-    values = np.random.default_rng(2).exponential(1.0, 10)
-    assert mean_intervals([values], together=True) == [mean_interval(values)]
-    # What is the same to all counts once, and what does not differ not at all.
-    assert mean_intervals([values, values, np.zeros(10)], together=True)[:2] == [mean_interval(values)] * 2
-
-
-def test_resamples_weigh_environments_by_a_beta_distribution():
-    draw = np.random.default_rng(1)
-    weights = np.concatenate([_weights(draw) for _ in range(20)])
-    assert stats.kstest(weights, stats.beta(0.5, 1.5).cdf).pvalue > 0.01
-
-
-def test_t_of_resamples_is_that_of_weighed_means():
-    residuals = np.array([-1.0, 0.5, 2.0, -0.25, -1.25, 0.0])
-    draw = np.random.default_rng(0)
-    weights = np.array([_weights(draw) for _ in residuals])
-    means = np.average(np.broadcast_to(residuals[:, None], weights.shape), axis=0, weights=weights)
-    spreads = np.average((residuals[:, None] - means) ** 2, axis=0, weights=weights)
-    found = _drawn([residuals], np.array([0]), np.array([6]))[0]
-    assert found == pytest.approx(means / np.sqrt(spreads / 6.0))
-
-
 def test_a_ratio_by_what_may_be_nothing_has_no_upper_limit():
     found = ratio_interval(np.full(8, 1.0), np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0]))
     assert math.isinf(found.high)
@@ -104,11 +80,6 @@ def test_one_of_five_that_is_far_off_makes_the_interval_long_on_its_side():
     found = mean_interval(np.array([-0.031, -0.033, -0.034, -0.036, -0.2]))
     assert -1.0 < found.low < -0.3
     assert 0.0 < found.high < 0.1
-
-
-def test_equal_values_have_an_interval_of_nothing():
-    found = mean_interval(np.full(6, -2.0))
-    assert (found.mean, found.low, found.high) == (-2.0, -2.0, -2.0)
 
 
 def test_few_values_have_no_interval():
@@ -216,11 +187,6 @@ def test_the_interval_of_a_ratio_is_that_of_pairs():
     few = ratio_interval(hard[:6], hard[:6])
     assert (few.mean, math.isnan(few.low)) == (1.0, True)
     assert math.isnan(ratio_interval(hard, np.zeros(20)).mean)
-
-
-def test_scenarios_are_told_apart():
-    found = standings([*rows("a", [-1.0], scenario="two"), *rows("a", [-5.0], scenario="one")])
-    assert [(one.scenario, one.rank) for one in found] == [("one", 1.0), ("two", 1.0)]
 
 
 def test_the_score_over_time_holds_until_the_next_scored_time():

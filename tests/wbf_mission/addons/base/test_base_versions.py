@@ -4,7 +4,6 @@ import pytest
 from bench_rows import made_row
 
 from wbf_mission.addons.base.standings import apart, builds_in_words, standings
-from wbf_mission.bench.rows import build_of
 
 OLD, NEW = "4622a3d6f0aa", "5d01c2b3e4bb"
 
@@ -24,12 +23,6 @@ def names(rows, what="scenario"):
     return [getattr(row, what) for row in apart(rows)]
 
 
-def test_rows_of_one_version_keep_their_names():
-    rows = [flown(), flown(seed=1)]
-    assert apart(rows) is rows
-    assert builds_in_words(rows) == ""
-
-
 @pytest.mark.parametrize(
     ("others", "labels"),
     [
@@ -45,20 +38,11 @@ def test_rows_of_other_code_are_named_by_version_and_commit(others, labels):
     assert [one.environments for one in standings(rows)] == [1, 1]
 
 
-def test_old_rows_without_digests_are_told_apart_by_their_version():
-    rows = [flown(code="", commit=""), flown(code="", commit="", version="0.0.9")]
-    assert len(set(names(rows))) == 2
-
-
 def test_the_same_code_of_two_commits_counts_together_and_is_told():
     rows = [flown(), flown(seed=1, commit=NEW)]
     assert apart(rows) is rows
     told = "rows of 2 versions (0.1.0, 4622a3d6: 1 rows; 0.1.0, 5d01c2b3: 1 rows), of the same behaviour"
     assert builds_in_words(rows) == told
-
-
-def test_changes_beside_a_commit_are_told():
-    assert build_of(flown(commit=f"{OLD}+changes")) == "0.1.0, 4622a3d6+changes"
 
 
 def test_objects_are_told_apart_by_their_parameters():

@@ -12,7 +12,6 @@ from mission.model import Command
 from mission.outcome import Phase
 from sensors.observations import Observations
 from sensors.scoring.score import RunningScore, ScoreWeights
-from wbf_mission.addons.base import replay
 from wbf_mission.addons.base.replay import events_of
 from wbf_mission.events import (
     DayBegun,
@@ -188,25 +187,6 @@ def test_estimates_made_again_are_those_that_were_scored(result: Result) -> None
             assert scores[event.day].add(event.model).loss == pytest.approx(event.score.loss, rel=1e-12)
             scored += 1
     assert scored == len(result.history.entries) > 40
-
-
-@pytest.mark.parametrize(("estimates", "models"), [(0, 2), (1, 3), (5, 6)])
-def test_as_many_estimates_are_made_as_are_wanted(result: Result, estimates: int, models: int) -> None:
-    told = []
-    events = events_of(result, estimates=estimates, progress=lambda what, *_: told.append(what))
-    scored = of(list(events), Estimated)
-    assert sum(one.model is not None for one in scored) == models
-    assert scored[-1].model is result.model
-    assert ("estimates" in told) == (estimates > 0)
-
-
-def test_long_tracks_are_thinned(result: Result, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(replay, "MOST_STATES", 10)
-    moved = of(list(events_of(result)), VehicleMoved)
-    assert len(moved) <= 10 + 2 * len(result.flights)
-    for flight in result.flights:
-        last = [one for one in moved if (one.day, one.system_id) == (flight.day, flight.system_id)][-1]
-        assert (last.x_m, last.y_m) == (flight.track.x_m[-1], flight.track.y_m[-1])
 
 
 def test_nothing_flown_is_a_run_of_no_moves(result: Result) -> None:

@@ -5,20 +5,18 @@ import json
 import numpy as np
 import pytest
 from bench_packs import flown, pack_of, told_of
-from live_page import chromium
 from msgspec import structs
 
 from wbf_mission.addons.boards import board as board_module
 from wbf_mission.addons.boards import verification
 from wbf_mission.addons.boards.audit import require_whole
 from wbf_mission.addons.boards.board import board_of, packs_of
-from wbf_mission.addons.boards.board_page import board_page, board_table, board_values, difference_table
+from wbf_mission.addons.boards.board_page import board_values
 from wbf_mission.addons.boards.sealed import Secret
 from wbf_mission.addons.boards.verification import fly_again
 from wbf_mission.bench.rows import read_rows
 from wbf_mission.cli.app import main
 from wbf_mission.results.storage import ResultError
-from wbf_mission.version import __version__, behaviour
 
 MARKUP = "[a](b) <img src=x>|"
 
@@ -79,37 +77,6 @@ def test_a_submission_of_few_environments_has_a_table_of_its_own(frozen, rows, t
     assert whole.environments == "4 environments (seeds 0 to 3)"
 
 
-def test_other_behaviours_are_never_mixed_and_other_versions_are(frozen, rows, tmp_path):
-    older = [told_of(row, codes=row.codes | {"code": "1.2.3"}) for row in rows]
-    newer = [told_of(row, versions=row.versions | {"wbf-mission": "9.0"}) for row in rows]
-    packs = [pack_of(some, tmp_path / f"{k}.zip") for k, some in enumerate((older, newer))]
-    tables = board(frozen, *packs).tables
-    assert [(one.versions, one.code, len(one.lines)) for one in tables] == [
-        ((__version__, "9.0"), behaviour(), 4),
-        ((__version__,), "1.2.3", 2),
-    ]
-
-
-def test_a_failed_run_is_counted_as_one(frozen, rows, tmp_path):
-    failed = [
-        structs.replace(
-            row,
-            error="it fell",
-            score=None,
-            final_score=None,
-            scores=row.scores[:0],
-            times_s=row.scores[:0],
-            history={},
-        )
-        if (row.planner, row.seed) == ("spiral", 0)
-        else row
-        for row in rows
-    ]
-    (table,) = board(frozen, pack_of(failed, tmp_path / "mine.zip", name="Mine")).tables
-    one = next(one for one in table.lines if one.standing.failed)
-    assert (one.entry.submission.name, one.standing.planner, one.standing.failed) == ("Mine", "spiral", 1)
-
-
 def test_what_is_refused_is_told_and_the_others_go_on(at_once, frozen, rows, tmp_path, capsys):
     (tmp_path / "bad.zip").write_bytes(b"PK\x03\x04 no archive")
     better = [structs.replace(row, score=-0.001) for row in rows]
@@ -143,15 +110,6 @@ def test_rows_are_flown_again_and_own_code_is_not(at_once, frozen, rows, tmp_pat
     told = capsys.readouterr()
     assert f"{mine}: 1 equal; not flown again (1 of 2 methods): own code is not run" in told.err
     assert "flown again" in told.out
-
-
-def test_a_row_that_differs_is_told_on_the_board(at_once, rows, tmp_path, capsys):
-    worse = [structs.replace(row, **history(row, lambda values: 2.0 * values)) for row in rows]
-    path = pack_of(worse, tmp_path / "mine.zip")
-    assert main(["bench", "board", str(path), "--verify", "1"]) == 1
-    assert " then, " in capsys.readouterr().err
-    (entry,) = board(path, verify=1).entries
-    assert str(entry.verification) == "2 differ"
 
 
 def test_a_run_without_end_does_not_hold_up_the_board(frozen, rows, tmp_path, capsys, monkeypatch):
@@ -198,10 +156,7 @@ def history(row, change):
         ({"planner": "super-greedy"}, "unknown planner or policy 'super-greedy'"),
         ({"planner": "greedy:nothing=1"}, "policy greedy: unknown parameter 'nothing'"),
         ({"planner": ""}, NAMELESS),
-        ({"estimator": ":"}, NAMELESS),
-        ({"codes": {"planner": ""}}, "its code digest is malformed"),
         ({"codes": {"planner": "gp" * 12}}, "its code digest is malformed"),
-        ({"bad_answers": {"crashed": -5}}, "it counts -5 bad answers among 1"),
         (lambda row: history(row, lambda values: values * 1e300), NO_VALUES),
         (lambda row: {"key": "0" * len(row.key)}, "its key does not belong to this run"),
     ],
@@ -279,34 +234,3 @@ def test_the_page_holds_names_as_texts(at_once, rows, tmp_path):
     page = (tmp_path / "board" / "board.html").read_text()
     assert "<img src=x>" not in page
     assert json.loads((tmp_path / "board" / "board.json").read_text())["tables"][0]["environments"] == 4
-
-
-def test_it_fits_into_a_window_of_1200_pixels(frozen, rows, tmp_path):
-    mine = pack_of(rows, tmp_path / "mine.zip", name="A policy of mine")
-    assert (
-        main(["bench", "board", str(frozen), str(mine), "--verify", "0", "--out", str(tmp_path / "b")]) == 0
-    )
-    with chromium() as browser:
-        page = browser.new_page(viewport={"width": 1200, "height": 900})
-        page.goto((tmp_path / "b" / "board.html").as_uri())
-        wide = page.evaluate(
-            "[...document.querySelectorAll('.wide')].map(one => one.scrollWidth - one.clientWidth)"
-        )
-        assert wide == [0, 0, 0]
-
-
-def test_tables_in_texts(frozen, rows, tmp_path):
-    found = board(frozen, pack_of(rows, tmp_path / "mine.zip", name="Mine"))
-    (table,) = found.tables
-    scores, against = board_table(table), difference_table(table)
-    assert len(scores.rows) == 4
-    assert len(against.rows) == 3
-    assert {row[-2] for row in against.rows} <= {"better", "worse", "equal", "undecided"}
-    page = board_page(found)
-    assert [one.title for one in page.sections] == [
-        "WBF/Miniberry-10-v1, 4 environments (seeds 0 to 3)",
-        "Submissions",
-    ]
-    flown_by = f"Flown by wbf-mission {__version__}, behaviour {rows[0].codes['code']}."
-    assert page.sections[0].text.startswith(flown_by)
-    assert "may be missing from these 4" in page.sections[0].text

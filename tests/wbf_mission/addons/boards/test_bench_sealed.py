@@ -66,11 +66,6 @@ def test_a_seal_binds_all_of_the_round(values, tmp_path):
         opened(published, other)
 
 
-def test_scenarios_are_of_the_catalogue():
-    with pytest.raises(ScenarioError, match="'WBF/None-v1' is not in the catalogue"):
-        new_secret(3, ["WBF/None-v1"], NOW)
-
-
 @settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(content=st.binary(max_size=200) | st.sampled_from([b"", b"[]", b'{"secret": 1}', b"[" * 10_000]))
 def test_other_files_are_refused(content, tmp_path):

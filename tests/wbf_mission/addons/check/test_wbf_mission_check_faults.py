@@ -51,13 +51,6 @@ def ack(kind):
     return m.MAVLink_mission_ack_message(*GROUND, kind, 0)
 
 
-class AsksEverybodyTheSecondTime(Vehicle):
-    def says(self, message, kind):
-        if kind == "MISSION_REQUEST_INT" and self.count(kind) > 1:
-            message.target_system = message.target_component = 0
-        return True
-
-
 class TakesAnyOrder(Vehicle):
     def hears(self, message, kind):
         return [ack(m.MAV_MISSION_ACCEPTED)] if kind == "MISSION_ITEM_INT" and message.seq == 2 else None
@@ -104,22 +97,6 @@ class NeverEnds(Vehicle):
         return None
 
 
-class AddsToTheOldMission(Vehicle):
-    longest = 0
-
-    def says(self, message, kind):
-        if kind == "MISSION_COUNT":
-            self.longest = message.count = max(self.longest, message.count)
-        return True
-
-
-class CountsAnew(Vehicle):
-    def says(self, message, kind):
-        if kind == "PARAM_VALUE":
-            message.param_count += message.param_index % 2
-        return True
-
-
 class NameAndIndexDiffer(Vehicle):
     by_name = False
 
@@ -136,14 +113,6 @@ class KnowsEveryName(Vehicle):
     def hears(self, message, kind):
         if kind == "PARAM_REQUEST_READ" and message.param_index < 0:
             return [m.MAVLink_param_value_message(message.param_id.encode(), 0.0, 9, 1, 0)]
-        return None
-
-
-class KeepsNothing(Vehicle):
-    def hears(self, message, kind):
-        if kind == "PARAM_SET":
-            name = message.param_id.encode()
-            return [m.MAVLink_param_value_message(name, message.param_value, message.param_type, 1, 0)]
         return None
 
 
@@ -207,18 +176,14 @@ class StaysDown(Vehicle):
 @pytest.mark.parametrize(
     ("fault", "check", "reason"),
     [
-        (AsksEverybodyTheSecondTime, "transfer.asks-first", "it is addressed to 0/0"),
         (TakesAnyOrder, "transfer.out-of-order", "it is accepted"),
         (TakesItemsOfAnyPlan, "transfer.wrong-type", "it is accepted: the vehicle asks for item 1"),
         (ForgetsWhatItTook, "transfer.last-ack-again", "no MISSION_ACK"),
         (ChokesOnNan, "transfer.nan", "the vehicle falls silent"),
         (ReadsEachItemOnce, "transfer.re-read", "request 2 of item 0 gives no MISSION_ITEM_INT"),
         (NeverEnds, "transfer.unknown-frame", "it is neither refused nor accepted"),
-        (AddsToTheOldMission, "mission.replaced", "12"),
-        (CountsAnew, "param.list", "the counts differ"),
         (NameAndIndexDiffer, "param.read-name", "by index"),
         (KnowsEveryName, "param.read-unknown", "it has a value"),
-        (KeepsNothing, "param.set", "is not read back"),
         (KeepsNewNames, "param.set-unknown", "now it has a value"),
         (FallsAsleep, "identity.heartbeat", "heartbeats in 4.2 s"),
         (FallsAsleep, "identity.heartbeat-fields", "no heartbeat"),

@@ -116,19 +116,11 @@ def test_in_any_order_of_the_checks_all_pass(seed, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(2, 40))
+@pytest.mark.parametrize("seed", range(2, 18))
 def test_in_many_orders_of_the_checks_all_pass(seed, monkeypatch):
     checks = list(CHECKS)
     random.Random(seed).shuffle(checks)
     assert bad_checks(checks, monkeypatch, seed, answers_s=0.1 * (seed % 8)) == []
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("before", CHECKS, ids=lambda one: one.id)
-def test_after_any_check_those_that_failed_by_chance_pass(before, monkeypatch):
-    known = {one.id: one for one in CHECKS}
-    checks = [one for name in FAILED_BY_CHANCE for one in (before, known[name])]
-    assert bad_checks(checks, monkeypatch, 3) == []
 
 
 @pytest.mark.parametrize("name", FAILED_BY_CHANCE)

@@ -110,14 +110,6 @@ def test_plans_that_are_lost_are_told():
     assert text.startswith("the vehicle's plans could not be restored: ")
 
 
-def test_over_a_socket(pace):
-    for real in REAL.values():
-        with served(real(), lambda: pace * time.monotonic()) as url:
-            report = check_vehicle(url, only=("identity.capabilities", "mission.fence", "mission.clear-all"))
-        assert failed(report) == {}
-        assert report.result("mission.fence").verdict is Verdict.PASSED
-
-
 def test_the_command_says_who_has_trouble_without_advice(pace, capsys):
     with served(Px4(), lambda: pace * time.monotonic()) as url:
         assert main(["check", url, "--only", "transfer.bad-latitude", "--json"]) == 0

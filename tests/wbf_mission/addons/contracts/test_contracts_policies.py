@@ -60,13 +60,6 @@ def goes_nowhere(_, observation, plan):
     return plan
 
 
-def last_one_stays(_, observation, plan):
-    """Of a fleet, the last vehicle has nothing to do that is worth it."""
-    if observation.event is not Event.START or len(plan.paths) < 2:
-        return plan
-    return Decision({**plan.paths, max(plan.paths): np.empty((0, 2))})
-
-
 def strangers(_, observation, plan):
     return plan if observation.event is Event.START else Decision({99: [[1.0, 1.0]]})
 
@@ -121,10 +114,6 @@ def seer(policy, observation, plan):
 def test_the_kit_finds_what_is_wrong(change, text):
     with pytest.raises(AssertionError, match=text):
         check_policy(_Rows(change))
-
-
-def test_of_a_fleet_one_may_stay():
-    assert check_policy(_Rows(last_one_stays)).decisions > 0
 
 
 def test_what_is_no_policy_is_refused():

@@ -13,7 +13,6 @@ import pytest
 from geo.farms import get_farm
 from geo.grid import FarmGrid
 from geo.seeds import child_seed
-from geo.system import AvailableMemory, NotEnoughMemoryError
 from sensors.environment import Environment, generate_environment
 from sensors.errors import EnvironmentDataError
 from wbf_mission.addons.ensembles import ensemble as ensemble_module
@@ -93,18 +92,6 @@ def test_an_ensemble_can_grow_and_finished_members_are_kept(grid: FarmGrid, tmp_
     assert (fewer.made, fewer.found, len(fewer)) == ((), (0,), 3)
 
 
-def test_a_stopped_ensemble_goes_on(grid: FarmGrid, tmp_path: Path) -> None:
-    with pytest.raises(KeyboardInterrupt):
-        generate_ensemble(grid, tmp_path / "e", members=3, seed=7, days=3, progress=Stop(1.9))
-    partial = tmp_path / "e" / ".member-00001.partial"
-    assert partial.is_dir()
-    assert [path.name for path in (tmp_path / "e").glob("member-*")] == ["member-00000"]
-    again = generate_ensemble(grid, tmp_path / "e", members=3, seed=7, days=3)
-    assert (again.made, again.found) == ((1, 2), (0,))
-    generate_ensemble(grid, tmp_path / "f", members=3, seed=7, days=3)
-    assert content(tmp_path / "e") == content(tmp_path / "f")
-
-
 def test_processes_stop_with_their_parent(grid: FarmGrid, tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         generate_ensemble(grid, tmp_path / "e", members=60, seed=7, days=3, jobs=2, progress=Stop(1))
@@ -168,18 +155,6 @@ def test_versions_and_numbers_of_members_are_checked(grid: FarmGrid, tmp_path: P
 def test_bad_numbers_are_refused(grid: FarmGrid, tmp_path: Path, numbers: dict[str, int]) -> None:
     with pytest.raises(EnvironmentDataError, match="ensemble: "):
         generate_ensemble(grid, tmp_path / "e", seed=7, **numbers)
-    assert not (tmp_path / "e").exists()
-
-
-def test_too_little_memory_is_foreseen(
-    grid: FarmGrid, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("geo.system.available_memory", lambda: AvailableMemory(10**8, "the test"))
-    with pytest.raises(NotEnoughMemoryError, match=r"2 environments .* at once needs .*; take fewer jobs$"):
-        generate_ensemble(grid, tmp_path / "e", members=2, seed=7, jobs=2)
-    monkeypatch.setattr("geo.system.available_memory", lambda: AvailableMemory(10, "the test"))
-    with pytest.raises(NotEnoughMemoryError, match=r"; take a smaller farm$"):
-        generate_ensemble(grid, tmp_path / "e", members=2, seed=7)
     assert not (tmp_path / "e").exists()
 
 

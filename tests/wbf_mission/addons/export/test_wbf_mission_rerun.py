@@ -153,13 +153,3 @@ def test_without_the_library_one_line_says_what_to_install(
         in capsys.readouterr().err
     )
     assert not list(tmp_path.iterdir())
-
-
-def test_nothing_is_left_of_a_recording_that_is_broken_off(result: Result, tmp_path: Path) -> None:
-    def break_off(what: str, done: float, total: float) -> None:
-        if what == "estimates" and done > 3:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        export(result, tmp_path / "run.rrd", "rerun", estimates=20, progress=break_off)
-    assert not list(tmp_path.iterdir())

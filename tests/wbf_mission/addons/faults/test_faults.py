@@ -99,15 +99,6 @@ def test_any_text_is_a_fault_or_an_error(text):
     assert fault.kind in KINDS
 
 
-def test_faults_from_a_file(tmp_path):
-    path = tmp_path / "bad-day.toml"
-    path.write_text(
-        '[[fault]]\nkind = "loss"\nvalue = 0.2\nfrom = 10\nfor = 60\n'
-        '[[fault]]\nkind = "drop"\nvalue = "COMMAND_ACK"\ntimes = 1\n'
-    )
-    assert load_faults(path) == (Fault("loss", 0.2, 10.0, 60.0), Fault("drop", 77.0, times=1))
-
-
 @pytest.mark.parametrize(
     ("text", "where"),
     [
@@ -144,18 +135,6 @@ def test_a_slow_line_takes_its_time_and_drops_what_does_not_fit():
     assert 25 <= len(arrived) <= 31
     with pytest.raises(LinkError, match="baud"):
         Faults(baud=0.0)
-
-
-def test_link_loss_in_its_window_only():
-    _, link, _ = simulate("link-loss,from=10,for=20")
-    link.sleep(9.9)
-    assert link.receive()
-    link.sleep(0.2)
-    link.receive()
-    link.sleep(19.8)
-    assert link.receive() == []
-    link.sleep(2.0)
-    assert link.receive()
 
 
 def test_one_direction_only():
@@ -295,14 +274,6 @@ def test_a_restarted_autopilot_has_forgotten_the_transfer():
     assert not told & {"MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"}
 
 
-def test_a_low_battery_has_so_much_left():
-    vehicle, link, _ = simulate("low-battery=0.4,from=2")
-    link.sleep(1.0)
-    assert vehicle.pilot.state.battery.fraction > 0.9
-    link.sleep(2.0)
-    assert vehicle.pilot.state.battery.fraction == pytest.approx(0.4, abs=0.01)
-
-
 def test_commands_are_refused_while_the_fault_holds():
     _, link, driver = simulate("refuse=400,for=5")
     driver.endpoint.reader.wanted = None
@@ -335,21 +306,12 @@ def test_gps_loss_comes_and_goes():
     [
         ("motor-failure,at=airborne,from=5", "crashed"),
         ("dead-battery,at=item:1", "battery_depleted"),
-        ("loss=0.0", "completed"),
     ],
 )
 def test_vehicles_break_in_flight(fault, outcome):
     vehicle, link, driver = simulate(fault)
     fly(vehicle, link, driver)
     assert vehicle.outcome.value == outcome
-
-
-def test_a_motor_that_fails_on_the_ground_is_mended():
-    vehicle, link, _ = simulate("motor-failure,from=1,for=2")
-    link.sleep(2.0)
-    assert not vehicle.pilot.motor_ok
-    link.sleep(2.0)
-    assert vehicle.pilot.motor_ok
 
 
 class Camera:

@@ -62,20 +62,6 @@ def test_the_oldest_logs_give_way_and_a_full_one_ends():
     assert sizes(logs) == [10 * RECORD]
 
 
-def test_erasing_leaves_the_log_that_is_written():
-    logs = FlightLogs(EPOCH_S)
-    logs.write(FRAME, 0, 1.0, armed=True)
-    logs.write(FRAME, 0, 9.0, armed=False)
-    logs.write(FRAME, 0, 10.0, armed=True)
-    logs.erase(armed=True)
-    assert sizes(logs) == [RECORD]
-    logs.write(FRAME, 0, 10.5, armed=True)
-    assert sizes(logs) == [2 * RECORD]
-    logs.erase(armed=False)
-    logs.write(FRAME, 0, 10.6, armed=False)
-    assert logs.all == ()
-
-
 class Peer(GroundPeer):
     """Asks a vehicle that has some logs, as a ground station."""
 
@@ -138,12 +124,6 @@ def test_a_log_comes_whole_and_in_parts(autopilot, first, size):
     assert [(part.ofs, part.count) for part in gap] == [(90, 90), (180, 90)]
     (beyond,) = peer.data(first, 100_000)
     assert beyond.count == 0
-
-
-def test_logs_that_there_are_not_get_no_answer():
-    assert Peer("ardupilot").data(0) == []
-    assert Peer("ardupilot").data(3) == []
-    assert Peer("px4").data(2) == []
 
 
 def test_ardupilot_sends_no_logs_while_it_is_armed_and_says_so_once():

@@ -284,13 +284,6 @@ def test_groups_choices_bits_and_steps_are_told():
     assert (by_name["MPC_XY_P"]["decimalPlaces"], by_name["MPC_XY_P"]["increment"]) == (2, 0.1)
 
 
-def test_the_range_that_is_told_is_px4s_and_the_default_is_the_vehicles():
-    by_name = {entry["name"]: entry for entry in told_parameters()["parameters"]}
-    cruise = by_name["MPC_XY_CRUISE"]
-    assert (cruise["min"], cruise["max"]) == (3.0, 20.0)
-    assert cruise["default"] == get_vehicle("quad").cruise_speed_m_s
-
-
 # Of parameter.schema.json in mavlink/mavlink, component_metadata/: the keys that there are, and their types.
 SCHEMA = {
     "name": str,

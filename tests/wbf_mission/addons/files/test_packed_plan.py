@@ -164,11 +164,6 @@ def test_a_file_waits_for_the_end_of_an_upload_by_another_station():
     assert one.vehicle._plans.server.busy
 
 
-def test_px4_has_no_such_files():
-    one = Vehicle("px4")
-    assert one.ask(Operation.OPEN_TO_READ, MISSION.encode()) is FtpError.NOT_FOUND
-
-
 def test_ardupilot_tells_nothing_of_a_system_that_it_does_not_have():
     one = Vehicle()
     assert one.ask(Operation.OPEN_TO_READ, b"@SYS/threads.txt") is FtpError.NOT_FOUND

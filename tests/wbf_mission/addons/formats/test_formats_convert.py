@@ -1,7 +1,6 @@
 """``wbf-mission convert``: any mission file to any other, and what is said of it."""
 
 import json
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -54,21 +53,6 @@ def test_a_mission_goes_through_every_format_and_comes_back(capsys):
     assert Path("again.plan").read_bytes() == Path("field.plan").read_bytes()
 
 
-def test_other_programs_read_what_was_converted(capsys):
-    from pymavlink import mavwp
-
-    write_mission(replace(MISSION, fence=(), rally=()), "field.gpx")
-    convert(capsys, "field.gpx", "field.waypoints")
-    for autopilot, yaw in (("px4", math.nan), ("ardupilot", 0.0)):
-        out = convert(capsys, "field.gpx", "field.waypoints", "--autopilot", autopilot, "--json").out
-        loader = mavwp.MAVWPLoader()
-        assert loader.load("field.waypoints") == 5
-        assert [loader.wp(k).command for k in range(5)] == [16, 22, 16, 177, 20]
-        assert (loader.wp(1).param4, loader.wp(3).param1) == (pytest.approx(yaw, nan_ok=True), 2.0)
-        texts = [loss["text"] for loss in json.loads(out)["losses"]]
-        assert texts == (["an unset param4 is written as 0 (mission items 1, 2)"] if yaw == 0.0 else [])
-
-
 def test_what_is_lost_is_said_and_what_the_vehicle_would_miss_is_a_warning(capsys):
     told = convert(capsys, "field.plan", "field.waypoints")
     assert told.err.splitlines() == [
@@ -119,10 +103,3 @@ def test_nothing_of_others_is_written_over(capsys):
         assert part in error
         assert error.count("\n") == 1
     assert sorted(path.name for path in Path().iterdir()) == ["earth.kml", "field.plan", "notes.gpx"]
-
-
-def test_a_plan_for_several_vehicles_keeps_the_ending_of_dji(capsys):
-    words = "plan --farm miniberry-30 --vehicles 2 --budget 100m --out part.wpml.kmz"
-    assert main(words.split()) == 0
-    assert sorted(path.name for path in Path().glob("part*")) == ["part-1.wpml.kmz", "part-2.wpml.kmz"]
-    assert "note: part-1.wpml.kmz: the file names the drone Mavic 3M" in capsys.readouterr().err

@@ -190,18 +190,6 @@ def test_the_flight_is_that_of_the_mission():
     ]
 
 
-def test_speeds_are_those_of_the_legs():
-    speed = MissionItem(178, 2, 1.0, 9.0, -1.0)
-    _, folder, marks = waylines(waypoint(1), waypoint(2), speed, waypoint(3), hover_speed_m_s=4.0)
-    assert [mark["waypointSpeed"][0] for mark in marks] == ["4.0", "9.0", "9.0"]
-    assert folder["autoFlightSpeed"] == ["4.0"]
-    ((document,),) = plain(
-        trees(waypoint(1), waypoint(2), speed, waypoint(3), hover_speed_m_s=4.0)[0]
-    ).values()
-    template = document["Folder"][0]["Placemark"]
-    assert [mark["waypointSpeed"][0] for mark in template] == ["4.0", "9.0", "9.0"]
-
-
 def test_a_landing_is_where_it_was_planned():
     land = MissionItem(21, 3, x=28.06, y=-82.15, z=0.0)
     config, _, marks = waylines(waypoint(1), land)

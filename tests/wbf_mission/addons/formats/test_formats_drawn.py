@@ -92,9 +92,6 @@ MULTI_TRACK = TRACK.replace(
     "<gx:Track><altitudeMode>absolute</altitudeMode>",
     "<gx:MultiTrack><altitudeMode>absolute</altitudeMode><gx:Track>",
 ).replace("</gx:Track>", "</gx:Track></gx:MultiTrack>")
-PINS = """<Placemark><Point><altitudeMode>relativeToGround</altitudeMode>
-<coordinates>-82.15,28.05,7</coordinates></Point></Placemark><Folder><Placemark><Point><altitudeMode>absolute</altitudeMode>
-<coordinates>-82.151,28.051,8</coordinates></Point></Placemark></Folder>"""
 
 
 @pytest.mark.parametrize(
@@ -103,18 +100,15 @@ PINS = """<Placemark><Point><altitudeMode>relativeToGround</altitudeMode>
         (".kml", kml(line()), Frame.GLOBAL_RELATIVE_ALT, (10, 20)),
         (".kml", kml(line(mode="absolute")), Frame.GLOBAL, (10, 20)),
         (".kml", kml(line(coordinates="\n -82.15, 28.05, 10\n\t-82.151 ,28.051,20 \n")), 3, (10, 20)),
-        (".kml", kml(TRACK), Frame.GLOBAL, (40, 41)),
         (".kml", kml(MULTI_TRACK), Frame.GLOBAL, (40, 41)),
         (".gpx", gpx(f"<rte><name>R</name>{points('rtept', *PLACES)}</rte>"), Frame.GLOBAL, (30, 30)),
         (".gpx", gpx(f"<trk><trkseg>{points('trkpt', *PLACES)}</trkseg></trk>"), Frame.GLOBAL, (30, 30)),
         (".gpx", gpx(f"<trk><trkseg/></trk>{points('wpt', *PLACES)}"), Frame.GLOBAL, (30, 30)),
-        (".csv", "lat,lon,alt\n28.05,-82.15,10\n28.051,-82.151,20\n", 3, (10, 20)),
         (".csv", "\ufeffName;Längengrad;lng;Latitude (deg);AMSL [m]\r\na;1;-82,15;28,05;10,5\r\n"
                  "b;1;-82,151;28,051;20\r\n", 0, (10.5, 20)),
         (".csv", "# mine\nAltitude(m)\tlongitude\tlat\n10\t-82.15\t28.05\n\n20\t-82.151\t28.051\n", 3,
          (10, 20)),
         (".csv", "lat,lon,height\n28.05,-82.15,10\n28.051,-82.151,20\n".encode("utf-16"), 3, (10, 20)),
-        (".csv", "lat,lon,alt\r28.05,-82.15,10\r28.051,-82.151,20", 3, (10, 20)),
         (".csv", '"lat","lon","elevation"\n"28.05","-82.15","10"\n28.051,-82.151,20', 0, (10, 20)),
     ],
 )  # fmt: skip
@@ -131,7 +125,6 @@ def test_paths_of_others_are_waypoints(made, suffix, content, frame, altitudes_m
     ("suffix", "content", "reason"),
     [
         (".kml", kml(line(mode="clampToGround")), "altitudeMode is clampToGround"),
-        (".kml", kml(line(mode="")), "the path lies on the ground"),
         (".kml", kml(line(coordinates="-82.15,28.05 -82.151,28.051")), "Path, line 2, point 1: no altitude"),
         (
             ".gpx",
@@ -139,13 +132,11 @@ def test_paths_of_others_are_waypoints(made, suffix, content, frame, altitudes_m
             "line 1, rtept: no altitude to fly at",
         ),
         (".geojson", geojson(LINE), "above the ellipsoid, which no autopilot uses"),
-        (".geojson", json.dumps(LINE), "above the ellipsoid"),
         (
             ".geojson",
             geojson({"type": "MultiPoint", "coordinates": LINE["coordinates"]}),
             "above the ellipsoid",
         ),
-        (".geojson", geojson({"type": "GeometryCollection", "geometries": [LINE]}), "above the ellipsoid"),
         (".csv", "y,x\n28.05,-82.15\n28.051,-82.151\n", "there is no column of altitudes"),
         (".csv", "lat,lon,alt\n28.05,-82.15,\n28.051,-82.151,NaN\n", "line 2: no altitude to fly at"),
     ],
@@ -155,12 +146,6 @@ def test_a_path_without_altitudes_needs_one(made, refusal, suffix, content, reas
     assert "give an altitude above home (convert --altitude METRES)" in text
     mission, _ = made(suffix, content, altitude_m=25.0)
     assert as_text(mission) == waypoints(Frame.GLOBAL_RELATIVE_ALT, 25.0, 25.0)
-
-
-def test_pins_in_folders_are_a_path_in_their_order(made):
-    mission, _ = made(".kml", kml(PINS))
-    assert [(item.frame, item.z) for item in mission.items] == [(3, 7.0), (0, 8.0)]
-    assert len(made(".kml", kml(PINS, line()))[0].items) == 2  # a line goes before
 
 
 @pytest.mark.parametrize(
@@ -187,9 +172,9 @@ def test_one_of_several_paths_is_chosen(made, refusal, suffix, content, names):
 def test_paths_of_one_name_and_very_many_are_refused(refusal):
     twice = kml(line("a"), line("a"))
     assert "the path 'a' is there more than once" in refusal(".kml", twice, drawn_path="a")
-    text = refusal(".kml", kml(*(line(f"path {k}") for k in range(5000))))
-    assert "5000 paths" in text
-    assert "and 4992 more" in text
+    text = refusal(".kml", kml(*(line(f"path {k}") for k in range(500))))
+    assert "500 paths" in text
+    assert "and 492 more" in text
 
 
 def test_areas_are_sent_to_the_planner(made, refusal):
@@ -204,60 +189,41 @@ def test_areas_are_sent_to_the_planner(made, refusal):
 
 
 def test_a_long_track_is_taken_up_to_what_mavlink_numbers(made, refusal):
-    rows = [f"{28 + k * 1e-6:.7f},-82.15,10" for k in range(5000)]
-    mission, (note, *_) = made(".csv", "lat,lon,alt\n" + "\n".join(rows))
-    assert len(mission.items) == 5000
-    assert note.startswith("the 5000 points of the table")
-    track = gpx("<trk><trkseg>" + '<trkpt lat="1" lon="2"/>' * 70_000 + "</trkseg></trk>")
-    assert "70000 points, but MAVLink allows 65535 items; drop points" in refusal(".gpx", track)
+    assert len(made(".csv", "lat,lon,alt\n" + "28,-82.15,10\n" * 5000)[0].items) == 5000
+    table = "lat,lon,alt\n" + "28,-82.15,10\n" * 65_536
+    assert "65536 points, but MAVLink allows 65535 items; drop points" in refusal(".csv", table)
 
 
 @pytest.mark.parametrize(
     ("suffix", "content", "part"),
     [
-        (".kml", kml(line())[:-30], "line 2: it is not XML"),
         (".kml", kml(line()).replace("UTF-8", "klingon"), "line 1: "),
         (".kml", kml(line("\xe9")).encode("latin-1"), "line 2: it is not XML (not well-formed"),
         (".kml", kml(line(coordinates="28.05,-182.15,10 1,2,3")), "latitude -182.15 is outside -90..90; the"),
-        (".kml", kml(line(coordinates="28.05 -82.15 10")), "'28.05' is not longitude,latitude,altitude"),
         (".kml", kml(line(coordinates="1,2,3,4")), "line 2, point 1: '1,2,3,4' is not"),
         (".kml", kml(line(coordinates="1,1_0,3")), "'1,1_0,3' is not"),
-        (".kml", kml(line(coordinates="nan,2,3")), "longitude nan"),
         (".kml", kml(line(coordinates="1,2,1e9")), "altitude 1000000000.0"),
-        (".kml", kml(line(coordinates="181,2,3")), "longitude 181.0 is outside"),
         (".kml", kml(line(coordinates="")), "line 2: the LineString has no coordinates"),
-        (".kml", kml(), "the file has no path"),
         (".kml", "", "an empty file"),
-        (".kml", "<kml", "it is not XML"),
         (".kml", "<kml>" * 3000, "more than 100 nested elements"),
         (".kml", "<x><kml/></x>", "this is an XML file, not a KML file"),
-        (".kml", "<!-- <kml> --><x/>", "line 1: the document is 'x', not a KML file"),
         (".gpx", gpx("<rte><rtept lat='28.05'/></rte>"), "line 1, rtept: lon is ''; give a number"),
-        (".gpx", gpx("<rte><rtept lat='95' lon='1'><ele>1</ele></rtept></rte>"), "latitude 95.0 is outside"),
         (".gpx", gpx("<rte><rtept lat='9' lon='1'><ele>high</ele></rtept></rte>"), "ele is 'high'"),
         (".gpx", gpx(""), "the file has no path"),
         (".geojson", '{"type": "FeatureCollection", "features": [', "line 1: it ends in the middle"),
-        (".geojson", geojson({"type": "LineString", "coordinates": [[28.05, -182.15], [1, 2]]}),
-         "latitude -182.15 is outside -90..90; the longitude comes first"),
         (".geojson", geojson({"type": "LineString", "coordinates": [[1, 2], [1]]}),
          "feature 1, point 2: [1] is not"),
         (".geojson", geojson({"type": "LineString", "coordinates": None}),
          "feature 1: the geometry has no coordinates"),
-        (".geojson", geojson({"type": "LineString", "coordinates": [[1, "2"]]}),
-         "[1, '2'] is not [longitude"),
         (".geojson", geojson(LINE).replace("-82.15,", "NaN,"), "NaN is no number in JSON"),
-        (".geojson", '{"type": "FeatureCollection", "features": {}}', "features: it is a table of names"),
         (".geojson", '{"type": "FeatureCollection", "features": [{"properties": []}]}',
          "feature 1, properties"),
         (".geojson", '{"type": "Feature", "geometry": ' + NESTED * 50 + "{}" + "]}" * 50 + "}",
          "a geometry is"),
         (".geojson", geojson(LINE)[:-1] + ', "crs": {"properties": {"name": "EPSG:3857"}}}',
          "crs is 'EPSG:3857'"),
-        (".csv", "", "an empty file"),
-        (".csv", "lat,lon,alt\n", "the file has no path"),
         (".csv", "28.05,-82.15,10\n28.051,-82.151,10\n", "line 1: no columns of latitude and longitude"),
         (".csv", "lat,lon,alt\n28.05,-82.15,ten\n", "line 2: alt is 'ten'; give a number"),
-        (".csv", "lat,lon,alt\n28.05,,10\n", "line 2: lon is missing; give degrees"),
         (".csv", "lat,lon,alt\n\n28,05,-82,15,10\n", "line 3: 5 columns, but the header names 3"),
         (".csv", "lat,lon,altitude(ft)\n1,2,3\n", "column 'altitude(ft)' is not in metres or degrees"),
         (".csv", "lat,lon,alt\n1,2,3,\n1,2,3,,4\n", "line 3: 5 columns, but the header names 3"),
@@ -274,14 +240,8 @@ def test_a_long_track_is_taken_up_to_what_mavlink_numbers(made, refusal):
          "line 2: autocontinue is 'maybe'"),
         (".csv", "role,lat,lon,command,frame,param1\nitem,,,177,2,9\n",
          "line 2: DO_JUMP to index 9, which does"),
-        *((".csv", f"role,lat,lon,command,frame,index\nitem,1,2,16,3,{number}\n",
-           f"line 2: index is '{shown}'; give a finite number")
-          for number, shown in (("-inf", "-inf"), ("1e999", "inf"), ("9" * 400, "inf"))),
+        (".csv", "role,lat,lon,command,frame,index\nitem,1,2,16,3,1e999\n", "line 2: index is 'inf'; give"),
         (".gpx", gpx("<extensions><record role='item' command='177' index='inf'/></extensions>"),
-         "index is 'inf'; give a finite number"),
-        (".kml", kml("<Placemark><ExtendedData>" + "".join(
-            f"<Data name='{name}'><value>{value}</value></Data>"
-            for name, value in (("role", "item"), ("index", "1e999"))) + "</ExtendedData></Placemark>"),
          "index is 'inf'; give a finite number"),
         (".geojson", geojson(None, role="item", index=10**400), "feature 1: index is '1000000000000000000"),
         (".geojson", geojson({"type": "LineString", "coordinates": [[10**400, 2], [1, 2]]}),
@@ -300,16 +260,6 @@ def test_altitudes_of_litchi_are_read_above_home_only(made, refusal, name):
     assert [item.z for item in made(".csv", table % "0")[0].items] == [10.0, 20.0]
     assert "line 3: altitudemode is 1, not 0 (above home); give altitudes" in refusal(".csv", table % "1")
     assert "line 3: altitudemode is 'ground'; give a number" in refusal(".csv", table % "ground")
-
-
-def test_columns_without_a_name_may_be_empty(made):
-    mission, _ = made(".csv", "lat,lon,alt\n28.05,-82.15,10,\n28.051,-82.151,20,, \n")
-    assert [item.z for item in mission.items] == [10.0, 20.0]
-
-
-def test_utf_16_is_read_where_xml_says_so(made):
-    content = kml(line()).replace("UTF-8", "UTF-16").encode("utf-16")
-    assert len(made(".kml", content)[0].items) == 2
 
 
 LAUGHS = '<!DOCTYPE kml [<!ENTITY a "ha">%s]>\n<kml><Document>&z;</Document></kml>'
@@ -365,11 +315,6 @@ def test_a_table_of_commands_needs_neither_order_nor_all_columns(made):
         (20, None, 0.0, 0.0),
         (16, 5.0, 0.0, 3.0),
     ]
-
-
-def test_records_may_be_taken_out_and_jumps_still_lead_where_they_did(made):
-    table = "index,command,frame,lat,lon,altitude_m,param1\n0,16,3,1,2,3,0\n2,16,3,4,5,6,0\n3,177,2,,,,2\n"
-    assert made(".csv", table)[0].items[2].param1 == 1.0
 
 
 GEOMETRY = '{"type": "LineString", "coordinates": [[10, 50], [10.001, 50], [10.001, 50.001]]}'

@@ -34,13 +34,6 @@ def degrees(gimbal):
     return [round(math.degrees(angle), 3) for angle in gimbal.angles_rad]
 
 
-def test_one_that_nobody_commands_rests_straight_down_and_remembers_nothing():
-    gimbal = gimbal_with()
-    advance(gimbal, 3.0)
-    assert gimbal.angles_rad == NADIR
-    assert gimbal.attitude_at(1e6) is None
-
-
 @given(
     st.tuples(ANYTHING, ANYTHING, ANYTHING),
     st.booleans(),
@@ -138,11 +131,3 @@ def test_the_past_is_told_between_its_moments():
     assert math.degrees(gimbal.attitude_at(1.75e6).pitch_rad) == pytest.approx(-45.0)
     assert math.degrees(gimbal.attitude_at(9e6).pitch_rad) == pytest.approx(-30.0)
     assert gimbal.attitude_at(1.2e6) is None
-
-
-def test_without_one_nothing_turns():
-    gimbal = Gimbal(SimpleNamespace(kept=lambda name, default: default), None)
-    gimbal.turn_to((0.0, 0.0, 0.0), earth=False)
-    advance(gimbal, 1.0)
-    assert not gimbal.fitted
-    assert gimbal.angles_rad == NADIR

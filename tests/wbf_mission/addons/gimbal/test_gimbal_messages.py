@@ -160,12 +160,6 @@ def test_it_turns_at_its_rate_and_streams_where_it_is():
     assert pitches == [min(-90.0 + 6.0 * step, 0.0) for step in range(1, 21)]
 
 
-def test_command_int_carries_the_flags_as_an_integer():
-    peer = Peer()
-    peer.tell(m.MAVLink_command_int_message(1, 1, 0, PITCHYAW, 0, 0, -30.0, 20.0, NAN, NAN, 16, 0, 0))
-    assert peer.looks() == (60, 0.0, -30.0, 20.0)
-
-
 def test_without_a_gimbal_commands_fail_and_px4_knows_none():
     rover = Peer(kind="rover")
     assert [rover.result(command, 0, 0, 0, 0, 0, 0, 1) for command in (PITCHYAW, CONFIGURE, MOUNT, MODE)] == [

@@ -15,14 +15,6 @@ def _contract():
     return Contract(stretches, np.concatenate([one.points_m for one in stretches])), segment
 
 
-def test_nothing_flown_leaves_everything():
-    contract, segment = _contract()
-    assert contract.follow(contract.points_m) and contract.begun is None
-    (left,) = contract.unflown((0.0, 0.0))
-    assert left.number == 3 and len(left.rows) == len(segment.rows) == 2
-    assert len(contract.work()) == 4
-
-
 def test_in_a_row_what_is_ahead_of_the_vehicle_is_left():
     contract, segment = _contract()
     assert contract.follow(contract.points_m[3:]) and contract.begun is segment
@@ -37,21 +29,3 @@ def test_at_the_end_of_a_row_nothing_of_it_is_left():
     assert [row.line for row in left.rows] == [segment.rows[1].line]
     assert contract.follow(contract.points_m[3:])
     assert contract.unflown((0.0, 3.0)) == []
-
-
-def test_a_flown_segment_leaves_nothing():
-    contract, _ = _contract()
-    assert contract.follow(contract.points_m[4:]) and contract.begun is None
-    assert contract.unflown((10.0, 3.0)) == [] and not len(contract.work())
-
-
-def test_a_vehicle_that_flies_something_else_is_noticed():
-    contract, _ = _contract()
-    assert not contract.follow(contract.points_m[2:] + 1.0)
-    assert contract.follow(contract.points_m[2:] + 0.01)
-
-
-def test_a_path_that_was_cut_has_less_ahead():
-    contract, segment = _contract()
-    cut = Contract(contract.stretches, contract.points_m[:3])
-    assert len(cut.work()) == 3 and {one.segment for one, _ in cut.ahead} == {segment}

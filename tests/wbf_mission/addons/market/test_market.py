@@ -81,15 +81,6 @@ def test_the_first_look_is_divided_among_the_vehicles():
         assert _covered(own, [path for other, path in decision.paths.items() if other != k]) <= 1
 
 
-def test_nothing_new_is_no_reason_to_change():
-    policy = Market()
-    vehicles = _fleet(3)
-    paths = policy.decide(observation(*vehicles)).paths
-    flying = [_flown(one, paths[one.system_id], 1) for one in vehicles]
-    healthy = _seen([(k, 5) for k in range(9)], 1.0)
-    assert policy.decide(observation(*flying, event=Event.OBSERVATIONS, seen=healthy)) is NO_CHANGE
-
-
 def _with_detections(policy, seen, count=3, points=2):
     vehicles = _fleet(count)
     paths = policy.decide(observation(*vehicles)).paths
@@ -108,13 +99,6 @@ def test_about_finds_a_contractor_flies_fine_rows():
     }
     # Rows 2 cells apart over 8 x 7 cells.
     assert max(gains.values()) > 16 and max(gains, key=gains.get) != 1
-
-
-def test_a_pioneer_takes_fine_segments_only_when_it_is_alone():
-    detections = _seen([(20, 20), (21, 20)])
-    for pioneers, count in ((2, 2), (1, 1)):
-        _, _, decision = _with_detections(Market(pioneers=pioneers), detections, count=count)
-        assert decision.changes
 
 
 def test_a_run_of_finds_is_waited_for():

@@ -134,15 +134,6 @@ def test_an_empty_mission_empties_the_vehicle_and_an_empty_vehicle_has_empty_pla
     assert len(held.fence) == 5
 
 
-def test_over_udp():
-    with contextlib.ExitStack() as stack:
-        port = free_udp_port()
-        stack.enter_context(stand_in(listen=f"udpout:127.0.0.1:{port}"))
-        held, report = download(f"udpin:127.0.0.1:{port}", open_driver=driver("mavsdk"))
-    assert report.system_id == 1
-    assert held.items == ()
-
-
 def test_over_a_serial_line():
     ours, theirs = pty.openpty()
     for end in (ours, theirs):
@@ -338,16 +329,6 @@ def test_the_same_flight_both_ways(autopilot, tmp_path):
         assert (result.observations.values == truth.T).all()
     assert other.final_score == pytest.approx(own.final_score, abs=0.15)
     assert np.array_equal(own.truth, other.truth)
-
-
-@pytest.mark.slow
-def test_the_operator_orders_a_return_by_mavsdk():
-    operator = Watcher(images=8, act=lambda flight: flight.maneuver(Maneuver.RETURN))
-    with stand_in("ardupilot", speed=2.0) as (url, made):
-        result = fly(scenario(), by=LiveLink(url, operator, via=via_named("mavsdk")))
-        assert not made.vehicle.pilot.armed
-    assert result.outcome is Outcome.INTERRUPTED
-    assert result.reason == "the operator ordered the vehicle to return"
 
 
 @pytest.mark.slow

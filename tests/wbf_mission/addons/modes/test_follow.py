@@ -56,14 +56,6 @@ class Follower(Rig):
         return math.degrees(self.pilot.state.yaw_rad) % 360.0
 
 
-def test_it_stays_until_it_hears_of_a_target():
-    rig = Follower()
-    before = rig.place
-    rig.run(5.0)
-    assert math.dist(rig.place, before) < 0.5
-    assert rig.vehicle.state.custom_mode == 8 << 24 | 4 << 16
-
-
 @pytest.mark.parametrize("told", [True, False], ids=["velocity", "positions only"])
 @MODELS
 def test_it_flies_behind_a_target_that_walks_and_looks_at_it(told, spec):
@@ -89,14 +81,6 @@ def test_its_parameters_say_where(angle, east, north):
     x, y, z = rig.place
     assert (x - there[0], y - there[1]) == pytest.approx((east, north), abs=1.5)
     assert z == pytest.approx(15.0, abs=0.7)
-
-
-@MODELS
-def test_it_follows_the_height_of_the_target_where_that_is_asked_for(spec):
-    rig = Follower(spec=spec)
-    rig.pilot.parameters.stored["FLW_TGT_ALT_M"] = 2.0
-    rig.walk(20, (0.0, 0.0), (0.0, 0.0), up=7.0)
-    assert rig.place[2] == pytest.approx(15.0, abs=0.7)
 
 
 @pytest.mark.parametrize(("up", "height"), [(-30.0, 1.0), (1e6, QUAD.max_altitude_m)])

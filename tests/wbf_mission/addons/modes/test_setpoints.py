@@ -152,20 +152,6 @@ def test_px4_wants_a_stream_before_and_during_offboard():
     assert "Offboard control lost: returning" in rig.texts
 
 
-def test_px4_takes_off_by_setpoints():
-    rig = Rig(PX4)
-    up = local(POSITION, 0.0, 0.0, -8.0)
-    rig.run(0.5, stream=up)
-    rig.pilot.set_mode(Mode.GUIDED)
-    rig.pilot.arm()
-    rig.run(12.0, stream=up)
-    assert rig.place == pytest.approx((0.0, 0.0, 8.0), abs=0.1)
-    assert rig.pilot.landed is LandedState.IN_AIR
-    rig.run(30.0, stream=local(VELOCITY, vz=1.5))
-    assert rig.pilot.landed is LandedState.ON_GROUND
-    assert not rig.pilot.armed
-
-
 def test_ardupilot_flies_velocities_for_three_seconds_and_places_for_ever():
     rig = Rig(ARDUPILOT).guided(HERE)
     rig.tell(local(VELOCITY, vx=4.0))

@@ -78,27 +78,6 @@ def test_a_reason_that_follows_the_refusal_is_told():
     assert vehicle.session.texts == [], "what the error says is not said twice"
 
 
-def test_a_reason_before_the_refusal_is_told():
-    vehicle = Vehicle("arm", autopilot=PX4)
-    vehicle.warns("old news")
-    vehicle.beats()
-    vehicle.warns("Arming denied: no GPS")
-    vehicle.answers(400, m.MAV_RESULT_DENIED)
-    vehicle.passes(0.2)
-    assert str(vehicle.session.error) == "system 1 refused arm: Arming denied: no GPS"
-
-
-def test_a_long_reason_is_told_to_its_end():
-    vehicle = Vehicle("arm")
-    vehicle.beats()
-    vehicle.answers(400, m.MAV_RESULT_FAILED)
-    vehicle.warns("Arm: " + "x" * 45, 7, 0)
-    vehicle.passes(0.05)
-    vehicle.warns(" propellers are off", 7, 1)
-    vehicle.passes(0.2)
-    assert str(vehicle.session.error).endswith("x propellers are off")
-
-
 @pytest.mark.parametrize("landed", [m.MAV_LANDED_STATE_IN_AIR, None])
 @pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
 def test_who_flies_does_not_take_off(autopilot, landed):
@@ -224,17 +203,6 @@ def test_an_item_is_not_ordered_again_while_the_vehicle_is_silent(autopilot):
     vehicle.tells_item(0, 20)
     vehicle.passes(30.0)
     assert len(set_items(vehicle) + vehicle.commands(m.MAV_CMD_DO_SET_MISSION_CURRENT)) <= 2
-
-
-def test_an_item_that_is_not_shown():
-    vehicle = Vehicle("set-item", "3", autopilot=PX4)
-    vehicle.beats()
-    vehicle.tells_item(0, 9)
-    vehicle.passes(30.0)
-    text = str(vehicle.session.error)
-    assert text.startswith(
-        "system 1 was given set-item 3, but its telemetry does not confirm this in 15 s: it is in mode "
-    )
 
 
 def test_a_takeoff_that_changes_the_mode_is_not_repeated_and_shows_by_its_height():

@@ -10,7 +10,6 @@ import select
 import signal
 import subprocess
 import sys
-import time
 from collections import Counter
 
 import pytest
@@ -33,7 +32,6 @@ from wbf_mission.cli.app import main
 from wbf_mission.exit_codes import ExitCode, exit_code_of_flight
 from wbf_mission.flight import fly
 from wbf_mission.run import joint_flight
-from wbf_mission.scenario import Scenario
 
 AUTOPILOTS = {"px4": m.MAV_AUTOPILOT_PX4, "ardupilot": m.MAV_AUTOPILOT_ARDUPILOTMEGA}
 
@@ -122,30 +120,6 @@ def test_a_policy_changes_the_mission_of_the_vehicle_behind_the_link(quick_stand
     assert result.outcome is Outcome.COMPLETED
     changes = [one for record in result.decisions for one in record.changes if one.outcome == "flown"]
     assert changes
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("autopilot", AUTOPILOTS)
-def test_what_a_policy_flies_behind_a_link_is_what_it_flies_offline(autopilot):
-    """In length; the number of changes varies with the moment at which each answer is there.
-
-    No faster than twice real time: the computer's time for an answer counts as the vehicle's, which waits at
-    the end of its path for a late answer. On a busy computer the path was up to 12 % shorter.
-    """
-    given = {"farm": "miniberry-100", "policy": "rolling-horizon", "estimator": "adaptive-disk"}
-    given |= {"budget": "2min", "autopilot": autopilot}
-    offline = fly(Scenario(**given))
-    with stand_in(autopilot, farm="miniberry-100", speed=2.0) as (url, _):
-        live = fly(Scenario(**given), by=LiveLink(url, Watcher(images=10**9)))
-    (alone,), (behind,) = offline.flights, live.flights
-    assert 0.75 * alone.track.length_m < behind.track.length_m < 1.1 * alone.track.length_m
-    assert 0.9 * alone.flight_time_s < behind.flight_time_s <= 120.0
-    flown, came = (
-        sum(change.outcome == "flown" for record in one.decisions for change in record.changes)
-        for one in (offline, live)
-    )
-    assert flown > 10
-    assert flown / 2 <= came <= 2 * flown
 
 
 def test_the_operator_ends_the_mission(quick_stand_in):
@@ -239,20 +213,6 @@ def test_ctrl_c_at_the_start_question_ends_in_one_line(tmp_path):
     told = [one.strip() for one in after if one.strip() and "^C" not in one]
     assert told == ["error: interrupted: nothing was started; the uploaded plans stay in the vehicle"]
     assert not (tmp_path / "run" / "summary.json").exists()
-
-
-@pytest.mark.slow
-def test_no_bars_are_drawn_over_a_question(tmp_path):
-    def wait_and_say_yes(_process):
-        time.sleep(2.0)  # bars are drawn ten times a second
-
-    answers = [(b"start the motors? [y/N]", wait_and_say_yes), (b"[y/N]", b"y\n")]
-    with stand_in() as (url, _):
-        code, _, shown = talk(url, answers, tmp_path, term="xterm")
-    assert code == 0
-    assert "\u2501" in shown, "there are bars"
-    between = shown.split("start the motors? [y/N]")[1].split("y\r\n")[0]
-    assert "\u2501" not in between
 
 
 class Answering(io.StringIO):

@@ -10,14 +10,12 @@ from stand_in import LONG_S, scenario
 from sweeps import slow
 
 from mission.ground.arming_gate import ArmingGate
-from mission.outcome import Outcome, Phase
+from mission.outcome import Outcome
 from mission.policies.decision import NO_CHANGE, Decision
 from mission.policies.observation import Event, Status
 from mission.policies.policy import Triggers
 from mission.transfer import OWN_TRANSFERS
 from mission.transfer.vehicles import Vehicle
-from sensors.fields import PAPER_FIELDS
-from sensors.scoring.information import InformationModel
 from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.host.simulation import Simulation
 from wbf_mission.addons.base.links import fitted_to
@@ -202,10 +200,6 @@ def soon_left_behind(monkeypatch):
     monkeypatch.setattr(joint_flight, "LAST_ANSWER_S", 0.05)
 
 
-def in_flight(link):
-    return link.flight.sorties[0].ground.phase is Phase.FLIGHT
-
-
 def test_a_vehicle_lands_and_the_run_ends_while_a_policy_never_answers():
     ended = []
     for policy in (Pondering(), Pondering()):
@@ -316,44 +310,3 @@ def test_an_answer_whose_start_was_passed_is_dropped_and_asked_for_again_twice_i
     assert sum(line == NOT_SENT + text for _, line in link.lines) == len(late) > 3
     times = [one.time_s for one in late]
     assert times[2] < times[0] + 35.0 and times[3] > times[2] + 39.0, times
-
-
-class Recorded:
-    """An estimator that notes which threads it is asked in, and how much it knew at each model."""
-
-    fields = PAPER_FIELDS
-
-    def __init__(self):
-        self.threads, self.known = set(), 0
-
-    def fit(self, grid, observations=None):
-        self.values = np.zeros((3, *grid.shape), np.float32)
-        return self
-
-    def partial_fit(self, observations):
-        self.threads.add(threading.current_thread().name)
-        self.known += len(observations)
-        self.values[:] = self.known / 1e6
-        return self
-
-    def predict(self):
-        self.threads.add(threading.current_thread().name)
-        return InformationModel(self.values, self.values, loss_map=self.values)
-
-
-def test_a_policy_has_a_model_of_its_own_beside_which_the_estimate_goes_on():
-    estimator, known = Recorded(), []
-
-    def watch(link):
-        if link.policy.told:
-            known.append((estimator.known, float(link.policy.told[0].model.value.max())))
-
-    link = Watched(Pondering(), watch)
-    result = link.fly(estimator=estimator)
-    assert result.outcome is Outcome.COMPLETED
-    (told,) = link.policy.told
-    assert {round(1e6 * seen) for _, seen in known} == {len(told.observations)}, "it stays as it was asked"
-    assert known[-1][0] > known[0][0] > 0 and estimator.known == len(result.observations)
-    assert "policy" not in estimator.threads
-    assert not np.shares_memory(told.model.value, estimator.values)
-    assert not np.shares_memory(told.model.expected_loss, estimator.values)

@@ -59,14 +59,6 @@ def test_they_are_those_of_the_mission(before_m, item, after_m, later, images):
     assert images_in(silence, PLAN, later) == pytest.approx(images, abs=1)
 
 
-@pytest.mark.parametrize(("reach_m", "images"), [(60.0, 30), (40.0, 20), (10.0, 5)])
-def test_no_more_than_the_vehicle_can_have_flown_past(reach_m, images):
-    """Of a mission that was changed meanwhile the items say that more was flown than the time allows."""
-    plan = mission([(0.0, 0), (100.0, (DISTANCE, 2.0)), (0.0, 0), (100.0, 0), (0.0, 0)])
-    silence = Silence(at(50.0), at(60.0), 2, 20.0, Shots(), reach_m)
-    assert images_in(silence, plan, 5) == pytest.approx(images, abs=1)
-
-
 def test_what_was_seen_on_both_sides_of_a_silence_is_not_counted():
     """The items are told now and then: the way begins and ends where they were, and turned meanwhile."""
     silence = Silence(
@@ -173,9 +165,3 @@ def test_images_by_time_are_spread_over_the_way():
     assert images_in(silence, plan, 4) == pytest.approx(20, abs=1)
     hovers = Silence(at(50.0), at(50.0), 2, 15.0, Shots())
     assert images_in(hovers, plan, 2) == pytest.approx(30, abs=1)
-
-
-def test_outside_a_mission_the_camera_does_what_it_was_told():
-    silence = Silence(at(0.0), at(50.0), -1, 10.0, Shots(distance_m=1.0))
-    assert images_in(silence, PLAN, 8) == pytest.approx(50, abs=1)
-    assert images_in(Silence(at(0.0), at(50.0), -1, 10.0, Shots()), PLAN, 8) == 0

@@ -48,17 +48,6 @@ def answered(output, typed, text):
     return output
 
 
-def test_a_flight_is_told_from_the_question_to_the_ground(quick_stand_in, typed, capsys):
-    output = answered(Output(), typed, "y\n")
-    with quick_stand_in() as (url, _):
-        result = fly(scenario(), by=LiveLink(url, TerminalConsole(output)), events=output.events)
-    assert result.outcome is Outcome.COMPLETED
-    told = capsys.readouterr().err
-    for text in ("waiting until", "start the motors? [y/N]", "flying", "images, link", "vehicle: Disarmed"):
-        assert text in told, told
-    assert told.index("start the motors") < told.index("images, link")
-
-
 def test_ctrl_c_asks_and_the_vehicle_returns(quick_stand_in, typed, capsys):
     output, done_s = Output(), []
 

@@ -13,7 +13,6 @@ from wbf_mission.planning.builder import budget_left
 @pytest.mark.parametrize(
     ("autopilot", "parameters"),
     [
-        ("px4", {"RTL_RETURN_ALT": 50.0, "RTL_CONE_ANG": 0}),
         ("px4", {"MPC_LAND_SPEED": 0.6, "RTL_LAND_DELAY": 20.0}),
         ("ardupilot", {"RTL_ALT": 4000, "RTL_CONE_SLOPE": 0.0, "LAND_SPEED": 30}),
     ],

@@ -105,14 +105,6 @@ def test_a_camera_that_nobody_commands_follows_the_mission():
     assert kinds(camera.goodbye()) == ["HEARTBEAT"]
 
 
-def test_a_camera_that_nobody_commands_follows_a_mission_with_intervals():
-    ride = Ride(plan((INTERVAL, 500.0), (DISTANCE, 0.0)))
-    ride.at(2)
-    assert ride.does == (0.0, 500_000)
-    ride.at(4)
-    assert ride.does == (0.0, 0)
-
-
 @pytest.mark.parametrize("item_first", [False, True])
 def test_a_silence_costs_the_same_whatever_is_heard_first_after_it(item_first):
     legs = [
@@ -139,16 +131,6 @@ def test_two_silences_before_an_item_is_told_cost_both():
     ride.at(2)
     # 18 s of 20, with 0.98 m/s.
     assert ride.camera.missed == pytest.approx(35, abs=1)
-
-
-def test_outside_the_mission_its_orders_are_not_read():
-    ride = Ride()
-    ride.beat(GUIDED)
-    ride.at(2)
-    assert ride.does == (0.0, 0)
-    ride.beat(AUTO, armed=False)
-    ride.at(2)
-    assert ride.does == (0.0, 0)
 
 
 def test_a_command_of_the_autopilot_is_given_time_to_arrive():
@@ -180,16 +162,6 @@ def test_an_autopilot_that_orders_each_image_is_left_to_it():
     assert ride.does[0] == 0.0, "each image would be taken twice"
     ride.seconds(10, 2)
     assert ride.does[0] == 0.0
-
-
-def test_an_autopilot_that_starts_again_is_not_waited_for():
-    ride = Ride()
-    ride.tell(0.5)
-    ride.clock_s = 2.0
-    ride.move(0.1)
-    assert ride.does[0] == 0.0, "nobody has told the camera anything since"
-    ride.at(2)
-    assert ride.does[0] == 0.5
 
 
 def test_a_changed_mission_does_not_end_the_images_by_an_item_of_the_other_one():

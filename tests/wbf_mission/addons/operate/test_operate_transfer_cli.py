@@ -3,7 +3,6 @@
 import json
 
 import pytest
-from advice import commands
 from preflight_plans import box, farm_with_obstacle, fenced, good
 
 from geo import save_farm
@@ -99,13 +98,3 @@ def test_farm_and_wind_are_checked_before_an_upload(quick_stand_in, file, tmp_pa
         assert "but PX4 is heard" in run(capsys, *words, "--autopilot", "ardupilot", code=2).err
         run(capsys, *words, "--farm", "miniberry-10")
         assert made.vehicle.pilot.mission.size == len(good().items)
-
-
-@pytest.mark.parametrize("command", ["fly", "preflight", "upload", "download", "check", "command"])
-def test_options_of_the_link_stand_together_in_the_help(command, capsys):
-    every = "--help-all" if commands()[command].beginners else "--help"
-    text = run(capsys, command, every).out
-    panel = text.split("The vehicle's link:")[1].split("\n\n")[0]
-    for option in ("--wait", "--system-id"):
-        assert option in panel
-        assert text.count(f"  {option} ") == 1

@@ -15,7 +15,6 @@ from preflight_plans import (
     fenced,
     findings,
     good,
-    speed,
     takeoff,
 )
 
@@ -103,7 +102,6 @@ def plane(**parameters):
 
 
 UNORDERED = Mission((takeoff(), at(40, 0, param2=0.0), at(0, 40, param2=0.0), RTL), HOME)
-LANDING = good(end=(CAMERA_OFF, at(0, 0, 0.0, Command.NAV_LAND)))
 FENCED = fenced(good(), box(-50, -50, 90, 90))
 ABOVE_SEA = good(
     *(replace(one, frame=int(Frame.GLOBAL), z=30.0) for one in (at(40, 0), at(0, 40))),
@@ -232,18 +230,9 @@ def test_what_counts_for_an_upload_and_what_for_a_start():
     assert {concerns[code] for code in ("no-fix", "not-ready", "unhealthy")} == {Concern.READINESS}
 
 
-def test_no_less_than_nothing_is_left_in_an_empty_battery():
-    assert findings(good(), snapshot=vehicle(battery=0.0))["battery-now"].measure.value == 0.0
-
-
 def test_the_vehicles_own_reasons_are_told():
     ill = vehicle(sensors_health=SENSORS & ~(1 << 28), reasons=("GPS 1: Bad fix", "Battery low"))
     assert "GPS 1: Bad fix, Battery low" in findings(good(), snapshot=ill)["not-ready"].text
-
-
-def test_a_second_order_of_speed_leaves_no_leg_to_the_vehicles_own_speed():
-    mission = good(at(40, 0), speed(4.0), at(0, 40))
-    assert "other-speed" not in findings(mission, snapshot=px4(MPC_XY_CRUISE=8.0))
 
 
 def test_names_of_newer_versions_count_first():

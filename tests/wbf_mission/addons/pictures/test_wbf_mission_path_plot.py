@@ -47,7 +47,6 @@ def test_the_rest_of_a_path_begins_where_the_vehicle_is() -> None:
         ({}, {"planned", "flown", "start"}),
         ({"days": 2, "day": 2, "vehicles": 2}, {"day 2", "day 3", "start"}),
         ({"vehicles": 2, "flights_per_day": 2}, {"vehicle 1", "vehicle 2", "start"}),
-        ({"flights_per_day": 2}, {"flight 1", "flight 2", "start"}),
         ({"days": 9, "day": 1}, {"day 1", "day 9", "start"}),
     ],
 )

@@ -7,7 +7,6 @@ from gymnasium.vector import SyncVectorEnv
 from page_tables import with_tables
 from sweeps import slow
 
-import wbf_mission.addons.rl
 from wbf_mission.addons.rl import SurveyVectorEnv, TrainingError, interfaces, parallel_env
 from wbf_mission.addons.rl.catalogue import interfaces_of
 from wbf_mission.scenario import scenario_ids
@@ -80,8 +79,3 @@ def test_the_page_tells_what_the_list_tells(request):
     page = (request.config.rootpath / "docs" / "training.md").read_text(encoding="utf-8")
     told = [line for line in with_tables(page).splitlines() if line.startswith("WBF/")]
     assert told == [str(one) for one in interfaces()]
-
-
-def test_names_that_the_package_gives():
-    assert wbf_mission.addons.rl.MOVE_NAMES[0] == "stay"
-    assert wbf_mission.addons.rl.Interfaces is type(interfaces()[0])

@@ -67,8 +67,6 @@ def flown(scenario, cells, seed=3, estimator="adaptive-disk"):
     [
         ("WBF/Miniberry-10-v1", "adaptive-disk"),
         ("WBF/Miniberry-10-v1", "gp"),
-        ("WBF/Miniberry-30-Sweep-v1", "adaptive-disk"),
-        ("WBF/Miniberry-30-Leaves-v1", "adaptive-disk"),
         ("WBF/Miniberry-30-Noisy-v1", "adaptive-disk"),
         ("WBF/Miniberry-30-Wide-v1", "adaptive-disk"),
         slow("WBF/Miniberry-30-Days-v1", "adaptive-disk"),
@@ -157,15 +155,6 @@ def test_an_action_that_is_none_is_refused_in_one_line_and_moves_nobody(action):
     assert env._episode.moved == robots._episode.moved == 0
 
 
-@pytest.mark.parametrize("action", [np.int64(1), np.uint8(1), np.array(1), np.array(1, np.int32)])
-def test_whole_numbers_of_numpy_are_actions(action):
-    env, robots = SurveyEnv("WBF/Miniberry-10-v1"), parallel_env("WBF/Miniberry-10-v1")
-    for one, given in ((env, action), (robots, {"robot_1": action})):
-        one.reset(seed=0)
-        one.step(given)
-        assert one._episode.cells.tolist() == [[1, 0]]
-
-
 def test_robots_that_are_none_are_refused():
     robots = parallel_env("WBF/Miniberry-30-Robots-2-v1")
     robots.reset(seed=0)
@@ -193,31 +182,6 @@ def test_masks_tell_which_moves_are_stays():
     assert masks["robot_2"].tolist() == [True, True, True, False, True]
 
 
-def test_a_closed_environment_can_be_closed_again_and_reset():
-    for env in (SurveyEnv("WBF/Miniberry-10-v1"), parallel_env("WBF/Miniberry-10-v1")):
-        env.close()
-        env.reset(seed=0)
-        env.close()
-        env.close()
-        with pytest.raises(TrainingError, match="call reset"):
-            env.step(1 if isinstance(env, SurveyEnv) else {"robot_1": 1})
-        env.reset(seed=0)
-
-
-def test_gymnasiums_asynchronous_environments_take_it():
-    name = "WBF/Miniberry-10-v1"
-    apart = gymnasium.make_vec(name, num_envs=2, vectorization_mode="async")
-    together = gymnasium.make_vec(name, num_envs=2)
-    first, _ = apart.reset(seed=5)
-    second, _ = together.reset(seed=5)
-    for actions in ([1, 2], [1, 1]):
-        first, rewards, *_ = apart.step(np.array(actions))
-        second, ours, *_ = together.step(np.array(actions))
-        assert rewards.tolist() == ours.tolist()
-        assert all(np.array_equal(first[key], second[key]) for key in second)
-    apart.close()
-
-
 def test_pettingzoos_own_checks_pass():
     name = "WBF/Miniberry-30-Robots-3-v1"
     with warnings.catch_warnings():
@@ -235,16 +199,6 @@ def test_seeds_are_those_of_benchmarks_and_drawn_ones_are_none_of_them():
     assert len(set(drawn)) == 3
     env.reset(seed=5)
     assert [env.reset()[1]["environment"] for _ in range(3)] == drawn
-
-
-def test_an_observation_tells_nothing_of_cells_that_were_not_seen():
-    name = "WBF/Miniberry-10-v1"
-    one, other = SurveyEnv(name), SurveyEnv(name)
-    first, _ = one.reset(seed=1)
-    second, _ = other.reset(seed=2)
-    for key, value in first.items():
-        assert np.array_equal(value, second[key]), key
-    assert not first["seen"].any()
 
 
 def test_maps_of_large_farms_are_in_blocks():
@@ -272,14 +226,3 @@ def test_what_cannot_be_is_refused_in_one_line(scenario, options, text):
     with pytest.raises(TrainingError, match=text) as caught:
         SurveyEnv(scenario, **options)
     assert "\n" not in str(caught.value)
-
-
-def test_two_episodes_of_one_estimator_object_do_not_mix():
-    from sensors.estimators import make_estimator
-
-    own = SurveyEnv("WBF/Miniberry-10-v1", make_estimator("adaptive-disk", radius=2))
-    for _ in range(2):
-        observation, _ = own.reset(seed=7)
-        assert not observation["seen"].any()
-        assert observation["uncertainty"].min() == 1.0
-        own.step(1)

@@ -3,7 +3,6 @@
 import copy
 import pickle
 
-import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
@@ -36,9 +35,7 @@ def assert_same(one, other):
     [
         ("WBF/Miniberry-10-v1", 90, AutoresetMode.NEXT_STEP),
         ("WBF/Miniberry-10-v1", 90, AutoresetMode.SAME_STEP),
-        ("WBF/Miniberry-30-v1", 120, AutoresetMode.NEXT_STEP),
         ("WBF/Miniberry-30-Sweep-v1", 120, AutoresetMode.NEXT_STEP),
-        ("WBF/Miniberry-30-Leaves-v1", 120, AutoresetMode.NEXT_STEP),
         ("WBF/Miniberry-30-Noisy-v1", 120, AutoresetMode.NEXT_STEP),
         ("WBF/Miniberry-100-v1", 120, AutoresetMode.NEXT_STEP),
     ],
@@ -95,13 +92,6 @@ def test_any_walk_has_the_map_and_the_losses_of_the_estimator_and_the_score(acti
         assert batch.losses[1, : number + 2].tolist() == score.losses
     assert batch.score(1) == score.score
     assert batch.counts.tolist() == [0, 40]
-
-
-def test_ids_make_the_batched_environment():
-    envs = gymnasium.make_vec("WBF/Miniberry-30-v1", num_envs=2)
-    assert isinstance(envs.unwrapped, SurveyVectorEnv)
-    days = gymnasium.make_vec("WBF/Miniberry-30-Days-v1", num_envs=1)
-    assert isinstance(days.unwrapped, SyncVectorEnv)
 
 
 @pytest.mark.kernel

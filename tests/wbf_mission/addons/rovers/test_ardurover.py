@@ -4,7 +4,6 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from flight_measures import turns
 from recordings import compare, fly_recording, load_recording
@@ -14,13 +13,13 @@ from mission.model import MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import flight_procedures, with_autopilot
 from sim_vehicle.execution.executor import MissionExecutor
-from sim_vehicle.execution.state import ItemReached
 from sim_vehicle.motion.columns import State
 from sim_vehicle.motion.legs import Leg, Route
-from wbf_mission.addons.rovers.motion.ardurover import Drive
 from wbf_mission.addons.rovers.motion.layout import Wheels
 
 FLIGHTS = Path(__file__).parents[3] / "data" / "flights"
+
+
 HOME = LocalFrame(28.05, -82.15)
 
 
@@ -76,14 +75,6 @@ def test_a_return_has_a_speed_of_its_own():
     assert speeds[1] == pytest.approx(0.7, abs=0.15)
 
 
-def test_a_place_right_behind_is_turned_to():
-    motion = motion_of(rover())
-    motion.fly(Route.through([Leg((0.0, -20.0, 0.0), 1.5)]))
-    motion.advance(200_000)
-    assert motion.arrivals[-1] > 0
-    assert np.hypot(motion.state[0], motion.state[1] + 20.0) < 2.0
-
-
 def test_the_lateral_acceleration_is_limited():
     greatest = []
     for share in (0.6, 0.1):
@@ -97,33 +88,6 @@ def test_the_lateral_acceleration_is_limited():
         greatest.append(lateral / 9.81)
     # The integrator of the steering may take it a little beyond.
     assert greatest[1] < 1.1 * 0.1 < greatest[0]
-
-
-def test_a_pause_after_a_turn_on_the_spot():
-    times = []
-    for delay in (0.0, 3.0):
-        spec = rover(SERVO1_FUNCTION=73.0, WP_PIVOT_DELAY=delay)
-        motion = motion_of(spec)
-        motion.fly(Route.through([Leg((20.0, 0.0, 0.0), 1.5)]))
-        pivots = 0
-        while motion.arrivals[-1] < 0:
-            motion.advance(1)
-            pivots += motion.guide[Drive.PIVOTS] > 0.0
-        times.append(pivots * spec.step_s)
-    assert times[1] - times[0] == pytest.approx(3.0, abs=0.1)
-
-
-def test_speed_changes_under_way():
-    executor = MissionExecutor(rover(), HOME)
-    latitude, longitude = HOME.to_wgs84(0.0, 200.0)
-    executor.mission.load((MissionItem(16, 3, 0, 0, 0, 0, latitude, longitude, 0.0),))
-    executor.arm()
-    executor.start()
-    executor.advance(20.0)
-    executor.set_speed(0.8)
-    events = executor.advance(40.0)
-    assert math.hypot(*executor.motion.snapshot().velocity_m_s[:2]) == pytest.approx(0.8, abs=0.03)
-    assert not any(isinstance(event, ItemReached) for event in events)
 
 
 def test_placed_under_way_it_keeps_its_speed():

@@ -82,14 +82,6 @@ def test_the_simulated_rover_turns_and_slips_as_its_tyres_let_it(recording):
     assert motion.state[Wheels.SIDEWAYS] == pytest.approx(slip, rel=1e-3)
 
 
-def test_the_simulated_rover_stands_still_after_its_stop(recording):
-    _, states = drive(recording.spec(), (30.0, 5.0), speed=3.0)
-    end = states[-1]
-    assert end[Wheels.SPEED] < wheels.STOPPED
-    assert end[Wheels.SIDEWAYS] == pytest.approx(0.0, abs=1e-3)
-    assert math.hypot(end[State.POSITION_X] - 30.0, end[State.POSITION_Y] - 5.0) < 1.0
-
-
 def test_the_simulated_rover_is_faster_across_the_axes_of_the_earth(recording):
     spec = recording.spec()
     speeds = {}

@@ -11,10 +11,9 @@ from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import flight_procedures, with_autopilot
-from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.items import check_mission
-from sim_vehicle.execution.state import BatteryDepleted, Disarmed, ItemReached, LandedState, MissionComplete
+from sim_vehicle.execution.state import Disarmed, ItemReached, LandedState, MissionComplete
 from sim_vehicle.motion.legs import Leg, Route
 from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.prediction.predict import predict_flight
@@ -83,21 +82,6 @@ def test_turns_keep_the_turning_radius(autopilot):
 
 
 @BOTH
-def test_a_tight_circle_has_the_turning_radius(autopilot):
-    motion = motion_of(SPECS[autopilot])
-    law = motion.law
-    motion.fly(Route.through([row(0.0, -30.0)]))
-    states = []
-    for _ in range(400):
-        motion.advance(1)
-        states.append(motion.state.copy())
-    turning = np.array([s for s in states if s[Wheels.SPEED] > 0.4 and abs(s[10]) > 0.1])
-    steady = turning[len(turning) // 3 : len(turning) // 2]
-    radius = steady[:, Wheels.SPEED] / np.abs(steady[:, 10])
-    assert radius == pytest.approx(law.turn_radius, rel=0.02)
-
-
-@BOTH
 def test_a_skid_steered_rover_turns_on_the_spot(autopilot):
     spec = SKIDS[autopilot]
     motion, states, _ = drive(spec, [row(0.0, 20.0), row(20.0, 20.0)])
@@ -118,13 +102,6 @@ def test_a_row_is_followed(autopilot):
     assert np.abs(settled[:, 1] - 5.0).max() < 0.05
     assert settled[:-200, Wheels.SPEED] == pytest.approx(1.5, abs=0.05)
     assert states[-1, Wheels.SPEED] < 0.05
-
-
-def test_radii_of_items_count_for_neither():
-    for spec in (*SPECS.values(), *SKIDS.values()):
-        wide, *_ = drive(spec, [row(0.0, 20.0, radius=5.0), row(20.0, 20.0)])
-        small, *_ = drive(spec, [row(0.0, 20.0, radius=0.1), row(20.0, 20.0)])
-        assert wide.arrivals.tolist() == small.arrivals.tolist()
 
 
 @BOTH
@@ -170,43 +147,6 @@ def test_a_mission_with_hold_speed_and_return(autopilot):
     assert isinstance(events[-1], MissionComplete if autopilot == "ardupilot" else Disarmed)
     assert executor.flight.landed is LandedState.ON_GROUND
     assert math.hypot(*executor.motion.position_m[:2]) < 1.0
-
-
-@BOTH
-def test_orders(autopilot):
-    spec = SPECS[autopilot]
-    executor = MissionExecutor(spec, HOME)
-    executor.arm()
-    with pytest.raises(VehicleError, match="stays on the ground"):
-        executor.takeoff(5.0)
-    executor.goto(20.0, 0.0, 0.0)
-    executor.advance(10.0)
-    executor.flight.hold()
-    executor.advance(14.0)
-    place = executor.motion.position_m
-    executor.advance(30.0)
-    assert executor.motion.position_m == place
-    executor.steer((0.0, 1.0, 0.0))
-    executor.advance(50.0)
-    vx, vy = executor.motion.snapshot().velocity_m_s[:2]
-    assert (vx, vy) == pytest.approx((0.0, 1.0), abs=0.02)
-    executor.return_home()
-    executor.advance(120.0)
-    assert executor.flight.armed == (autopilot == "ardupilot")
-    assert math.hypot(*executor.motion.position_m[:2]) < 1.0
-
-
-def test_without_a_battery_it_stops_where_it_is():
-    full = rover(endless=False)
-    spec = replace(full, battery=replace(full.battery, capacity_wh=0.3))
-    executor = MissionExecutor(spec, HOME)
-    executor.mission.load((item(16, 0.0, 500.0),))
-    executor.arm()
-    executor.start()
-    events = executor.advance(300.0)
-    assert any(isinstance(event, BatteryDepleted) for event in events)
-    assert isinstance(events[-1], Disarmed)
-    assert executor.motion.position_m[1] < 400.0
 
 
 PLACE = st.tuples(st.floats(-30.0, 30.0), st.floats(-30.0, 30.0))

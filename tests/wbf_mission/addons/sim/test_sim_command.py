@@ -5,7 +5,7 @@ import json
 import pytest
 
 from mission.link import read_tlog
-from wbf_mission.addons.sim.options import load_sim, parse_speed
+from wbf_mission.addons.sim.options import load_sim
 from wbf_mission.cli.app import main
 
 QUICK = ["sim", "--no-camera", "--listen", "udpin:127.0.0.1:0", "--speed", "max", "-q", "--json"]
@@ -71,13 +71,6 @@ def test_one_simulator_has_one_kind_of_vehicle(capsys, given, named):
     assert "Autopilot to simulate: px4 or ardupilot." in words and "fly as a fleet" not in words
 
 
-def test_options_change_what_the_file_says(tmp_path, capsys):
-    scenario = tmp_path / "sim.toml"
-    scenario.write_text("[sim]\ncount = 5\nspeed = 1.0\nduration_s = 100.0\n")
-    values = sim(capsys, "--scenario", str(scenario), "--count", "1", "--duration", "2")
-    assert len(values["vehicles"]) == 1
-
-
 def test_the_list_of_faults(capsys):
     assert main(["sim", "--list-faults"]) == 0
     captured = capsys.readouterr()
@@ -89,12 +82,9 @@ def test_the_list_of_faults(capsys):
     ("arguments", "text"),
     [
         (["--count", "0"], "1 to 250"),
-        (["--count", "251"], "1 to 250"),
         (["--count", "3", "--home", "1,2", "--home", "3,4"], "a home for each"),
         (["--count", "2", "--spacing", "-1"], "spacing"),
         (["--speed", "fast"], "max"),
-        (["--speed", "0"], "max"),
-        (["--speed", "nan"], "max"),
         (["--duration", "-3"], "duration"),
         (["--fault", "meteor"], "meteor"),
         (["--scenario", "/no/such/file.toml"], "file.toml"),
@@ -102,11 +92,8 @@ def test_the_list_of_faults(capsys):
         (["--listen", "udpout:no.such.host.invalid:14550"], "no.such.host"),
         (["--autopilot", "betaflight"], "betaflight"),
         (["--home", "91,0"], "home"),
-        (["--home", "1_0,0"], "home '1_0,0'"),
-        (["--speed", "1_0"], "speed 1_0"),
         (["--count", "1_0"], "'--count': '1_0' is not a whole number"),
         (["--fault", "loss=0.1,from=1_0"], "from '1_0' is not a number"),
-        (["--fault", "loss=0_0.1"], "0_0.1 is not"),
         (["--camera-noise", "0.1"], "--camera-noise has no effect without the camera"),
         (["--camera-footprint", "3"], "--camera-footprint has no effect without the camera"),
     ],
@@ -145,7 +132,6 @@ def test_nobody_at_the_other_end_has_a_code_of_its_own(capsys):
     ("text", "message"),
     [
         ("[sim]\nspede = 1", "unknown key 'spede'"),
-        ("[sim]\nspeed = 'fast'", "max"),
         ("[sim]\ncount = 'two'", "count"),
         ("sim = 3", r"\[sim\]"),
         ("[[fault]]\nkind = 'loss'", "fault 1"),
@@ -161,11 +147,6 @@ def test_bad_files(tmp_path, text, message):
     with pytest.raises(WbfMissionError, match=message) as caught:
         load_sim(path)
     assert "bad.toml" in str(caught.value)
-
-
-def test_speeds():
-    assert parse_speed("0.1") == 0.1
-    assert parse_speed("MAX") == float("inf")
 
 
 @pytest.mark.parametrize(

@@ -6,15 +6,12 @@ from dataclasses import fields
 import pytest
 
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import FrameWriter
 from mission.outcome import Outcome
 from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.weather.wind import Wind
 from tests.sim_vehicle.mavlink.test_answers import Peer, landed, push
 from tests.wbf_mission.addons.modes.test_attitude import DRIFT, ZIGZAG, Copter
 from tests.wbf_mission.addons.modes.test_setpoints import HERE
-
-GROUND = FrameWriter(255, 190)
 
 
 @pytest.mark.parametrize("mode", [1.0, 2.0, 3.0, 7.0], ids=["MANUAL", "ALTCTL", "POSCTL", "STABILIZED"])
@@ -66,19 +63,6 @@ def test_ardupilot_does_not_arm_in_a_radio_failsafe(kind):
 
 def sticks(x=0, y=0, z=500, r=0, target=1):
     return m.MAVLink_manual_control_message(target, x, y, z, r, 0)
-
-
-def test_an_axis_that_the_sender_does_not_have_is_centred():
-    peer = Peer("px4")
-    peer.fly()
-    peer.tell(sticks())
-    assert peer.result(176, 1.0, 3.0) == 0
-    before = peer.vehicle.pilot.state.position_m
-    none = 2**15 - 1
-    for _ in range(30):
-        peer.tell(sticks(none, none, none, none))
-        peer.wait(0.1)
-    assert peer.vehicle.pilot.state.position_m == pytest.approx(before, abs=0.3)
 
 
 def test_sticks_move_px4_in_its_position_mode():
@@ -500,11 +484,6 @@ def test_px4_goes_back_to_the_mode_before_its_way_down_when_it_is_disarmed(order
     assert down in (Mode.LAND, Mode.RTL)
     push(peer, 60.0, sticks())
     assert landed(peer) == 3 << 16
-
-
-@pytest.mark.parametrize(("autopilot", "channels"), [("px4", 0), ("ardupilot", 16)])
-def test_channels_can_be_requested(autopilot, channels):
-    assert Peer(autopilot).asked(m.MAVLINK_MSG_ID_RC_CHANNELS).chancount == channels
 
 
 def test_drift_turns_with_the_stick_to_the_right_and_zigzag_flies_by_sticks():

@@ -10,7 +10,7 @@ from mission.model import MissionItem
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.execution.state import FlightPhase
-from tests.sim_vehicle.mavlink.test_vehicle_messages import HOME, Peer
+from tests.support.peer import HOME, Peer
 
 FRAME = LocalFrame(HOME.latitude_deg, HOME.longitude_deg, HOME.altitude_m)
 STREAMED = {

@@ -1,7 +1,5 @@
 """Tables of readings, joined to the log of the flight."""
 
-import math
-
 import numpy as np
 import pytest
 from flight_logs import UTC_S, write_picture, write_telemetry
@@ -11,7 +9,7 @@ from sensors.dynamics.continuous import Measured
 from sensors.errors import ObservationError
 from sensors.fields import ALL_CROPS, PAPER_FIELDS, Field, FieldSet
 from wbf_mission.addons.treatment.logs import LogError, read_track
-from wbf_mission.addons.treatment.readings import is_cells, join, read_readings
+from wbf_mission.addons.treatment.readings import join, read_readings
 
 FARM = get_farm("miniberry-30")
 NAMES = PAPER_FIELDS.names
@@ -88,10 +86,6 @@ def test_each_key_finds_the_cells(keys, table, track):
     ("header", "swapped"),
     [
         ("lat,lon,soil", False),
-        ("LAT,LNG,soil", False),
-        ("Lat,Long,soil", False),
-        ("Latitude,Longitude,soil", False),
-        ("lon,lat,soil", True),
         (" Longitude (deg) , Latitude [°] ,soil", True),
         ("GPSLongitude,GPSLatitude,soil", True),
         ("gps lon,gps-lat,soil", True),
@@ -152,25 +146,19 @@ def test_what_is_left_out_is_counted(table, track):
     ("text", "told"),
     [
         ("tylcv\n1\n", "no column gives the place of a reading; give latitude and longitude, name"),
-        ("latitude,tylcv\n1,1\n", "no column gives the place of a reading"),
         ("time,nitrogen\n1,1\n", "no column is named after a field; give one or more of tylcv, ccr, soil"),
         ("time,tylcv\n", "holds no readings below its header"),
-        ("", "no column gives the place of a reading"),
         (
             "latitude;longitude;tylcv\n1,5;2,5;1\n",
             "; separate the columns by commas, and write decimals with a",
         ),
-        ("latitude\tlongitude\ttylcv\n1\t2\t1\n", "; separate the columns by commas"),
-        ("time,tylcv\n1,1.7\n", "line 2: tylcv is 1.7; values lie in 0..1"),
         ("time,tylcv\n1,1\n2,-0.1\n", "line 3: tylcv is -0.1; values lie in 0..1"),
         ("time,tylcv\n1,inf\n", "line 2: tylcv is inf; values lie in 0..1"),
         ("time,tylcv\n1,sick\n", "line 2: tylcv: 'sick' is not a number; leave the cell empty"),
         ("time,tylcv\ninf,1\n", "line 2: time: inf is not finite"),
-        ("time,tylcv\n,1\n", "line 2: time: '' is not a time; give seconds"),
         ("image,tylcv\n1.5,1\n", "line 2: image: '1.5' is not a whole number"),
         ("name,tylcv\n,1\n", "line 2: name: is empty"),
         ("latitude,longitude,tylcv\n91,0,1\n", "line 2: latitude and longitude: 91, 0 is not a position"),
-        ("latitude,longitude,tylcv\nnan,0,1\n", "line 2: latitude and longitude: nan, 0 is not a position"),
         ('time,tylcv\n"1,1\n', "is not a CSV line"),
     ],
 )
@@ -195,13 +183,6 @@ def test_a_key_needs_a_log_that_has_it(table, tmp_path, track):
     write_picture(tmp_path / "a.jpg", 1.0, 2.0)
     with pytest.raises(LogError, match="no positions by time since boot"):
         join(by_time, read_track(tmp_path), FARM, NAMES, 1, 6)
-
-
-def test_files_of_fly_are_told_from_tables(table, tmp_path):
-    assert is_cells(table("x,y,time_s,day,tylcv\n"))
-    assert not is_cells(table("time,tylcv\n"))
-    assert is_cells(tmp_path / "observations.parquet")
-    assert math.isnan(read_readings(table("time,tylcv,soil\n1,nan,1\n"), PAPER_FIELDS).values[0][0])
 
 
 def test_readings_are_in_the_unit_of_their_field(table):

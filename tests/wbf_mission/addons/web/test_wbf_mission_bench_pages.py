@@ -10,7 +10,6 @@ from bench_rows import made_row
 from PIL import Image
 
 from wbf_mission.addons.base.intervals import score_text
-from wbf_mission.addons.base.pages import Page, Section, Table
 from wbf_mission.addons.web.bench_page import write_bench_page
 from wbf_mission.cli.app import main
 from wbf_mission.cli.command import provided
@@ -20,9 +19,6 @@ ASKED = {
     "window": "document.documentElement.clientWidth",
     "pictures": "[...document.images].map(one => one.complete && one.naturalWidth > 0)",
     "tables": "document.querySelectorAll('tbody tr').length",
-    "background": "getComputedStyle(document.body).backgroundColor",
-    "headings": "[...document.querySelectorAll('h2')].map(one => one.textContent)",
-    "bold": "document.querySelectorAll('b').length",
 }
 # The parts of names, up to a sign at which they may break, that stand in more than one line.
 BROKEN = r"""() => {
@@ -40,7 +36,6 @@ BROKEN = r"""() => {
     }
     return found;
 }"""
-LOOKS = [(1200, False), (400, True)]
 
 
 def look(browser, file, *, width, dark):
@@ -104,8 +99,7 @@ def light_of(seen):
         return np.asarray(picture.convert("L"))[:3, :3].mean()
 
 
-@pytest.mark.parametrize(("width", "dark"), LOOKS)
-@pytest.mark.parametrize("name", ["report", "paper"])
+@pytest.mark.parametrize(("name", "width", "dark"), [("report", 1200, False), ("paper", 400, True)])
 def test_a_page_is_whole_and_no_wider_than_its_window(name, width, dark, browser, request):
     page = request.getfixturevalue(name)
     seen = look(browser, page, width=width, dark=dark)
@@ -148,24 +142,3 @@ def test_small_scores_of_seeds_are_told_apart(browser, tmp_path):
     page.close()
     assert told == ["-0.1235", "-0.00081", "-6.1e-6", "-3.8e-6", "0.0000"]
     assert told == [score_text(one) for one in scores]
-
-
-def test_titles_are_shown_as_they_are(browser, report):
-    seen = look(browser, report, width=800, dark=False)
-    of_all = ["What the names mean", "What flew", "What failed"]
-    assert seen.values["headings"] == ["All standings", "WBF/Miniberry-30-Sweep-v1", *of_all]
-    assert seen.values["bold"] == 0
-
-
-def test_what_is_wrong_with_a_page_is_seen(browser, tmp_path):
-    wide = Table("w" * 300, ("a", "b"), (("c", "d"),))
-    file = tmp_path / "broken.html"
-    write_bench_page(file, Page("Broken", "a", (Section("s", tables=(wide,)),)), tmp_path)
-    page = file.read_text().replace(
-        "overflow-wrap:break-word", "overflow-wrap:normal"
-    )  # its digest is another
-    file.write_text(page.replace("</h1>", '</h1><img src="missing.png">'))
-    seen = look(browser, file, width=400, dark=False)
-    assert seen.errors
-    assert seen.values["pictures"] == [False]
-    assert seen.values["page"] > 400

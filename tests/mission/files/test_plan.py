@@ -126,6 +126,12 @@ def test_the_commands_of_a_survey_are_those_of_any_version(version):
     assert read(with_items(older)).items == read(with_items(SURVEY)).items
 
 
+def test_corridor_and_unknown_complex_items_with_commands_are_flattened():
+    corridor = SURVEY | {"complexItemType": "CorridorScan"}
+    assert len(read(with_items(corridor)).items) == 4
+    assert len(read(with_items({"type": "ComplexItem", "Items": [simple()]})).items) == 1
+
+
 def test_complex_items_that_are_not_known_are_refused_by_name():
     with pytest.raises(MissionFileError, match=r"mission, item 2.*'SpiralScan'.*simple items"):
         read(with_items(simple(), {"type": "ComplexItem", "complexItemType": "SpiralScan", "version": 2}))

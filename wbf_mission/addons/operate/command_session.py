@@ -280,11 +280,13 @@ class CommandSession:
 
     @property
     def _advice(self) -> str:
-        """Advice if arming was refused because of the flight mode; otherwise empty."""
-        name = self._contact.monitor.modes.arming
-        if self._wanted.order != "arm" or not self._contact.monitor.in_mission or name is None:
+        """Advice if arming or take-off was refused because of the flight mode; otherwise empty."""
+        monitor, order = self._contact.monitor, self._wanted.order
+        name = monitor.modes.arming
+        lifts = order == "takeoff" and self._contact.profile.takeoff_needs_arming and monitor.mode != name
+        if name is None or not (lifts or (order == "arm" and monitor.in_mission)):
             return ""
-        return f"; it arms in {name}: give the order mode {name} first"
+        return f"; it {'takes off' if lifts else 'arms'} in {name}: give the order mode {name} first"
 
     @property
     def _trip_s(self) -> float:

@@ -318,16 +318,23 @@ def test_a_mission_starts_the_motors_of_a_px4_only_where_that_was_said():
         assert len(vehicle.commands(m.MAV_CMD_MISSION_START)) == 1
 
 
-def test_who_is_refused_in_auto_is_told_where_it_arms():
-    vehicle = Vehicle("arm")
-    vehicle.beats(mode=3)
-    vehicle.warns("Arm: AUTO mode not armable")
-    vehicle.answers(400, m.MAV_RESULT_FAILED)
+@pytest.mark.parametrize(
+    ("order", "command", "mode", "advice"),
+    [
+        ("arm", 400, 3, "; it arms in GUIDED: give the order mode GUIDED first"),
+        ("arm", 400, 0, ""),
+        ("takeoff 30", 22, 0, "; it takes off in GUIDED: give the order mode GUIDED first"),
+        ("takeoff 30", 22, 4, ""),
+    ],
+)
+def test_who_is_refused_is_told_in_which_mode_it_obeys(order, command, mode, advice):
+    vehicle = Vehicle(*order.split())
+    vehicle.beats(armed=command != 400, mode=mode)
+    vehicle.stands()
+    vehicle.warns("not now")
+    vehicle.answers(command, m.MAV_RESULT_FAILED)
     vehicle.passes(1.0)
-    assert str(vehicle.session.error) == (
-        "system 1 refused arm: Arm: AUTO mode not armable;"
-        " it arms in GUIDED: give the order mode GUIDED first"
-    )
+    assert str(vehicle.session.error) == f"system 1 refused {order}: not now{advice}"
 
 
 @pytest.mark.parametrize("stood_s", [2.1, 600.0])

@@ -254,6 +254,18 @@ def test_it_opens_at_its_summary_and_ends_with_a_vehicle_that_is_disarmed(
         expect(card).to_contain_text("· armed")
 
 
+def test_the_farm_lies_beside_the_layers_from_the_beginning(browser: Browser, file: Path) -> None:
+    """The panel of the layers gets its width after the map is drawn first."""
+    place = "document.querySelector('.vehicle').getBoundingClientRect().x"
+    for _ in range(3):
+        with page_at(browser, file.as_uri()) as page:
+            page.get_by_role("checkbox", name="Trails").wait_for()
+            page.wait_for_timeout(200)
+            begun_px = page.evaluate(place)
+            page.get_by_role("button", name="Show all").click()
+            assert page.evaluate(place) == pytest.approx(begun_px, abs=1.0)
+
+
 def test_layers_are_those_of_the_moment(browser: Browser, file: Path, recording: dict[str, Any]) -> None:
     """With nothing else on the map, it is the same before and after a time without a moment, else another."""
     first, second = (recording["moments"][k]["time_s"] for k in (0, -1))

@@ -25,8 +25,8 @@ const ACQUIRE = ["#f4f9f6", "#b5dfc8", "#5db598", "#1e7c73", "#0b3b47"];
 
 /** Colours of crops by name, each once. */
 export function cropColours(names: string[]): Map<string, string> {
-  const further = [...new Set(names)].filter((name) => !(name in CROPS));
-  const colourOf = (name: string): string => CROPS[name] ?? FURTHER_CROPS[further.indexOf(name) % FURTHER_CROPS.length]!;
+  const further = [...new Set(names)].filter((name) => !Object.hasOwn(CROPS, name));
+  const colourOf = (name: string): string => FURTHER_CROPS[further.indexOf(name) % FURTHER_CROPS.length] ?? CROPS[name]!;
   return new Map(names.map((name) => [name, colourOf(name)]));
 }
 

@@ -56,7 +56,9 @@ export class LayerPanel {
       Object.assign(choice, part);
       this.changed();
     };
-    const focused = (document.activeElement as HTMLInputElement | null)?.value;
+    // All checkboxes have the value "on".
+    const nameOf = (input: HTMLInputElement): string => `${input.value} ${input.labels?.[0]?.textContent}`;
+    const focused = document.activeElement instanceof HTMLInputElement ? nameOf(document.activeElement) : "";
     const fields = this.models[0]!.fields.map(({ name, title }): [string, string] => [name, title]);
     const parts: HTMLElement[] = [];
     if (fields.length) parts.push(segments("Field", fields, choice.field, (field) => change({ field })));
@@ -83,7 +85,7 @@ export class LayerPanel {
     parts.push(element("div", { class: "checks" }, ...boxes));
     const inside = this.element.contains(document.activeElement);
     this.element.replaceChildren(...parts);
-    if (inside) for (const input of this.element.querySelectorAll("input")) if (input.value === focused) input.focus();
+    if (inside) for (const input of this.element.querySelectorAll("input")) if (nameOf(input) === focused) input.focus();
   }
 
   private showLegend(picture: Picture | null): void {

@@ -113,6 +113,8 @@ class App implements Receiver {
       const told = (text: string): void => setText(this.under, text);
       return new MapView(room, model, choice, told, (id) => vehicles.select(model, id), covered, alone);
     });
+    // The panel gets its width when its layers are known.
+    new ResizeObserver(() => this.maps.forEach((map) => map.refit())).observe(layerBox);
     this.join();
     const split = element("input", {
       type: "range",

@@ -152,10 +152,15 @@ export class MapView {
       container.addEventListener(kind, () => (this.touched = true), { passive: true });
     new ResizeObserver(() => {
       this.map.invalidateSize({ animate: false });
-      if (!this.touched) this.fit();
+      this.refit();
     }).observe(container);
     this.map.on("mousemove click", (event) => this.read((event as L.LeafletMouseEvent).latlng));
     this.map.on("mouseout", () => this.read(null));
+  }
+
+  /** Fit the map again, unless the reader has moved it. */
+  refit(): void {
+    if (!this.touched) this.fit();
   }
 
   /** Show the whole farm, or without a farm all vehicle positions. */
@@ -227,7 +232,7 @@ export class MapView {
       mark.show(this.frame.latLng(moment.x, moment.y), moment, id === this.selected);
       away ||= !this.map.getBounds().pad(-0.04).contains(mark.marker.getLatLng());
     }
-    if (away && !this.touched && !this.run?.farm) this.fit();
+    if (away && !this.run?.farm) this.refit();
     const [seen, old_s] = [upTo(this.model.readings.time_s, time_s), oldUntil(time_s)];
     if (seen !== this.seen) this.layers.readings.redraw();
     if (old_s !== this.old_s) this.layers.trails.redraw();

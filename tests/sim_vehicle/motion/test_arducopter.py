@@ -368,7 +368,9 @@ def test_whatever_is_ordered_it_comes_home(orders, windy, spec):
         try:
             calls[order]()
         except VehicleError:
-            assert not executor.flight.armed or executor.flight.landed.name == "ON_GROUND"
+            # A PX4 flies no faster than MPC_XY_VEL_MAX.
+            is_fast = order == "speed" and spec.autopilot == "px4" and 6.5 + 6.0 * a > 12.0
+            assert is_fast or not executor.flight.armed or executor.flight.landed.name == "ON_GROUND"
             executor.arm()
             executor.start()
     executor.advance(executor.time_s + 1.0)

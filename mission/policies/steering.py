@@ -54,8 +54,9 @@ Coordination: TypeAlias = Callable[[Sequence[VehicleReport], Promised, Bidder], 
 def sequential(vehicles: Sequence[VehicleReport], present: Promised, bidder: Bidder) -> dict[int, Points]:
     """Let the vehicles choose in turn, given the new or current paths of all other vehicles.
 
-    If a second observation of a cell has no value, the result has at least half of the optimal value
-    (sequential allocation: Singh et al. 2009; Fisher, Nemhauser and Wolsey 1978).
+    If a cell has the same value for every vehicle, and a second observation of the cell has none, the result
+    has at least half of the optimal value (sequential allocation: Singh et al. 2009; Fisher, Nemhauser and
+    Wolsey 1978).
     """
     promised, chosen = dict(present), {}
     for vehicle in vehicles:

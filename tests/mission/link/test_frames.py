@@ -13,6 +13,7 @@ from sweeps import sweep
 from mission.link import FrameReader, FrameWriter, MavlinkEndpoint, SourceStatistics, memory_pair
 from mission.link.codec.dialect import mavlink
 from mission.link.codec.frames import decode_frame
+from mission.link.codec.signing import Signing
 
 RANGES = {
     "b": (-(2**7), 2**7 - 1),
@@ -207,3 +208,18 @@ def test_a_field_out_of_range_raises_and_keeps_the_sequence():
     with pytest.raises(struct.error):
         writer.encode(mavlink.MAVLink_mission_current_message(70000))
     assert writer.codec.seq == 0
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_a_frame_with_the_sequence_number_of_another_link_is_sound(signed):
+    signing = Signing(b"k" * 32) if signed else None
+    one, other = FrameWriter(1, 1, signing=signing), FrameWriter(1, 1, signing=signing)
+    messages = [mavlink.MAVLink_mission_ack_message(255, 190, result) for result in range(5)]
+    frames = [one.encode(message) for message in messages[:3]]
+    other.skip()
+    renumbered = [other.renumber(frame) for frame in frames] + [other.encode(messages[3])]
+    read = [decode_frame(frame) for frame in renumbered]
+    assert [message.get_seq() for message in read] == [1, 2, 3, 4]
+    assert [message.type for message in read] == [0, 1, 2, 3]
+    heard = Signing(b"k" * 32)
+    assert all(heard.accepts(frame, 47) for frame in renumbered) is signed

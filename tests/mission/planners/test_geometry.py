@@ -136,6 +136,16 @@ class Watched:
         return path_length(path_xy_m)
 
 
+def test_what_cannot_be_flown_is_refused_with_the_reason():
+    area = shapely.box(0, 0, 100, 100)
+    with pytest.raises(PlanningError) as caught:
+        make_planner("lawnmower")(PlanningRequest(area, (0, 0), Watched(500.0, flown=50.0)))
+    assert str(caught.value) == (
+        "budget of 500 m: lawnmower with 2 rows cannot be flown: the wings fall off after 50 m; "
+        "take a smaller area, a nearer start, less wind or another vehicle"
+    )
+
+
 @pytest.mark.parametrize("name", ["lawnmower", "spiral", "random-waypoint"])
 def test_the_work_grows_with_the_parts_of_an_area_and_not_with_their_square(name, monkeypatch):
     calls = {"contains": 0, "sees": 0}

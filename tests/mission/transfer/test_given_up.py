@@ -6,14 +6,20 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from sweeps import sweep
 from transfer_network import GROUND, make_items
 
 from mission.autopilots import ARDUPILOT, PX4
 from mission.link.codec.dialect import mavlink as m
-from mission.transfer import FailureReason, RoundTrip, TransferFailed, UploadBegunAnew, VerifiedUpload
+from mission.transfer import (
+    FailureReason,
+    RoundTrip,
+    TransferFailed,
+    UploadBegunAnew,
+    VerifiedUpload,
+)
 
 RECORDED = Path(__file__).parents[2] / "data" / "px4_upload_given_up.csv"
 ERROR, CANCELLED = m.MAV_MISSION_ERROR, m.MAV_MISSION_OPERATION_CANCELLED
@@ -215,6 +221,38 @@ def test_each_upload_is_marked_anew():
             marked += [seq] * item.current
         upload.receive(ack(ERROR), 0.2)
     assert marked == [1, 3]
+
+
+@pytest.mark.parametrize("result", [ERROR, CANCELLED])
+@pytest.mark.parametrize("patience_s", [2.0, 5.0, 8.0])
+@settings(max_examples=25, deadline=None)
+@given(taken=st.integers(1, 9))
+def test_a_vehicle_that_never_finishes_an_upload_is_given_up_within_30_s(result, patience_s, taken):
+    """It takes some items, waits, and breaks off, whenever the upload is begun anew."""
+    upload = VerifiedUpload(make_items(10, 1), source=GROUND, profile=PX4)
+    output, now_s, asked, ends_s = upload.start(0.0), 0.0, 0, None
+    while not upload.done:
+        answers = []
+        for message in output.messages:
+            if message.get_type() == "MISSION_COUNT":
+                asked, ends_s = 0, now_s + patience_s
+                answers.append(request(0))
+            elif message.get_type() == "MISSION_ITEM_INT" and message.seq == asked < taken:
+                asked, ends_s = asked + 1, now_s + patience_s
+                answers.append(request(asked))
+        if answers:
+            now_s += 0.05
+            output = upload.receive(answers[-1], now_s)
+            continue
+        due_s = upload.next_deadline()
+        if ends_s is not None and ends_s <= due_s:
+            now_s, ends_s = ends_s, None
+            output = upload.receive(ack(result), now_s)
+        else:
+            now_s = due_s
+            output = upload.poll(now_s)
+        assert now_s < 30.0
+    assert any(isinstance(event, TransferFailed) for event in output.events)
 
 
 def counts(output):

@@ -126,6 +126,22 @@ def test_the_landing_begins_with_a_position_or_without():
         assert not ardupilot.errors
 
 
+@pytest.mark.parametrize(
+    ("item", "expected"),
+    [
+        (MissionItem(93, 2, 5.0, None, None, None), (5.0, -1.0, -1.0, -1.0)),
+        (MissionItem(178, 2, 1.0, None, None, None), (1.0, -1.0, -1.0, 0.0)),
+        (of(19, 3, None, None, None, None), (0.0, 0.0, 0.0, 0.0)),
+        (of(16, 3, None, None, None, None), (0.0, 0.0, 0.0, None)),
+        (of(21, 3, None, None, None, None), (0.0, 0.0, 0.0, None)),
+    ],
+)
+def test_unset_parameters_become_defaults_where_nan_is_refused(item, expected):
+    ours = rendered(item, profile=ARDUPILOT).mission.items[2]
+    assert (ours.param1, ours.param2, ours.param3, ours.param4) == expected
+    assert rendered(item).mission.items[2] == item
+
+
 def test_jumps_lead_to_where_they_led():
     found = rendered(MissionItem(530, 2, 0.0, 0.0), THERE, MissionItem(177, 2, 3.0, 2.0), profile=ARDUPILOT)
     assert found.origins == (0, 1, 3, 4)

@@ -60,6 +60,14 @@ def test_a_chosen_waypoint_is_flown_to_whatever_is_learned_meanwhile():
     assert _next(policy, there, model=_believed((10, 10))) == {1: (10, 10)}
 
 
+def test_a_path_that_is_about_to_end_goes_on_behind_its_waypoint():
+    policy = ConfidenceGuided()
+    first = policy.decide(observation(_flying(), model=_believed((20, 15)))).paths[1]
+    last = _flying(rest=first[:1] / CELL)
+    path = policy.decide(observation(last, event=Event.ENDING, model=_believed((10, 10)))).paths[1]
+    assert len(path) > 5 and np.allclose(path[0], first[0])
+
+
 def test_equally_uncertain_cells_are_drawn_by_seed_and_vehicle():
     same = InformationModel.uniform((30, 30), value=(1, 1, 1), uncertainty=0.5)
 

@@ -154,6 +154,16 @@ def test_version_1_frames_are_read():
     assert (message.seq, message.get_srcSystem(), message.mission_type) == (5, 3, 0)
 
 
+def test_unknown_messages_are_counted_and_skipped():
+    head = struct.pack("<BBBBBBBHB", 0xFD, 4, 0, 0, 1, 1, 1, 0xFFF0, 0x7F)
+    unknown = head + b"\xfd\xfe\0\0" + b"\x11\x22"
+    reader = FrameReader()
+    got = reader.feed(frames(1)[0] + unknown + frames(1, start=2)[0])
+    assert len(got) == 2
+    assert reader.unknown == 1
+    assert reader.sources[1, 1].lost == 0
+
+
 def test_an_unknown_frame_is_believed_only_where_a_frame_or_the_end_follows():
     good = frames(1)[0]
     head = struct.pack("<BBBBBBBHB", 0xFD, len(good), 0, 0, 1, 1, 1, 0xFFF0, 0x7F)

@@ -124,16 +124,20 @@ def test_the_error_names_a_budget_that_suffices():
 
 
 class Watched:
-    """Metres, which remembers the paths that it priced."""
+    """Metres, which remembers the paths that it priced; long paths cannot be flown."""
 
     unit = "m"
 
-    def __init__(self, limit):
-        self.limit, self.paths = limit, []
+    def __init__(self, limit, flown=math.inf):
+        self.limit, self.flown, self.paths = limit, flown, []
 
     def cost(self, path_xy_m):
         self.paths.append(path_xy_m)
-        return path_length(path_xy_m)
+        length = path_length(path_xy_m)
+        return length if length <= self.flown else math.inf
+
+    def reason(self, path_xy_m):
+        return f"the wings fall off after {self.flown:g} m"
 
 
 def test_what_cannot_be_flown_is_refused_with_the_reason():

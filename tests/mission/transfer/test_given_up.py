@@ -15,6 +15,7 @@ from mission.autopilots import ARDUPILOT, PX4
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer import (
     FailureReason,
+    MissionUpload,
     RoundTrip,
     TransferFailed,
     UploadBegunAnew,
@@ -188,6 +189,21 @@ def test_an_upload_that_never_gets_under_way_ends_within_30_s(profile, vehicle, 
     assert last.reason in (FailureReason.TIMEOUT, FailureReason.REFUSED)
     assert last.text.startswith("upload of the mission")
     assert "\n" not in last.text
+
+
+def test_answers_to_repetitions_do_not_put_the_end_off():
+    """An ArduPilot that answers each repeated item with INVALID_SEQUENCE and asks for nothing."""
+    upload = MissionUpload(make_items(5, 1), source=GROUND, profile=ARDUPILOT)
+    upload.start(0.0)
+    upload.receive(request(0), 0.1)
+    upload.receive(request(1), 0.2)
+    now_s = 0.2
+    while not upload.done:
+        now_s = upload.next_deadline()
+        for sent in names(upload.poll(now_s)):
+            if sent == "ITEM_INT":
+                upload.receive(ack(m.MAV_MISSION_INVALID_SEQUENCE), now_s + 0.05)
+        assert now_s < 6.0
 
 
 def test_an_item_that_the_vehicle_does_not_take_is_sent_twice_at_most():

@@ -42,7 +42,7 @@ class FlightOrders:
         items = self._changes.held.items
         return self._monitor.modes.ends(int(items[-1].command) if items else 0)
 
-    def check_pilot(self) -> None:
+    def _check_pilot(self) -> None:
         """Raise NotFlyingError while another pilot flies the vehicle, or may fly it."""
         mode = self._pilot.mode
         if self._pilot.somebody_else_flies:
@@ -68,7 +68,7 @@ class FlightOrders:
 
     def maneuver(self, kind: Maneuver, now_s: float) -> list[Message]:
         """Order a maneuver; raises like `GroundStation.maneuver`."""
-        self.check_pilot()
+        self._check_pilot()
         if kind is Maneuver.RESUME:
             if not self._pilot.taken_out:
                 raise NotFlyingError("the vehicle flies its mission")
@@ -88,7 +88,7 @@ class FlightOrders:
 
     def choose_item(self, item: int, now_s: float) -> list[Message]:
         """Order the vehicle to continue at an item; raises like `GroundStation.choose_item`."""
-        self.check_pilot()
+        self._check_pilot()
         items = self._changes.held.items
         if not 0 <= item < len(items):
             raise NotFlyingError(f"item {item + 1} does not exist; there are {len(items)} items")

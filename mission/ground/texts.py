@@ -32,7 +32,7 @@ class TextLog:
 
     @property
     def count(self) -> int:
-        """Number of texts so far, including dropped texts."""
+        """Number of all texts, including dropped texts."""
         return self._dropped + len(self.texts)
 
     def since(self, number: int) -> list[tuple[float, int, str]]:

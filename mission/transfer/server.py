@@ -354,8 +354,8 @@ class MissionServer(ServerInputs):
         """Store the last item and activate the plan."""
         session = self._session
         said, plan = self._keep(message), self._merged()
-        whole = self.profile.atomic or session.type is not MissionType.FENCE
-        if not whole and zone_problems(plan, self.profile):
+        is_fence = session.type is MissionType.FENCE
+        if is_fence and not self.profile.atomic and zone_problems(plan, self.profile):
             session.verdict, text = int(wire.ERROR), self._status("Fence validation failed")
             return self._refuse_item(message, sender, now_s) + Output(events=(text,))
         last = session.candidate if message.seq or not self._store.home_items(session.type) else None

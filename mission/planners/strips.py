@@ -184,12 +184,13 @@ def _within(room: Area, spans: list[tuple[float, float]], y: float) -> list[tupl
 
 
 def ring_strips(
-    area: Area, swath: Swath, passes: int, least_leg_m: float = 0.0
+    area: Area, swath: Swath, passes: int, least_leg_m: float | None = None
 ) -> tuple[list[NDArray[np.float64]], list[Polygon]]:
     """Return closed rings along the borders of an area, outermost first, and the remaining land for rows.
 
     The first ring covers the border, and each further ring lies a row spacing inside the previous ring. Land
-    too narrow for a ring remains for rows. Rows overlap the rings as much as neighbouring rows overlap.
+    too narrow for a ring remains for rows. Rows overlap the rings as much as neighbouring rows overlap. With
+    `least_leg_m`, the outermost rings have detours of at least this length into the corners of the land.
     """
     rings: list[NDArray[np.float64]] = []
     seen: list[shapely.Geometry] = []
@@ -200,7 +201,9 @@ def ring_strips(
             for ring in map(shapely.get_coordinates, (outline.exterior, *outline.interiors)):
                 line = shapely.linestrings(ring)
                 seen.append(shapely.buffer(line, 0.5 * swath.across_m, join_style="mitre"))
-                rings.append(ring if number else _into_tips(ring, area, depth, swath, least_leg_m))
+                if number == 0 and least_leg_m is not None:
+                    ring = _into_tips(ring, area, depth, swath, least_leg_m)
+                rings.append(ring)
     if not rings:
         return [], list(parts_of(area))
     unseen = polygons_of(shapely.difference(area, shapely.union_all(seen)), swath.least_m2)

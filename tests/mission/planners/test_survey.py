@@ -229,7 +229,7 @@ def test_the_order_of_cells_is_the_best_of_all() -> None:
 
 def test_rings_and_rows_overlap_and_leave_nothing() -> None:
     swath = Swath(12.0, 8.0, 9.0)
-    rings, left = ring_strips(FIELD, swath, 2)
+    rings, left = ring_strips(FIELD, swath, 2, least_leg_m=0.0)
     assert [shapely.LinearRing(ring).bounds for ring in rings] == [(4, 4, 196, 146), (15, 15, 185, 135)]
     # The outer ring lies 6 m inside, with detours of 2 m into the corners.
     assert np.min(np.abs(rings[0][:, 1] - 6.0)) == 0.0

@@ -323,11 +323,13 @@ def test_the_same_flight_both_ways(autopilot, tmp_path):
     }
     assert len(seen["own"]) > 20
     # A camera that is triggered a moment later sees some of its images in the next cell.
-    assert len(seen["own"] ^ seen["mavsdk"]) <= 0.2 * len(seen["own"])
+    unlike = seen["own"] ^ seen["mavsdk"]
+    assert len(unlike) <= 0.2 * len(seen["own"])
     for result in flown.values():
         truth = result.truth[:, result.observations.x, result.observations.y]
         assert (result.observations.values == truth.T).all()
-    assert other.final_score == pytest.approx(own.final_score, abs=0.15)
+    # Half of the 100 cells are tomatoes, and a sick one that only one of the two has seen costs 10.
+    assert other.final_score == pytest.approx(own.final_score, abs=1e-9 + len(unlike) * 10 / 50)
     assert np.array_equal(own.truth, other.truth)
 
 

@@ -153,7 +153,8 @@ def write_strips(
             chunks=(*(1 for _ in several), columns, height),
             filters=[Differences()],
             # This order of bits compresses well: in differences of smooth fields, most bit planes are zero.
-            compressors=BloscCodec(cname="zstd", clevel=1, shuffle="bitshuffle", typesize=4),
+            # Blocks of 1 MiB take half the time of Blosc's own choice, 32 KiB: zstd starts anew in each.
+            compressors=BloscCodec(cname="zstd", clevel=1, shuffle="bitshuffle", typesize=4, blocksize=2**20),
             dimension_names=_DIMENSIONS[-len(shape) :],
             attributes={"fields": list(fields)},
             # By default, zarr would first compare each chunk with the fill value.

@@ -118,6 +118,9 @@ def geo_fence(items: Sequence[MissionItem]) -> dict[str, Any]:
                 {"circle": circle, "inclusion": item.command == _CIRCLES[True], "version": 1}
             )
         elif item.command == Command.NAV_FENCE_RETURN_POINT:
+            if "breachReturn" in fence:
+                msg = f"fence item {index + 1}: a second return point; a fence has one at most"
+                raise MissionFileError(msg)
             fence["breachReturn"] = [float(item.x), float(item.y), float(item.z)]
         else:
             msg = f"fence item {index + 1}: command {item.command} is not a fence command (5000 to 5004)"

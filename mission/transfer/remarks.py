@@ -8,7 +8,7 @@ from typing import Any
 
 from mission.autopilots.dialect import Severity
 from mission.autopilots.profile import Profile
-from mission.model import GLOBAL_FRAMES, Mission, MissionItem, MissionType
+from mission.model import GLOBAL_FRAMES, Command, Mission, MissionItem, MissionType
 from mission.transfer.wire import command_name, enum_name
 
 _POLYGON = frozenset({5001, 5002})
@@ -104,6 +104,10 @@ def zone_problems(items: tuple[MissionItem, ...], profile: Profile) -> list[tupl
             found.append((k, text, "give frame 3 (above home) or 0 (above sea level)"))
         if item.command in _CIRCLES and not (item.param1 or 0.0) > 0.0:
             found.append((k, f"a circle of radius {item.param1 or 0.0:g} m", "give a radius above 0 m"))
+        if item.command == Command.NAV_FENCE_RETURN_POINT and any(
+            before.command == item.command for before in items[:k]
+        ):
+            found.append((k, "a second return point", "give one return point"))
         if item.command not in _POLYGON or k < due:
             continue
         corners = int(item.param1 or 0.0)

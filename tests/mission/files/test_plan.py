@@ -155,6 +155,7 @@ def vertex(command=5001, count=3.0):
         ([vertex()] * 2, "fence item 1: a polygon of 3 vertices, but only 2"),
         ([vertex(count=2.0)] * 2, "param1 is 2.0"),
         ([vertex(5003, 0.0)], "radius 0.0"),
+        ([vertex(5000, 0.0)] * 2, "fence item 2: a second return point"),
         ([vertex(16)], "command 16 is not a fence command"),
     ],
 )

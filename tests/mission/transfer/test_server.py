@@ -488,6 +488,8 @@ def corner(corners, latitude, command=5001):
         ([corner(3, 28.0), corner(3, 28.1), corner(3, 28.2, 5002)], 1),
         ([corner(0, 28.0, 5003)], 1),
         ([corner(-5, 28.0, 5004)], 1),
+        ([corner(0, 28.0, 5000)], 0),
+        ([corner(0, 28.0, 5000), corner(0, 28.1, 5000)], 1),
     ],
 )
 def test_ardupilot_takes_only_a_whole_fence(copter, server, fence, result):

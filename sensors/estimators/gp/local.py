@@ -260,8 +260,10 @@ class WholePosterior:
     def _functions(self, x: Cells, y: Cells) -> NDArray[np.floating]:
         """Return the values of the m functions at n cells, float64[n, m]."""
         a, b = self._sines(x.astype(np.float64), 0), self._sines(y.astype(np.float64), 1)
-        terms = self._spectrum.terms
-        return np.ascontiguousarray((a[terms[:, 0]] * b[terms[:, 1]]).T)
+        first, second = self._spectrum.terms.T
+        functions: NDArray[np.floating] = np.take(a.T, first, axis=1)
+        functions *= np.take(b.T, second, axis=1)
+        return functions
 
 
 def _upper_product(a: _Sums, b: _Sums) -> _Sums:

@@ -112,10 +112,7 @@ class LengthBudget:
 
     def cost(self, path_xy_m: ArrayLike) -> float:
         """Return the length from the start through the path and back to `return_to`."""
-        path = np.asarray(path_xy_m, dtype=np.float64).reshape(-1, 2)
-        if self.return_to is not None:
-            path = np.vstack((path, np.asarray(self.return_to, dtype=np.float64)))
-        return path_length(self.way(path))
+        return path_length(self.way(_with_return(path_xy_m, self.return_to)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,11 +159,14 @@ class StepBudget:
 
     def cost(self, path_xy_m: ArrayLike) -> float:
         """Return the number of steps from the start through the path and back to `return_to`."""
-        path = np.asarray(path_xy_m, dtype=np.float64).reshape(-1, 2)
-        if self.return_to is not None:
-            path = np.vstack((path, np.asarray(self.return_to, dtype=np.float64)))
-        legs = np.hypot(*np.diff(self.way(path), axis=0).T) / self.step_m
+        path = self.way(_with_return(path_xy_m, self.return_to))
+        legs = np.hypot(*np.diff(path, axis=0).T) / self.step_m
         return float(np.maximum(np.ceil(legs - 1e-6), 1.0).sum())
+
+
+def _with_return(path_xy_m: ArrayLike, return_to: tuple[float, float] | None) -> NDArray[np.float64]:
+    path = np.asarray(path_xy_m, dtype=np.float64).reshape(-1, 2)
+    return path if return_to is None else np.vstack((path, np.asarray(return_to, dtype=np.float64)))
 
 
 def check_limit(limit: float, unit: str) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mission.errors import PlanningError
 from mission.model import MAX_ITEMS, Command, Frame, GeoPoint, Mission, MissionItem
 from mission.planners.cornering import Cornering
-from mission.planners.path import Area, PlannedPath, Points
+from mission.planners.path import Area, PlannedPath, Points, keep_within
 
 if TYPE_CHECKING:
     from geo.frame import LocalFrame
@@ -65,10 +65,7 @@ class HeightProfile:
         kept = np.zeros(len(places), dtype=bool)
         kept[0] = True
         kept[fixed] = True
-        begin = 0
-        for end in fixed.tolist():
-            _keep_within(at, smooth, begin, end, _AT_SAMPLES * TOLERANCE_M, kept)
-            begin = end
+        keep_within(at, smooth[None], _AT_SAMPLES * TOLERANCE_M, kept)
         return places[kept], smooth[kept], leg[kept]
 
 
@@ -104,30 +101,6 @@ def _slopes_limited(
     fall = np.maximum.accumulate(wanted + descent * at) - descent * at
     limited: NDArray[np.float64] = np.maximum(rise, fall)
     return limited
-
-
-def _keep_within(
-    at: NDArray[np.float64],
-    altitudes: NDArray[np.float64],
-    begin: int,
-    end: int,
-    tolerance_m: float,
-    kept: NDArray[np.bool_],
-) -> None:
-    """Mark in `kept` the samples that a polyline needs to keep the tolerance (Douglas and Peucker 1973)."""
-    open_ = [(begin, end)]
-    while open_:
-        first, last = open_.pop()
-        if last - first < 2:
-            continue
-        inner = slice(first + 1, last)
-        share = (at[inner] - at[first]) / max(at[last] - at[first], 1e-9)
-        off = np.abs(altitudes[first] + share * (altitudes[last] - altitudes[first]) - altitudes[inner])
-        worst = int(np.argmax(off))
-        if off[worst] > tolerance_m:
-            middle = first + 1 + worst
-            kept[middle] = True
-            open_ += [(first, middle), (middle, last)]
 
 
 def slope(rate_m_s: float, speed_m_s: float) -> float:

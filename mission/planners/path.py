@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -95,3 +96,28 @@ def distinct(path_xy_m: Points, tolerance_m: float = COINCIDENT_M) -> NDArray[np
         if math.hypot(x, y) >= tolerance_m:
             kept.append(index)
     return np.array(kept, dtype=np.int64)
+
+
+def keep_within(
+    at: NDArray[np.float64], values: NDArray[np.float64], tolerance: float, kept: NDArray[np.bool_]
+) -> None:
+    """Add to `kept` the samples that polylines need to stay within the tolerance of `values`, float64[k, n].
+
+    `at` has the samples' positions along the polylines; `kept` contains both ends. Algorithm of D. H. Douglas
+    and T. K. Peucker, "Algorithms for the reduction of the number of points required to represent a digitized
+    line or its caricature", Cartographica 10 (1973).
+    """
+    parts = list(pairwise(np.flatnonzero(kept).tolist()))
+    while parts:
+        first, last = parts.pop()
+        if last - first < 2:
+            continue
+        inner = slice(first + 1, last)
+        share = (at[inner] - at[first]) / max(at[last] - at[first], 1e-9)
+        line = values[:, [first]] + share * (values[:, [last]] - values[:, [first]])
+        off = np.abs(values[:, inner] - line).max(axis=0)
+        worst = int(off.argmax())
+        if off[worst] > tolerance:
+            middle = first + 1 + worst
+            kept[middle] = True
+            parts += [(first, middle), (middle, last)]

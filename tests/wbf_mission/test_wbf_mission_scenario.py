@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bad_files import complaint
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -47,12 +48,8 @@ def test_a_farm_beside_the_scenario_is_found(tmp_path):
 )
 def test_bad_files_are_one_line_with_their_name(tmp_path, text, says):
     path = tmp_path / "bad.toml"
-    path.write_text(text)
-    with pytest.raises(ScenarioError) as caught:
-        load_scenario(path)
-    assert str(path) in str(caught.value)
-    assert says in str(caught.value)
-    assert "\n" not in str(caught.value)
+    told = complaint(load_scenario, path, text, ScenarioError)
+    assert str(path) in told and says in told
 
 
 @pytest.mark.parametrize(

@@ -49,19 +49,6 @@ class Px4Multirotor(Multirotor):
         Function that returns the constants of the control law, float64[LAW], for a vehicle's parameters.
     yaw_rad : float
         Heading at the start and after a return.
-
-    Examples
-    --------
-    >>> from sim_vehicle.autopilot import flight_procedures, with_autopilot
-    >>> from sim_vehicle.motion.legs import Leg, Route
-    >>> from sim_vehicle.airframe.catalog import get_vehicle
-    >>> spec = with_autopilot(get_vehicle("quad"), "px4")
-    >>> vehicle = flight_procedures(spec).motion(spec, None, 0.0)
-    >>> vehicle.fly(Route.through([Leg((0.0, 0.0, 10.0), 5.0, heading=KEEP, kind=LegKind.TAKEOFF)]))
-    >>> vehicle.advance(10_000)
-    <MotionEvent.REACHED: 1>
-    >>> 9.2 < vehicle.position_m[2] < 9.3, 10.0 < vehicle.time_s < 13.0
-    (True, True)
     """
 
     dynamics = Dynamics(

@@ -58,6 +58,11 @@ async def values(stream, count):
             return
 
 
+async def said(stream, words_of):
+    async for value in stream:
+        say(words_of(value))
+
+
 async def connected(**options):
     drone = System(port=GRPC_PORT, **options)
     await drone.connect(system_address=ADDRESS)
@@ -240,12 +245,8 @@ async def landed_again(drone):
 
 async def mission():
     drone = await connected()
-
-    async def progress():
-        async for step in drone.mission.mission_progress():
-            say(f"progress {step.current}/{step.total}")
-
-    watching = asyncio.ensure_future(progress())
+    steps = drone.mission.mission_progress()
+    watching = asyncio.ensure_future(said(steps, lambda step: f"progress {step.current}/{step.total}"))
     landing = asyncio.ensure_future(landed_again(drone))
     plan = MissionPlan([mission_item(*place, 25, 10) for place in PLACES])
     await drone.mission.set_return_to_launch_after_mission(True)
@@ -406,12 +407,7 @@ async def send_status_message():
 
 async def takeoff_and_land():
     drone = await healthy()
-
-    async def texts():
-        async for text in drone.telemetry.status_text():
-            say(f"status {text.text}")
-
-    watching = asyncio.ensure_future(texts())
+    watching = asyncio.ensure_future(said(drone.telemetry.status_text(), lambda text: f"status {text.text}"))
     await drone.action.arm()
     await drone.action.takeoff()
     await wait(10)

@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import pytest
+from bad_files import complaint
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -67,11 +68,8 @@ def test_a_camera_of_ones_own(tmp_path):
 )
 def test_files_that_are_no_cameras_are_refused_in_one_line(tmp_path, change, told):
     path = tmp_path / "bad.toml"
-    path.write_text(FILE + change)
-    with pytest.raises(CameraError, match=told) as caught:
-        read_camera(path)
-    assert str(caught.value).startswith(f"camera file {path}: ")
-    assert "\n" not in str(caught.value)
+    said = complaint(read_camera, path, FILE + change, CameraError)
+    assert said.startswith(f"camera file {path}: ") and told in said
 
 
 def test_unknown_names_and_impossible_overlaps_are_refused(tmp_path):

@@ -3,6 +3,7 @@ import subprocess
 import sys
 
 import pytest
+from bad_files import complaint
 
 from sim_vehicle.airframe.catalog import get_vehicle, vehicle_names
 from sim_vehicle.airframe.power_spec import BatterySpec, PowerSpec
@@ -116,7 +117,7 @@ def test_impossible_values_of_a_wing(values):
         ("kind = 'fixed-wing'\n[power]\ndisc_area_m2 = 1.0", "unknown key 'disc_area_m2'"),
         ("base = 'quad'\nkind = 'rover'", "kind rover does not fit base quad, which is a multirotor"),
         ("base = 'ideal'\n[battery]\ncells = 4\ncapacity_wh = 5", "a battery needs a power model"),
-        ("base = 'ideal'\n[power]\nmass_kg = 1.0", r"kind ideal has no \[power\]"),
+        ("base = 'ideal'\n[power]\nmass_kg = 1.0", "kind ideal has no [power]"),
         ("[published]\nendurance_min = 0", "endurance_min"),
         ("[published]\nused_fraction = 2\nendurance_min = 9", "used_fraction"),
         ("px4 = 5", "px4 must be a table"),
@@ -127,10 +128,7 @@ def test_impossible_values_of_a_wing(values):
 )
 def test_bad_vehicle_files_say_what_is_wrong(tmp_path, text, reason):
     path = tmp_path / "bad.toml"
-    path.write_text(text)
-    with pytest.raises(VehicleError, match=reason) as error:
-        get_vehicle(str(path))
-    assert "\n" not in str(error.value)
+    assert reason in complaint(lambda file: get_vehicle(str(file)), path, text, VehicleError)
     path.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(VehicleError, match=r"bad\.toml"):
         get_vehicle(str(path))

@@ -25,24 +25,23 @@ from sim_vehicle.prediction.predict import predict_flight
 QUAD = get_vehicle("quad")
 
 
-def flown(items, spec=QUAD, step_s=0.1, limit_s=1500.0, prepare=None):
-    """Fly a mission; return events and the states on the way."""
+def begun(items, spec, prepare):
     vehicle = MissionExecutor(spec, HOME)
     vehicle.mission.load(items)
     if prepare:
         prepare(vehicle)
     vehicle.arm()
     vehicle.start()
+    return vehicle
+
+
+def flown(items, spec=QUAD, step_s=0.1, limit_s=1500.0, prepare=None):
+    """Fly a mission; return events and the states on the way."""
+    vehicle, through = begun(items, spec, prepare), begun(items, spec, prepare)
     events, states = [], []
     while vehicle.flight.armed and vehicle.time_s < limit_s:
         events += vehicle.advance(vehicle.time_s + step_s)
         states.append(vehicle.state())
-    through = MissionExecutor(spec, HOME)
-    through.mission.load(items)
-    if prepare:
-        prepare(through)
-    through.arm()
-    through.start()
     if not vehicle.flight.armed:
         assert through.fly_through(limit_s) == events
     return events, states

@@ -55,6 +55,7 @@ _CHECKED = options.scenario_options(
     defaults={"farm": None},
 )
 """Decorator that adds the options of a check: farm, margin, camera, vehicle and weather."""
+_MissionFile = Annotated[Path, typer.Argument(help="Mission file: .plan, .waypoints, .json, .kml ...")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +134,7 @@ def _fitted(circumstances: Circumstances, given: options.Given, snapshot: Vehicl
 def upload_command(
     given: options.Given,
     output: Output,
-    file: Annotated[Path, typer.Argument(help="Mission file: .plan, .waypoints, .json, .kml ...")],
+    file: _MissionFile,
     around: Surroundings,
     force: Force = False,
     connect: options.Connect = "udpin:127.0.0.1:14550",
@@ -229,7 +230,7 @@ def download_command(
 def preflight_command(
     given: options.Given,
     output: Output,
-    file: Annotated[Path, typer.Argument(help="Mission file: .plan, .waypoints, .json, .kml ...")],
+    file: _MissionFile,
     around: Surroundings,
     connect: Annotated[str | None, options.link("Link to a vehicle that is to be checked, too")] = None,
     system_id: options.SystemId = None,

@@ -22,6 +22,7 @@ from wbf_mission.scenario import Scenario
 
 Observation = dict[str, Any]
 _FIRST_DRAWN, _LAST_DRAWN = 2**32, 2**63
+_RENDERS = {"render_modes": [HUMAN, ARRAY], "render_fps": FRAMES_A_SECOND}
 
 
 class OneEpisode:
@@ -89,10 +90,7 @@ class SurveyEnv(OneEpisode, gymnasium.Env[Observation, Any]):
         If the scenario or the estimator is unknown.
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012 (Gymnasium's own)
-        "render_modes": [HUMAN, ARRAY],
-        "render_fps": FRAMES_A_SECOND,
-    }
+    metadata: dict[str, Any] = _RENDERS
 
     def __init__(
         self,
@@ -181,11 +179,7 @@ class SurveyParallelEnv(OneEpisode, ParallelEnv):  # type: ignore[misc]  # Petti
     For parameters and errors, see `SurveyEnv`; there may be several robots.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
-        "name": "wbf_survey_v1",
-        "render_modes": [HUMAN, ARRAY],
-        "render_fps": FRAMES_A_SECOND,
-    }
+    metadata: ClassVar[dict[str, Any]] = {"name": "wbf_survey_v1", **_RENDERS}
 
     def __init__(
         self,

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from geo.atomic import atomic_write
 from geo.errors import WbfMissionError
+from mission.planners.path import keep_within
 from sensors.errors import EstimatorError
 from wbf_mission.addons.base.markup import data_element
 from wbf_mission.addons.base.replay import events_of
@@ -164,11 +165,7 @@ def thinned_readings(readings: schema.Readings, diseases: Sequence[str], every: 
 
 
 def thinned_states(states: schema.States) -> schema.States:
-    """Drop the states that lie on straight lines over time within `_TOLERANCES`; return the other states.
-
-    Algorithm of D. H. Douglas and T. K. Peucker, "Algorithms for the reduction of the number of points
-    required to represent a digitized line or its caricature", Cartographica 10 (1973), at equal times.
-    """
+    """Drop the states that lie on straight lines over time within `_TOLERANCES`; return the other states."""
     columns: dict[str, list[Any]] = asdict(states)
     kept = np.zeros(len(states.time_s), bool)
     kept[[0, -1]] = True
@@ -182,7 +179,7 @@ def thinned_states(states: schema.States) -> schema.States:
         _keep_changes(known.tolist(), kept)
     for name in _FIXED:
         _keep_changes(columns[name], kept)
-    _split(np.array(states.time_s), values, kept)
+    keep_within(np.array(states.time_s), values, 1.0, kept)
     rows = np.flatnonzero(kept).tolist()
     return schema.States(**{name: [column[row] for row in rows] for name, column in columns.items()})
 
@@ -192,24 +189,6 @@ def _keep_changes(column: Sequence[Any], kept: NDArray[np.bool_]) -> None:
     differs = np.array([value != following for value, following in pairwise(column)], bool)
     kept[:-1] |= differs
     kept[1:] |= differs
-
-
-def _split(time_s: NDArray[np.float64], values: NDArray[np.float64], kept: NDArray[np.bool_]) -> None:
-    """Add kept rows until each dropped row is at most 1 away from the line between the kept rows."""
-    parts = list(pairwise(np.flatnonzero(kept).tolist()))
-    while parts:
-        first, last = parts.pop()
-        if last - first < 2:
-            continue
-        inner = slice(first + 1, last)
-        part = (time_s[inner] - time_s[first]) / max(time_s[last] - time_s[first], 1e-9)
-        line = values[:, [first]] + part * (values[:, [last]] - values[:, [first]])
-        off = np.abs(values[:, inner] - line).max(axis=0, initial=0.0)
-        worst = int(off.argmax())
-        if off[worst] > 1.0:
-            middle = first + 1 + worst
-            kept[middle] = True
-            parts += [(first, middle), (middle, last)]
 
 
 MOST_BYTES = 5_000_000

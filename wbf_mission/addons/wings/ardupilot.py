@@ -53,6 +53,7 @@ class ArduPlane(WingProcedures):
     least_airspeed = "AIRSPEED_MIN"
     takeoff_height = "TKOFF_ALT"
     return_height = "RTL_ALTITUDE"
+    return_kind = "RTL_AUTOLAND"
     land_start_needs_position = True
     holds_at_waypoints = False  # The hold time is not stored
     climbs_ahead = True
@@ -99,10 +100,6 @@ class ArduPlane(WingProcedures):
         rolls = math.log(_SEEMS_TO_FLY_M_S / STOPPED_M_S) / friction if friction else 0.0
         delay = max(self.value(spec, "LAND_DISARMDELAY") + _NOTICES_S - rolls, 0.0)
         return replace(super().fit(spec), disarm_delay_s=delay)
-
-    def lands_as_mission(self, spec: VehicleSpec) -> bool:
-        """Return whether RTL_AUTOLAND makes a return fly the mission's landing."""
-        return self.value(spec, "RTL_AUTOLAND") in (1.0, 2.0)
 
     def return_legs(
         self, spec: VehicleSpec, last: Position, speed: float, return_point: Position

@@ -26,6 +26,9 @@ _APPROACH_M = 30.0
 class WingProcedures(FixedWingProcedures):
     """Procedures of a fixed wing's firmware: compiled motion and approach."""
 
+    return_kind: str
+    """Parameter with the value 1 or 2 if a return flies the mission's landing."""
+
     @abstractmethod
     def limits(self, spec: VehicleSpec) -> FixedWingLimits:
         """Return the flight limits of a vehicle."""
@@ -55,6 +58,10 @@ class WingProcedures(FixedWingProcedures):
             takeoff_altitude_m=max(self.value(spec, self.takeoff_height), 1.0),
             return_altitude_m=max(self.value(spec, self.return_height), 1.0),
         )
+
+    def lands_as_mission(self, spec: VehicleSpec) -> bool:
+        """Return whether a return ends with the landing of the mission, if the mission has a landing."""
+        return self.value(spec, self.return_kind) in (1.0, 2.0)
 
     def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
         """Return the motion of a vehicle at rest at home."""

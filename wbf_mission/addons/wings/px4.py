@@ -29,6 +29,7 @@ class Px4FixedWing(WingProcedures):
     least_airspeed = "FW_AIRSPD_MIN"
     takeoff_height = "MIS_TAKEOFF_ALT"
     return_height = "RTL_RETURN_ALT"
+    return_kind = "RTL_TYPE"
     land_start_needs_position = False
     holds_at_waypoints = True
     climbs_ahead = False
@@ -71,10 +72,6 @@ class Px4FixedWing(WingProcedures):
     def steepest_approach(self, spec: VehicleSpec) -> tuple[str, float] | None:
         """Return FW_LND_ANG: PX4 refuses a mission with a steeper approach."""
         return "FW_LND_ANG", self.value(spec, "FW_LND_ANG")
-
-    def lands_as_mission(self, spec: VehicleSpec) -> bool:
-        """Return whether RTL_TYPE makes a return fly the mission's landing."""
-        return self.value(spec, "RTL_TYPE") in (1.0, 2.0)
 
     def return_legs(
         self, spec: VehicleSpec, last: Position, speed: float, return_point: Position

@@ -4,6 +4,7 @@ from dataclasses import astuple
 
 import numpy as np
 import pytest
+from bad_files import complaint
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -104,8 +105,8 @@ def test_any_text_is_a_fault_or_an_error(text):
     [
         ("[[fault]]\nkind = 'loss'", "fault 1"),
         ("[[fault]]\nkind = 'link-loss'\n[[fault]]\nkind = 'x'", "fault 2"),
-        ("fault = 3", r"\[\[fault\]\]"),
-        ("fault = [1]", r"\[\[fault\]\]"),
+        ("fault = 3", "[[fault]]"),
+        ("fault = [1]", "[[fault]]"),
         ("[[fault]]\nkind = 'loss'\nvalue = true", "fault 1"),
         ("[[fault]]\nkind = 'loss'\nvalue = [1]", "fault 1"),
         ("[[fault]]\nkind = 'loss'\nvalue = 0.1\nfrom = 'x'", "fault 1"),
@@ -114,13 +115,7 @@ def test_any_text_is_a_fault_or_an_error(text):
     ],
 )
 def test_bad_files_name_the_file_and_the_fault(tmp_path, text, where):
-    path = tmp_path / "bad.toml"
-    if text is not None:
-        path.write_text(text)
-    with pytest.raises(FaultError, match=where) as caught:
-        load_faults(path)
-    assert "bad.toml" in str(caught.value)
-    assert "\n" not in str(caught.value)
+    assert where in complaint(load_faults, tmp_path / "bad.toml", text, FaultError)
 
 
 def test_a_slow_line_takes_its_time_and_drops_what_does_not_fit():

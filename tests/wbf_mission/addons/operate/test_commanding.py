@@ -182,12 +182,17 @@ def test_an_item_before_the_present_one_is_ordered_once(before):
     assert "was given set-item 5, but its telemetry does not confirm" in str(vehicle.session.error)
 
 
-@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
-def test_an_item_is_not_ordered_again_over_another_stations_choice(autopilot):
-    vehicle = Vehicle("set-item", "9", autopilot=autopilot)
+def ordered_at_the_first_item(item, autopilot):
+    vehicle = Vehicle("set-item", item, autopilot=autopilot)
     vehicle.beats()
     vehicle.tells_item(0, 20)
     vehicle.passes(0.3)
+    return vehicle
+
+
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
+def test_an_item_is_not_ordered_again_over_another_stations_choice(autopilot):
+    vehicle = ordered_at_the_first_item("9", autopilot)
     for _ in range(40):
         vehicle.tells_item(3, 20)
         vehicle.passes(0.5)
@@ -196,10 +201,7 @@ def test_an_item_is_not_ordered_again_over_another_stations_choice(autopilot):
 
 @pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
 def test_an_item_is_not_ordered_again_while_the_vehicle_is_silent(autopilot):
-    vehicle = Vehicle("set-item", "5", autopilot=autopilot)
-    vehicle.beats()
-    vehicle.tells_item(0, 20)
-    vehicle.passes(0.3)
+    vehicle = ordered_at_the_first_item("5", autopilot)
     vehicle.tells_item(0, 20)
     vehicle.passes(30.0)
     assert len(set_items(vehicle) + vehicle.commands(m.MAV_CMD_DO_SET_MISSION_CURRENT)) <= 2

@@ -13,20 +13,6 @@ from recordings import Flight
 from geo.frame import LocalFrame
 from mission.model import Command, MissionItem
 
-_WAYPOINTS = frozenset({16, 82})
-_GROUND_M = 2.0
-_NEAR_M = 1.0
-# Height loss that is not yet the descent (m): an estimated height drifts by more than a metre.
-_LEVEL_M = 2.0
-_REST_M_S = 0.1
-_SMOOTH_S = 0.5
-_CORNER = np.radians(30.0)
-_SLOW_M_S = 0.3
-# Longest gap between samples near a corner (s): with longer gaps the turn cannot be measured.
-_GAP_S = 0.5
-_TURN_S = 1.5
-_TURNING = 0.25
-
 
 @dataclass(frozen=True, slots=True)
 class Phases:
@@ -77,6 +63,21 @@ class Turns:
     worst_overshoot_m: float
     radius_m: float
     rate_deg_s: float
+
+
+_WAYPOINTS = frozenset({16, 82})
+_GROUND_M = 2.0
+_NEAR_M = 1.0
+# Height loss that is not yet the descent (m): an estimated height drifts by more than a metre.
+_LEVEL_M = 2.0
+_REST_M_S = 0.1
+_SMOOTH_S = 0.5
+_CORNER = np.radians(30.0)
+_SLOW_M_S = 0.3
+# Longest gap between samples near a corner (s): with longer gaps the turn cannot be measured.
+_GAP_S = 0.5
+_TURN_S = 1.5
+_TURNING = 0.25
 
 
 def phases(flight: Flight, items: tuple[MissionItem, ...], start_s: float, *, flies: bool) -> Phases:

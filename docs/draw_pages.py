@@ -7,7 +7,6 @@ The script needs Chromium and the extra `dev`. It first flies the runs of these 
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import io
 import re
@@ -18,6 +17,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from drawing import asked_for
 from PIL import Image
 from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
 
@@ -163,17 +163,12 @@ PICTURES: dict[str, Callable[[Browser, Path, Path], None]] = {
 
 def main() -> int:
     """Fly and draw."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("pictures", nargs="*", help=f"of {', '.join(PICTURES)}; by default all")
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "images", help="folder")
-    options = parser.parse_args()
+    pictures = asked_for(__doc__, PICTURES)
     path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
     with sync_playwright() as playwright, tempfile.TemporaryDirectory() as folder:
         browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
-        for name in options.pictures or PICTURES:
-            PICTURES[name](browser, Path(folder), options.out / name)
+        for picture in pictures:
+            PICTURES[picture.name](browser, Path(folder), picture)
         browser.close()
     return 0
 

@@ -7,7 +7,6 @@ The flights are made as in `benchmarks/policies.py`, with the paper's robot and 
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 
@@ -16,6 +15,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 matplotlib.use("Agg")
+from drawing import asked_for
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
@@ -26,7 +26,6 @@ from geo.seeds import child_seed
 from sensors.environment import generate_environment
 from sensors.fields import HEALTH_COLOURS, PAPER_FIELDS
 
-ROOT = Path(__file__).parents[1]
 SEED = 700_001
 SMALL, LARGE = "miniberry-30", "miniberry-100"
 PICTURES = {
@@ -85,18 +84,12 @@ def draw_flight(axes: Axes, case: Case, name: str, run: Run) -> None:
 
 def main() -> int:
     """Fly and draw."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("pictures", nargs="*", help=f"of {', '.join(PICTURES)}; by default all")
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "images", help="folder")
-    options = parser.parse_args()
-    for picture in options.pictures or PICTURES:
+    for picture in asked_for(__doc__, PICTURES):
         figure, grid = plt.subplots(2, 3, figsize=(10.0, 7.4), layout="constrained")
-        for axes, (name, farm, vehicles) in zip(grid.flat, PICTURES[picture], strict=True):
+        for axes, (name, farm, vehicles) in zip(grid.flat, PICTURES[picture.name], strict=True):
             case = Case(farm, vehicles)
             draw_flight(axes, case, name, fly(case, made(name), SEED))
-        figure.savefig(options.out / picture, dpi=110)
+        figure.savefig(picture, dpi=110)
     return 0
 
 

@@ -19,8 +19,6 @@ from mission.transfer.remarks import Remark, area_remarks, count_remarks, frame_
 
 _PARAMETERS = ("param1", "param2", "param3", "param4")
 _QUADROTOR = int(mavlink.MAV_TYPE_QUADROTOR)
-_FLOWN_TO = frozenset({16, 17, 18, 19, 21, 22, 31, 82})
-_ROI_NONE = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +134,10 @@ def _merged(remarks: list[Remark]) -> list[Remark]:
         items = sorted(k for remark in same for k in (remark.item, *remark.others) if k is not None)
         found.append(replace(same[0], item=items[0], others=tuple(items[1:])) if items else same[0])
     return found
+
+
+_FLOWN_TO = frozenset({16, 17, 18, 19, 21, 22, 31, 82})
+_ROI_NONE = 0
 
 
 class _Writer:

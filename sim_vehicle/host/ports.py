@@ -21,13 +21,6 @@ from sim_vehicle.errors import VehicleError
 from sim_vehicle.host.injection import Injection, Radio
 
 _DATAGRAM_BYTES = 1200
-_SILENCE_S = 60.0
-_MOST_PEERS = 64
-_REFRESH_S = 0.5
-# Number of open files besides the sockets of the URLs, for TCP peers, logs and libraries.
-_FILES = 512
-# Number of open files of a port with `at_once`: one socket, two socket pairs and one selector.
-_AT_ONCE_FILES = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +100,10 @@ def _received(link: Link, client: Client) -> list[tuple[Client, bytes]]:
         client.alive = False
         return []
     return [(client, frame) for piece in pieces for frame in client.take(piece)]
+
+
+_SILENCE_S = 60.0
+_MOST_PEERS = 64
 
 
 class _UdpPort:
@@ -280,6 +277,13 @@ def _address_of(address: LinkAddress) -> str:
     except (OSError, UnicodeError) as error:
         msg = f"{address}: the host {address.host!r} has no IPv4 address; check its name"
         raise LinkError(msg) from error
+
+
+_REFRESH_S = 0.5
+# Number of open files besides the sockets of the URLs, for TCP peers, logs and libraries.
+_FILES = 512
+# Number of open files of a port with `at_once`: one socket, two socket pairs and one selector.
+_AT_ONCE_FILES = 6
 
 
 class PortSelector:

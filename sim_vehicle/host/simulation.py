@@ -33,18 +33,6 @@ class VirtualLink:
 
     With its `clock` and `wait`, programs such as `mission.transfer.driver.TransferDriver` run on virtual
     time. `wait` advances the clock until data arrive or the time is over.
-
-    Examples
-    --------
-    >>> from mission.model import GeoPoint
-    >>> from sim_vehicle.host.simulation import Simulation
-    >>> from sim_vehicle.airframe.catalog import get_vehicle
-    >>> from sim_vehicle.mavlink import SimVehicle
-    >>> simulation = Simulation([SimVehicle(get_vehicle("quad"), GeoPoint(28.05, -82.15))])
-    >>> link = simulation.open_link()
-    >>> link.sleep(3600.0)
-    >>> link.clock(), len(link.receive()) > 3600
-    (3600.0, True)
     """
 
     def __init__(

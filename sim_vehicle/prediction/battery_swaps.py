@@ -29,12 +29,6 @@ if TYPE_CHECKING:
     from sim_vehicle.weather.wind import Wind
 
 _SAMPLE_S = 1.0
-_LONGEST_S = 86_400.0
-# Number of attempts to find the place of a battery change; each flies a return and corrects the place.
-_MAX_TRIALS = 6
-# Fraction of the battery that may remain unused.
-_UNUSED_SHARE = 0.003
-_GROUND_M = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +78,12 @@ def batteries_needed(
         return 1
     changes = battery_changes(mission, spec, wind=wind, frame=frame)
     return None if changes is None else len(changes) + 1
+
+
+# Number of attempts to find the place of a battery change; each flies a return and corrects the place.
+_MAX_TRIALS = 6
+# Fraction of the battery that may remain unused.
+_UNUSED_SHARE = 0.003
 
 
 def battery_changes(
@@ -177,6 +177,10 @@ class Transit:
     out_wh: float
     back_s: float
     back_wh: float
+
+
+_LONGEST_S = 86_400.0
+_GROUND_M = 0.5
 
 
 class TrialFlights:

@@ -10,6 +10,7 @@ import time
 from concurrent.futures.process import BrokenProcessPool
 from types import SimpleNamespace
 
+import processes
 import pytest
 from processes import environment
 
@@ -208,15 +209,8 @@ def test_after_a_process_was_killed_nothing_more_comes():
 
 def started(folder, script):
     (folder / "script.py").write_text(script)
-    return subprocess.Popen(
-        [sys.executable, "script.py"],
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        env=environment(PYTHONPATH=os.pathsep.join(sys.path)),
-    )
+    own = environment(PYTHONPATH=os.pathsep.join(sys.path))
+    return processes.started([sys.executable, "script.py"], cwd=folder, env=own)
 
 
 SCRIPT = """

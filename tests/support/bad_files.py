@@ -3,13 +3,14 @@
 import pytest
 
 
-def complaint(read, path, text, error):
-    """The text of the error, which is one line with the name of the file; without a text there is no file."""
+def complaint(read, folder, text, error):
+    """The text of the error about ``bad.toml``: one line with its path; without a text there is no file."""
+    path = folder / "bad.toml"
     if text is not None:
         path.write_text(text)
     with pytest.raises(error) as caught:
         read(path)
     told = str(caught.value)
-    assert path.name in told
+    assert str(path) in told
     assert "\n" not in told
     return told

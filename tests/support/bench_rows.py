@@ -2,9 +2,20 @@
 
 from array import array
 
+import msgspec
 import numpy as np
 
 from wbf_mission.bench.rows import BenchRow
+
+
+def decided(rows):
+    """Return what the runs alone decide, without their costs."""
+    costs = ("wall_time_s", "cpu_time_s", "timings_s")
+    values = [msgspec.structs.asdict(row) for row in rows]
+    return sorted(
+        ({name: value for name, value in row.items() if name not in costs} for row in values),
+        key=lambda row: row["key"],
+    )
 
 
 def made_row(planner, seed, scores, **given):

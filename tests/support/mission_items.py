@@ -15,6 +15,11 @@ def at(command, x, y, z=10.0, *params):
     return MissionItem(command, 3, *params, *HOME.to_wgs84(float(x), float(y)), z)
 
 
+def item(command, x, y, z=0.0, *params):
+    """Return an item with zeros for the parameters that are not given."""
+    return MissionItem(command, 3, *params, *[0.0] * (4 - len(params)), *HOME.to_wgs84(x, y), z)
+
+
 def do(command, *params):
     return MissionItem(command, 2, *params)
 

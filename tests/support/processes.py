@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -23,6 +24,24 @@ def environment(**more):
 def command(*words):
     """Return a call of the command line."""
     return [sys.executable, "-m", "wbf_mission", *map(str, words)]
+
+
+def started(words, **options):
+    """Start a process in a group of its own, as a terminal would; its output is kept for `communicate`."""
+    return subprocess.Popen(
+        words,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        **{"env": environment(), **options},
+    )
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
 
 
 def compiled_by(code, folder):

@@ -5,9 +5,14 @@ from __future__ import annotations
 import base64
 import json
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+from websockets.sync.client import ClientConnection, connect
+
+from wbf_mission.addons.web.server import LiveServer
 
 
 class Taking:
@@ -105,3 +110,12 @@ def _append(columns: dict[str, Any], more: dict[str, Any], nested: str = "", cou
                 inner[key] = inner.get(key, [None] * known) + column.get(key, [None] * new)
         else:
             columns.setdefault(name, []).extend(column)
+
+
+@contextmanager
+def watching(server: LiveServer, **more: Any) -> Iterator[ClientConnection]:
+    """Open the stream of the live page."""
+    address = f"127.0.0.1:{server.port}"
+    options: dict[str, Any] = {"origin": f"http://{address}", "max_size": None, "compression": None}
+    with connect(f"ws://{address}/live", **(options | more)) as client:
+        yield client

@@ -3,16 +3,9 @@
 import json
 
 import pytest
-
-from wbf_mission.cli.app import main
+from command_line import run
 
 DISKS = ["--estimator", "adaptive-disk"]
-
-
-def run(capsys, *arguments):
-    code = main(list(arguments))
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
 
 
 @pytest.mark.parametrize(

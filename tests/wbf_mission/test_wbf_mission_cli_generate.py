@@ -3,27 +3,20 @@
 import json
 import os
 import signal
-import subprocess
 import sys
 import time
 
 import pytest
-from processes import environment
+from command_line import run
+from processes import started
 
 from geo.system import AvailableMemory
 from sensors.environment import cache, load_environment
 from wbf_mission.addons.ensembles.ensemble import Ensemble
-from wbf_mission.cli.app import main
 
 GENERATE = ["farm", "generate", "--farm", "miniberry-10", "--days", "3"]
 FLY = ["fly", "--farm", "miniberry-10", "--vehicle", "ideal", "--planner", "lawnmower"]
 FLY += ["--estimator", "adaptive-disk", "--no-files", "--json"]
-
-
-def run(capsys, *arguments):
-    code = main(list(arguments))
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
 
 
 def test_an_ensemble_is_generated_once(capsys, tmp_path):
@@ -67,14 +60,7 @@ def test_too_little_memory_is_one_line_and_exit_code_2(capsys, tmp_path, monkeyp
 
 def test_ctrl_c_keeps_what_is_finished(capsys, tmp_path):
     command = ["farm", "generate", "--farm", "miniberry-30", "--count", "400", "--out", str(tmp_path / "e")]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "wbf_mission", *command, "--jobs", "2"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        env=environment(),
-    )
+    process = started([sys.executable, "-m", "wbf_mission", *command, "--jobs", "2"])
     # With two jobs a later member may be finished before an earlier one.
     while process.poll() is None and len(list((tmp_path / "e").glob("member-*"))) < 2:
         time.sleep(0.05)

@@ -41,6 +41,13 @@ def saved(tmp_path_factory):
     return folder / "run"
 
 
+def read_or_refuse(folder):
+    try:
+        load_result(folder).summary()
+    except ResultError as error:
+        assert "\n" not in str(error)
+
+
 def refusal(folder):
     with pytest.raises(ResultError) as caught:
         load_result(folder).summary()
@@ -132,10 +139,7 @@ def test_any_value_of_the_record_may_be_another(saved, tmp_path, data):
     else:
         inner[way[-1]] = data.draw(HOSTILE)
     (folder / "result.json").write_text(json.dumps(record))
-    try:
-        load_result(folder).summary()
-    except ResultError as error:
-        assert "\n" not in str(error)
+    read_or_refuse(folder)
 
 
 def test_a_number_of_more_than_64_bits_is_refused(saved, tmp_path):
@@ -164,9 +168,7 @@ def test_flipped_bits_are_refused_or_harmless(saved, tmp_path, name, where, bits
     changed = bytes(byte ^ bits for byte in whole[begin : begin + count])
     (folder / name).write_bytes(whole[:begin] + changed + whole[begin + count :])
     try:
-        load_result(folder).summary()
-    except ResultError as error:
-        assert "\n" not in str(error)
+        read_or_refuse(folder)
     finally:
         (folder / name).write_bytes(whole)
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
+from command_line import ran
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -19,7 +20,6 @@ from mission.outcome import Outcome
 from mission.planners import CropArea, PlannedPath, PlanningRequest, make_planner
 from mission.planners.budget import LengthBudget
 from mission.planners.terrain import parts_of
-from wbf_mission.cli.app import main
 from wbf_mission.flight import fly
 from wbf_mission.planning import MissionBuilder
 from wbf_mission.planning.keep_out import KeepOut
@@ -203,21 +203,16 @@ def test_a_home_near_an_obstacle_is_left_on_the_shortest_way():
     assert nearest_m(points[1:], [shapely.box(5, -5, 9, 10)]) >= 2.99
 
 
-def run(capsys, *words, code):
-    assert main(list(words)) == code
-    return capsys.readouterr()
-
-
 def test_a_mission_over_an_obstacle_is_refused_before_the_take_off(farm, tmp_path, capsys):
     file, out = tmp_path / "across.plan", tmp_path / "run"
     builder = replace(builder_of(Scenario(farm=farm)), keep_out=None)
     across = builder.mission(PlannedPath(np.array([[10.0, 28.0], [60.0, 28.0]]), None, "test"))
     write_mission(across, file)
     words = ("fly", "--farm", farm, "--mission", str(file), "--estimator", "point", "--out", str(out), "-q")
-    err = run(capsys, *words, code=2).err
+    err = ran(capsys, *words, code=2).err
     assert "this item crosses an obstacle of the farm" in err and "nothing was flown, --force" in err
     assert len(err.splitlines()) == 1 and not out.exists()
-    assert "preflight error" in run(capsys, *words, "--force", "--no-plots", code=0).err
+    assert "preflight error" in ran(capsys, *words, "--force", "--no-plots", code=0).err
     assert (out / "result.json").is_file()
 
 
@@ -225,9 +220,9 @@ def test_a_plan_with_an_error_is_not_written(tmp_path, capsys):
     farm, file = tmp_path / "shed.geojson", tmp_path / "spiral.plan"
     save_farm(yard(shapely.box(1, 1, 5, 5)), farm)
     words = ("plan", "--farm", str(farm), "--budget", "500m", "--out", str(file), "-q")
-    err = run(capsys, *words, code=2).err
+    err = ran(capsys, *words, code=2).err
     assert "obstacle" in err and "nothing was written, --force" in err and not file.exists()
-    run(capsys, *words, "--force", code=0)
+    ran(capsys, *words, "--force", code=0)
     assert read_mission(file).items
     with pytest.raises(PreflightError, match="obstacle"):
         fly(Scenario(farm=str(farm), budget="500m", estimator="point"))
@@ -235,8 +230,8 @@ def test_a_plan_with_an_error_is_not_written(tmp_path, capsys):
 
 def test_gusts_that_no_margin_covers_are_told_with_a_plan(farm, capsys):
     words = ("plan", "--farm", farm, "--planner", "random-waypoint", "--budget", "300m", "--wind", "5,270,2")
-    assert "farther than the margins to obstacles and fence allow for" in run(capsys, *words, code=0).err
-    assert "gusts" not in run(capsys, *words[:-1], "5,270,1", code=0).err
+    assert "farther than the margins to obstacles and fence allow for" in ran(capsys, *words, code=0).err
+    assert "gusts" not in ran(capsys, *words[:-1], "5,270,1", code=0).err
 
 
 def test_what_is_low_is_flown_over_and_counts_as_an_obstacle_below_its_margin():
@@ -267,7 +262,7 @@ def test_an_obstacle_may_have_a_margin_of_its_own():
 
 
 def test_farm_show_lists_obstacles(farm, capsys):
-    told = json.loads(run(capsys, "farm", "show", farm, "--json", code=0).out)
+    told = json.loads(ran(capsys, "farm", "show", farm, "--json", code=0).out)
     assert len(told["obstacles"]) == 4
     assert told["obstacles"][2] == {
         "name": "obstacle 3",
@@ -277,6 +272,6 @@ def test_farm_show_lists_obstacles(farm, capsys):
         "area_m2": pytest.approx(6.0, abs=1e-2),
         "from_home_m": pytest.approx(10.0, abs=1e-3),
     }
-    assert "obstacle 4" in run(capsys, "farm", "show", farm, code=0).out
-    assert not json.loads(run(capsys, "farm", "show", "miniberry-30", "--json", code=0).out)["obstacles"]
+    assert "obstacle 4" in ran(capsys, "farm", "show", farm, code=0).out
+    assert not json.loads(ran(capsys, "farm", "show", "miniberry-30", "--json", code=0).out)["obstacles"]
     assert not get_farm("miniberry-30").obstacles

@@ -4,14 +4,13 @@ import json
 import shlex
 import signal
 import socket
-import subprocess
 import sys
 import time
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from processes import environment
+from processes import command, free_port, started
 from sweeps import slow
 
 from mission.link.codec.dialect import mavlink as m
@@ -29,17 +28,8 @@ SMALL_RUN = ["fly", "--farm", "miniberry-10", "--planner", "lawnmower", "--estim
 
 
 def start(*arguments, cwd, before=(), **options):
-    """Start the command line in a process group of its own, as a terminal would."""
-    return subprocess.Popen(
-        [*before, sys.executable, "-m", "wbf_mission", *arguments],
-        cwd=cwd,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        env=environment(),
-        **options,
-    )
+    """Start the command line."""
+    return started([*before, *command(*arguments)], cwd=cwd, **options)
 
 
 def wait_for(condition, process):
@@ -54,12 +44,6 @@ def end(process):
     out, err = process.communicate(timeout=LONG_S)
     assert "Traceback" not in err
     return out, err
-
-
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def start_sim(folder, *more, **options):

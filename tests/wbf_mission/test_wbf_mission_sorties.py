@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
+from command_line import run
 
 from geo import Obstacle, get_farm, save_farm
 from mission.course import Course, Place
@@ -209,12 +210,6 @@ def test_obstacles_are_flown_round_on_the_ways(small, tmp_path):
     home_m = np.asarray(farm.home_m)
     begins = [farm.frame.from_wgs84(*made.course.position(part.begin)[:2]) for part in made.sorties]
     assert any(shapely.LineString([home_m, begin]).intersects(barn.polygon) for begin in begins)
-
-
-def run(capsys, *arguments):
-    code = main(list(arguments))
-    said = capsys.readouterr()
-    return code, said.out, said.err
 
 
 PLAN = ("plan", "--farm", FARM, "--planner", "lawnmower", "--budget", "1200m", "--vehicle")

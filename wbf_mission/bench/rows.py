@@ -74,7 +74,7 @@ class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     versions : dict
         Versions of the program and libraries, with the ``commit`` if known (`wbf_mission.bench.provenance`).
     codes : dict
-        Behaviour numbers and digests (`wbf_mission.bench.spec.BenchRun`); empty in rows of old stores.
+        Behaviour numbers and digests (`wbf_mission.bench.spec.BenchRun`).
     hardware : dict
         The machine: ``processor``, ``cores``, ``memory_gb`` and ``system``.
     objects : dict
@@ -178,8 +178,8 @@ def commit_of(row: BenchRow) -> str:
 
 
 def digest_of(row: BenchRow, key: str) -> str:
-    """Return a row's behaviour numbers, the start of its digest, or "built in" or "unknown code"."""
-    return shown_digest(row.codes.get(key, "built in" if row.codes else "unknown code"), 12)
+    """Return a row's behaviour numbers, the start of its digest, or "built in"."""
+    return shown_digest(row.codes.get(key, "built in"), 12)
 
 
 def shown_digest(digest: str, digits: int = _SHORT) -> str:

@@ -39,8 +39,6 @@ _DEFAULTS: Mapping[str, tuple[str, ...]] = {
     "estimators": ("adaptive-disk", "gp"),
 }
 _KEYS = ("scenarios", "planners", "estimators", "seeds")
-_MOST_RUNS = 10_000_000
-_MOST_ENDS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +65,9 @@ class BenchRun:
     def seed(self) -> int:
         """Seed of the run; each seed gives the same environment to all planners and estimators."""
         return self.scenario.seed
+
+
+_MOST_RUNS = 10_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,6 +246,9 @@ def _seeds(given: Any) -> tuple[int, ...]:
     number = f"a number of seeds (1 to {_MOST_RUNS})"
     msg = f"seeds {given!r} are neither {number} nor a list of whole numbers from 0 on"
     raise ScenarioError(msg)
+
+
+_MOST_ENDS = 2
 
 
 def seeds_of(text: str) -> tuple[int, ...]:

@@ -21,12 +21,7 @@ from geo import Farm
 from wbf_mission.maps.blocks import MapGrid
 from wbf_mission.maps.field_maps import FieldMap
 
-_INTERVAL = (0.05, 0.95)
-_NORMAL_90 = 1.6449
-_LEAST_SHAPE = 1e-6
 _LEAST_SHARE = 1e-4  # Smallest fraction written with digits
-_WORST_BLOCKS = 3
-_LEAST_PART_OF_A_BLOCK = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +106,10 @@ def _stated(of: FieldMap) -> FieldMap | None:
     return None if total is None else replace(of, cells=of.seen, total=total)
 
 
+_WORST_BLOCKS = 3
+_LEAST_PART_OF_A_BLOCK = 0.1
+
+
 def _report(farm: Farm, of: FieldMap) -> FieldReport:
     grid, field = of.grid, of.field
     cells = float(of.cells.sum())
@@ -155,6 +154,11 @@ def _report(farm: Farm, of: FieldMap) -> FieldReport:
         "" if field.range == (0.0, 1.0) else field.unit,
         None if of.may_be_sick is None else int(of.may_be_sick.sum()),
     )
+
+
+_INTERVAL = (0.05, 0.95)
+_NORMAL_90 = 1.6449
+_LEAST_SHAPE = 1e-6
 
 
 def _interval(

@@ -39,10 +39,6 @@ from wbf_mission.scenario import (
 from wbf_mission.scenario.parts import VehicleParts
 from wbf_mission.scenario.values import DISTANCE, LAYERS
 
-_LONGEST_H = 24.0  # Longest survey (h); longer flights cannot be predicted.
-# Distance between the start positions of two vehicles, in multiples of the required separation.
-_ROW_FACTOR = 1.5
-
 
 @dataclass(frozen=True, slots=True)
 class SingleVehicle:
@@ -104,6 +100,9 @@ def vehicles_of(
     _check_radio(options.vehicle.radio_range_m, farm, vehicles)
     _check_extent(options.mission, farm, vehicles)
     return tuple(vehicles)
+
+
+_LONGEST_H = 24.0  # Longest survey (h); longer flights cannot be predicted.
 
 
 def _check_extent(mission: MissionOptions, farm: Farm, vehicles: Sequence[Vehicle]) -> None:
@@ -203,6 +202,10 @@ def _parameters(vehicle: VehicleOptions, spec: VehicleSpec, height_m: float) -> 
         return given
     name, unit_m = firmware.return_height
     return {name: round(height_m / unit_m), **given} if unit_m < 1.0 else {name: height_m, **given}
+
+
+# Distance between the start positions of two vehicles, in multiples of the required separation.
+_ROW_FACTOR = 1.5
 
 
 def _start_m(options: VehicleOptions, farm: Farm, number: int) -> tuple[float, float]:

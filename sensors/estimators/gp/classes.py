@@ -32,10 +32,6 @@ Values = NDArray[np.float32]
 _FLOOR = 0.1
 """The constant c of the module's formula; c keeps the logarithm finite if the mean is 0."""
 _MOST_SLOPE = 8.0
-_WINDOW = 32
-_LONGEST_SHARE = 0.45
-_LOOKS = 2
-_JUDGED = 200
 _COLUMNS_AT_ONCE = 64
 
 
@@ -233,6 +229,11 @@ def link_slope(
     return float(minimize_scalar(cost, bounds=(0.0, _MOST_SLOPE), method="bounded").x)
 
 
+_LONGEST_SHARE = 0.45
+_LOOKS = 2
+_JUDGED = 200
+
+
 def _judged(
     kernel: RbfKernel,
     illness: float,
@@ -276,6 +277,9 @@ def _means(kernel: RbfKernel, prior: float, seen: Cells, readings: Floats, x: Ce
     known = solve_lower(factor, np.ascontiguousarray(readings - prior))
     means: Floats = prior + product(solve_lower(factor, across).T, known)
     return means
+
+
+_WINDOW = 32
 
 
 def window_of(plants: NDArray[np.bool_], rng: Generator) -> tuple[slice, slice]:

@@ -67,9 +67,8 @@ def test_a_camera_of_ones_own(tmp_path):
     ],
 )
 def test_files_that_are_no_cameras_are_refused_in_one_line(tmp_path, change, told):
-    path = tmp_path / "bad.toml"
-    said = complaint(read_camera, path, FILE + change, CameraError)
-    assert said.startswith(f"camera file {path}: ") and told in said
+    said = complaint(read_camera, tmp_path, FILE + change, CameraError)
+    assert said.startswith("camera file ") and told in said
 
 
 def test_unknown_names_and_impossible_overlaps_are_refused(tmp_path):

@@ -7,9 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from mission_items import item
 from packages import command_lines, importable, install
 
-from geo.frame import LocalFrame
 from mission import autopilots
 from mission.autopilots.profile import Meaning
 from mission.ground.modes import Maneuver, ModeError, VehicleModes, is_in_mission, mode_name
@@ -25,7 +25,6 @@ from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.addons.base.inquiry import VehicleSnapshot
 
 POINT = GeoPoint(28.05, -82.15, 12.0)
-HOME = LocalFrame(28.05, -82.15)
 ENTRY_POINTS = """\
 [wbf_mission.autopilots]
 nimbus = nimbus:NIMBUS
@@ -57,11 +56,6 @@ def nimbus(site, monkeypatch):
     monkeypatch.undo()
     sys.modules.pop("nimbus", None)
     forget()
-
-
-def item(command, x, y, z=0.0, *params):
-    latitude, longitude = HOME.to_wgs84(x, y)
-    return MissionItem(command, 3, *params, *[0.0] * (4 - len(params)), latitude, longitude, z)
 
 
 MISSION = Mission(

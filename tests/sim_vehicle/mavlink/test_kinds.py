@@ -4,8 +4,8 @@ import math
 import struct
 
 import pytest
+from mission_items import item
 
-from geo.frame import LocalFrame
 from mission.ground.station import GroundStation
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, Mission, MissionItem
@@ -21,13 +21,7 @@ from sim_vehicle.pilot.controls import MissionState, RefusedError
 from tests.support.peer import Peer
 
 POINT = GeoPoint(28.05, -82.15, 12.0)
-HOME = LocalFrame(28.05, -82.15)
 BOTH = pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
-
-
-def item(command, x, y, z=0.0, *params):
-    latitude, longitude = HOME.to_wgs84(x, y)
-    return MissionItem(command, 3, *params, *[0.0] * (4 - len(params)), latitude, longitude, z)
 
 
 def land_start(autopilot):

@@ -3,14 +3,15 @@
 import json
 import os
 import signal
-import subprocess
 import sys
 import threading
 import time
 
 import msgspec
+import processes
 import pytest
-from processes import environment
+from bench_rows import decided
+from processes import command
 
 from mission.planners import planner_names
 from sensors.estimators.point import PointEstimator
@@ -24,16 +25,6 @@ from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.cli.app import main
 
 TEN = ["WBF/Miniberry-10-v1"]
-COSTS = ("wall_time_s", "cpu_time_s", "timings_s")
-
-
-def decided(rows):
-    """What the runs alone decide."""
-    values = [msgspec.structs.asdict(one) for one in rows]
-    return sorted(
-        ({key: value for key, value in one.items() if key not in COSTS} for one in values),
-        key=lambda one: one["key"],
-    )
 
 
 @pytest.fixture(scope="module")
@@ -198,14 +189,7 @@ def test_ctrl_c_gives_what_is_done(spec, tmp_path, monkeypatch):
 def started(folder, *more):
     arguments = ["bench", "run", "--scenarios", TEN[0], "--planners", "lawnmower", "--estimators", "point"]
     arguments += ["--seeds", "3000", "--out", str(folder), "--json", *more]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "wbf_mission", *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        env=environment(),
-    )
+    process = processes.started(command(*arguments))
     while process.poll() is None and not (
         (folder / "journal.jsonl").exists() and (folder / "journal.jsonl").read_bytes().count(b"\n") >= 2
     ):

@@ -7,7 +7,7 @@ import copy
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from heapq import merge
-from itertools import groupby
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -179,14 +179,10 @@ def events_of(
 def _flights(result: RunRecord) -> list[_Flight]:
     together = [tuple(each) for _, each in groupby(result.flights, lambda one: (one.day, one.flight))]
     firsts = [flight[0].seen_before for flight in together] + [len(result.observations)]
-    found, end_s = list[_Flight](), 0.0
-    for number, each in enumerate(together):
-        # Results of earlier versions have no start times: a flight begins after the previous one.
-        begun_s = max(each[0].begun_s, end_s)
-        found.append(_Flight(each, begun_s, slice(firsts[number], firsts[number + 1])))
-        ends = [float(one.track.time_s[-1]) for one in each if len(one.track.time_s)]
-        end_s = begun_s + max(ends, default=0.0)
-    return found
+    return [
+        _Flight(each, each[0].begun_s, slice(*seen))
+        for each, seen in zip(together, pairwise(firsts), strict=True)
+    ]
 
 
 def _begun(result: RunRecord) -> events.RunBegun:

@@ -29,10 +29,9 @@ if TYPE_CHECKING:
 _NAMED = (("scenario", "code"), ("scenario", "scenario"), ("planner", "planner"), ("estimator", "estimator"))
 
 
-def _of_old(row: BenchRow, key: str) -> str:
-    """Return the digest of a row's code, scenario, planner or estimator; without it "built in", "unknown"."""
-    unknown = f"unknown {build_of(row)}" if key == "code" else "unknown"
-    return row.codes.get(key, "") or ("built in" if row.codes else unknown)
+def _digest(row: BenchRow, key: str) -> str:
+    """Return the digest of a row's code, scenario, planner or estimator."""
+    return row.codes.get(key, "built in")
 
 
 def apart(rows: Sequence[BenchRow]) -> Sequence[BenchRow]:
@@ -47,11 +46,11 @@ def apart(rows: Sequence[BenchRow]) -> Sequence[BenchRow]:
         words: dict[str, dict[str, str]] = {}
         for row in rows:
             text = build_of(row) if key == "code" else row.objects.get(key, "")
-            words.setdefault(getattr(row, name), {}).setdefault(_of_old(row, key), text)
+            words.setdefault(getattr(row, name), {}).setdefault(_digest(row, key), text)
         several = {given: _labels(given, found) for given, found in words.items() if len(found) > 1}
         if several:
             rows = [
-                structs.replace(row, **{name: several[getattr(row, name)][_of_old(row, key)]})
+                structs.replace(row, **{name: several[getattr(row, name)][_digest(row, key)]})
                 if getattr(row, name) in several
                 else row
                 for row in rows
@@ -73,7 +72,7 @@ def _labels(name: str, words: dict[str, str]) -> dict[str, str]:
 
 def builds_in_words(rows: Iterable[BenchRow]) -> str:
     """Return, in words, the versions that flew the rows, with numbers of rows; empty for one version."""
-    count = Counter((build_of(row), _of_old(row, "code")) for row in rows)
+    count = Counter((build_of(row), _digest(row, "code")) for row in rows)
     if len(count) <= 1:
         return ""
     codes = {code for _, code in count}

@@ -30,8 +30,6 @@ from wbf_mission.progress import Progress, silent
 from wbf_mission.results.storage import ResultError
 
 FROZEN = Path(__file__).with_name("frozen.json")
-_MOST_PACKS = 1000
-SHOWN_DIGEST = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +106,9 @@ def is_frozen(path: Path, digest: str) -> bool:
     if frozen_sums().get(name, digest) != digest:
         raise ResultError(f"{path}: differs from the frozen baseline {name} (SHA-256); get the file again")
     return digest in frozen_sums().values()
+
+
+_MOST_PACKS = 1000
 
 
 def packs_of(sources: Iterable[Path]) -> list[tuple[Path, bool]]:
@@ -194,6 +195,9 @@ def _tables(entries: Sequence[Entry], secret: Secret | None) -> Iterator[BoardTa
                 held_out=of_round and seeds == sealed,
                 lines=_lines(here, seeds),
             )
+
+
+SHOWN_DIGEST = 8
 
 
 def _lines(group: Sequence[tuple[Entry, list[BenchRow]]], seeds: frozenset[int]) -> tuple[Line, ...]:

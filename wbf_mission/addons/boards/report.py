@@ -181,7 +181,7 @@ def _flown(good: Sequence[BenchRow]) -> Table:
     """Return a table that compares a scenario's flights with their predictions: time, length and battery."""
     table = []
     for planner in sorted({row.planner for row in good}):
-        own = [row for row in good if row.planner == planner and row.flight_time_s and _is_predicted(row)]
+        own = [row for row in good if row.planner == planner and row.flight_time_s]
         if not own:
             continue
         pairs = [(row.flight_time_s, row.predicted_time_s) for row in own]
@@ -201,11 +201,6 @@ def _flown(good: Sequence[BenchRow]) -> Table:
     of_time = ("flown, s", "predicted, s", "mean error", "largest error")
     header = ("planner or policy", "budget of a flight", *of_time, "path, m", "battery")
     return Table("Planned and flown", header, tuple(table))
-
-
-def _is_predicted(row: BenchRow) -> bool:
-    """Return whether a row predicts the whole flight; old rows of policies predict only the first path."""
-    return row.decisions == 1 or row.budget is not None
 
 
 def _mean(values: Iterable[float | None], form: str = "{:.1f}") -> str:

@@ -26,13 +26,8 @@ if TYPE_CHECKING:
     from sim_vehicle.pilot.failsafe import Failsafe
     from sim_vehicle.pilot.pilot import Pilot
 
-_SLOWEST_M_S = 0.05
 # On the ground, setpoints less than this height above the vehicle are ignored: MAVLink rounds heights.
 _GROUND_MARGIN_M = 0.01
-# Fraction of the top speed above which ArduCopter turns the nose along the velocity (`AC_PosControl`).
-_TURNING_SHARE = 0.05
-# Minimum height of position setpoints; with lower setpoints, real autopilots press onto the ground.
-_LOWEST_M = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +57,13 @@ class Setpoint:
     def lifts_from(self, height_m: float) -> bool:
         """Whether the setpoint makes a multirotor take off (``MulticopterPositionControl::Run`` of PX4)."""
         return self.position_m[2] > height_m + _GROUND_MARGIN_M or self.velocity_m_s[2] > 0.0
+
+
+_SLOWEST_M_S = 0.05
+# Fraction of the top speed above which ArduCopter turns the nose along the velocity (`AC_PosControl`).
+_TURNING_SHARE = 0.05
+# Minimum height of position setpoints; with lower setpoints, real autopilots press onto the ground.
+_LOWEST_M = 0.1
 
 
 class SetpointFollower:

@@ -13,8 +13,8 @@ def flown(name="a", seed=0, version="0.1.0", commit=OLD, code="c0de" * 6, object
         name,
         seed,
         [-1.0],
-        versions={"wbf-mission": version, **({"commit": commit} if commit else {})},
-        codes={"code": code, "scenario": "5c", **codes} if code else {},
+        versions={"wbf-mission": version, "commit": commit},
+        codes={"code": code, "scenario": "5c", **codes},
         objects=objects or {},
     )
 
@@ -29,7 +29,6 @@ def names(rows, what="scenario"):
         ({"commit": NEW, "code": "d1" * 12}, ["0.1.0, 4622a3d6", "0.1.0, 5d01c2b3"]),
         ({"version": "0.2.0", "code": "d1" * 12}, ["0.1.0, 4622a3d6", "0.2.0, 4622a3d6"]),
         ({"code": "d1" * 12}, ["0.1.0, 4622a3d6, c0dec0de", "0.1.0, 4622a3d6, d1d1d1d1"]),
-        ({"code": "", "commit": ""}, ["0.1.0, 4622a3d6", "0.1.0, unknown code"]),
     ],
 )
 def test_rows_of_other_code_are_named_by_version_and_commit(others, labels):

@@ -155,10 +155,6 @@ def test_flights_begin_when_they_did(result: Result) -> None:
     assert [(one.day, one.time_s) for one in of(events, DayBegun)] == sorted(begins)
     # What is believed at the beginning of a later day is scored then.
     assert result.history.times_s[result.history.days.index(5)] == next_begun_s
-    # Results of earlier versions do not tell it.
-    earlier = replace(result, flights=tuple(replace(one, begun_s=0.0) for one in result.flights))
-    last_s = max(float(one.track.time_s[-1]) for one in result.flights if one.day == 4)
-    assert [one.time_s for one in of(list(events_of(earlier)), DayBegun)] == [0.0, last_s]
 
 
 def test_a_path_that_changes_in_flight_is_planned_again(steered: Result) -> None:

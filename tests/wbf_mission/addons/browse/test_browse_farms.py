@@ -4,14 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-
-from wbf_mission.cli.app import main
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    code = main(list(arguments))
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
+from command_line import run
 
 
 def test_farm_list_show_draw_save(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

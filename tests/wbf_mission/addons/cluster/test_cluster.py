@@ -10,6 +10,8 @@ import sys
 import time
 
 import pytest
+from bench_rows import decided
+from processes import free_port
 
 from wbf_mission.bench import engine
 from wbf_mission.bench.benchmark import benchmark
@@ -22,19 +24,6 @@ from wbf_mission.own_code import own_choice
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="needs distributed")
 
 TEN = ["WBF/Miniberry-10-v1"]
-COSTS = ("wall_time_s", "cpu_time_s", "timings_s")
-
-
-def decided(rows):
-    """What the runs alone decide."""
-    plain = {one.key: [(name, getattr(one, name)) for name in one.__struct_fields__] for one in rows}
-    return {key: [pair for pair in pairs if pair[0] not in COSTS] for key, pairs in plain.items()}
-
-
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def start(kind, *arguments):

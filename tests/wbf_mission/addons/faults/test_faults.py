@@ -115,7 +115,7 @@ def test_any_text_is_a_fault_or_an_error(text):
     ],
 )
 def test_bad_files_name_the_file_and_the_fault(tmp_path, text, where):
-    assert where in complaint(load_faults, tmp_path / "bad.toml", text, FaultError)
+    assert where in complaint(load_faults, tmp_path, text, FaultError)
 
 
 def test_a_slow_line_takes_its_time_and_drops_what_does_not_fit():

@@ -81,10 +81,14 @@ def test_the_first_look_is_divided_among_the_vehicles():
         assert _covered(own, [path for other, path in decision.paths.items() if other != k]) <= 1
 
 
-def _with_detections(policy, seen, count=3, points=2):
-    vehicles = _fleet(count)
+def _begun(policy, vehicles, points=2):
+    """Return the vehicles when they have passed so many points of their first paths, and these paths."""
     paths = policy.decide(observation(*vehicles)).paths
-    flying = [_flown(one, paths[one.system_id], points) for one in vehicles]
+    return [_flown(one, paths[one.system_id], points) for one in vehicles], paths
+
+
+def _with_detections(policy, seen):
+    flying, paths = _begun(policy, _fleet(3))
     return flying, paths, _asked(policy, flying, seen)
 
 
@@ -103,9 +107,7 @@ def test_about_finds_a_contractor_flies_fine_rows():
 
 def test_a_run_of_finds_is_waited_for():
     policy = Market()
-    vehicles = _fleet(2)
-    paths = policy.decide(observation(*vehicles)).paths
-    flying = [_flown(one, paths[one.system_id], 2) for one in vehicles]
+    flying, _ = _begun(policy, _fleet(2))
     detections = _seen([(20, 20), (21, 20)])
     assert policy.decide(observation(*flying, event=Event.OBSERVATIONS, seen=detections)) is NO_CHANGE
     more = Observations.concatenate([detections, _seen([(22, 20)], begin=2)])
@@ -137,9 +139,7 @@ def test_finds_are_offered_once():
 
 def test_what_a_lost_vehicle_has_not_flown_is_sold_to_the_others():
     policy = Market()
-    vehicles = _fleet(3, steps=300)
-    paths = policy.decide(observation(*vehicles)).paths
-    flying = [_flown(one, paths[one.system_id], 4) for one in vehicles]
+    flying, paths = _begun(policy, _fleet(3, steps=300), points=4)
     lost = replace(flying[0], status=Status.LOST)
     decision = policy.decide(observation(lost, *flying[1:], event=Event.LOST))
     assert set(decision.paths) <= {2, 3} and decision.changes
@@ -152,9 +152,7 @@ def test_what_a_lost_vehicle_has_not_flown_is_sold_to_the_others():
 
 def test_a_vehicle_that_did_not_take_its_path_has_its_segments_sold_again():
     policy = Market()
-    vehicles = _fleet(2)
-    paths = policy.decide(observation(*vehicles)).paths
-    flying = [_flown(one, paths[one.system_id], 2) for one in vehicles]
+    flying, _ = _begun(policy, _fleet(2))
     astray = replace(flying[0], rest_m=np.array([[3.0, 3.0]]))
     decision = policy.decide(observation(astray, flying[1], event=Event.OBSERVATIONS))
     assert 1 in decision.paths and len(decision.paths[1]) > 3

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mission_items import item
 from motion_limits import check_steps
 
 from geo.frame import LocalFrame
@@ -53,11 +54,6 @@ def drive(spec, rows, limit=200_000, wind=None):
 
 def row(x, y, speed=1.5, radius=0.5):
     return Leg((x, y, 0.0), speed, radius_m=radius)
-
-
-def item(command, x, y, z=0.0, *params):
-    latitude, longitude = HOME.to_wgs84(x, y)
-    return MissionItem(command, 3, *params, *[0.0] * (4 - len(params)), latitude, longitude, z)
 
 
 RETURN = MissionItem(20, 2)

@@ -142,7 +142,7 @@ def test_nobody_at_the_other_end_has_a_code_of_its_own(capsys):
     ],
 )
 def test_bad_files(tmp_path, text, message):
-    assert message in complaint(load_sim, tmp_path / "bad.toml", text, WbfMissionError)
+    assert message in complaint(load_sim, tmp_path, text, WbfMissionError)
 
 
 @pytest.mark.parametrize(

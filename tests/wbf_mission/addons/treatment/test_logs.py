@@ -25,12 +25,19 @@ def write(request, tmp_path):
     return lambda *args, **how: WRITERS[request.param](tmp_path / "flight.log", *args, **how)
 
 
+def has_the_fixes(track):
+    time_s, latitude_deg, longitude_deg = np.transpose(FIXES)
+    return (
+        np.allclose(track.boot_s, time_s)
+        and np.allclose(track.utc_s, UTC_S + time_s, atol=2e-3)
+        and np.allclose(track.latitude_deg, latitude_deg, atol=1e-7)
+        and np.allclose(track.longitude_deg, longitude_deg, atol=1e-7)
+    )
+
+
 def test_every_log_tells_positions_on_both_clocks(write):
     track = read_track(write(FIXES, IMAGES))
-    assert np.allclose(track.boot_s, [row[0] for row in FIXES])
-    assert np.allclose(track.utc_s, [UTC_S + row[0] for row in FIXES], atol=2e-3)
-    assert np.allclose(track.latitude_deg, [row[1] for row in FIXES], atol=1e-7)
-    assert np.allclose(track.longitude_deg, [row[2] for row in FIXES], atol=1e-7)
+    assert has_the_fixes(track)
     for time_s in (12.5, UTC_S + 12.5):
         latitude, longitude = track.at(np.array([time_s]))
         assert np.allclose([latitude[0], longitude[0]], [-28.05 + 2.5e-5, 151.5 + 5e-5], atol=5e-8)
@@ -109,10 +116,7 @@ def test_without_a_global_position_px4s_receiver_is_taken(receiver, tmp_path):
     bad = [(9.0, -27.0, 150.0, 2), (9.5, 0.0, 0.0, 3)]
     path = write_ulog(tmp_path / "x", [*bad, *FIXES], TRIGGERS, receiver=receiver, with_position=False)
     track = read_track(path)
-    assert np.allclose(track.boot_s, [row[0] for row in FIXES])
-    assert np.allclose(track.utc_s, [UTC_S + row[0] for row in FIXES], atol=2e-3)
-    assert np.allclose(track.latitude_deg, [row[1] for row in FIXES], atol=1e-7)
-    assert np.allclose(track.longitude_deg, [row[2] for row in FIXES], atol=1e-7)
+    assert has_the_fixes(track)
     assert track.notes == (
         "the log has no vehicle_global_position: the positions come from the satellite receiver (GPS)",
     )

@@ -25,9 +25,9 @@ from hypothesis import strategies as st
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import Route
-from viewer import Clock, Taking, Viewer
+from viewer import Clock, Taking, Viewer, watching
 from websockets.exceptions import ConnectionClosed, InvalidStatus
-from websockets.sync.client import ClientConnection, connect
+from websockets.sync.client import ClientConnection
 
 from geo.farms import get_farm
 from mission.errors import LinkError
@@ -51,14 +51,6 @@ def run(what: Coroutine[Any, Any, Any]) -> Any:
     """Run a coroutine in a thread: the tests' thread may have a loop, that of the browser of other tests."""
     with ThreadPoolExecutor(1) as threads:
         return threads.submit(asyncio.run, what).result()
-
-
-@contextmanager
-def watching(server: LiveServer, **more: Any) -> Iterator[ClientConnection]:
-    address = f"127.0.0.1:{server.port}"
-    options: dict[str, Any] = {"origin": f"http://{address}", "max_size": None, "compression": None}
-    with connect(f"ws://{address}/live", **(options | more)) as client:
-        yield client
 
 
 def ask(
@@ -108,6 +100,10 @@ def beat(client: ClientConnection) -> dict[str, Any]:
 def asked(client: ClientConnection, request: dict[str, Any]) -> dict[str, Any]:
     """Ask, and return the reply."""
     client.send(json.dumps(request))
+    return the_reply(client)
+
+
+def the_reply(client: ClientConnection) -> dict[str, Any]:
     while "reply" not in (update := news(client)):
         pass
     reply: dict[str, Any] = update["reply"]
@@ -421,13 +417,6 @@ NO_REQUESTS = [
     '{"order":"\\ud800","system_ids":[1]}',
     '{"order":"\x00"}',
 ]
-
-
-def the_reply(client: ClientConnection) -> dict[str, Any]:
-    while "reply" not in (update := news(client)):
-        pass
-    reply: dict[str, Any] = update["reply"]
-    return reply
 
 
 def test_what_is_no_request_is_refused_in_one_line_and_leaves_nothing_on_the_terminal(

@@ -16,8 +16,7 @@ from typing import Any
 
 import pytest
 from stand_in import stand_in
-from viewer import Viewer
-from websockets.sync.client import ClientConnection, connect
+from viewer import Viewer, watching
 
 from geo import get_farm, save_farm
 from mission.ground.link import download
@@ -63,15 +62,6 @@ def told(server: LiveServer, path: str, method: str = "POST", **draft: Any) -> A
     response, content = ask(server, method, path, None if method == "GET" else body)
     assert response.status == 200, content
     return json.loads(content)
-
-
-@contextlib.contextmanager
-def watching(server: LiveServer) -> Iterator[ClientConnection]:
-    """Open the stream of the live page."""
-    address = f"127.0.0.1:{server.port}"
-    options: dict[str, Any] = {"origin": f"http://{address}", "max_size": None, "compression": None}
-    with connect(f"ws://{address}/live", **options) as client:
-        yield client
 
 
 def test_the_page_is_at_the_beginning_and_the_live_page_beside_it(server: LiveServer) -> None:

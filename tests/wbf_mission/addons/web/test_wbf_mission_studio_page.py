@@ -53,6 +53,10 @@ def planned(page: Page) -> None:
 def draw(page: Page, tool: str, *corners: tuple[float, float]) -> None:
     """Draw a ring on the map; corners are parts of its width and height."""
     page.get_by_role("button", name=tool, exact=True).click()
+    click_ring(page, *corners)
+
+
+def click_ring(page: Page, *corners: tuple[float, float]) -> None:
     box = page.locator(".map").bounding_box()
     assert box is not None
     for x, y in corners:
@@ -317,13 +321,6 @@ def test_it_is_accessible_and_fits(browser: Browser, server: LiveServer, width: 
                 summary.click()
         assert [one["id"] for one in Axe().run(page).response["violations"]] == []
         assert page.evaluate("document.documentElement.scrollWidth") <= width
-
-
-def click_ring(page: Page, *corners: tuple[float, float]) -> None:
-    box = page.locator(".map").bounding_box()
-    assert box is not None
-    for x, y in corners:
-        page.mouse.click(box["x"] + x * box["width"], box["y"] + y * box["height"])
 
 
 def test_a_crossing_is_marked_while_it_is_drawn(page: Page) -> None:

@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import pytest
+from mission_items import item
 
 from geo.frame import LocalFrame
 from mission.model import MissionItem
@@ -16,11 +17,6 @@ from sim_vehicle.execution.state import CannotFly, ItemReached, LandedState, Lan
 HOME = LocalFrame(28.05, -82.15)
 SPEC = replace(with_autopilot(get_vehicle("fixed-wing"), "ardupilot"), battery=None)
 LAND_START = MissionItem(189, 2)
-
-
-def item(command, x, y, z=0.0, *params):
-    latitude, longitude = HOME.to_wgs84(x, y)
-    return MissionItem(command, 3, *params, *[0.0] * (4 - len(params)), latitude, longitude, z)
 
 
 TAKEOFF = item(22, 0.0, 150.0, 40.0, 10.0)

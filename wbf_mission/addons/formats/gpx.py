@@ -24,8 +24,7 @@ from wbf_mission.addons.formats.records import (
     is_flown,
     mission_of,
     records_of,
-    text_of,
-    trimmed,
+    xml_texts,
 )
 from wbf_mission.addons.formats.xml import Node, parse
 
@@ -122,5 +121,4 @@ def _extend(node: ElementTree.Element, fields: Mapping[str, Any]) -> None:
     extensions = node.find("extensions")
     if extensions is None:
         extensions = add(node, "extensions")
-    shown = {name: text_of(value, empty="NaN") for name, value in trimmed(fields).items()}
-    add(extensions, "wbf:record", **shown)
+    add(extensions, "wbf:record", **xml_texts(fields))

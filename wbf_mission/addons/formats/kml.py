@@ -25,8 +25,7 @@ from wbf_mission.addons.formats.records import (
     is_flown,
     mission_of,
     records_of,
-    text_of,
-    trimmed,
+    xml_texts,
 )
 from wbf_mission.addons.formats.xml import Node, parse
 
@@ -192,8 +191,8 @@ def _title(fields: dict[str, Any]) -> str:
 
 def _add_data(parent: ElementTree.Element, fields: Mapping[str, Any]) -> None:
     extended = add(parent, "ExtendedData")
-    for name, value in trimmed(fields).items():
-        add(add(extended, "Data", name=name), "value", text_of(value, empty="NaN"))
+    for name, text in xml_texts(fields).items():
+        add(add(extended, "Data", name=name), "value", text)
 
 
 def kmz_loads(data: bytes) -> Mission | Drawing:

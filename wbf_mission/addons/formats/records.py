@@ -104,9 +104,10 @@ def text_of(value: Any, *, empty: str = "") -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def trimmed(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields, except fields with the value that a missing field has by default."""
-    return {name: value for name, value in fields.items() if name not in _USUAL or value != _USUAL[name]}
+def xml_texts(fields: Mapping[str, Any]) -> dict[str, str]:
+    """Return the fields as texts, except fields with the value that a missing field has by default."""
+    kept = {name: value for name, value in fields.items() if name not in _USUAL or value != _USUAL[name]}
+    return {name: text_of(value, empty="NaN") for name, value in kept.items()}
 
 
 def is_flown(item: MissionItem) -> bool:

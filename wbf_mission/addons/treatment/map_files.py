@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import tempfile
 import warnings
-import zipfile
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
@@ -22,6 +21,7 @@ from geo import Farm
 from geo.atomic import atomic_write
 from sensors.fields import Field
 from sensors.scoring.information import InformationModel
+from wbf_mission.addons.base.archive import archive_of
 from wbf_mission.addons.base.farm_drawing import FarmDrawing
 from wbf_mission.addons.base.markup import html_document
 from wbf_mission.addons.base.plots import rgb
@@ -174,12 +174,8 @@ def write_prescription(path: Path, farm: Farm, zones: Sequence[Zone]) -> None:
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         shape = Path(folder) / f"{path.stem}.shp"
         _write(shape, farm, zones, columns, driver="ESRI Shapefile", encoding="UTF-8")
-        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-            for part in sorted(Path(folder).iterdir()):
-                # ZipInfo's default date is always in 1980, so equal maps give equal files.
-                entry = zipfile.ZipInfo(part.name)
-                entry.compress_type = zipfile.ZIP_DEFLATED
-                archive.writestr(entry, part.read_bytes())
+        parts = sorted(Path(folder).iterdir())
+        path.write_bytes(archive_of({part.name: part.read_bytes() for part in parts}))
 
 
 def _write(path: Path, farm: Farm, zones: Sequence[Zone], columns: dict[str, list[Any]], **how: Any) -> None:

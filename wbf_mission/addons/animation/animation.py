@@ -30,7 +30,7 @@ from geo.errors import WbfMissionError
 from mission.ground.tracks import Track
 from sensors.estimators import Estimator
 from sensors.fields import Field
-from wbf_mission.addons.base.replay import estimates_again, fresh_estimator, kept_truths
+from wbf_mission.addons.base.replay import estimates_again, flights_of, fresh_estimator, kept_truths
 from wbf_mission.maps.blocks import MapGrid
 from wbf_mission.maps.field_maps import pixel_means
 from wbf_mission.progress import Progress, silent
@@ -85,26 +85,22 @@ def moments(record: RunRecord, frames: int) -> list[Moment]:
 
     The moments include the start and the end of each flight.
     """
-    together: dict[tuple[int, int], list[FlightRecord]] = {}
-    for flight in record.flights:
-        together.setdefault((flight.day, flight.flight), []).append(flight)
-    groups = [tuple(flights) for flights in together.values()]
-    first = [flights[0].seen_before for flights in groups] + [len(record.observations)]
-    times = [[flight.track.time_s for flight in flights if len(flight.track.time_s)] for flights in groups]
+    flights = flights_of(record)
+    times = [[one.track.time_s for one in flight.records if len(one.track.time_s)] for flight in flights]
     ends = [max((float(time_s[-1]) for time_s in group), default=0.0) for group in times]
     begins = [min((float(time_s[0]) for time_s in group), default=0.0) for group in times]
     whole_s = sum(ends) - sum(begins)
     found = []
-    for number, flights in enumerate(groups):
-        share = (ends[number] - begins[number]) / whole_s if whole_s > 0.0 else 0.0
-        times_s = np.linspace(begins[number], ends[number], max(2, round(share * frames)))
-        part = record.observations[first[number] : first[number + 1]]
+    for flight, begin_s, end_s in zip(flights, begins, ends, strict=True):
+        share = (end_s - begin_s) / whole_s if whole_s > 0.0 else 0.0
+        times_s = np.linspace(begin_s, end_s, max(2, round(share * frames)))
+        part = record.observations[flight.seen]
         # A lost image that was fetched again arrives after later images.
         known_s = np.maximum.accumulate(part.time_s) if len(part) else np.empty(0)
         for time_s in times_s.tolist():
             seen = int(np.searchsorted(known_s, time_s, side="right"))
-            found.append(Moment(flights, time_s, first[number] + seen))
-        found[-1] = Moment(flights, ends[number], first[number + 1])
+            found.append(Moment(flight.records, time_s, flight.seen.start + seen))
+        found[-1] = Moment(flight.records, end_s, flight.seen.stop)
     return found
 
 

@@ -99,7 +99,7 @@ _Timed = tuple[float, events.Event]
 
 
 @dataclass(frozen=True, slots=True)
-class _Flight:
+class FlightTogether:
     """Records of the vehicles that fly at the same time."""
 
     records: tuple[FlightRecord, ...]
@@ -154,7 +154,7 @@ def events_of(
     >>> [type(one).__name__ for one in events[:3]], events[-1].outcome
     (['RunBegun', 'DayBegun', 'Decided'], 'completed')
     """
-    flights = _flights(result)
+    flights = flights_of(result)
     yield _begun(result)
     states = sum(len(one.track.time_s) for one in result.flights)
     step = max(1, -(-states // MOST_STATES))
@@ -176,11 +176,12 @@ def events_of(
     yield events.RunEnded(result.simulated_s, result.outcome.value, result.reason, result.summary())
 
 
-def _flights(result: RunRecord) -> list[_Flight]:
+def flights_of(result: RunRecord) -> list[FlightTogether]:
+    """Return the flights of a run in their order, each with all of its vehicles."""
     together = [tuple(each) for _, each in groupby(result.flights, lambda one: (one.day, one.flight))]
     firsts = [flight[0].seen_before for flight in together] + [len(result.observations)]
     return [
-        _Flight(each, each[0].begun_s, slice(*seen))
+        FlightTogether(each, each[0].begun_s, slice(*seen))
         for each, seen in zip(together, pairwise(firsts), strict=True)
     ]
 
@@ -206,7 +207,7 @@ def _begun(result: RunRecord) -> events.RunBegun:
     )
 
 
-def _days(result: RunRecord, flights: Sequence[_Flight]) -> Iterator[_Timed]:
+def _days(result: RunRecord, flights: Sequence[FlightTogether]) -> Iterator[_Timed]:
     # Days without a flight are scored, too.
     begun_s = dict(zip(reversed(result.history.days), reversed(result.history.times_s), strict=True))
     begun_s |= {flight.records[0].day: flight.begun_s for flight in reversed(flights)}
@@ -215,7 +216,7 @@ def _days(result: RunRecord, flights: Sequence[_Flight]) -> Iterator[_Timed]:
         yield time_s, events.DayBegun(time_s, day, truths.get(day))
 
 
-def _planned(result: RunRecord, flight: _Flight, record: FlightRecord) -> Iterator[_Timed]:
+def _planned(result: RunRecord, flight: FlightTogether, record: FlightRecord) -> Iterator[_Timed]:
     plan, numbers = record.plan, (record.day, record.flight, record.system_id)
     yield (
         flight.begun_s,
@@ -239,7 +240,7 @@ def _planned(result: RunRecord, flight: _Flight, record: FlightRecord) -> Iterat
         yield time_s, events.Planned(time_s, *numbers, _changed(record, change), change.path_m)
 
 
-def _decisions(result: RunRecord, flight: _Flight) -> list[DecisionRecord]:
+def _decisions(result: RunRecord, flight: FlightTogether) -> list[DecisionRecord]:
     numbers = flight.records[0].day, flight.records[0].flight
     return [decision for decision in result.decisions if (decision.day, decision.flight) == numbers]
 
@@ -260,7 +261,9 @@ def _changed(record: FlightRecord, change: PathChange) -> Mission:
     )[0]
 
 
-def _moved(flight: _Flight, record: FlightRecord, step: int, told: StateLog | None) -> Iterator[_Timed]:
+def _moved(
+    flight: FlightTogether, record: FlightRecord, step: int, told: StateLog | None
+) -> Iterator[_Timed]:
     """Yield a vehicle's positions with its logged states, or with speeds from its track.
 
     The last position is given with the last logged state, in which the vehicle is disarmed.
@@ -293,13 +296,13 @@ def _moved(flight: _Flight, record: FlightRecord, step: int, told: StateLog | No
         yield at_s, moved
 
 
-def _said(flight: _Flight, record: FlightRecord) -> Iterator[_Timed]:
+def _said(flight: FlightTogether, record: FlightRecord) -> Iterator[_Timed]:
     for at_s, severity, text in sorted(record.texts, key=lambda one: one[0]):
         time_s = flight.begun_s + at_s
         yield time_s, events.VehicleSaid(time_s, record.system_id, severity, text)
 
 
-def _ended(flight: _Flight, record: FlightRecord) -> Iterator[_Timed]:
+def _ended(flight: FlightTogether, record: FlightRecord) -> Iterator[_Timed]:
     times = [record.texts[-1][0]] if record.texts else []
     times += record.track.time_s[-1:].tolist()
     time_s = flight.begun_s + max(times, default=0.0)
@@ -308,7 +311,7 @@ def _ended(flight: _Flight, record: FlightRecord) -> Iterator[_Timed]:
     yield time_s, events.FlightEnded(time_s, *numbers, outcome, record.reason)
 
 
-def _seen(result: RunRecord, flight: _Flight) -> Iterator[_Timed]:
+def _seen(result: RunRecord, flight: FlightTogether) -> Iterator[_Timed]:
     """Yield the observations of a flight, grouped by the second in which they became known."""
     part = result.observations[flight.seen]
     if not len(part):
@@ -320,7 +323,7 @@ def _seen(result: RunRecord, flight: _Flight) -> Iterator[_Timed]:
         yield flight.begun_s + float(known_s[end - 1]), events.Seen(flight.begun_s, part[begin:end])
 
 
-def _decided(result: RunRecord, flight: _Flight) -> Iterator[_Timed]:
+def _decided(result: RunRecord, flight: FlightTogether) -> Iterator[_Timed]:
     for record in _decisions(result, flight):
         # A decision at time 0 is made before the flight.
         time_s = flight.started_s + record.time_s if record.time_s > 0.0 else flight.begun_s

@@ -463,6 +463,7 @@ def test_what_is_drawn_is_there_again_after_a_crash(page: Page) -> None:
 def test_leaving_is_asked_only_where_something_is_unsaved(page: Page) -> None:
     asked = accepting(page)
     page.locator("#farms").select_option("miniberry-10")
+    expect(page.get_by_role("heading", level=1)).to_have_text("Studio: miniberry-10")
     planned(page)
     page.reload()
     expect(page.get_by_role("heading", level=1)).to_have_text("Studio: miniberry-10")

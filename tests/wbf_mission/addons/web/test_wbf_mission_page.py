@@ -32,6 +32,7 @@ from sensors.dynamics.continuous import Measured
 from sensors.fields import PAPER_FIELDS, Field, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
+from wbf_mission.addons.base.markup import data_element
 from wbf_mission.addons.web import server
 from wbf_mission.addons.web.server import LiveServer
 from wbf_mission.addons.web.view import View
@@ -462,12 +463,11 @@ def test_names_are_text_and_never_markup(browser: Browser, view: View) -> None:
 def recording(view: View) -> str:
     """Return a page with the recording of a run, as `source.ts` asks for it."""
     whole = json.loads(view.update(None)[0].json())
-    moment = {"time_s": 5.0, "day": 1, "observations": 4, "tiles": whole.pop("tiles", [])}
-    text = json.dumps(whole | {"moments": [moment]}).replace("<", "\\u003c")
+    moment = {"time_s": 5.0, "day": 1, "observations": 4}
+    moment |= {name: whole.pop(name) for name in ("tiles", "scales")}
+    data = data_element("recording", [whole | {"moments": [moment]}], packed=True)
     page = (Path(server.__file__).parent / "static" / "live.html").read_text()
-    return page.replace(
-        '<div id="app">', f'<script type="application/json" id="recording">{text}</script><div id="app">'
-    )
+    return page.replace('<div id="app">', f'{data}<div id="app">')
 
 
 def serving(text: str, view: View) -> LiveServer:

@@ -18,7 +18,7 @@ const HEIGHT = 34;
 const EDGE = 10;
 
 /** Make a table sortable by its headings; returns a sort function, and calls `chosen` with each order. */
-function sortable(table: HTMLTableElement, chosen: (order: Order) => void = () => undefined): (order: Order) => void {
+function sortable(table: HTMLTableElement, chosen?: (order: Order) => void): (order: Order) => void {
   const headings = [...(table.tHead?.rows[0]?.cells ?? [])];
   let now: Order | null = null;
   const sort = (order: Order): void => {
@@ -32,7 +32,7 @@ function sortable(table: HTMLTableElement, chosen: (order: Order) => void = () =
     const choose = (): void => {
       const order = { column, down: now?.column === column && !now.down };
       sort(order);
-      chosen(order);
+      chosen?.(order);
     };
     heading.replaceChildren(button(heading.textContent ?? "", choose));
   });
@@ -81,36 +81,31 @@ function addFilters(table: HTMLTableElement, seeds: Run[][]): void {
   });
   const search = element("input", { type: "search", name: "text" });
   const count = element("p", { role: "status" });
-  const input = (): void => {
+  const take = (): void => {
     filter();
     remember();
   };
   const filters = element(
     "form",
-    { class: "filters", role: "search", oninput: input },
+    { class: "filters", role: "search", oninput: take, onsubmit: (_, event) => event.preventDefault() },
     ...Object.values(FILTERS).map((label, k) => element("label", {}, label, selects[k]!)),
     element("label", {}, "Text", search),
     count,
+    sorted,
   );
-  filters.addEventListener("submit", (event) => event.preventDefault());
   table.parentElement?.before(filters);
 
   const filter = (): void => {
     const words = search.value.toLowerCase().split(/\s+/).filter(Boolean);
     for (const row of rows) {
       const all = (row.textContent ?? "").toLowerCase();
-      row.hidden = !(
-        selects.every(({ value }, column) => !value || text(row, column) === value) &&
-        words.every((word) => all.includes(word))
-      );
-      const detail = detailOf(row);
-      if (detail) detail.hidden = row.hidden;
+      const isChosen = selects.every(({ value }, column) => !value || text(row, column) === value);
+      row.hidden = !isChosen || !words.every((word) => all.includes(word));
     }
     setText(count, `${rows.filter((row) => !row.hidden).length} of ${rows.length} rows`);
   };
   const remember = (): void => {
-    const inputs = [...selects, search, sorted].filter(({ value }) => value);
-    const chosen = inputs.map(({ name, value }) => [name, value]);
+    const chosen = [...new FormData(filters)].filter(([, value]) => value) as [string, string][];
     history.replaceState(null, "", `#${new URLSearchParams(chosen)}`);
   };
   const restore = (): void => {
@@ -124,9 +119,8 @@ function addFilters(table: HTMLTableElement, seeds: Run[][]): void {
   };
   for (const row of rows) {
     const cell = row.cells[1]!;
-    const opener = button("", () => open(row), { "aria-expanded": "false", class: "opener", title: "Scores by seed" });
-    opener.append(...cell.childNodes); // Keeps the line break opportunities of the name
-    cell.append(opener);
+    const attributes = { "aria-expanded": "false", class: "opener", title: "Scores by seed" };
+    cell.append(button([...cell.childNodes], () => open(row), attributes)); // The name may still break in its places
   }
   const open = (row: HTMLTableRowElement): void => {
     const detail = detailOf(row);
@@ -135,8 +129,7 @@ function addFilters(table: HTMLTableElement, seeds: Run[][]): void {
     const own = runs.get(row) ?? [];
     const peers = rows.filter((one) => one !== row && text(one, 0) === text(row, 0));
     const others = peers.flatMap((one) => runs.get(one) ?? []);
-    const cell = element("td", { colspan: String(row.cells.length) });
-    cell.append(strip(own, others), seedTable(own));
+    const cell = element("td", { colspan: row.cells.length }, strip(own, others), seedTable(own));
     row.after(element("tr", { class: "detail" }, cell));
   };
   addEventListener("hashchange", restore);
@@ -163,19 +156,16 @@ function strip(own: Run[], others: Run[]): SVGElement {
   const label = `Scores over the run of ${own.length} seeds, among the scores of the other rows`;
   const drawn = svg("svg", { class: "strip", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": label });
   if (!scores.length) return drawn;
-  for (const run of others) {
-    const x = at(run[1]);
-    drawn.append(svg("line", { class: "other", x1: x, x2: x, y1: "6", y2: "18" }));
+  for (const [, score] of others)
+    drawn.append(svg("line", { class: "other", x1: at(score), x2: at(score), y1: 6, y2: 18 }));
+  for (const [seed, score] of own) {
+    const title = svg("title", {}, `seed ${seed}: ${told(score)}`);
+    drawn.append(svg("circle", { class: "own", cx: at(score), cy: 12, r: 4 }, title));
   }
-  for (const run of own) {
-    const title = svg("title", {}, `seed ${run[0]}: ${told(run[1])}`);
-    drawn.append(svg("circle", { class: "own", cx: at(run[1]), cy: "12", r: "4" }, title));
-  }
-  const ends: [number, string][] = [[low, "start"], [high, "end"]];
-  for (const [score, anchor] of ends) {
-    const x = anchor === "start" ? "0" : String(WIDTH);
-    drawn.append(svg("text", { x, y: String(HEIGHT - 3), "text-anchor": anchor }, told(score)));
-  }
+  drawn.append(
+    svg("text", { x: 0, y: HEIGHT - 3, "text-anchor": "start" }, told(low)),
+    svg("text", { x: WIDTH, y: HEIGHT - 3, "text-anchor": "end" }, told(high)),
+  );
   return drawn;
 }
 

@@ -4,11 +4,9 @@ import type { FarmShape } from "./schema.js";
 
 /** Position of a farm frame: over a few kilometres, WGS84 is a rotation, scaling and shift of it. */
 export class Frame {
-  private readonly turn: number;
+  private readonly turn = this.at.lat_x * this.at.lon_y - this.at.lat_y * this.at.lon_x;
 
-  constructor(private readonly at: FarmShape["georeference"]) {
-    this.turn = at.lat_x * at.lon_y - at.lat_y * at.lon_x;
-  }
+  constructor(private readonly at: FarmShape["georeference"]) {}
 
   latLng(x: number, y: number): L.LatLng {
     const { lat, lon, lat_x, lat_y, lon_x, lon_y } = this.at;

@@ -53,9 +53,10 @@ const KINDS: Kind[] = [
 ];
 
 class Chart {
-  readonly element: HTMLElement;
   private readonly value = element("span", { class: "value" });
   private readonly room = element("div", { class: "room" });
+  private readonly caption = element("figcaption", {}, element("span", {}, this.kind.name), this.value);
+  readonly element = element("figure", { class: "chart" }, this.caption, this.room);
   private readonly now = element("div", { class: "moment" });
   private plot: uPlot | null = null;
   private shape = "";
@@ -64,10 +65,7 @@ class Chart {
   private lines: (Line & { run: number })[] = [];
   private times: number[] = [];
 
-  constructor(private readonly kind: Kind, private readonly seek: (time_s: number) => void) {
-    const caption = element("figcaption", {}, element("span", {}, kind.name), this.value);
-    this.element = element("figure", { class: "chart" }, caption, this.room);
-  }
+  constructor(private readonly kind: Kind, private readonly seek: (time_s: number) => void) {}
 
   show(models: Model[], times: number[], time_s: number, fresh: boolean): void {
     this.time_s = time_s;
@@ -151,15 +149,13 @@ class Chart {
 }
 
 export class Charts {
-  readonly element = element("div", { class: "charts" });
-  private readonly charts: Chart[];
+  private readonly charts = KINDS.map((kind) => new Chart(kind, this.seek));
+  readonly element = element("div", { class: "charts" }, ...this.charts.map((chart) => chart.element));
   private time_s = 0;
   private end_s = -1;
   private known = "";
 
-  constructor(private readonly models: Model[], seek: (time_s: number) => void) {
-    this.charts = KINDS.map((kind) => new Chart(kind, seek));
-    this.element.append(...this.charts.map((chart) => chart.element));
+  constructor(private readonly models: Model[], private readonly seek: (time_s: number) => void) {
     new ResizeObserver(() => this.redraw()).observe(this.element);
     onTheme(() => this.redraw());
   }

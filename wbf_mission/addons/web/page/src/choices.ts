@@ -1,5 +1,6 @@
 // Form for the options of a plan, built from their descriptions.
-import { checkbox, datalist, element } from "./dom.js";
+import { checkbox, datalist, element, entry } from "./dom.js";
+import type { Options } from "./desk.js";
 import { capital } from "./text.js";
 
 export interface OptionInfo {
@@ -32,25 +33,18 @@ const LIST_AT_MOST = 40;
 export class Choices {
   readonly element = element("div", { class: "choices" });
 
-  constructor(
-    private readonly options: OptionInfo[],
-    private readonly parameters: Parameters,
-    public values: Values,
-    private readonly changed: () => void,
-  ) {
-    this.build();
+  values: Values = { ...this.given.start.options };
+
+  constructor(private readonly given: Options, private readonly changed: () => void) {
+    this.take(this.values);
   }
 
   take(values: Values): void {
     this.values = values;
-    this.build();
-  }
-
-  private build(): void {
     const rows = (isIn: (one: OptionInfo) => boolean): HTMLElement[] =>
-      this.options.filter(isIn).map((one) => this.row(one));
+      this.given.options.filter(isIn).map((one) => this.row(one));
     const first = rows((one) => one.first);
-    const panels = [...new Set(this.options.filter((one) => !one.first).map(({ panel }) => panel))];
+    const panels = [...new Set(this.given.options.filter((one) => !one.first).map(({ panel }) => panel))];
     const more = panels.map((panel) => {
       const summary = element("summary", {}, `More: ${panel.toLowerCase()}`);
       return element("details", {}, summary, ...rows((one) => !one.first && one.panel === panel));
@@ -84,7 +78,7 @@ export class Choices {
       input,
       one.several && one.choices.length ? datalist(`${id}-list`, one.choices) : null,
       element("small", { id: `${id}-help` }, one.help),
-      one.kind in this.parameters ? element("div", { class: "parameters" }) : null,
+      one.kind in this.given.parameters ? element("div", { class: "parameters" }) : null,
     );
   }
 
@@ -98,30 +92,24 @@ export class Choices {
   }
 
   private input(one: OptionInfo, id: string): HTMLInputElement {
-    const numeric = one.type !== "text";
-    const input = element("input", {
-      id,
-      type: numeric ? "number" : "text",
+    const isText = one.type === "text";
+    const range = { min: one.low ?? "", max: one.high ?? "", step: one.type === "whole" ? 1 : "any" };
+    return element("input", {
+      ...{ id, type: isText ? "text" : "number", ...range, list: one.choices.length > 0 && `${id}-list` },
       placeholder: one.default,
       autocomplete: "off",
-      step: one.type === "whole" ? "1" : "any",
-      min: String(one.low ?? ""),
-      max: String(one.high ?? ""),
-      list: one.choices.length > 0 && `${id}-list`,
+      value: this.values[one.key] ?? "",
       oninput: ({ value, validity }) => {
         // The program refuses a value out of range, with a message.
-        if (validity.badInput) return;
-        this.set(one.key, numeric && value !== "" ? Number(value) : value.trim());
+        if (!validity.badInput) this.set(one.key, isText || !value ? value.trim() : Number(value));
       },
     });
-    input.value = String(this.values[one.key] ?? "");
-    return input;
   }
 
   /** Enable the options with an effect, and show the parameters of the chosen planner or policy. */
   private fit(): void {
     const fleet = Number(this.values["vehicles"] ?? 1) > 1;
-    for (const one of this.options) {
+    for (const one of this.given.options) {
       const row = this.element.querySelector(`[data-key=${one.key}]`)!;
       const off =
         one.not_with.some((key) => this.values[key] !== undefined) ||
@@ -129,12 +117,12 @@ export class Choices {
         (one.needs_fleet && !fleet);
       row.classList.toggle("off", off);
       row.querySelector("input, select")!.toggleAttribute("disabled", off);
-      if (one.kind in this.parameters) this.showParameters(one, row.querySelector(".parameters")!, off);
+      if (one.kind in this.given.parameters) this.showParameters(one, row.querySelector(".parameters")!, off);
     }
   }
 
   /** Options to send, without those that have no effect. */
-  get given(): Values {
+  get effective(): Values {
     const on = ([key]: [string, Value]): boolean => !this.element.querySelector(`[data-key=${key}].off`);
     return Object.fromEntries(Object.entries(this.values).filter(on));
   }
@@ -146,16 +134,15 @@ export class Choices {
     room.dataset["of"] = `${name} ${off}`;
     const pairs = chosen.slice(name.length + 1).split(",").filter(Boolean);
     const given = new Map(pairs.map((pair) => pair.split("=") as [string, string]));
-    const known = off ? {} : (this.parameters[one.kind]?.[name] ?? {});
+    const known = off ? {} : (this.given.parameters[one.kind]?.[name] ?? {});
     const inputs = Object.entries(known).map(([parameter, placeholder]) => {
-      const take = ({ value }: HTMLInputElement): void => {
-        if (value.trim()) given.set(parameter, value.trim());
+      const take = (text: string): void => {
+        if (text) given.set(parameter, text);
         else given.delete(parameter);
         const now = [...given].map((pair) => pair.join("=")).join(",");
         this.set(one.key, now ? `${name}:${now}` : name);
       };
-      const value = given.get(parameter) ?? "";
-      const input = element("input", { type: "text", placeholder, autocomplete: "off", value, onchange: take });
+      const input = entry({ placeholder, value: given.get(parameter) ?? "" }, take);
       return element("label", {}, parameter.replaceAll("_", " "), input);
     });
     const summary = element("summary", {}, `Parameters of ${name}`);

@@ -37,7 +37,7 @@ export function vehicleColour(number: number): string {
 
 /** Colour of a vehicle on a canvas: lighter in the dark theme. */
 export function lifted(number: number): string {
-  return css(colourAt([vehicleColour(number), "#ffffff"], parseFloat(themed("lift")) / 100));
+  return `color-mix(in srgb, white ${themed("lift")}, ${vehicleColour(number)})`;
 }
 
 /** Limit of a disease's value below which a plant is sick, and the colour of its ring. */
@@ -59,13 +59,14 @@ function rgb(colour: string): Rgb {
   return [number >> 16, (number >> 8) & 255, number & 255];
 }
 
-/** Colour at a position of a ramp, 0 to 1. */
-export function colourAt(colours: string[], part: number): Rgb {
-  const place = Math.min(1, Math.max(0, part)) * (colours.length - 1);
-  const below = Math.min(Math.floor(place), colours.length - 2);
-  const [from, to] = [rgb(colours[below] ?? "#000000"), rgb(colours[below + 1] ?? "#000000")];
-  const mixed = from.map((value, k) => Math.round(value + (to[k]! - value) * (place - below)));
-  return mixed as Rgb;
+/** A ramp in `count` levels. */
+export function levels(colours: string[], count: number): Rgb[] {
+  return Array.from({ length: count }, (_, level) => {
+    const place = (level / (count - 1)) * (colours.length - 1);
+    const below = Math.min(Math.floor(place), colours.length - 2);
+    const [from, to] = [rgb(colours[below]!), rgb(colours[below + 1]!)];
+    return from.map((value, k) => Math.round(value + (to[k]! - value) * (place - below))) as Rgb;
+  });
 }
 
 export function css([red, green, blue]: Rgb): string {

@@ -10,14 +10,6 @@ export interface Finding {
   place_m?: [number, number] | null;
 }
 
-interface PlannedMission {
-  /** Distinguishes several missions; empty for a single one. */
-  name: string;
-  plan: Plan;
-  warnings: string[];
-  findings: Finding[];
-}
-
 /** Totals of one vehicle over all its sorties. */
 interface Summary {
   predicted_time_s: number;
@@ -33,7 +25,8 @@ interface Summary {
 export interface Planned {
   farm: FarmShape;
   notes: string[];
-  missions: PlannedMission[];
+  /** The names distinguish several missions; the name of a single one is empty. */
+  missions: { name: string; plan: Plan; warnings: string[]; findings: Finding[] }[];
   /** Fraction of the target land seen by all missions together. */
   coverage: number;
   vehicles: Summary[];
@@ -54,10 +47,7 @@ export interface Options {
   background: Update["background"];
 }
 
-interface FarmAnswer {
-  document: Record<string, unknown>;
-  notes: string[];
-}
+type FarmAnswer = { document: Record<string, unknown>; notes: string[] };
 
 interface Uploaded {
   vehicle: string;
@@ -77,7 +67,7 @@ export interface Draft {
 export class Refused extends Error {
   constructor(
     message: string,
-    readonly superseded: "" | "here" | "given up" | "another page" = "",
+    readonly superseded: "" | "given up" | "another page" = "",
     readonly remedy: "" | "repair" | "crop" | "crs" = "",
   ) {
     super(message);
@@ -92,8 +82,7 @@ async function ask(path: string, query: Query, more: RequestInit): Promise<Respo
   address.search = new URLSearchParams(query).toString();
   try {
     return await fetch(address, "body" in more ? { method: "POST", ...more } : {});
-  } catch (error) {
-    if (error instanceof DOMException && error.name === "AbortError") throw new Refused("superseded", "here");
+  } catch {
     throw new Refused("The program does not answer: is it still running?");
   }
 }

@@ -1,9 +1,9 @@
 // HTML elements. Texts are inserted as text only, so names from files and vehicles never become markup.
 
-/** Null stands for no child. */
-export type Child = Node | string | null;
-/** Values by name: text, whether a boolean attribute is set, or what to do at an event, such as `onclick`. */
-type Attributes<Made> = Record<string, string | boolean | ((made: Made) => void)>;
+/** Null or undefined stands for no child. */
+export type Child = Node | string | null | undefined;
+/** Values by name: of an attribute, of a style (`--part`), or what to do at an event (`onclick`). */
+type Attributes<Made> = Record<string, string | number | boolean | ((made: Made, event: Event) => void)>;
 
 export function element<K extends keyof HTMLElementTagNameMap>(
   tag: K,
@@ -12,26 +12,29 @@ export function element<K extends keyof HTMLElementTagNameMap>(
 ): HTMLElementTagNameMap[K] {
   const made = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) {
-    if (typeof value === "function") made.addEventListener(name.slice("on".length), () => value(made));
-    else if (value !== false) made.setAttribute(name, value === true ? "" : value);
+    if (typeof value === "function") made.addEventListener(name.slice("on".length), (event) => value(made, event));
+    else if (name.startsWith("--")) made.style.setProperty(name, String(value));
+    else if (value !== false) made.setAttribute(name, value === true ? "" : String(value));
   }
-  made.append(...children.filter((child) => child !== null));
+  made.append(...children.map((child) => child ?? ""));
   return made;
 }
 
-export function svg(tag: string, attributes: Record<string, string>, ...children: (Node | string)[]): SVGElement {
+type Drawn = Record<string, string | number>;
+
+export function svg(tag: string, attributes: Drawn, ...children: (Node | string)[]): SVGElement {
   const made = document.createElementNS("http://www.w3.org/2000/svg", tag);
-  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, String(value));
   made.append(...children);
   return made;
 }
 
 export function button(
-  label: string,
+  label: string | Node[],
   act: () => void,
   attributes: Attributes<HTMLButtonElement> = {},
 ): HTMLButtonElement {
-  return element("button", { type: "button", onclick: act, ...attributes }, label);
+  return element("button", { type: "button", onclick: act, ...attributes }, ...[label].flat());
 }
 
 /** Set a text only if it differs, to keep selections and avoid repeated announcements. */
@@ -42,6 +45,19 @@ export function setText(node: Node, text: string): void {
 /** Show the items of a list, or why there are none. */
 export function fill(list: HTMLElement, items: HTMLElement[], empty: string): void {
   list.replaceChildren(...(items.length ? items : [element("li", { class: "empty" }, empty)]));
+}
+
+/** Text input that calls `take` with each new valid text. */
+export function entry(attributes: Attributes<HTMLInputElement>, take: (text: string) => void): HTMLInputElement {
+  const onchange = (made: HTMLInputElement): void => {
+    if (made.checkValidity()) take(made.value.trim());
+  };
+  return element("input", { type: "text", autocomplete: "off", onchange, ...attributes });
+}
+
+/** Slider that calls `act` with each new value. */
+export function slider(attributes: Attributes<HTMLInputElement>, act: (value: number) => void): HTMLInputElement {
+  return element("input", { type: "range", oninput: ({ value }) => act(Number(value)), ...attributes });
 }
 
 /** Suggestions for a text input. */

@@ -1,6 +1,7 @@
 // Drawing on the map's canvases.
 import { toPixels, type View } from "./canvas.js";
-import { RING, SICK, colourAt, cropColours, css, pixel, ramp, themed } from "./colours.js";
+import { RING, SICK, cropColours, css, levels, pixel, ramp, themed } from "./colours.js";
+import { element } from "./dom.js";
 import { upTo, type Model, type Moment } from "./model.js";
 import type { Decision, FarmShape, FieldInfo, Plan, Ring, States } from "./schema.js";
 import type { Picture } from "./tiles.js";
@@ -41,9 +42,7 @@ function stroke(context: Context, colour: string, width: number, alpha = 1, dash
 }
 
 function hatch(context: Context, colour: string, crossed: boolean): CanvasPattern | string {
-  const cell = document.createElement("canvas");
-  cell.width = cell.height = 8;
-  const pen = cell.getContext("2d")!;
+  const pen = element("canvas", { width: 8, height: 8 }).getContext("2d")!;
   pen.strokeStyle = colour;
   pen.beginPath();
   for (const shift of [-8, 0, 8]) {
@@ -55,19 +54,18 @@ function hatch(context: Context, colour: string, crossed: boolean): CanvasPatter
     }
   }
   pen.stroke();
-  return context.createPattern(cell, "repeat") ?? colour;
+  return context.createPattern(pen.canvas, "repeat") ?? colour;
 }
 
 export function drawFarm(context: Context, view: View, farm: FarmShape): void {
   const colours = cropColours(farm.patches.map(({ crop }) => crop));
   const strength = Number(themed("crop-strength"));
-  for (const own of [false, true])
-    for (const patch of farm.patches.filter((one) => one.own === own)) {
-      trace(context, view, patch.rings, true);
-      context.globalAlpha = own ? strength : 0.45 * strength;
-      context.fillStyle = colours.get(patch.crop)!;
-      context.fill("evenodd");
-    }
+  for (const { own, crop, rings } of farm.patches.toSorted((a, b) => Number(a.own) - Number(b.own))) {
+    trace(context, view, rings, true);
+    context.globalAlpha = own ? strength : 0.45 * strength;
+    context.fillStyle = colours.get(crop)!;
+    context.fill("evenodd");
+  }
   context.globalAlpha = 1;
 }
 
@@ -214,12 +212,11 @@ export function drawDecision(context: Context, view: View, decision: Decision, c
   }
 }
 
-/** Visible part of the frame: minimum x and y, maximum x and y. */
-function seen({ matrix, width, height }: View): [number, number, number, number] {
+/** Visible part of the frame, in metres. */
+function seen({ matrix, width, height }: View): DOMRect {
   const inverse = new DOMMatrix(matrix).inverse();
   const corners = [{}, { x: width }, { y: height }, { x: width, y: height }].map((at) => inverse.transformPoint(at));
-  const [x, y] = [corners.map((corner) => corner.x), corners.map((corner) => corner.y)];
-  return [Math.min(...x), Math.min(...y), Math.max(...x), Math.max(...y)];
+  return new DOMQuad(...corners).getBounds();
 }
 
 /** Draw camera readings of a field: a square per cell, and rings around sick plants. */
@@ -237,10 +234,10 @@ export function drawReadings(
   const count = upTo(times, time_s);
   // Squares of visible size, so that the work depends on the screen and not on the number of readings.
   const step = Math.max(cell_m, SMALLEST_PX / view.scale);
-  const [left, bottom, right, top] = seen(view);
-  const [first, low] = [Math.floor(left / step), Math.floor(bottom / step)];
-  const [columns, rows] = [Math.ceil(right / step) - first, Math.ceil(top / step) - low];
-  const levels = new Uint8Array(columns * rows);
+  const { left, top, right, bottom } = seen(view);
+  const [first, low] = [Math.floor(left / step), Math.floor(top / step)];
+  const [columns, rows] = [Math.ceil(right / step) - first, Math.ceil(bottom / step) - low];
+  const shown = new Uint8Array(columns * rows);
   const radius = Math.min(9, Math.max(2.5, 0.55 * step * view.scale));
   const across = Math.ceil(view.width / radius) + 1;
   const taken = new Uint8Array(across * (Math.ceil(view.height / radius) + 1));
@@ -251,7 +248,7 @@ export function drawReadings(
     const i = Math.floor(x[k]! / step) - first;
     const j = Math.floor(y[k]! / step) - low;
     if (i < 0 || j < 0 || i >= columns || j >= rows) continue;
-    levels[j * columns + i] = 1 + Math.round(value * (LEVELS - 1));
+    shown[j * columns + i] = 1 + Math.round(value * (LEVELS - 1));
     if (field.kind !== "disease" || value >= SICK) continue;
     const [ringX, ringY] = toPixels(view, x[k]!, y[k]!);
     const place = Math.floor(ringY / radius) * across + Math.floor(ringX / radius);
@@ -259,25 +256,24 @@ export function drawReadings(
     taken[place] = 1;
     rings.push(ringX, ringY);
   }
-  const colours = ramp(`value/${field.name}`, field);
-  const table = Array.from({ length: LEVELS }, (_, level) => colourAt(colours, level / (LEVELS - 1)));
+  const table = levels(ramp(`value/${field.name}`, field), LEVELS);
   context.save();
   context.transform(...view.matrix);
   context.scale(step, step);
   context.translate(first, low);
-  if (step * view.scale > LARGE_PX) drawSquares(context, levels, columns, table.map(css), step * view.scale);
+  if (step * view.scale > LARGE_PX) drawSquares(context, shown, columns, table.map(css), step * view.scale);
   else {
     context.imageSmoothingEnabled = false;
-    context.drawImage(dots(levels, columns, rows, table), 0, 0);
+    context.drawImage(dots(shown, columns, rows, table), 0, 0);
   }
   context.restore();
   drawRings(context, rings, radius);
 }
 
-function drawSquares(context: Context, levels: Uint8Array, columns: number, colours: string[], size: number): void {
+function drawSquares(context: Context, shown: Uint8Array, columns: number, colours: string[], size: number): void {
   context.lineWidth = 0.8 / size;
   context.strokeStyle = themed("ink");
-  levels.forEach((level, place) => {
+  shown.forEach((level, place) => {
     if (!level) return;
     const [left, low] = [(place % columns) + 0.19, Math.floor(place / columns) + 0.19];
     context.globalAlpha = 0.9;
@@ -288,31 +284,24 @@ function drawSquares(context: Context, levels: Uint8Array, columns: number, colo
   });
 }
 
-const sheet = document.createElement("canvas");
-
 /** Draw the squares as an image of one pixel each. */
-function dots(levels: Uint8Array, columns: number, rows: number, table: [number, number, number][]): HTMLCanvasElement {
+function dots(shown: Uint8Array, columns: number, rows: number, table: [number, number, number][]): HTMLCanvasElement {
   const image = new ImageData(columns, rows);
   const colours = [0, ...table.map((colour) => pixel(colour, 230))];
-  new Uint32Array(image.data.buffer).set(Array.from(levels, (level) => colours[level]!));
-  [sheet.width, sheet.height] = [columns, rows];
+  new Uint32Array(image.data.buffer).set(Array.from(shown, (level) => colours[level]!));
+  const sheet = element("canvas", { width: columns, height: rows });
   sheet.getContext("2d")!.putImageData(image, 0, 0);
   return sheet;
 }
 
 function drawRings(context: Context, places: number[], radius: number): void {
   const [half, density] = [Math.ceil(radius + 3), 2];
-  const ring = document.createElement("canvas");
-  ring.width = ring.height = 2 * half * density;
-  const pen = ring.getContext("2d")!;
+  const size = 2 * half;
+  const pen = element("canvas", { width: size * density, height: size * density }).getContext("2d")!;
   pen.scale(density, density);
   pen.arc(half, half, radius, 0, 2 * Math.PI);
-  pen.strokeStyle = "#ffffff";
-  pen.lineWidth = 4;
-  pen.stroke();
-  pen.strokeStyle = RING;
-  pen.lineWidth = 2;
-  pen.stroke();
+  stroke(pen, "#ffffff", 4);
+  stroke(pen, RING, 2);
   for (let k = 0; k + 1 < places.length; k += 2)
-    context.drawImage(ring, places[k]! - half, places[k + 1]! - half, 2 * half, 2 * half);
+    context.drawImage(pen.canvas, places[k]! - half, places[k + 1]! - half, size, size);
 }

@@ -3,8 +3,7 @@ import * as L from "leaflet";
 import { cropColours } from "./colours.js";
 import { element } from "./dom.js";
 import {
-  changed, cropsOf, crossings, fieldAt, freeName, middleOf, withoutCorner, withRing,
-  type Kind, type Position, type Shape, type Sketch,
+  cropsOf, crossings, fieldAt, freeName, middleOf, type Kind, type Position, type Shape, type Sketch,
 } from "./sketch.js";
 import type { Studio } from "./studio.page.js";
 
@@ -16,7 +15,6 @@ const SAME_PX = 4;
 const [MOST_MIDDLES, MOST_CORNERS] = [150, 600];
 /** Step of an arrow key when moving a corner (pixels). */
 const STEP_PX = 4;
-const LONG_PRESS_MS = 650;
 const MOST_MARKS = 50;
 const CROSSES = "The border crosses itself at the mark";
 
@@ -125,8 +123,7 @@ export class Editor {
   private point(place: Position, kind: string, label: string, change: (to: Position) => Partial<Sketch>): void {
     const icon = L.divIcon({ html: element("span", {}, kind[0]!), className: "place", iconSize: [22, 22] });
     const marker = L.marker(latLng(place), { icon, draggable: true, title: label, alt: label }).addTo(this.shapes);
-    const moved = (): Sketch => changed(this.studio.sketch, change(position(marker.getLatLng())));
-    marker.on("dragend", () => this.studio.edit(moved(), `${kind} moved`));
+    marker.on("dragend", () => this.studio.change(change(position(marker.getLatLng())), `${kind} moved`));
   }
 
   private click(place: L.LatLng): void {
@@ -136,7 +133,7 @@ export class Editor {
       const isHome = this.tool === "home";
       this.studio.take("select");
       const change = isHome ? { home: position(place) } : { rally: [...sketch.rally, position(place)] };
-      return this.studio.edit(changed(sketch, change), isHome ? "Home placed" : "Rally point placed");
+      return this.studio.change(change, isHome ? "Home placed" : "Rally point placed");
     }
     const [first, last] = [this.drawn[0], this.drawn.at(-1)];
     const near = first && this.distance_px(first, place) <= CLOSE_PX;
@@ -178,7 +175,7 @@ export class Editor {
     const crosses = !isHole && crossings(ring, true).length > 0;
     const told = crosses ? `${CROSSES}: move a corner, or Undo` : `${isHole ? "Hole" : shape.name} drawn`;
     this.studio.take("select");
-    this.studio.edit(changed(sketch, { shapes: sketch.shapes.toSpliced(number, 1, whole) }), told);
+    this.studio.change({ shapes: sketch.shapes.toSpliced(number, 1, whole) }, told);
     this.studio.select(number);
   }
 
@@ -201,52 +198,41 @@ export class Editor {
     for (const [r, ring] of shape.rings.entries())
       for (const k of ring.keys()) {
         this.corner(selected, r, k);
-        if (count <= MOST_MIDDLES) this.middle(selected, r, k);
+        if (count <= MOST_MIDDLES) this.handle(selected, r, k, true);
       }
   }
 
-  private handle(place: Position, className: string, label: string): L.Marker {
-    const size: L.PointTuple = className === "corner" ? [14, 14] : [10, 10];
-    const icon = L.divIcon({ html: "", className: `handle ${className}`, iconSize: size });
-    const marker = L.marker(latLng(place), { icon, draggable: true, title: label, alt: label, zIndexOffset: 500 });
-    return marker.addTo(this.handles);
+  /** Handle of a corner, or of a new corner after it. */
+  private handle(number: number, r: number, k: number, isNew: boolean): L.Marker {
+    const ring = this.studio.sketch.shapes[number]!.rings[r]!;
+    const [kind, size] = isNew ? ["middle", 10] : ["corner", 14];
+    const icon = L.divIcon({ html: "", className: `handle ${kind}`, iconSize: [size, size] });
+    const label = isNew ? `New corner after corner ${k + 1}` : `Corner ${k + 1}`;
+    const looks = { icon, draggable: true, title: label, alt: label, zIndexOffset: 500 };
+    const marker = L.marker(latLng(isNew ? middleOf(ring, k) : ring[k]!), looks).addTo(this.handles);
+    const moved = (): Position[] => ring.toSpliced(isNew ? k + 1 : k, isNew ? 0 : 1, position(marker.getLatLng()));
+    marker.on("drag", () => this.preview(number, r, moved()));
+    const told = isNew ? "Corner added" : "Corner moved";
+    marker.on(isNew ? "dragend click" : "dragend", () => this.studio.setRing(number, r, moved(), told));
+    return marker;
   }
 
   private corner(number: number, r: number, k: number): void {
-    const { rings } = this.studio.sketch.shapes[number]!;
-    const ring = rings[r]!;
-    const marker = this.handle(ring[k]!, "corner", `Corner ${k + 1}`);
-    const moved = (place: L.LatLng): Position[] => ring.with(k, position(place));
-    const remove = (): void => this.studio.edit(withoutCorner(this.studio.sketch, number, r, k), "Corner deleted");
-    marker.on("drag", () => this.preview(number, r, moved(marker.getLatLng())));
-    marker.on("dragend", () => this.studio.edit(withRing(this.studio.sketch, number, r, moved(marker.getLatLng())), "Corner moved"));
-    marker.on("contextmenu", remove);
-    let timer = 0;
-    const dom = marker.getElement()!;
-    dom.addEventListener("pointerdown", (event) => {
-      if (event.pointerType === "touch") timer = window.setTimeout(remove, LONG_PRESS_MS);
-    });
-    for (const end of ["pointerup", "pointercancel", "pointermove"]) dom.addEventListener(end, () => clearTimeout(timer));
-    dom.addEventListener("keydown", (event) => {
+    const marker = this.handle(number, r, k, false);
+    const before = this.studio.sketch.shapes[number]!.rings.slice(0, r).flat().length;
+    const remove = (): void => this.studio.deleteCorner(number, r, k);
+    marker.on("contextmenu", remove); // Of a right click, or of a long press
+    marker.getElement()!.addEventListener("keydown", (event) => {
       const step = ARROWS[event.key];
       if (step) {
         const to = this.map.latLngToContainerPoint(marker.getLatLng()).add(L.point(step).multiplyBy(STEP_PX));
-        this.studio.edit(withRing(this.studio.sketch, number, r, moved(this.map.containerPointToLatLng(to))), "Corner moved");
+        marker.setLatLng(this.map.containerPointToLatLng(to)).fire("dragend");
       } else if (event.key === "Delete" || event.key === "Backspace") remove();
       else return;
       L.DomEvent.stop(event);
       const corners = this.map.getContainer().querySelectorAll<HTMLElement>(".corner");
-      const before = rings.slice(0, r).flat().length;
       corners[Math.min(before + k, corners.length - 1)]?.focus();
     });
-  }
-
-  private middle(number: number, r: number, k: number): void {
-    const ring = this.studio.sketch.shapes[number]!.rings[r]!;
-    const marker = this.handle(middleOf(ring, k), "middle", `New corner after corner ${k + 1}`);
-    const inserted = (): Position[] => ring.toSpliced(k + 1, 0, position(marker.getLatLng()));
-    marker.on("drag", () => this.preview(number, r, inserted()));
-    marker.on("dragend click", () => this.studio.edit(withRing(this.studio.sketch, number, r, inserted()), "Corner added"));
   }
 
   /** Show a ring while it is being dragged. */

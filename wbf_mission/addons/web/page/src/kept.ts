@@ -33,7 +33,11 @@ export function keptDraft(options: OptionInfo[]): Kept | null {
   for (const storage of ["sessionStorage", "localStorage"] as const) {
     try {
       const given: unknown = JSON.parse(window[storage].getItem(NAME) ?? "null");
-      if (isDraft(given)) return readDraft(given as Kept, options);
+      if (!isDraft(given)) continue;
+      const { values, ...kept } = given as Kept;
+      // The program may have had other options.
+      const known = Object.entries(values).filter(([key]) => options.some((option) => option.key === key));
+      return { ...kept, values: Object.fromEntries(known) };
     } catch {
       // Invalid JSON, or storage is disabled.
     }
@@ -41,21 +45,11 @@ export function keptDraft(options: OptionInfo[]): Kept | null {
   return null;
 }
 
-function readDraft({ sketch, values, start, unsaved }: Kept, options: OptionInfo[]): Kept {
-  const types = new Map(options.map(({ key, type }) => [key, type]));
-  const fits = ([key, value]: [string, unknown]): boolean => {
-    const type = types.get(key);
-    if (type === "flag") return typeof value === "boolean";
-    return type === "text" ? isText(value) : type !== undefined && isNumber(value);
-  };
-  const known = Object.fromEntries(Object.entries(values).filter(fits));
-  return { sketch, values: known, start, unsaved: unsaved === true };
-}
-
 type Check = (given: unknown) => boolean;
 
 const isText: Check = (given) => typeof given === "string" && given.length <= 1000;
 const isNumber = (given: unknown): given is number => Number.isFinite(given);
+const isPlain: Check = (given) => isText(given) || isNumber(given) || typeof given === "boolean";
 const isObject: Check = (given) => typeof given === "object" && given !== null && !Array.isArray(given);
 const within = (low: number, high: number): Check => (given) => isNumber(given) && low <= given && given <= high;
 const orNull = (check: Check): Check => (given) => given === null || check(given);
@@ -90,5 +84,5 @@ const isDraft = withMembers({
   form: (given) => given === FORM,
   start: (given) => typeof given === "string",
   sketch: isSketch,
-  values: isObject,
+  values: (given) => isObject(given) && Object.values(given as object).every(isPlain),
 });

@@ -1,6 +1,6 @@
 // Layer panel of the map: field, layer, overlays, and the colour key.
 import { RING, cropColours, ramp } from "./colours.js";
-import { checkbox, element, segments } from "./dom.js";
+import { checkbox, element, segments, slider } from "./dom.js";
 import { KINDS, layerName, type Choice } from "./map.js";
 import type { Model } from "./model.js";
 import { capital } from "./text.js";
@@ -66,14 +66,8 @@ export class LayerPanel {
       const names = kinds.map((kind): [string, string] => [kind, capital(kindName(kind))]);
       const kind = kinds.includes(choice.kind) ? choice.kind : "none";
       parts.push(segments("Layer", names, kind, (chosen) => change({ kind: chosen as Choice["kind"] })));
-      const opacity = element("input", {
-        type: "range",
-        min: "0.1",
-        max: "1",
-        step: "0.05",
-        value: String(choice.opacity),
-        oninput: ({ value }) => change({ opacity: Number(value) }),
-      });
+      const range = { min: 0.1, max: 1, step: 0.05, value: choice.opacity };
+      const opacity = slider(range, (value) => change({ opacity: value }));
       parts.push(element("label", { class: "opacity" }, element("span", {}, "Opacity"), opacity));
     }
     const boxes = overlays.map((name) => checkbox(OVERLAYS[name], choice[name], (on) => change({ [name]: on })));
@@ -103,16 +97,13 @@ export class LayerPanel {
 }
 
 function keyOf(name: string, colour: string, kind: "crop" | "ring"): HTMLElement {
-  const swatch = element("span", { class: kind, "aria-hidden": "true" });
-  swatch.style.setProperty("--key", colour);
-  return element("li", { class: "key" }, swatch, name);
+  return element("li", { class: "key" }, element("span", { class: kind, "aria-hidden": "true", "--key": colour }), name);
 }
 
 /** Colour key of a layer. */
 function scaleOf(picture: Picture): HTMLElement[] {
   const { layer, field, scale, title } = picture;
-  const bar = element("div", { class: "ramp", "aria-hidden": "true" });
-  bar.style.background = `linear-gradient(to right, ${ramp(layer, field).join(", ")})`;
+  const bar = element("div", { class: "ramp", "aria-hidden": "true", "--colours": ramp(layer, field).join(", ") });
   const sick = field?.kind === "disease" && !layer.startsWith("uncertainty/");
   const words = sick ? ["lost", "infected", "healthy"] : [0, 0.5, 1].map((part) => picture.figure(part * scale));
   const unit = field?.unit && !sick ? element("span", { class: "unit" }, ` in ${field.unit}`) : null;

@@ -1,13 +1,13 @@
 // Page of a live run, or of recordings of one or two runs.
 import { Charts } from "./charts.js";
 import { Controls } from "./controls.js";
-import { button, element, panel, setText } from "./dom.js";
+import { button, element, panel, setText, slider } from "./dom.js";
 import { LayerPanel } from "./layers.js";
 import { AT_START, MapView } from "./map.js";
 import { Decisions, Messages } from "./messages.js";
 import { Model } from "./model.js";
-import type { Decision, Update } from "./schema.js";
-import { Heart, open, TOLD_S, type Link, type Receiver } from "./source.js";
+import type { Decision, Recording, Update } from "./schema.js";
+import { connect, Heart, read, TOLD_S } from "./source.js";
 import { capital, clock, percent } from "./text.js";
 import { Time } from "./time.js";
 import { scoreLine, Vehicles } from "./vehicles.js";
@@ -16,17 +16,11 @@ const CHARTS_MS = 400;
 const PANELS_MS = 200;
 /** Styles of outcomes; any other outcome is bad. */
 const LOOKS: Record<string, string> = { completed: "good", running: "running", ended: "running", interrupted: "warn" };
-const LINKS: Record<Link, string> = {
-  connecting: "Connecting …",
-  live: "Live",
-  lost: "Connection lost",
-  recording: "Recording",
-};
 
-class App implements Receiver {
-  private models: Model[] = [];
+class App {
+  private readonly models: Model[];
   private maps: MapView[] = [];
-  private parts: ReturnType<App["build"]> | null = null;
+  private readonly parts: ReturnType<App["build"]>;
   private readonly root = document.getElementById("app")!;
   private readonly title = element("h1");
   private readonly link = element("span", { class: "pill connection" });
@@ -35,7 +29,6 @@ class App implements Receiver {
   private readonly lost = element("p", { class: "lost", role: "alert" });
   private readonly under = element("output", { class: "under-pointer", "aria-live": "off" });
   private readonly heart = new Heart();
-  private readonly send = open(this, this.heart);
   private readonly choice = { ...AT_START };
   private dirty = true;
   private chartsAt_ms = 0;
@@ -43,50 +36,57 @@ class App implements Receiver {
   private stale = true;
   private scale: number | undefined;
 
-  constructor() {
+  /** Show recordings, or without any the program's run. */
+  constructor(recordings: Recording[]) {
+    const live = !recordings.length;
+    const letters = recordings.length > 1 ? ["A", "B"] : [""];
+    this.models = letters.map((letter) => new Model(letter, live ? () => this.heart.age_s ?? 0 : null));
+    this.parts = this.build(live);
     addEventListener("beforeprint", () => this.print(true));
     addEventListener("afterprint", () => this.print(false));
-    requestAnimationFrame((now_ms) => this.frame(now_ms));
-    // A report opens at its summary, also after a reload.
-    if (!this.send && !location.hash) history.scrollRestoration = "manual";
+    if (live) return;
+    this.begin();
+    recordings.forEach((recording, run) => this.take(recording, run));
+    setText(this.link, "Recording");
   }
 
   /** Lay out for printing: maps and charts are redrawn at the size on paper. */
   private print(begins: boolean): void {
     document.documentElement.classList.toggle("printing", begins);
     for (const map of this.maps) map.print(begins);
-    this.parts?.charts.redraw();
+    this.parts.charts.redraw();
   }
 
   /** Start over with new data; the reader's choices are kept. */
-  begin(runs: number): void {
-    const isBuilt = this.models.length === runs;
-    if (isBuilt) for (const model of this.models) Object.assign(model, new Model(model.letter));
-    else this.models = Array.from({ length: runs }, (_, k) => new Model(runs > 1 ? String.fromCharCode(65 + k) : ""));
-    if (this.send) this.models[0]!.age_s = () => this.heart.age_s ?? 0;
-    if (!isBuilt) this.parts = this.build();
+  begin(): void {
+    for (const model of this.models) Object.assign(model, new Model(model.letter, model.age_s));
+    const { main, side, messages } = this.parts;
+    if (main.isConnected) return;
+    this.root.append(main, side, messages.aloud);
+    requestAnimationFrame((now_ms) => this.frame(now_ms));
   }
 
-  take(update: Update, run: number): void {
+  take(update: Update, run = 0): void {
     this.models[run]!.take(update);
     // Show the first field until the reader chooses.
     const { fields } = this.models[0]!;
     if (!fields.some((one) => one.name === this.choice.field)) this.choice.field = fields[0]?.name ?? "";
-    if (update.reply) this.parts?.controls?.reply(update.reply);
+    if (update.reply) this.parts.controls?.reply(update.reply);
     this.dirty = this.stale = true;
   }
 
-  private build() {
+  /** Lay out the page; before the first data only its header is shown. */
+  private build(live: boolean) {
     const { models, choice } = this;
     const changed = (): void => {
       this.dirty = true;
       for (const map of this.maps) map.redraw();
     };
-    const time = new Time(this.send !== null, () => (this.dirty = true));
+    const time = new Time(live, () => (this.dirty = true));
     const vehicles = new Vehicles(models, (model, id) => {
       models.forEach((one, k) => (this.maps[k]!.selected = one === model ? id : null));
       if (id !== null) this.maps[models.indexOf(model)]!.goTo(id);
-      this.parts?.controls?.aim(id);
+      controls?.aim(id);
       this.dirty = this.stale = true;
     });
     const messages = new Messages(models);
@@ -95,11 +95,12 @@ class App implements Receiver {
       if (map.decision !== decision) this.dirty = true;
       map.decision = decision;
     };
-    const decisions = new Decisions(models, draw, this.send ? null : time);
+    const decisions = new Decisions(models, draw, live ? null : time);
     const charts = new Charts(models, (time_s) => time.seek(time_s));
     const layers = new LayerPanel(models, choice, changed);
     const choose = (id: number | null): void => vehicles.choose(models[0]!, id);
-    const controls = this.send && new Controls(models[0]!, this.send, this.heart, choose);
+    const send = live ? connect("live", this.heart, this) : null;
+    const controls = send && new Controls(models[0]!, send, this.heart, choose);
     const stage = element("div", { class: "stage" });
     const alone = models.length === 1;
     const roomy = alone && !matchMedia("(max-width: 60rem)").matches;
@@ -116,19 +117,12 @@ class App implements Receiver {
     // The panel gets its width when its layers are known.
     new ResizeObserver(() => this.maps.forEach((map) => map.refit())).observe(layerBox);
     this.join();
-    const split = element("input", {
-      type: "range",
-      class: "split",
-      min: "0",
-      max: "1",
-      step: "0.005",
-      value: String(choice.split),
-      "aria-label": "Estimate left, truth right of here",
-      oninput: ({ value }) => {
-        choice.split = Number(value);
-        changed();
-      },
-    });
+    const takeSplit = (part: number): void => {
+      choice.split = part;
+      changed();
+    };
+    const sides = { class: "split", min: 0, max: 1, step: 0.005, value: choice.split };
+    const split = slider({ ...sides, "aria-label": "Estimate left, truth right of here" }, takeSplit);
     const fit = button("Show all", () => this.maps.forEach((map) => map.fit()), { class: "fit" });
     stage.append(split, fit, layers.legend, this.under, layerBox);
 
@@ -142,20 +136,14 @@ class App implements Receiver {
       panelOf("messages", messages.element),
     );
     const header = element("header", { class: "top" }, this.title, this.outcome, this.progress, this.link);
-    const urgent = element(
-      "div",
-      { class: "urgent" },
-      // Orders come first, so that messages do not move them under a finger.
-      ...(controls ? [controls.element, controls.question] : []),
-      this.lost,
-      ...(controls ? [controls.why, controls.became] : []),
-    );
+    // Orders come first, so that messages do not move them under a finger.
+    const orders = [controls?.element, controls?.question];
+    const urgent = element("div", { class: "urgent" }, ...orders, this.lost, controls?.why, controls?.became);
     const below = [time.element, this.tabs(), panelOf("charts", charts.element)];
     const main = element("main", { class: "middle" }, stage, ...below);
     this.root.dataset["tab"] = "vehicles";
-    this.root.replaceChildren(header, urgent, main, side, messages.aloud);
-    this.dirty = this.stale = true;
-    return { time, vehicles, messages, decisions, charts, layers, controls };
+    this.root.replaceChildren(header, urgent);
+    return { time, vehicles, messages, decisions, charts, layers, controls, main, side };
   }
 
   /** Tabs for phones, which show one panel at a time. */
@@ -187,30 +175,27 @@ class App implements Receiver {
 
   /** Show the age of the data. */
   linked(): void {
-    const { link: state, isLost, age_s } = this.heart;
-    const model = this.models[0];
-    const ended = model?.status && !model.runs;
+    const { lost_ms, isLost, age_s } = this.heart;
+    const model = this.models[0]!;
+    const ended = model.status && !model.runs;
     const isOld = !ended && this.heart.isOld;
-    const quiet = isOld || !model?.runs ? [] : this.quiet(model);
-    let words = LINKS[state === "lost" && !isLost ? "live" : state];
-    if (state === "recording") words = LINKS.recording;
-    else if (ended) words = "Ended";
-    else if (isOld) words = age_s === null ? LINKS.lost : `No news for ${clock(age_s)}`;
-    else if (age_s === null) words = LINKS.connecting;
+    const quiet = isOld || !model.runs ? [] : this.quiet(model);
+    let words = "Live";
+    if (ended) words = "Ended";
+    else if (isOld) words = age_s === null ? "Connection lost" : `No news for ${clock(age_s)}`;
+    else if (age_s === null) words = "Connecting …";
     else if (quiet.length) words = "Vehicle not heard";
-    else if (age_s >= TOLD_S || state === "lost") words = `${Math.floor(age_s)} s old`;
+    else if (age_s >= TOLD_S || lost_ms !== null) words = `${Math.floor(age_s)} s old`;
     setText(this.link, words);
     const isBad = isOld || quiet.length > 0;
-    this.link.dataset["state"] = isBad ? "lost" : words === LINKS.live ? "live" : "recording";
+    this.link.dataset["state"] = isBad ? "lost" : words === "Live" ? "live" : "";
     // Changes are read aloud, so the seconds are shown elsewhere.
     let warns = quiet.length ? `No news of ${quiet.join(", ")}: the page shows old data.` : "";
     if (isOld) warns = `${this.heart.trouble}: the page shows old data${isLost ? ". Trying again …" : ", and takes no orders."}`;
     setText(this.lost, warns);
     this.root.classList.toggle("old", isOld);
-    this.parts?.controls?.show();
+    this.parts.controls?.show();
     if (age_s !== null && age_s >= 1 && !ended) this.dirty = true; // The age of the data grows
-    if (!this.root.contains(this.link))
-      this.root.replaceChildren(element("header", { class: "top" }, this.title, this.link), this.lost);
   }
 
   /** Names of silent vehicles while the program is alive: the armed ones, or all. */
@@ -225,7 +210,6 @@ class App implements Receiver {
   private frame(now_ms: number): void {
     requestAnimationFrame((next_ms) => this.frame(next_ms));
     const { parts } = this;
-    if (!parts) return;
     parts.time.tick(now_ms);
     const end_s = Math.max(...this.models.map((model) => model.end_s));
     if (this.dirty) {
@@ -241,7 +225,7 @@ class App implements Receiver {
     if (this.stale && now_ms - this.panelsAt_ms > PANELS_MS) {
       this.panelsAt_ms = now_ms;
       this.stale = now_ms - this.chartsAt_ms <= CHARTS_MS;
-      this.showPanels(parts);
+      this.showPanels();
       if (!this.stale) {
         this.chartsAt_ms = now_ms;
         parts.charts.show(parts.time.time_s, end_s);
@@ -249,7 +233,8 @@ class App implements Receiver {
     }
   }
 
-  private showPanels(parts: NonNullable<App["parts"]>): void {
+  private showPanels(): void {
+    const { parts } = this;
     const time_s = parts.time.time_s;
     const model = this.models[0]!;
     parts.vehicles.show(time_s);
@@ -276,4 +261,8 @@ class App implements Receiver {
   }
 }
 
-new App();
+const kept = document.getElementById("recording");
+// A report opens at its summary, also after a reload.
+if (kept && !location.hash) history.scrollRestoration = "manual";
+if (kept) void read(kept).then((recordings) => new App(recordings));
+else new App([]).linked();

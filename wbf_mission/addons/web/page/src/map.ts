@@ -53,9 +53,8 @@ class VehicleMark {
     const outline = SHAPES[info.kind] ?? SHAPES["copter"]!;
     this.body = svg("g", {}, svg("path", { d: outline, class: "body" }));
     const picture = svg("svg", { viewBox: "-18 -18 36 36", "aria-hidden": "true" }, this.body);
-    const inside = element("div", {}, picture, element("span", { class: "name" }, name), this.note);
-    inside.style.setProperty("--vehicle", colour);
-    const icon = L.divIcon({ html: inside, className: "vehicle", iconSize: [36, 36] });
+    const html = element("div", { "--vehicle": colour }, picture, element("span", { class: "name" }, name), this.note);
+    const icon = L.divIcon({ html, className: "vehicle", iconSize: [36, 36] });
     this.marker = L.marker([0, 0], { icon, zIndexOffset: 1000 }).addTo(map).on("click", chosen);
     this.marker.getElement()?.setAttribute("aria-label", `Vehicle ${name}`);
   }
@@ -192,9 +191,8 @@ export class MapView {
     this.fit();
     this.container.querySelector(".on-paper")?.remove();
     if (!begins) return;
-    const paper = element("canvas", { class: "on-paper" });
     const { width, height } = this.layers.lines.canvas;
-    [paper.width, paper.height] = [width, height];
+    const paper = element("canvas", { class: "on-paper", width, height });
     const context = paper.getContext("2d")!;
     context.fillStyle = themed("field");
     context.fillRect(0, 0, width, height);

@@ -69,16 +69,14 @@ export class Model {
   scores: Scores = { time_s: [], day: [], observations: [], score: [], losses: {} };
   decisions: Decision[] = [];
   said: Said[] = [];
-  scales: Record<string, number> = {};
   tiles = new Tiles();
   /** Time of the newest data. */
   end_s = 0;
-  /** Age of each vehicle's newest state at the program's last beat, and the age of that beat in a live run. */
+  /** Age of each vehicle's newest state at the program's last beat. */
   private beat_s: Record<string, number> = {};
-  age_s: (() => number) | null = null;
 
-  /** `letter` distinguishes several runs. */
-  constructor(readonly letter = "") {}
+  /** `letter` distinguishes several runs; `age_s` is the age of the program's last beat in a live run. */
+  constructor(readonly letter = "", readonly age_s: (() => number) | null = null) {}
 
   /** Whether the run is live, so that its newest data is the present. */
   get runs(): boolean {
@@ -106,10 +104,9 @@ export class Model {
       this.decisions.splice(old < 0 ? this.decisions.length : old, 1, decision);
     }
     this.said.push(...(update.said ?? []));
-    Object.assign(this.scales, update.scales);
-    if (update.tiles) this.tiles.add(update.tiles, update.time_s, this.scales);
+    if (update.tiles) this.tiles.add(update.tiles, update.time_s, update.scales!);
     const { moments = [] } = update as Partial<Recording>;
-    for (const { tiles, time_s, scales } of moments) this.tiles.add(tiles, time_s, Object.assign(this.scales, scales));
+    for (const { tiles, time_s, scales } of moments) this.tiles.add(tiles, time_s, scales);
     const flown_s = Object.values(this.states).map(({ time_s }) => time_s.at(-1) ?? 0);
     this.end_s = Math.max(this.end_s, update.time_s, ...moments.map(({ time_s }) => time_s), ...flown_s);
   }

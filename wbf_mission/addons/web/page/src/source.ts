@@ -1,10 +1,10 @@
 // Where a page's data come from: the program that runs, or a recording within the page.
 //
-// A recording is in the page as
-//   <script type="application/json" id="recording">{...}</script>
-// with a `Recording` of schema.ts as its text ("<" as \u003c), or an array of two, which are shown side by side
-// with one slider. The page may pack it: with data-packed="deflate" the text is base64 of the JSON packed by zlib.
-// Without such an element the page asks the program by a WebSocket at /live, with the page's own query.
+// Recordings are in the page as
+//   <script type="application/json" id="recording">...</script>
+// whose text is base64 of JSON packed by zlib: an array of one `Recording` of schema.ts, or of two, which are shown
+// side by side with one slider. Without such an element the page asks the program by a WebSocket at /live, with the
+// page's own query.
 //
 // A page has, in its body: <section id="summary"> (optional, above: any HTML, it is printed), and
 // <div id="app">, in which the view is built. It loads page.css and, deferred, live.js.
@@ -22,10 +22,10 @@ const LOST_MS = 600;
 /** Maximum relative drift between the clocks of two machines. */
 const DRIFT = 1e-3;
 
-export interface Receiver {
+interface Receiver {
   /** Start over: forget all data. */
-  begin?(runs: number): void;
-  take?(update: Update, run: number): void;
+  begin?(): void;
+  take?(update: Update): void;
   /** Called when the connection has changed, and again and again, as the age of the data changes (`Heart`). */
   linked(): void;
 }
@@ -36,34 +36,12 @@ export type Wish = Omit<Order, "given"> | Omit<Answer, "given">;
 /** Sends a wish at once and returns its number, or null if impossible; nothing is queued. */
 export type Send = (wish: Wish) => number | null;
 
-/** Start receiving; returns the function that sends wishes, or null for a recording. */
-export function open(receiver: Required<Receiver>, heart: Heart): Send | null {
-  const kept = document.getElementById("recording");
-  if (kept) {
-    void read(kept).then((runs) => {
-      receiver.begin(runs.length);
-      runs.forEach((run, k) => receiver.take(run, k));
-      heart.link = "recording";
-      receiver.linked();
-    });
-    return null;
-  }
-  return connect("live", receiver, heart);
+export async function read(recordings: HTMLElement): Promise<Recording[]> {
+  return JSON.parse(new TextDecoder().decode(await inflate(recordings.textContent!.trim()))) as Recording[];
 }
 
-/** Receive only the program's heartbeat. */
-export function listen(heart: Heart, linked: () => void): void {
-  connect("beats", { linked }, heart);
-}
-
-async function read(kept: HTMLElement): Promise<Recording[]> {
-  const text = kept.textContent ?? "";
-  const packed = kept.dataset["packed"] === "deflate";
-  const read: unknown = JSON.parse(packed ? new TextDecoder().decode(await inflate(text.trim())) : text);
-  return (Array.isArray(read) ? read : [read]) as Recording[];
-}
-
-function connect(path: "live" | "beats", receiver: Receiver, heart: Heart): Send {
+/** Receive the data of a run, or only the program's heartbeat; returns the function that sends wishes. */
+export function connect(path: "live" | "beats", heart: Heart, receiver: Receiver): Send {
   let socket: WebSocket;
   let wait_ms = 250;
   const begin = (): void => {
@@ -73,25 +51,23 @@ function connect(path: "live" | "beats", receiver: Receiver, heart: Heart): Send
     socket = new WebSocket(address);
     socket.onmessage = (message: MessageEvent<string>) => {
       if (first) {
-        heart.stop();
-        receiver.begin?.(1);
+        heart.begin();
+        receiver.begin?.();
       }
       wait_ms = 250;
       const update = JSON.parse(message.data) as Update;
       if (update.beat) heart.beat(update.beat);
-      receiver.take?.(update, 0);
-      if (first) heart.link = "live";
+      receiver.take?.(update);
       if (first || update.beat) receiver.linked();
       first = false;
     };
     socket.onclose = () => {
-      heart.link = "lost";
+      heart.lose();
       receiver.linked();
       setTimeout(begin, wait_ms);
       wait_ms = Math.min(2 * wait_ms, LONGEST_WAIT_MS);
     };
   };
-  receiver.linked();
   setInterval(() => receiver.linked(), LOOK_MS);
   begin();
   return (wish) => {
@@ -102,12 +78,10 @@ function connect(path: "live" | "beats", receiver: Receiver, heart: Heart): Send
   };
 }
 
-export type Link = "connecting" | "live" | "lost" | "recording";
-
 /** Age of the displayed data, from the program's beats and the page's own clocks. */
 export class Heart {
-  private state: Link = "connecting";
-  private since_ms = 0;
+  /** When the connection was lost; null with a connection, or before the first one. */
+  lost_ms: number | null = null;
   private sent_s: number | null = null;
   private arrived_ms = 0;
   private arrivedByDate_ms = 0;
@@ -116,24 +90,18 @@ export class Heart {
   private apart_ms = Infinity;
   private number = 0;
 
-  /** Forget the beats of the previous connection. */
-  stop(): void {
-    this.sent_s = null;
-    this.apart_ms = Infinity;
+  /** Begin a connection, and forget the beats of the previous one. */
+  begin(): void {
+    [this.lost_ms, this.sent_s, this.apart_ms] = [null, null, Infinity];
   }
 
-  get link(): Link {
-    return this.state;
-  }
-
-  set link(state: Link) {
-    if (state === this.state) return; // A repeated attempt has failed
-    [this.state, this.since_ms] = [state, performance.now()];
+  lose(): void {
+    this.lost_ms ??= performance.now(); // Repeated attempts may fail, too
   }
 
   /** Whether the connection has been lost long enough to report it. */
   get isLost(): boolean {
-    return this.state === "lost" && performance.now() - this.since_ms >= LOST_MS;
+    return this.lost_ms !== null && performance.now() - this.lost_ms >= LOST_MS;
   }
 
   /** Whether the displayed data is old because nothing arrives. */
@@ -165,7 +133,7 @@ export class Heart {
 
   /** Whether the displayed data is current, so that orders may be based on it. */
   get isFresh(): boolean {
-    return this.state === "live" && this.age_s !== null && this.age_s < OLD_S;
+    return this.lost_ms === null && this.age_s !== null && this.age_s < OLD_S;
   }
 
   /** Return the time of a request made now. */

@@ -3,14 +3,16 @@ import * as L from "leaflet";
 import { Answer } from "./answer.js";
 import { Choices } from "./choices.js";
 import { desk, keep, Refused, type Draft, type Options, type Planned } from "./desk.js";
-import { button, datalist, element, panel, setText } from "./dom.js";
+import { button, datalist, element, entry, panel, setText } from "./dom.js";
 import { keepDraft, keptDraft } from "./kept.js";
 import { placeOf } from "./place.js";
 import { Editor, TOOLS, type Tool } from "./editor.js";
 import { CLOSEST, mapIn, showTiles } from "./map.js";
 import { Outline } from "./outline.js";
-import { documentOf, emptySketch, History, sketchOf, type Sketch } from "./sketch.js";
-import { Heart, listen } from "./source.js";
+import {
+  changed, documentOf, emptySketch, History, sketchOf, withoutCorner, withRing, type Position, type Sketch,
+} from "./sketch.js";
+import { connect, Heart } from "./source.js";
 import { Takeaway } from "./takeaway.js";
 import { capital } from "./text.js";
 
@@ -26,12 +28,13 @@ export class Studio {
   selected: number | null = null;
   crop = "strawberry";
   private readonly history = new History(emptySketch("new farm"));
-  private readonly map: L.Map;
-  private readonly editor: Editor;
-  private readonly answer: Answer;
-  private readonly outline: Outline;
-  private readonly choices: Choices;
-  private readonly takeaway: Takeaway;
+  private readonly room = element("div", { class: "map", tabindex: 0, role: "application", "aria-label": MAP });
+  private readonly map = mapIn(this.room).setView([28.05, -82.15], 16, { animate: false });
+  private readonly editor = new Editor(this.map, this);
+  private readonly answer = new Answer(this.map);
+  private readonly outline = new Outline(this, this.given.crops);
+  private readonly choices = new Choices(this.given, () => this.planSoon());
+  private readonly takeaway = new Takeaway(() => this.draft, this.given.formats);
   private readonly title = element("h1", {}, "Studio");
   private readonly hint = element("output", { class: "hint", "aria-live": "polite" });
   private readonly state = element("span", { class: "pill", role: "status" });
@@ -45,14 +48,18 @@ export class Studio {
   /** Error and remedies of a file or farm that could not be opened; the open farm stays. */
   private readonly unopened = element("div", { class: "unopened", role: "alert" });
   /** Latest sketch that is saved in a file or was not drawn. */
-  private saved: Sketch;
+  private saved = this.sketch;
   private keeps = true;
   private begun = false;
-  private readonly results = element("section", { class: "results", "aria-label": "The plan" });
   private readonly tools = new Map<Tool, HTMLButtonElement>();
   private readonly undoButton = button("Undo", () => this.travel(-1), { title: "Ctrl+Z" });
   private readonly redoButton = button("Redo", () => this.travel(1), { title: "Ctrl+Shift+Z" });
-  private readonly farms: HTMLSelectElement;
+  private readonly farms = element(
+    "select",
+    { id: "farms", "aria-label": "Farm", onchange: ({ value }) => void this.open(value) },
+    element("option", { value: "", hidden: true }, "drawn or opened here"),
+    ...this.given.farms.map((name) => new Option(name, name)),
+  );
   private readonly file = element("input", {
     type: "file",
     accept: FILES,
@@ -70,18 +77,9 @@ export class Studio {
   private readonly giveUp = button("Give up", () => void desk.cancel(), { hidden: true, title: "End the planning" });
 
   constructor(private readonly root: HTMLElement, private readonly given: Options) {
-    const room = element("div", { class: "map", tabindex: "0", role: "application", "aria-label": MAP });
-    const stage = element("div", { class: "stage" }, room, this.hint);
-    this.saved = this.sketch;
-    this.choices = new Choices(given.options, given.parameters, { ...given.start.options }, () => this.planSoon());
-    this.takeaway = new Takeaway(() => this.draft, given);
-    this.outline = new Outline(this, given.crops);
-    this.farms = element(
-      "select",
-      { id: "farms", "aria-label": "Farm", onchange: ({ value }) => void this.open(value) },
-      element("option", { value: "", hidden: true }, "drawn or opened here"),
-      ...given.farms.map((name) => new Option(name, name)),
-    );
+    const { cards, findings } = this.answer;
+    const told = [this.unopened, this.problem, this.mend, cards, findings];
+    const results = element("section", { class: "results", "aria-label": "The plan" }, ...told);
     const side = element(
       "aside",
       { class: "side", "aria-label": "Farm, options, and uses of the plan" },
@@ -92,15 +90,10 @@ export class Studio {
     root.replaceChildren(
       element("header", { class: "top" }, this.title, this.undoButton, this.redoButton, this.giveUp, this.again, this.state),
       element("div", { class: "urgent" }, this.lost),
-      element("main", { class: "middle" }, stage, this.results),
+      element("main", { class: "middle" }, element("div", { class: "stage" }, this.room, this.hint), results),
       side,
     );
-    this.map = mapIn(room);
-    this.map.setView([28.05, -82.15], 16, { animate: false });
     if (given.background) showTiles(this.map, given.background);
-    this.answer = new Answer(this.map);
-    this.results.append(this.unopened, this.problem, this.mend, this.answer.cards, this.answer.findings);
-    this.editor = new Editor(this.map, this);
     document.addEventListener("keydown", (event) => this.key(event));
     root.addEventListener("dragover", (event) => event.preventDefault());
     root.addEventListener("drop", (event) => {
@@ -108,11 +101,11 @@ export class Studio {
       const chosen = event.dataTransfer?.files[0];
       if (chosen) void this.open(chosen);
     });
-    new ResizeObserver(() => this.map.invalidateSize({ animate: false })).observe(room);
+    new ResizeObserver(() => this.map.invalidateSize({ animate: false })).observe(this.room);
     this.take("select");
     window.addEventListener("beforeunload", (event) => this.unsaved && event.preventDefault());
     window.addEventListener("pagehide", () => this.keep());
-    listen(this.heart, () => this.look());
+    connect("beats", this.heart, { linked: () => this.look() });
     void this.begin();
   }
 
@@ -175,6 +168,19 @@ export class Studio {
     this.planSoon();
   }
 
+  /** Take over a change of the farm. */
+  change(change: Partial<Sketch>, told: string): void {
+    this.edit(changed(this.sketch, change), told);
+  }
+
+  setRing(number: number, ring: number, positions: Position[], told: string): void {
+    this.edit(withRing(this.sketch, number, ring, positions), told);
+  }
+
+  deleteCorner(number: number, ring: number, corner: number): void {
+    this.edit(withoutCorner(this.sketch, number, ring, corner), "Corner deleted");
+  }
+
   select(number: number | null): void {
     this.selected = number;
     this.show();
@@ -205,12 +211,7 @@ export class Studio {
       this.saved = this.sketch;
       this.keep();
     });
-    const place = element("input", {
-      type: "text",
-      placeholder: "28.05, -82.15",
-      autocomplete: "off",
-      onchange: ({ value }) => this.goTo(value),
-    });
+    const place = entry({ placeholder: "28.05, -82.15" }, (text) => this.goTo(text));
     return element(
       "div",
       { class: "farm" },
@@ -222,7 +223,7 @@ export class Studio {
   }
 
   private goTo(text: string): void {
-    if (!text.trim()) return;
+    if (!text) return;
     const place = placeOf(text);
     if (typeof place === "string") return this.tell(place);
     this.map.setView(place, 17, { animate: false });
@@ -290,13 +291,8 @@ export class Studio {
   private toolbar(): HTMLElement {
     for (const tool of Object.keys(TOOLS) as Tool[])
       this.tools.set(tool, button(TOOLS[tool][0], () => this.take(tool), { "aria-pressed": "false" }));
-    const crop = element("input", {
-      type: "text",
-      list: "new-crops",
-      maxlength: "40",
-      value: this.crop,
-      onchange: ({ value }) => (this.crop = value.trim().toLowerCase() || this.crop),
-    });
+    const attributes = { list: "new-crops", maxlength: 40, value: this.crop };
+    const crop = entry(attributes, (text) => (this.crop = text.toLowerCase() || this.crop));
     return element(
       "div",
       {},
@@ -341,7 +337,7 @@ export class Studio {
   // --- The plan ---
 
   private get draft(): Draft {
-    return { farm: this.sketch.known ?? documentOf(this.sketch), options: this.choices.given };
+    return { farm: this.sketch.known ?? documentOf(this.sketch), options: this.choices.effective };
   }
 
   private planSoon(): void {
@@ -367,19 +363,17 @@ export class Studio {
     setText(this.state, "planning …");
     const begun_ms = performance.now();
     const clock = window.setInterval(() => {
-      if (asking !== this.asking) return;
       const seconds = Math.round((performance.now() - begun_ms) / 1000);
       this.giveUp.hidden = seconds < LONG_S;
       if (seconds >= LONG_S) setText(this.state, `planning for ${seconds} s …`);
     }, 1000);
     try {
-      const planned = await desk.plan(this.draft, asking.signal);
-      if (asking === this.asking) this.showPlan(planned);
+      this.showPlan(await desk.plan(this.draft, asking.signal));
     } catch (error) {
-      if (asking === this.asking) this.refused(error);
+      if (!asking.signal.aborted) this.refused(error); // Otherwise a newer draft replaces it
     } finally {
       clearInterval(clock);
-      if (asking === this.asking) this.giveUp.hidden = true;
+      this.giveUp.hidden = true;
     }
   }
 
@@ -395,10 +389,9 @@ export class Studio {
 
   private refused(error: unknown): void {
     if (!(error instanceof Refused)) throw error;
-    if (error.superseded) {
-      this.again.hidden = false;
-      return setText(this.state, error.superseded === "another page" ? "another page of the studio plans now" : "given up");
-    }
+    const { superseded } = error;
+    this.again.hidden = !superseded;
+    if (superseded) return setText(this.state, superseded === "given up" ? superseded : "another page of the studio plans now");
     this.answer.clear();
     setText(this.state, "no plan");
     this.state.dataset["state"] = "bad";

@@ -13,7 +13,11 @@ const LINK = "udpin:127.0.0.1:14550";
 export class Takeaway {
   readonly element = element("div", { class: "takeaway" });
   private readonly mission = element("select", { class: "mission", "aria-label": "Which flight" });
-  private readonly format: HTMLSelectElement;
+  private readonly format = element(
+    "select",
+    { "aria-label": "Format of the file" },
+    ...this.formats.map(({ name, suffix }) => new Option(`${name} (${suffix})`, suffix)),
+  );
   private readonly pace = element("select", { id: "pace" }, ...PACES.map((pace) => new Option(...pace)));
   private readonly told = element("p", { class: "told", role: "status" });
   private readonly save = button("Save file", () => void this.act("", () => this.saved()));
@@ -34,9 +38,7 @@ export class Takeaway {
   private following = 0;
   private followed = "";
 
-  constructor(private readonly draft: () => Draft, { formats }: Options) {
-    const suffixes = formats.map(({ name, suffix }) => new Option(`${name} (${suffix})`, suffix));
-    this.format = element("select", { "aria-label": "Format of the file" }, ...suffixes);
+  constructor(private readonly draft: () => Draft, private readonly formats: Options["formats"]) {
     this.pace.value = "10";
     const speed = element("label", { for: "pace" }, "Speed");
     this.element.append(

@@ -1,5 +1,6 @@
 // Layer values: received tiles with earlier versions, and pictures of them at a time.
-import { colourAt, pixel, ramp } from "./colours.js";
+import { levels, pixel, ramp } from "./colours.js";
+import { element } from "./dom.js";
 import { figure } from "./text.js";
 import type { FieldInfo, LayerName, Raster, Tile } from "./schema.js";
 
@@ -28,7 +29,7 @@ export class Tiles {
     for (const tile of tiles) {
       const places = (this.layers[tile.layer] ??= {});
       const versions = (places[`${tile.x},${tile.y}`] ??= []);
-      versions.push({ ...tile, time_s, scale: scales[tile.layer] ?? 1 });
+      versions.push({ ...tile, time_s, scale: scales[tile.layer]! });
       this.kept += tile.data.length;
     }
     if (this.kept > MOST_KEPT) this.thin();
@@ -62,12 +63,12 @@ export function kindName(kind: string): string {
 
 /** A layer as a picture with the raster's pixels, row 0 at the frame's origin. */
 export class Picture {
-  readonly canvas = document.createElement("canvas");
+  readonly canvas = element("canvas", { width: this.raster.width, height: this.raster.height });
   scale = 0;
-  private readonly values: Float32Array;
-  private shown = new Set<Version>();
+  /** Shown tiles, with their decoded bytes. */
+  private shown = new Map<Version, Uint8Array>();
   /** Colours of the levels 0 to `TOP`. */
-  private readonly table: number[];
+  private readonly table = levels(ramp(this.layer, this.field), TOP + 1).map((colour) => pixel(colour, 255));
   private wanted: number | null = null;
   private busy = false;
 
@@ -77,13 +78,7 @@ export class Picture {
     readonly field: FieldInfo | undefined,
     readonly tiles: Tiles,
     private readonly changed: () => void,
-  ) {
-    this.canvas.width = raster.width;
-    this.canvas.height = raster.height;
-    this.values = new Float32Array(raster.width * raster.height).fill(NaN);
-    const colours = ramp(layer, field);
-    this.table = Array.from({ length: TOP + 1 }, (_, level) => pixel(colourAt(colours, level / TOP), 255));
-  }
+  ) {}
 
   get title(): string {
     return this.field ? `${this.field.title}, ${kindName(this.layer.split("/")[0]!)}` : "Acquisition";
@@ -100,10 +95,15 @@ export class Picture {
 
   /** Title, value and unit at a place (m); empty without a value. */
   textAt(x_m: number, y_m: number): string {
-    const { width, pixel_m } = this.raster;
-    const [x, y] = [Math.floor(x_m / pixel_m), Math.floor(y_m / pixel_m)];
-    const value = x >= 0 && x < width ? (this.values[y * width + x] ?? NaN) : NaN;
-    return Number.isNaN(value) ? "" : `${this.title} ${this.figure(value)} ${this.field?.unit ?? ""}`.trimEnd();
+    const { tile, width, pixel_m } = this.raster;
+    for (const [{ x, y, scale }, bytes] of this.shown) {
+      const [column, row] = [Math.floor(x_m / pixel_m) - x * tile, Math.floor(y_m / pixel_m) - y * tile];
+      const columns = Math.min(tile, width - x * tile);
+      const byte = bytes[row * columns + column] ?? NOTHING;
+      if (column < 0 || column >= columns || byte === NOTHING) continue;
+      return `${this.title} ${this.figure((byte / TOP) * scale)} ${this.field?.unit ?? ""}`.trimEnd();
+    }
+    return "";
   }
 
   /** Show the layer at a time; only changed tiles are decoded. */
@@ -114,44 +114,23 @@ export class Picture {
     while (this.wanted !== null) {
       const at = this.tiles.at(this.layer, this.wanted);
       this.wanted = null;
-      const fresh = at.filter((version) => !this.shown.has(version));
-      const decoded = await Promise.all(fresh.map(({ data }) => inflate(data)));
-      fresh.forEach((version, k) => this.keep(version, decoded[k]!));
-      this.shown = new Set(at);
+      const before = this.shown;
+      const decoded = await Promise.all(at.map((version) => before.get(version) ?? inflate(version.data)));
+      this.shown = new Map(at.map((version, k) => [version, decoded[k]!]));
       const scale = Math.max(...at.map((version) => version.scale), 1e-9);
-      const all = scale !== this.scale;
+      const changed = at.filter((version) => scale !== this.scale || !before.has(version));
       this.scale = scale;
-      for (const version of all ? at : fresh) this.paint(version);
-      if (all || fresh.length) this.changed();
+      for (const version of changed) this.paint(version, this.shown.get(version)!);
+      if (changed.length) this.changed();
     }
     this.busy = false;
   }
 
-  /** First column and row of a tile, and its numbers of columns and rows. */
-  private box({ x, y }: Tile): [number, number, number, number] {
+  private paint({ x, y, scale }: Version, bytes: Uint8Array): void {
     const { tile, width, height } = this.raster;
-    return [x * tile, y * tile, Math.min(tile, width - x * tile), Math.min(tile, height - y * tile)];
-  }
-
-  private keep(version: Version, bytes: Uint8Array): void {
-    const [left, bottom, columns, rows] = this.box(version);
-    for (let row = 0; row < rows; row++)
-      for (let column = 0; column < columns; column++) {
-        const byte = bytes[row * columns + column] ?? NOTHING;
-        const value = byte === NOTHING ? NaN : (byte / TOP) * version.scale;
-        this.values[(bottom + row) * this.raster.width + left + column] = value;
-      }
-  }
-
-  private paint(tile: Tile): void {
-    const [left, bottom, columns, rows] = this.box(tile);
-    const image = new ImageData(columns, rows);
-    const pixels = new Uint32Array(image.data.buffer);
-    for (let row = 0; row < rows; row++)
-      for (let column = 0; column < columns; column++) {
-        const value = this.values[(bottom + row) * this.raster.width + left + column]!;
-        if (!Number.isNaN(value)) pixels[row * columns + column] = this.table[Math.round((value / this.scale) * TOP)]!;
-      }
-    this.canvas.getContext("2d")!.putImageData(image, left, bottom);
+    const image = new ImageData(Math.min(tile, width - x * tile), Math.min(tile, height - y * tile));
+    const colourOf = (byte: number): number => this.table[Math.round((byte * scale) / this.scale)]!;
+    new Uint32Array(image.data.buffer).set(Array.from(bytes, (byte) => (byte === NOTHING ? 0 : colourOf(byte))));
+    this.canvas.getContext("2d")!.putImageData(image, x * tile, y * tile);
   }
 }

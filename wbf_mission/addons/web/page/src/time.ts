@@ -1,11 +1,13 @@
 // Displayed time: the present or an earlier time, with a slider and playback.
-import { button, element, setText } from "./dom.js";
+import { button, element, setText, slider } from "./dom.js";
 import { clock } from "./text.js";
 
 const SPEEDS = [1, 2, 5, 10, 30, 100, 300];
 /** Approximate duration of a recording at the default speed (s). */
 const PLAY_S = 60;
 const STEP_S = 5;
+/** Keys that move the slider, and their directions. */
+const KEYS: Record<string, number> = { ArrowLeft: -1, ArrowDown: -1, PageDown: -1, ArrowRight: 1, ArrowUp: 1, PageUp: 1 };
 
 export class Time {
   readonly element: HTMLElement;
@@ -15,7 +17,7 @@ export class Time {
   private follows: boolean;
   private playing = false;
   private last_ms = 0;
-  private readonly slider = element("input", { type: "range", min: "0", step: "0.1", "aria-label": "Time of the run" });
+  private readonly slider = slider({ min: 0, step: 0.1, "aria-label": "Time of the run" }, (time_s) => this.seek(time_s));
   private readonly play = button("", () => this.toggle(), { class: "play", "aria-label": "Play" });
   private readonly now = button("Latest", () => this.seek(Infinity), { class: "now" });
   private readonly text = element("output", { class: "clock" });
@@ -27,14 +29,11 @@ export class Time {
 
   constructor(private readonly live: boolean, private readonly changed: () => void) {
     this.follows = live;
-    this.slider.addEventListener("input", () => this.seek(Number(this.slider.value)));
     this.slider.addEventListener("keydown", (event) => this.step(event));
     const parts = [this.play, this.slider, this.text, this.speeds, live ? this.now : null];
     this.element = element("div", { class: "time", role: "group", "aria-label": "Time" }, ...parts);
     document.addEventListener("keydown", (event) => {
-      const taken = (event.target as Element).closest(
-        "input, select, button, textarea, summary, dialog, [role=button]",
-      );
+      const taken = (event.target as Element).closest("input, select, button, summary, dialog, [role=button]");
       if (event.key !== " " || (taken && taken !== this.slider)) return;
       event.preventDefault();
       this.toggle();
@@ -56,22 +55,16 @@ export class Time {
   }
 
   seek(time_s: number): void {
-    this.follows = false;
     this.at_s = Math.min(Math.max(time_s, 0), this.end_s);
-    if (this.live && this.at_s >= this.end_s) this.follows = true;
+    this.follows = this.live && this.at_s >= this.end_s;
     this.changed();
   }
 
   /** Advance the playback by one frame. */
   tick(now_ms: number): void {
     if (this.playing) {
-      this.at_s += (Math.min(now_ms - this.last_ms, 250) / 1000) * Number(this.speeds.value);
-      if (this.at_s >= this.end_s) {
-        this.at_s = this.end_s;
-        this.playing = false;
-        this.follows = this.live;
-      }
-      this.changed();
+      this.seek(this.at_s + (Math.min(now_ms - this.last_ms, 250) / 1000) * Number(this.speeds.value));
+      this.playing = this.at_s < this.end_s;
     }
     this.last_ms = now_ms;
   }
@@ -88,27 +81,16 @@ export class Time {
 
   private toggle(): void {
     this.playing = !this.playing;
-    if (this.playing) {
-      this.at_s = this.time_s >= this.end_s ? 0 : this.time_s;
-      this.follows = false;
-    }
-    this.changed();
+    if (this.playing) this.seek(this.time_s >= this.end_s ? 0 : this.time_s);
+    else this.changed();
   }
 
   /** Arrow keys move by seconds instead of the slider's small steps. */
   private step(event: KeyboardEvent): void {
-    const large = Math.max(STEP_S, this.end_s / 20);
-    const steps: Record<string, number> = {
-      ArrowLeft: -STEP_S,
-      ArrowDown: -STEP_S,
-      ArrowRight: STEP_S,
-      ArrowUp: STEP_S,
-      PageDown: -large,
-      PageUp: large,
-    };
-    const by_s = steps[event.key];
-    if (by_s === undefined) return;
+    const direction = KEYS[event.key];
+    if (!direction) return;
     event.preventDefault();
-    this.seek(this.time_s + by_s);
+    const step_s = event.key.startsWith("Page") ? Math.max(STEP_S, this.end_s / 20) : STEP_S;
+    this.seek(this.time_s + direction * step_s);
   }
 }

@@ -1,6 +1,6 @@
 // Card of each vehicle, with its most important values.
 import { vehicleColour } from "./colours.js";
-import { element, fill, setText } from "./dom.js";
+import { button, element, fill, setText } from "./dom.js";
 import type { Model } from "./model.js";
 import type { Plan, VehicleInfo } from "./schema.js";
 import { TOLD_S } from "./source.js";
@@ -24,10 +24,9 @@ class Card {
   private readonly figures = Object.fromEntries(FIGURES.map((name) => [name, element("dd")])) as Figures<HTMLElement>;
 
   constructor(readonly model: Model, readonly info: VehicleInfo, number: number, chosen: () => void) {
-    const dot = element("span", { class: "dot", "aria-hidden": "true" });
-    dot.style.setProperty("--vehicle", vehicleColour(number));
+    const dot = element("span", { class: "dot", "aria-hidden": "true", "--vehicle": vehicleColour(number) });
     const parts = [dot, this.name, this.mode, this.battery, this.bar, this.phase];
-    this.head = element("button", { type: "button", class: "head", onclick: chosen }, ...parts);
+    this.head = button(parts, chosen, { class: "head" });
     const list = FIGURES.map((name) =>
       element("div", { class: name }, element("dt", {}, capital(name)), this.figures[name]),
     );

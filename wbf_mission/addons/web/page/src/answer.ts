@@ -3,23 +3,21 @@ import * as L from "leaflet";
 import { Frame } from "./canvas.js";
 import { vehicleColour } from "./colours.js";
 import type { Finding, Planned } from "./desk.js";
-import { button, element } from "./dom.js";
+import { button, element, find } from "./dom.js";
 import type { Ring } from "./schema.js";
 import { capital, duration, metres } from "./text.js";
 
 const MOST_FINDINGS = 50;
 
 export class Answer {
-  readonly cards = element("dl", { class: "figures" });
-  readonly findings = element("ul", { class: "findings" });
-  private readonly lines = L.layerGroup();
-  private readonly spot = L.layerGroup();
+  private readonly cards = find(".figures");
+  private readonly findings = find(".findings");
+  private readonly lines = L.layerGroup().addTo(this.map);
+  private readonly spot = L.layerGroup().addTo(this.map);
   private frame: Frame | null = null;
   private spacing_m: number | null = null;
 
   constructor(private readonly map: L.Map) {
-    this.lines.addTo(map);
-    this.spot.addTo(map);
     map.createPane("plans").style.zIndex = "450";
     map.on("zoomend", () => this.weigh());
   }
@@ -111,13 +109,13 @@ function figures({ vehicles, missions, coverage }: Planned): [string, string, st
   const isEnough = vehicles.every((one) => one.batteries !== null);
   const batteries = isEnough ? String(sum((one) => one.batteries ?? 0)) : "never enough";
   const spacing_m = vehicles[0]?.spacing_m;
-  const flights = missions.map((one) => duration(one.plan.duration_s ?? 0)).slice(0, 8);
-  const lines: [string, string, string][] = [
+  const durations = missions.map((one) => duration(one.plan.duration_s ?? 0)).slice(0, 8);
+  const flights: [string, string, string] = ["Flights", String(missions.length), durations.join(" + ")];
+  return [
     ["Time", duration(longest_s), changes ? `${air} in the air, the rest for batteries` : "from take-off to landing"],
     ["Distance", metres(sum((one) => one.length_m)), `${sum((one) => one.waypoints)} waypoints`],
+    ...(missions.length > 1 ? [flights] : []),
     ["Batteries", batteries, `${needed}, ${sum((one) => one.predicted_energy_wh).toFixed(1)} Wh`],
     ["Coverage", `${(100 * coverage).toFixed(2)} %`, spacing_m ? `rows ${metres(spacing_m)} apart` : "of the land to be seen"],
   ];
-  if (missions.length > 1) lines.splice(2, 0, ["Flights", String(missions.length), flights.join(" + ")]);
-  return lines;
 }

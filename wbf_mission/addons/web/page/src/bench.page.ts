@@ -59,7 +59,6 @@ function mainRows(table: HTMLTableElement): HTMLTableRowElement[] {
   return [...(table.tBodies[0]?.rows ?? [])].filter((row) => !row.classList.contains("detail"));
 }
 
-/** Opened details of a row. */
 function detailOf(row: HTMLTableRowElement): HTMLElement | null {
   const next = row.nextElementSibling as HTMLElement | null;
   return next?.classList.contains("detail") ? next : null;
@@ -136,9 +135,7 @@ function addFilters(table: HTMLTableElement, seeds: Run[][]): void {
   restore();
 }
 
-function text(row: HTMLTableRowElement, column: number): string {
-  return row.cells[column]?.textContent ?? "";
-}
+const text = (row: HTMLTableRowElement, column: number): string => row.cells[column]?.textContent ?? "";
 
 /** Formats a score as `score_text` of `wbf_mission/bench/intervals.py`. */
 function told(score: number): string {

@@ -1,13 +1,12 @@
 // Charts over time: score, battery, speed and height, with a common cursor; a click seeks that time.
 import uPlot from "uplot";
 import { lifted, onTheme, themed } from "./colours.js";
-import { element } from "./dom.js";
+import { element, Shown } from "./dom.js";
 import { between, upTo, type Model } from "./model.js";
 import { clock, fixed, percent } from "./text.js";
 
 /** Maximum number of points of a chart. */
 const MOST = 600;
-const CURSOR = "time";
 /** Possible tick intervals of the time axis (s). */
 const MARKS_S = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 43200, 86400];
 
@@ -59,7 +58,7 @@ class Chart {
   readonly element = element("figure", { class: "chart" }, this.caption, this.room);
   private readonly now = element("div", { class: "moment" });
   private plot: uPlot | null = null;
-  private shape = "";
+  private readonly shape = new Shown();
   private time_s = 0;
   /** Lines with the number of their run; those of the second one are dashed. */
   private lines: (Line & { run: number })[] = [];
@@ -82,13 +81,9 @@ class Chart {
     this.element.hidden = !some;
     const width = this.room.clientWidth;
     if (!width) return;
-    const shape = `${width} ${themed("ink")} ${this.lines.map((line) => line.label + line.colour).join()}`;
     const data = [this.times, ...this.lines.map((line) => line.values)] as uPlot.AlignedData;
-    if (this.plot && shape === this.shape) {
-      this.plot.setData(data);
-      return;
-    }
-    this.shape = shape;
+    const isNew = this.shape.changes(width, themed("ink"), this.lines.map(({ label, colour }) => [label, colour]));
+    if (this.plot && !isNew) return this.plot.setData(data);
     this.plot?.destroy();
     this.plot = new uPlot(this.options(width), data, this.room);
     this.plot.over.append(this.now);
@@ -112,7 +107,7 @@ class Chart {
       height: this.room.clientHeight,
       legend: { show: false },
       padding: [6, 8, 0, 0],
-      cursor: { sync: { key: CURSOR }, y: false, drag: { x: false, y: false }, points: { size: 6 } },
+      cursor: { sync: { key: "time" }, y: false, drag: { x: false, y: false }, points: { size: 6 } },
       scales: {
         x: { time: false },
         y: {
@@ -153,7 +148,7 @@ export class Charts {
   readonly element = element("div", { class: "charts" }, ...this.charts.map((chart) => chart.element));
   private time_s = 0;
   private end_s = -1;
-  private known = "";
+  private shown = new Shown();
 
   constructor(private readonly models: Model[], private readonly seek: (time_s: number) => void) {
     new ResizeObserver(() => this.redraw()).observe(this.element);
@@ -161,18 +156,15 @@ export class Charts {
   }
 
   show(time_s: number, end_s: number): void {
-    const known = this.models
-      .map((model) => [model.run?.vehicles.length, model.scores.time_s.length, Object.keys(model.states).length])
-      .join();
-    const fresh = end_s !== this.end_s || known !== this.known;
-    [this.time_s, this.end_s, this.known] = [time_s, end_s, known];
+    const sizes = this.models.map(({ vehicles, scores, states }) => [vehicles, scores.time_s, Object.keys(states)]);
+    const fresh = this.shown.changes(end_s, sizes.map((lists) => lists.map((list) => list.length)));
+    [this.time_s, this.end_s] = [time_s, end_s];
     const times = Array.from({ length: MOST + 1 }, (_, k) => (k * end_s) / MOST);
     for (const chart of this.charts) chart.show(this.models, times, time_s, fresh);
   }
 
-  /** Redraw at the current size. */
   redraw(): void {
-    this.known = "";
+    this.shown = new Shown();
     if (this.end_s >= 0) this.show(this.time_s, this.end_s);
   }
 }

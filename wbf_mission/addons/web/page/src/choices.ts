@@ -1,5 +1,5 @@
 // Form for the options of a plan, built from their descriptions.
-import { checkbox, datalist, element, entry } from "./dom.js";
+import { checkbox, datalist, element, entry, find } from "./dom.js";
 import type { Options } from "./desk.js";
 import { capital } from "./text.js";
 
@@ -31,7 +31,7 @@ export type Parameters = Record<string, Record<string, Record<string, string>>>;
 const LIST_AT_MOST = 40;
 
 export class Choices {
-  readonly element = element("div", { class: "choices" });
+  private readonly element = find(".choices");
 
   values: Values = { ...this.given.start.options };
 
@@ -95,7 +95,10 @@ export class Choices {
     const isText = one.type === "text";
     const range = { min: one.low ?? "", max: one.high ?? "", step: one.type === "whole" ? 1 : "any" };
     return element("input", {
-      ...{ id, type: isText ? "text" : "number", ...range, list: one.choices.length > 0 && `${id}-list` },
+      id,
+      ...range,
+      type: isText ? "text" : "number",
+      list: one.choices.length > 0 && `${id}-list`,
       placeholder: one.default,
       autocomplete: "off",
       value: this.values[one.key] ?? "",

@@ -54,10 +54,7 @@ export function ramp(layer: LayerName, field: FieldInfo | undefined): string[] {
 
 type Rgb = [number, number, number];
 
-function rgb(colour: string): Rgb {
-  const number = parseInt(colour.slice(1), 16);
-  return [number >> 16, (number >> 8) & 255, number & 255];
-}
+const rgb = (colour: string): number[] => [1, 3, 5].map((k) => parseInt(colour.slice(k, k + 2), 16));
 
 /** A ramp in `count` levels. */
 export function levels(colours: string[], count: number): Rgb[] {

@@ -1,5 +1,5 @@
 // Orders to vehicles, if allowed to this page, and answers to questions to the operator.
-import { ask, button, element, setText, type Child } from "./dom.js";
+import { ask, button, element, setText, Shown, type Child } from "./dom.js";
 import type { Model } from "./model.js";
 import type { Said } from "./schema.js";
 import type { Heart, Send, Wish } from "./source.js";
@@ -26,7 +26,6 @@ const ANSWER_MS = 3000;
 const isWarning = ({ system_id, severity }: Said): boolean => !system_id && severity <= WARNS;
 
 export class Controls {
-  readonly element = element("section", { class: "controls", "aria-label": "Orders" });
   readonly question = element("div", { class: "question", role: "alert" });
   readonly became = element("p", { class: "became", role: "status" });
   /** Reason why no order can be given. */
@@ -39,14 +38,15 @@ export class Controls {
     },
   });
   private readonly buttons = element("div", { class: "orders" });
+  readonly element = element("section", { class: "controls", "aria-label": "Orders" }, this.target, this.buttons);
   private dialog: HTMLDialogElement | null = null;
   /** Whether the order of the open dialog is still allowed. */
   private stillMay = (): boolean => true;
   private readonly known = new Set<string>(OF_A_FLIGHT);
   private appeared = false;
   private wasFresh = false;
-  private shape = "";
-  private asked = "";
+  private readonly shape = new Shown();
+  private readonly asked = new Shown();
   private hide = 0;
   /** Pending requests in words, by number. */
   private readonly open = new Map<number, string>();
@@ -58,9 +58,7 @@ export class Controls {
     private readonly send: Send,
     private readonly heart: Heart,
     private readonly choose: (system_id: number | null) => void,
-  ) {
-    this.element.append(this.target, this.buttons);
-  }
+  ) {}
 
   /** Select the target of orders; null with several vehicles selects none. */
   aim(system_id: number | null): void {
@@ -88,11 +86,7 @@ export class Controls {
     this.appeared ||= orders.length > 0 || !!this.model.status?.question;
     this.element.hidden = !this.appeared || !this.model.runs;
     for (const order of orders) this.known.add(order);
-    const shape = JSON.stringify([[...this.known], this.model.run?.vehicles]);
-    if (shape !== this.shape) {
-      this.shape = shape;
-      this.build();
-    }
+    if (this.shape.changes([...this.known], this.model.run?.vehicles)) this.build();
     const may = isFresh && this.meant.length > 0;
     setText(this.why, this.element.hidden || !isFresh ? "" : this.reason(orders));
     for (const one of this.buttons.querySelectorAll("button"))
@@ -153,9 +147,7 @@ export class Controls {
 
   private showQuestion(): void {
     const question = this.model.status?.question ?? null;
-    const key = JSON.stringify(question);
-    if (key === this.asked) return;
-    this.asked = key;
+    if (!this.asked.changes(question)) return;
     this.question.hidden = !question;
     const answers = (question?.answers ?? []).map((answer) =>
       button(capital(answer), () => this.answer(answer, question!.number)),

@@ -2,6 +2,7 @@
 import { element } from "./dom.js";
 import type { OptionInfo, Parameters, Values } from "./choices.js";
 import type { FarmShape, Plan, Update } from "./schema.js";
+import type { FarmFile } from "./sketch.js";
 
 export interface Finding {
   severity: "error" | "warning" | "note";
@@ -47,8 +48,6 @@ export interface Options {
   background: Update["background"];
 }
 
-type FarmAnswer = { document: Record<string, unknown>; notes: string[] };
-
 interface Uploaded {
   vehicle: string;
   items: Record<string, number>;
@@ -59,7 +58,7 @@ interface Uploaded {
 
 /** Input of the planner: a farm by name or as GeoJSON, and options. */
 export interface Draft {
-  farm: string | Record<string, unknown>;
+  farm: string | FarmFile;
   options: Values;
 }
 
@@ -76,19 +75,20 @@ export class Refused extends Error {
 
 type Query = Record<string, string>;
 
-/** Ask the program; with a body, which may be null, by POST. */
-async function ask(path: string, query: Query, more: RequestInit): Promise<Response> {
+/** Ask the program; a file, or an object as JSON, is sent by POST. */
+async function ask(path: string, query: Query, body?: unknown, signal: AbortSignal | null = null): Promise<Response> {
   const address = new URL(`api/${path}`, location.href);
-  address.search = new URLSearchParams(query).toString();
+  address.search = String(new URLSearchParams(query));
+  const sent = body instanceof File ? body : JSON.stringify(body);
   try {
-    return await fetch(address, "body" in more ? { method: "POST", ...more } : {});
+    return await fetch(address, body === undefined ? {} : { method: "POST", body: sent, signal });
   } catch {
     throw new Refused("The program does not answer: is it still running?");
   }
 }
 
-async function json<T>(path: string, query: Query = {}, more: RequestInit = {}): Promise<T> {
-  return told(await ask(path, query, more));
+async function json<T>(path: string, query: Query = {}, body?: unknown, signal?: AbortSignal): Promise<T> {
+  return told(await ask(path, query, body, signal));
 }
 
 async function told<T>(response: Response): Promise<T> {
@@ -106,32 +106,28 @@ async function told<T>(response: Response): Promise<T> {
   return answer;
 }
 
-const bodyOf = (draft: Draft): Blob => new Blob([JSON.stringify(draft)], { type: "application/json" });
+type FarmAnswer = { document: FarmFile; notes: string[] };
 
 export const desk = {
   options: () => json<Options>("options"),
   farm: (name: string) => json<FarmAnswer>("farm", { name }),
-  read: (file: File, how: Query = {}) =>
-    json<FarmAnswer>("farm", { name: file.name, ...how }, { body: file }),
-  mend: (document: Record<string, unknown>) =>
-    json<FarmAnswer>("farm", { repair: "true" }, { body: JSON.stringify(document) }),
-  plan: (draft: Draft, signal: AbortSignal) => json<Planned>("plan", {}, { body: bodyOf(draft), signal }),
-  cancel: () => json("cancel", {}, { body: null }),
+  read: (file: File, how: Query) => json<FarmAnswer>("farm", { name: file.name, ...how }, file),
+  mend: (farm: FarmFile) => json<FarmAnswer>("farm", { repair: "true" }, farm),
+  plan: (draft: Draft, signal: AbortSignal) => json<Planned>("plan", {}, draft, signal),
+  cancel: () => json("cancel", {}, {}),
   file: async (draft: Draft, mission: number, format: string): Promise<{ name: string; content: Blob }> => {
-    const response = await ask("export", { mission: String(mission), format }, { body: bodyOf(draft) });
+    const response = await ask("export", { mission: String(mission), format }, draft);
     const disposition = response.headers.get("Content-Disposition");
     if (disposition === null) return told(response);
-    const name = /filename\*=UTF-8''(.+)/.exec(disposition)?.[1];
-    return { name: decodeURIComponent(name ?? `mission${format}`), content: await response.blob() };
+    const name = /filename\*=UTF-8''(.+)/.exec(disposition)![1]!;
+    return { name: decodeURIComponent(name), content: await response.blob() };
   },
-  upload: (draft: Draft, mission: number, link: string, system_id: string) => {
-    const query = { mission: String(mission), link, system_id, confirmed: "true" };
-    return json<Uploaded>("upload", query, { body: bodyOf(draft) });
-  },
-  fly: (draft: Draft, pace: string) => json("fly", { pace }, { body: bodyOf(draft) }),
+  upload: (draft: Draft, mission: number, link: string, system_id: string) =>
+    json<Uploaded>("upload", { mission: String(mission), link, system_id, confirmed: "true" }, draft),
+  fly: (draft: Draft, pace: string) => json("fly", { pace }, draft),
   /** State of the latest flight: "none", "preparing", "flying" or an outcome, also in words. */
   flight: () => json<{ outcome: string; words: string }>("flight"),
-  stop: () => json<{ stopped: boolean }>("stop", {}, { body: null }),
+  stop: () => json<{ stopped: boolean }>("stop", {}, {}),
 };
 
 export function keep(name: string, content: Blob): void {

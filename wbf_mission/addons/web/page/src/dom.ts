@@ -20,12 +20,22 @@ export function element<K extends keyof HTMLElementTagNameMap>(
   return made;
 }
 
-type Drawn = Record<string, string | number>;
+/** Element of the page's own HTML. */
+export function find<Found extends HTMLElement = HTMLElement>(selector: string): Found {
+  return document.querySelector<Found>(selector)!;
+}
 
-export function svg(tag: string, attributes: Drawn, ...children: (Node | string)[]): SVGElement {
+/** Button of the page's own HTML, and what it does. */
+export function findButton(selector: string, act: () => void): HTMLButtonElement {
+  const found = find<HTMLButtonElement>(selector);
+  found.onclick = act;
+  return found;
+}
+
+export function svg(tag: string, attributes: Record<string, string | number>, ...children: Child[]): SVGElement {
   const made = document.createElementNS("http://www.w3.org/2000/svg", tag);
   for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, String(value));
-  made.append(...children);
+  made.append(...children.map((child) => child ?? ""));
   return made;
 }
 
@@ -40,6 +50,18 @@ export function button(
 /** Set a text only if it differs, to keep selections and avoid repeated announcements. */
 export function setText(node: Node, text: string): void {
   if (node.textContent !== text) node.textContent = text;
+}
+
+/** What is shown, so that it is only built again when it changes. */
+export class Shown {
+  private key = "";
+
+  /** Take what is to be shown; returns whether it differs from what was shown. */
+  changes(...parts: unknown[]): boolean {
+    const before = this.key;
+    this.key = JSON.stringify(parts);
+    return this.key !== before;
+  }
 }
 
 /** Show the items of a list, or why there are none. */
@@ -83,10 +105,6 @@ export function segments(
 export function checkbox(label: string, checked: boolean, act: (on: boolean) => void): HTMLElement {
   const input = element("input", { type: "checkbox", checked, onchange: (made) => act(made.checked) });
   return element("label", { class: "check" }, input, element("span", {}, label));
-}
-
-export function panel(label: string, attributes: Record<string, string>, ...children: Node[]): HTMLElement {
-  return element("section", { "aria-label": label, ...attributes }, element("h2", {}, label), ...children);
 }
 
 /** Table of texts, whose column headings are empty for columns without one. */

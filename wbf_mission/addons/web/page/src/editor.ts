@@ -19,18 +19,18 @@ const MOST_MARKS = 50;
 const CROSSES = "The border crosses itself at the mark";
 
 const RING = "click its corners, then the first corner again or Enter; Backspace removes the last corner, Escape cancels";
-/** Tools of the editor: label and hint. */
-export const TOOLS = {
-  select: ["Select", ""],
-  field: ["Field", `Field: ${RING}`],
-  hole: ["Hole", `Hole in a field: ${RING}`],
-  pond: ["Pond", `Pond: ${RING}`],
-  obstacle: ["Obstacle", `Obstacle: ${RING}`],
-  "no-fly": ["No-fly zone", `No-fly zone: ${RING}`],
-  home: ["Home", "Home: click where the vehicle takes off and lands"],
-  rally: ["Rally point", "Rally point: click where a vehicle may land when it cannot come home"],
-} as const;
-export type Tool = keyof typeof TOOLS;
+/** Hints of the tools. */
+const HINTS = {
+  select: "",
+  field: `Field: ${RING}`,
+  hole: `Hole in a field: ${RING}`,
+  pond: `Pond: ${RING}`,
+  obstacle: `Obstacle: ${RING}`,
+  "no-fly": `No-fly zone: ${RING}`,
+  home: "Home: click where the vehicle takes off and lands",
+  rally: "Rally point: click where a vehicle may land when it cannot come home",
+};
+export type Tool = keyof typeof HINTS;
 
 const latLng = ([lon, lat]: Position): L.LatLng => L.latLng(lat, lon);
 const position = ({ lat, lng }: L.LatLng): Position => [Number(lng.toFixed(9)), Number(lat.toFixed(9))];
@@ -62,7 +62,7 @@ export class Editor {
     this.tool = tool;
     this.drawn = [];
     this.map.getContainer().classList.toggle("draws", tool !== "select");
-    this.studio.tell(TOOLS[tool][1]);
+    this.studio.tell(HINTS[tool]);
     this.show();
   }
 

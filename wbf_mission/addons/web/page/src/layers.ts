@@ -1,6 +1,6 @@
 // Layer panel of the map: field, layer, overlays, and the colour key.
 import { RING, cropColours, ramp } from "./colours.js";
-import { checkbox, element, segments, slider } from "./dom.js";
+import { checkbox, element, segments, Shown, slider } from "./dom.js";
 import { KINDS, layerName, type Choice } from "./map.js";
 import type { Model } from "./model.js";
 import { capital } from "./text.js";
@@ -18,8 +18,8 @@ type Overlay = keyof typeof OVERLAYS;
 export class LayerPanel {
   readonly element = element("div", { class: "layer-panel" });
   readonly legend = element("div", { class: "legend" });
-  private shape = "";
-  private told = "";
+  private readonly shape = new Shown();
+  private readonly told = new Shown();
 
   constructor(
     private readonly models: Model[],
@@ -36,17 +36,12 @@ export class LayerPanel {
       return !name || this.models.some((one) => one.tiles.has(name));
     };
     const kinds = KINDS.filter(has);
-    const there: Record<Overlay, boolean> = {
-      crops: !!model.run?.farm,
-      plans: true,
-      trails: true,
-      readings: fields.length > 0,
-      decisions: this.models.some((one) => one.decisions.length),
-    };
-    const overlays = (Object.keys(OVERLAYS) as Overlay[]).filter((name) => there[name]);
-    const shape = [fields.map((field) => field.name), kinds, overlays, this.choice.field, this.choice.compare].join();
-    if (shape !== this.shape) this.build(kinds, overlays);
-    this.shape = shape;
+    const decides = this.models.some((one) => one.decisions.length);
+    const lacks: Partial<Choice> = { crops: !model.run?.farm, readings: !fields.length, decisions: !decides };
+    const overlays = (Object.keys(OVERLAYS) as Overlay[]).filter((name) => !lacks[name]);
+    const names = fields.map((field) => field.name);
+    const { field, compare } = this.choice;
+    if (this.shape.changes(names, kinds, overlays, field, compare)) this.build(kinds, overlays);
     this.showLegend(picture);
   }
 
@@ -86,9 +81,7 @@ export class LayerPanel {
     const { crops, readings, field } = this.choice;
     const model = this.models[0]!;
     const farm = model.run?.farm;
-    const key = JSON.stringify([picture?.layer, picture?.scale, crops, readings, field, farm?.name]);
-    if (key === this.told) return;
-    this.told = key;
+    if (!this.told.changes(picture?.layer, picture?.scale, crops, readings, field, farm?.name)) return;
     const colours = cropColours((crops && farm?.patches.map(({ crop }) => crop)) || []);
     const keys = [...colours].map(([crop, colour]) => keyOf(crop, colour, "crop"));
     if (readings && model.field(field)?.kind === "disease") keys.push(keyOf("seen sick", RING, "ring"));
@@ -97,7 +90,8 @@ export class LayerPanel {
 }
 
 function keyOf(name: string, colour: string, kind: "crop" | "ring"): HTMLElement {
-  return element("li", { class: "key" }, element("span", { class: kind, "aria-hidden": "true", "--key": colour }), name);
+  const swatch = element("span", { class: kind, "aria-hidden": "true", "--key": colour });
+  return element("li", { class: "key" }, swatch, name);
 }
 
 /** Colour key of a layer. */

@@ -1,7 +1,7 @@
 // Page of a live run, or of recordings of one or two runs.
 import { Charts } from "./charts.js";
 import { Controls } from "./controls.js";
-import { button, element, panel, setText, slider } from "./dom.js";
+import { button, element, setText, slider } from "./dom.js";
 import { LayerPanel } from "./layers.js";
 import { AT_START, MapView } from "./map.js";
 import { Decisions, Messages } from "./messages.js";
@@ -18,9 +18,10 @@ const PANELS_MS = 200;
 const LOOKS: Record<string, string> = { completed: "good", running: "running", ended: "running", interrupted: "warn" };
 
 class App {
-  private readonly models: Model[];
-  private maps: MapView[] = [];
-  private readonly parts: ReturnType<App["build"]>;
+  private readonly live = !this.recordings.length;
+  private readonly models = (this.recordings.length > 1 ? ["A", "B"] : [""]).map(
+    (letter) => new Model(letter, this.live ? () => this.heart.age_s ?? 0 : null),
+  );
   private readonly root = document.getElementById("app")!;
   private readonly title = element("h1");
   private readonly link = element("span", { class: "pill connection" });
@@ -35,16 +36,14 @@ class App {
   private panelsAt_ms = 0;
   private stale = true;
   private scale: number | undefined;
+  private maps: MapView[] = [];
+  private readonly parts = this.build();
 
   /** Show recordings, or without any the program's run. */
-  constructor(recordings: Recording[]) {
-    const live = !recordings.length;
-    const letters = recordings.length > 1 ? ["A", "B"] : [""];
-    this.models = letters.map((letter) => new Model(letter, live ? () => this.heart.age_s ?? 0 : null));
-    this.parts = this.build(live);
+  constructor(private readonly recordings: Recording[]) {
     addEventListener("beforeprint", () => this.print(true));
     addEventListener("afterprint", () => this.print(false));
-    if (live) return;
+    if (this.live) return;
     this.begin();
     recordings.forEach((recording, run) => this.take(recording, run));
     setText(this.link, "Recording");
@@ -76,8 +75,8 @@ class App {
   }
 
   /** Lay out the page; before the first data only its header is shown. */
-  private build(live: boolean) {
-    const { models, choice } = this;
+  private build() {
+    const { live, models, choice } = this;
     const changed = (): void => {
       this.dirty = true;
       for (const map of this.maps) map.redraw();
@@ -126,8 +125,10 @@ class App {
     const fit = button("Show all", () => this.maps.forEach((map) => map.fit()), { class: "fit" });
     stage.append(split, fit, layers.legend, this.under, layerBox);
 
-    const panelOf = (name: string, child: Node): HTMLElement =>
-      panel(capital(name), { class: `panel ${name}`, "data-panel": name }, child);
+    const panelOf = (name: string, child: Node): HTMLElement => {
+      const heading = element("h2", {}, capital(name));
+      return element("section", { "aria-label": capital(name), class: `panel ${name}` }, heading, child);
+    };
     const side = element(
       "aside",
       { class: "side", "aria-label": "Vehicles and messages" },

@@ -43,16 +43,13 @@ const SHAPES: Record<string, string> = {
   copter: "M0-13 L9 10 L0 5 L-9 10 Z",
 };
 
-/** Icon of a vehicle. */
 class VehicleMark {
   readonly marker: L.Marker;
-  private readonly body: SVGElement;
   private readonly note = element("span", { class: "note" });
 
   constructor(map: L.Map, info: VehicleInfo, name: string, colour: string, chosen: () => void) {
-    const outline = SHAPES[info.kind] ?? SHAPES["copter"]!;
-    this.body = svg("g", {}, svg("path", { d: outline, class: "body" }));
-    const picture = svg("svg", { viewBox: "-18 -18 36 36", "aria-hidden": "true" }, this.body);
+    const body = svg("path", { d: SHAPES[info.kind] ?? SHAPES["copter"]!, class: "body" });
+    const picture = svg("svg", { viewBox: "-18 -18 36 36", "aria-hidden": "true" }, body);
     const html = element("div", { "--vehicle": colour }, picture, element("span", { class: "name" }, name), this.note);
     const icon = L.divIcon({ html, className: "vehicle", iconSize: [36, 36] });
     this.marker = L.marker([0, 0], { icon, zIndexOffset: 1000 }).addTo(map).on("click", chosen);
@@ -61,10 +58,10 @@ class VehicleMark {
 
   show(place: L.LatLng, moment: Moment, selected: boolean): void {
     this.marker.setLatLng(place);
-    this.body.style.transform = `rotate(${moment.heading_deg ?? 0}deg)`;
-    const classes = this.marker.getElement()!.classList;
-    classes.toggle("silent", moment.silent);
-    classes.toggle("selected", selected);
+    const { classList, style } = this.marker.getElement()!;
+    style.setProperty("--heading", `${moment.heading_deg ?? 0}deg`);
+    classList.toggle("silent", moment.silent);
+    classList.toggle("selected", selected);
     setText(this.note, moment.silent ? `no news for ${Math.round(moment.silent_s)} s` : "");
   }
 }
@@ -82,18 +79,16 @@ export function mapIn(room: HTMLElement, options: L.MapOptions = {}): L.Map {
 export function showTiles(map: L.Map, tiles: NonNullable<Update["background"]>): L.TileLayer {
   const note = L.control.attribution({ position: "bottomright", prefix: false }).addTo(map);
   note.getContainer()!.textContent = tiles.attribution;
-  return L.tileLayer("tiles/{z}/{x}/{y}", {
-    minNativeZoom: tiles.min_zoom,
-    maxNativeZoom: tiles.max_zoom,
-    maxZoom: CLOSEST,
-  }).addTo(map);
+  const zooms = { minNativeZoom: tiles.min_zoom, maxNativeZoom: tiles.max_zoom, maxZoom: CLOSEST };
+  return L.tileLayer("tiles/{z}/{x}/{y}", zooms).addTo(map);
 }
 
 export class MapView {
-  readonly map: L.Map;
+  private readonly moves = this.animated && !matchMedia("(prefers-reduced-motion: reduce)").matches;
+  private readonly animations = { zoomAnimation: this.moves, fadeAnimation: this.moves, inertia: this.moves };
+  readonly map = mapIn(this.container, this.animations).setView([0, 0], 18, { animate: false });
   private frame = NOWHERE;
   private run: Run | null = null;
-  /** Displayed layer. */
   picture: Picture | null = null;
   private truth: Picture | null = null;
   private readonly marks = new Map<number, VehicleMark>();
@@ -116,15 +111,11 @@ export class MapView {
     private readonly select: (system_id: number) => void,
     /** Width of the map's left part under other elements. */
     private readonly covered_px: () => number,
-    animated: boolean,
+    private readonly animated: boolean,
   ) {
-    const moves = animated && !matchMedia("(prefers-reduced-motion: reduce)").matches;
-    this.map = mapIn(container, { zoomAnimation: moves, fadeAnimation: moves, inertia: moves });
-    this.map.setView([0, 0], 18, { animate: false });
-    const frame = (): Frame => this.frame;
     const canvas = (name: string, order: number, heavy: boolean, draw: Draw): CanvasLayer => {
       this.map.createPane(name).style.zIndex = String(order);
-      return new CanvasLayer(name, frame, draw, heavy).addTo(this.map);
+      return new CanvasLayer(name, () => this.frame, draw, heavy).addTo(this.map);
     };
     this.layers = {
       ground: canvas("ground", 250, false, (context, view) => {
@@ -171,15 +162,11 @@ export class MapView {
     const flown = this.states().flatMap(([, { x, y }]) => x.map((left, k) => [left, y[k]!] as const));
     const places = (farm ? corners : flown).map(([x, y]) => this.frame.latLng(x, y));
     if (!places.length) return;
-    this.map.fitBounds(L.latLngBounds(places), {
-      paddingTopLeft: [28 + this.covered_px(), 28],
-      paddingBottomRight: [28, 28],
-      maxZoom: CLOSEST - 1,
-      animate: false,
-    });
+    const [paddingTopLeft, paddingBottomRight] = [L.point(28 + this.covered_px(), 28), L.point(28, 28)];
+    const shown = { paddingTopLeft, paddingBottomRight, maxZoom: CLOSEST - 1, animate: false };
+    this.map.fitBounds(L.latLngBounds(places), shown);
   }
 
-  /** Centre the map on a vehicle. */
   goTo(system_id: number): void {
     const mark = this.marks.get(system_id);
     if (mark) this.map.panTo(mark.marker.getLatLng());
@@ -209,7 +196,6 @@ export class MapView {
     for (const layer of Object.values(this.layers)) layer.redraw();
   }
 
-  /** Show the run at a time. */
   show(time_s: number): void {
     this.time_s = time_s;
     if (this.model.run !== this.run) this.takeRun(this.model.run);
@@ -294,7 +280,6 @@ export class MapView {
     if (this.picture && this.truth) drawSplit(context, view, this.choice.split, [kindName(this.choice.kind), "truth"]);
   }
 
-  /** Report the values under the pointer. */
   private read(place: L.LatLng | null): void {
     this.pointer = place;
     if (!place) return this.told("");

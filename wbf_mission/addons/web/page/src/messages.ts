@@ -1,6 +1,6 @@
 // Panels of messages and of policy decisions.
 import { SICK } from "./colours.js";
-import { button, element, fill, setText, table } from "./dom.js";
+import { button, element, fill, setText, Shown, table } from "./dom.js";
 import { upTo, type Model } from "./model.js";
 import type { Decision } from "./schema.js";
 import { capital, clock, figure, fixed, metres } from "./text.js";
@@ -15,7 +15,7 @@ const SEVERITIES = ["Emergency", "Alert", "Critical", "Error", "Warning", "Notic
 export class Messages {
   readonly element = element("ol", { class: "messages", tabindex: "0", "aria-label": "Messages, the newest first" });
   readonly aloud = element("div", { class: "hidden", role: "status", "aria-live": "polite" });
-  private shown = "";
+  private readonly shown = new Shown();
 
   constructor(private readonly models: Model[]) {}
 
@@ -24,9 +24,7 @@ export class Messages {
       model.said.map((one) => ({ model, one })).filter(({ one }) => one.time_s <= time_s),
     );
     if (this.models.length > 1) said.sort((a, b) => a.one.time_s - b.one.time_s);
-    const key = `${said.length} ${said.at(-1)?.one.text ?? ""}`;
-    if (key === this.shown) return;
-    this.shown = key;
+    if (!this.shown.changes(said.length, said.at(-1)?.one.text)) return;
     const lines = said.slice(-SHOWN).map(({ model, one }) => {
       const who = one.system_id ? element("b", {}, `${model.nameOf(one.system_id)} `) : null;
       const grade = one.severity < WARNS ? "error" : one.severity === WARNS ? "warning" : "plain";
@@ -42,34 +40,34 @@ export class Messages {
 
 /** Decisions of a policy; the open one is drawn on the map. In a recording, buttons step through them. */
 export class Decisions {
-  readonly element = element("div", { class: "decided" });
   private readonly list = element("ol", { class: "decisions" });
   private readonly note = element("p", { class: "small" });
-  private shown = "";
+  private readonly steps = element(
+    "div",
+    { class: "steps", role: "group", "aria-label": "Go through the decisions" },
+    button("Previous", () => this.step(-1)),
+    button("Next", () => this.step(1)),
+  );
+  readonly element = element("div", { class: "decided" }, this.time && this.steps, this.note, this.list);
+  private shown = new Shown();
   private chosen: number | null = null;
 
   constructor(
     private readonly models: Model[],
     private readonly open: (model: Model, decision: Decision | null) => void,
     private readonly time: Time | null,
-  ) {
-    if (time) {
-      const buttons = [button("Previous", () => this.step(time, -1)), button("Next", () => this.step(time, 1))];
-      const group = { class: "steps", role: "group", "aria-label": "Go through the decisions" };
-      this.element.append(element("div", group, ...buttons));
-    }
-    this.element.append(this.note, this.list);
-  }
+  ) {}
 
   /** Seek and open the previous or next decision. */
-  private step(time: Time, by: 1 | -1): void {
+  private step(by: 1 | -1): void {
+    const time = this.time!;
     const all = this.models.flatMap((model) => model.decisions).sort((a, b) => a.time_s - b.time_s);
     const open = all.findIndex((one) => one.number === this.chosen && one.time_s === time.time_s);
     const before = all.filter((one) => one.time_s <= time.time_s).length;
     const to = all[open >= 0 ? open + by : by > 0 ? before : before - 1];
     if (!to) return;
     this.chosen = to.number;
-    this.shown = "";
+    this.shown = new Shown();
     time.seek(to.time_s);
   }
 
@@ -88,12 +86,8 @@ export class Decisions {
       this.open(model, its.find((one) => one.number === this.chosen) ?? weighed);
       return its.map((decision) => ({ model, decision }));
     });
-    const key = told
-      .map(({ decision }) => `${decision.number} ${decision.changes.map((one) => one.outcome).join()}`)
-      .concat(this.models.map((model) => String(model.status?.outcome)))
-      .join();
-    if (key === this.shown) return;
-    this.shown = key;
+    const states = told.map(({ decision }) => [decision.number, decision.changes.map((one) => one.outcome)]);
+    if (!this.shown.changes(states, this.models.map((model) => model.status?.outcome))) return;
     const items = told.slice(-SHOWN).map(({ model, decision }) => this.item(model, decision));
     fill(this.list, items.toReversed(), "There are no decisions yet.");
   }

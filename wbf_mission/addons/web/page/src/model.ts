@@ -45,9 +45,8 @@ const BETWEEN = ["x", "y", "height_m", "speed_m_s", "battery"] as const;
 export function between(states: States, name: (typeof BETWEEN)[number], last: number, time_s: number): number | null {
   const [from, to] = [states[name][last] ?? null, states[name][last + 1] ?? null];
   const [from_s, to_s] = [states.time_s[last] ?? 0, states.time_s[last + 1] ?? 0];
-  return from === null || to === null || to_s <= from_s
-    ? from
-    : from + ((to - from) * (time_s - from_s)) / (to_s - from_s);
+  if (from === null || to === null || to_s <= from_s) return from;
+  return from + ((to - from) * (time_s - from_s)) / (to_s - from_s);
 }
 
 /** State of a vehicle at a time. */

@@ -1,7 +1,7 @@
 // List of a farm's shapes, with properties and corners of the selected one; usable without a map.
-import { button, datalist, element, entry, table } from "./dom.js";
+import { button, datalist, element, entry, find, table } from "./dom.js";
 import { capital } from "./text.js";
-import { cropsOf, middleOf, withoutShape, withShape, type Kind, type Position, type Shape } from "./sketch.js";
+import { cropsOf, middleOf, withShape, type Kind, type Position, type Shape } from "./sketch.js";
 import type { Studio } from "./studio.page.js";
 
 const MOST_ROWS = 500;
@@ -27,7 +27,7 @@ const INPUTS: Input[] = [
 ];
 
 export class Outline {
-  readonly element = element("div", { class: "outline" });
+  private readonly element = find(".outline");
   private tableOpen = false;
 
   constructor(private readonly studio: Studio, private readonly crops: string[]) {}
@@ -35,18 +35,17 @@ export class Outline {
   show(): void {
     const { sketch, selected } = this.studio;
     const focus = (document.activeElement as HTMLElement | null)?.dataset["focus"];
-    const list = element("ul", { class: "shapes" });
-    for (const [k, shape] of sketch.shapes.entries()) {
-      const what = shape.kind === "field" ? shape.crop : shape.kind;
-      const isSelected = k === selected;
-      const names = { "aria-pressed": String(isSelected), "data-focus": `shape-${k}` };
-      const label = [element("span", { class: "name" }, shape.name || "(no name)"), element("span", { class: "what" }, what)];
-      list.append(element("li", {}, button(label, () => this.studio.select(isSelected ? null : k), names)));
-    }
+    const items = sketch.shapes.map(({ name, kind, crop }, k) => {
+      const what = element("span", { class: "what" }, kind === "field" ? crop : kind);
+      const label = [element("span", { class: "name" }, name || "(no name)"), what];
+      const select = (): void => this.studio.select(k === selected ? null : k);
+      const attributes = { "aria-pressed": String(k === selected), "data-focus": `shape-${k}` };
+      return element("li", {}, button(label, select, attributes));
+    });
     const shape = selected === null ? undefined : sketch.shapes[selected];
     const empty = "Nothing is drawn yet: choose Field above, and click its corners on the map.";
     this.element.replaceChildren(
-      sketch.shapes.length ? list : element("p", { class: "empty" }, empty),
+      items.length ? element("ul", { class: "shapes" }, ...items) : element("p", { class: "empty" }, empty),
       ...(selected !== null && shape ? [this.properties(selected, shape), this.table(selected, shape)] : []),
       ...this.places(),
     );
@@ -63,7 +62,7 @@ export class Outline {
     });
     const remove = (): void => {
       this.studio.select(null);
-      this.studio.edit(withoutShape(this.studio.sketch, number), `${shape.name} deleted`);
+      this.studio.change({ shapes: this.studio.sketch.shapes.toSpliced(number, 1) }, `${shape.name} deleted`);
     };
     return element(
       "fieldset",
@@ -138,9 +137,10 @@ function row(
   ...buttons: HTMLElement[]
 ): HTMLElement {
   const degrees = (part: string, value: number, most: number, take: (value: number) => void): HTMLElement => {
-    const number = { type: "number", step: "any", min: -most, max: most, required: true, value: Number(value.toFixed(8)) };
+    const range = { type: "number", step: "any", min: -most, max: most, required: true };
     const names = { "aria-label": labelOf(part), "data-focus": labelOf(part) };
-    return element("td", {}, entry({ ...number, ...names }, (text) => take(Number(text))));
+    const input = entry({ ...range, ...names, value: Number(value.toFixed(8)) }, (text) => take(Number(text)));
+    return element("td", {}, input);
   };
   return element(
     "tr",

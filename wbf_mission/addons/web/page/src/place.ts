@@ -18,8 +18,7 @@ const SPELLINGS: [RegExp, string][] = [
 ];
 /** A number or a mark; any other text is found without a group. */
 const TOKEN = /([+-]?\d+(?:\.\d+)?|[°'"NSEWXY,;])|\S/g;
-const MARKS = ["°", "'", '"'];
-const SIZES = [1, 60, 3600];
+const UNITS = [["°", 1], ["'", 60], ['"', 3600]] as const;
 
 class Unread extends Error {}
 
@@ -101,11 +100,11 @@ function angleOf(tokens: string[]): { value: number; axis: "lat" | "lon" | null 
   for (let k = 0; k < parts.length; place++) {
     const text = parts[k++]!;
     if (place > 2 || !isNumber(text)) throw new Unread(`“${text}” is at a wrong place`);
-    if (parts[k] !== undefined && !isNumber(parts[k]) && parts[k++] !== MARKS[place])
+    if (parts[k] !== undefined && !isNumber(parts[k]) && parts[k++] !== UNITS[place]?.[0])
       throw new Unread(`degrees, minutes (') and seconds (") follow each other`);
     if (place && (/[+-]/.test(text) || Number(text) >= 60)) throw new Unread(`minutes and seconds are 0 to 60, not ${text}`);
     if (k < parts.length && text.includes(".")) throw new Unread(`${text} has decimals before further numbers`);
-    value += Math.abs(Number(text)) / SIZES[place]!;
+    value += Math.abs(Number(text)) / UNITS[place]![1];
   }
   const signed = /^[+-]/.test(parts[0] ?? "");
   if (signed && sides.length) throw new Unread("it has a sign and a direction");

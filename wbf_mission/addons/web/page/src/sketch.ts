@@ -12,7 +12,6 @@ export interface Shape {
   /** Crop of a field; ponds and wetlands are crops, too. */
   crop: string;
   owner: string;
-  /** Height of an obstacle. */
   height_m: number | null;
   margin_m: number | null;
   /** Outline, then holes. */
@@ -34,56 +33,61 @@ export interface Sketch {
 
 /** Members that place the grid of cells, valid only for the original outlines. */
 const OF_GRID = ["origin", "size_cells"];
-const OWNER = "owner";
 /** Maximum number of corners checked here; the program checks longer borders. */
 const MOST_CHECKED = 1000;
 
-type Json = Record<string, unknown>;
-
-export function sketchOf(document: Json, known: string | null): Sketch {
-  const { type: _, name, owner, home, rally, features, ...members } = document;
-  const shapes = (features as { properties: Json; geometry: { coordinates: Position[][] } }[]).map((feature): Shape => {
-    const { properties, geometry } = feature;
-    const height_m = (properties["height_m"] as number | undefined) ?? null;
-    return {
-      name: String(properties["name"] ?? ""),
-      kind: properties["obstacle"] !== true ? "field" : height_m === null ? "no-fly" : "obstacle",
-      crop: String(properties["crop"] ?? ""),
-      owner: String(properties["owner"] ?? ""),
-      height_m,
-      margin_m: (properties["margin_m"] as number | undefined) ?? null,
-      rings: geometry.coordinates.map((ring) => ring.slice(0, -1).map(([lon, lat]) => [lon, lat] as Position)),
-    };
-  });
-  return {
-    known, shapes, members,
-    name: String(name), owner: String(owner),
-    home: (home as Position | undefined) ?? null,
-    rally: (rally as Position[] | undefined) ?? [],
-  };
+/** Farm file as `wbf-mission farm save` writes it. */
+export interface FarmFile {
+  type: "FeatureCollection";
+  name: string;
+  owner: string;
+  home?: Position | undefined;
+  rally?: Position[] | undefined;
+  features: Feature[];
+  [further: string]: unknown;
 }
 
-/** Farm file of a sketch, as written by `wbf-mission farm save`. */
-export function documentOf(sketch: Sketch): Json {
-  const { name, owner, home, rally, shapes, members } = sketch;
-  const features = shapes.map((shape) => ({
+interface Feature {
+  type: "Feature";
+  properties: {
+    name: string;
+    crop?: string;
+    owner?: string;
+    obstacle?: boolean;
+    height_m?: number | undefined;
+    margin_m?: number | undefined;
+  };
+  geometry: { type: "Polygon"; coordinates: Position[][] };
+}
+
+export function sketchOf(file: FarmFile, known: string | null): Sketch {
+  const { type: _, name, owner, home = null, rally = [], features, ...members } = file;
+  const shapes = features.map(({ properties, geometry }): Shape => {
+    const { name, crop = "", owner = "", obstacle, height_m = null, margin_m = null } = properties;
+    const kind = !obstacle ? "field" : height_m === null ? "no-fly" : "obstacle";
+    const rings = geometry.coordinates.map((ring) => ring.slice(0, -1).map(([lon, lat]): Position => [lon, lat]));
+    return { name, kind, crop, owner, height_m, margin_m, rings };
+  });
+  return { known, name, owner, home, rally, shapes, members };
+}
+
+export function fileOf({ name, owner, home, rally, shapes, members }: Sketch): FarmFile {
+  const features = shapes.map(({ name, kind, crop, owner, height_m, margin_m, rings }): Feature => ({
     type: "Feature",
     properties: {
-      name: shape.name,
-      ...(shape.kind === "field" ? { crop: shape.crop, owner: shape.owner } : { obstacle: true }),
-      ...(shape.kind === "obstacle" ? { height_m: shape.height_m ?? 0 } : {}),
-      ...(shape.margin_m === null ? {} : { margin_m: shape.margin_m }),
+      name,
+      ...(kind === "field" ? { crop, owner } : { obstacle: true }),
+      height_m: kind === "obstacle" ? (height_m ?? 0) : undefined,
+      margin_m: margin_m ?? undefined,
     },
-    geometry: { type: "Polygon", coordinates: shape.rings.map((ring) => [...ring, ring[0]!]) },
+    geometry: { type: "Polygon", coordinates: rings.map((ring) => [...ring, ring[0]!]) },
   }));
-  return {
-    type: "FeatureCollection", name, owner, ...members,
-    ...(home ? { home } : {}), ...(rally.length ? { rally } : {}), features,
-  };
+  const places = { home: home ?? undefined, rally: rally.length ? rally : undefined };
+  return { type: "FeatureCollection", name, owner, ...members, ...places, features };
 }
 
 export function emptySketch(name: string): Sketch {
-  return { known: null, name, owner: OWNER, home: null, rally: [], shapes: [], members: {} };
+  return { known: null, name, owner: "owner", home: null, rally: [], shapes: [], members: {} };
 }
 
 /** Apply a change: the farm is no longer a known one, and new outlines drop its grid. */
@@ -113,18 +117,13 @@ export function withoutCorner(sketch: Sketch, number: number, ring: number, corn
   const positions = shape.rings[ring]!.toSpliced(corner, 1);
   if (positions.length >= 3) return withRing(sketch, number, ring, positions);
   if (ring > 0) return withShape(sketch, number, { rings: shape.rings.toSpliced(ring, 1) });
-  return withoutShape(sketch, number);
+  return changed(sketch, { shapes: sketch.shapes.toSpliced(number, 1) });
 }
 
 export function cropsOf(sketch: Sketch): string[] {
   return [...new Set(sketch.shapes.filter(({ kind }) => kind === "field").map(({ crop }) => crop))];
 }
 
-export function withoutShape(sketch: Sketch, number: number): Sketch {
-  return changed(sketch, { shapes: sketch.shapes.toSpliced(number, 1) });
-}
-
-/** First unused name. */
 export function freeName(sketch: Sketch, what: string): string {
   const taken = new Set(sketch.shapes.map((shape) => shape.name));
   for (let number = 1; ; number++) if (!taken.has(`${what} ${number}`)) return `${what} ${number}`;
@@ -151,27 +150,25 @@ export function fieldAt(sketch: Sketch, place: Position): number {
 export function crossings(line: Position[], isClosed: boolean): Position[] {
   const count = isClosed ? line.length : line.length - 1;
   if (line.length > MOST_CHECKED) return [];
-  const found: Position[] = [];
+  const found: (Position | null)[] = [];
   const end = (k: number): Position => line[(k + 1) % line.length]!;
   for (let i = 0; i < count; i++)
-    for (let j = i + 1; j < count; j++) {
-      const before = j === i + 1;
-      const around = isClosed && i === 0 && j === count - 1;
-      if (before || around) {
-        const [corner, one, other] = before ? [end(i), line[i]!, end(j)] : [line[0]!, end(0), line[j]!];
-        if (turn(corner, one, other) === 0 && along(corner, one, other) > 0) found.push(corner);
-        continue;
-      }
-      const place = meeting(line[i]!, end(i), line[j]!, end(j));
-      if (place) found.push(place);
-    }
-  return found;
+    for (let j = i + 1; j < count; j++)
+      if (j === i + 1) found.push(spike(end(i), line[i]!, end(j)));
+      else if (isClosed && i === 0 && j === count - 1) found.push(spike(line[0]!, end(0), line[j]!));
+      else found.push(meeting(line[i]!, end(i), line[j]!, end(j)));
+  return found.filter((place) => place !== null);
 }
 
 const turn = (a: Position, b: Position, c: Position): number => Math.sign((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]));
-const along = (a: Position, b: Position, c: Position): number => (b[0] - a[0]) * (c[0] - a[0]) + (b[1] - a[1]) * (c[1] - a[1]);
 const within = (a: Position, b: Position, c: Position): boolean =>
   Math.min(a[0], b[0]) <= c[0] && c[0] <= Math.max(a[0], b[0]) && Math.min(a[1], b[1]) <= c[1] && c[1] <= Math.max(a[1], b[1]);
+
+/** Corner from which two sides go the same way, or null. */
+function spike(a: Position, b: Position, c: Position): Position | null {
+  const along = (b[0] - a[0]) * (c[0] - a[0]) + (b[1] - a[1]) * (c[1] - a[1]);
+  return turn(a, b, c) === 0 && along > 0 ? a : null;
+}
 
 /** Point where two sides meet, or null. */
 function meeting(a: Position, b: Position, c: Position, d: Position): Position | null {
@@ -189,20 +186,13 @@ function meeting(a: Position, b: Position, c: Position, d: Position): Position |
 
 /** Sketches for undo and redo. */
 export class History {
-  private steps: Sketch[];
+  private readonly steps = [this.first];
   private at = 0;
 
-  constructor(first: Sketch) {
-    this.steps = [first];
-  }
+  constructor(private readonly first: Sketch) {}
 
   get now(): Sketch {
     return this.steps[this.at]!;
-  }
-
-  /** Drop all undo and redo steps. */
-  forget(): void {
-    [this.steps, this.at] = [[this.now], 0];
   }
 
   push(sketch: Sketch): void {

@@ -1,10 +1,7 @@
-// Where a page's data come from: the program that runs, or a recording within the page.
-//
-// Recordings are in the page as
+// Where a page's data come from: the program that runs, or recordings within the page, in
 //   <script type="application/json" id="recording">...</script>
-// whose text is base64 of JSON packed by zlib: an array of one `Recording` of schema.ts, or of two, which are shown
-// side by side with one slider. Without such an element the page asks the program by a WebSocket at /live, with the
-// page's own query.
+// Its text is base64 of JSON packed by zlib: an array of one `Recording` of schema.ts, or of two, which are shown side
+// by side with one slider. Without it the page asks the program by a WebSocket at /live, with the page's own query.
 //
 // A page has, in its body: <section id="summary"> (optional, above: any HTML, it is printed), and
 // <div id="app">, in which the view is built. It loads page.css and, deferred, live.js.
@@ -109,7 +106,6 @@ export class Heart {
     return this.isLost || (this.age_s !== null && this.age_s >= OLD_S);
   }
 
-  /** Reason for old data. */
   get trouble(): string {
     return this.isLost ? "The connection to the program is lost" : "The program sends no data";
   }

@@ -3,14 +3,14 @@ import * as L from "leaflet";
 import { Answer } from "./answer.js";
 import { Choices } from "./choices.js";
 import { desk, keep, Refused, type Draft, type Options, type Planned } from "./desk.js";
-import { button, datalist, element, entry, panel, setText } from "./dom.js";
+import { button, element, find, findButton, setText } from "./dom.js";
 import { keepDraft, keptDraft } from "./kept.js";
 import { placeOf } from "./place.js";
-import { Editor, TOOLS, type Tool } from "./editor.js";
+import { Editor, type Tool } from "./editor.js";
 import { CLOSEST, mapIn, showTiles } from "./map.js";
 import { Outline } from "./outline.js";
 import {
-  changed, documentOf, emptySketch, History, sketchOf, withoutCorner, withRing, type Position, type Sketch,
+  changed, emptySketch, fileOf, History, sketchOf, withoutCorner, withRing, type Position, type Sketch,
 } from "./sketch.js";
 import { connect, Heart } from "./source.js";
 import { Takeaway } from "./takeaway.js";
@@ -20,88 +20,69 @@ import { capital } from "./text.js";
 const WAIT_MS = 150;
 /** Duration of planning from which the user may cancel it (s). */
 const LONG_S = 3;
-const MAP =
-  "Map of the farm: arrow keys move it, plus and minus zoom; with a tool, the space bar sets a corner at the map's centre";
-const FILES = ".geojson,.json,.kml,.kmz,.shp,.zip,.gpkg,.gpx";
 
 export class Studio {
   selected: number | null = null;
+  /** Crop of new fields. */
   crop = "strawberry";
-  private readonly history = new History(emptySketch("new farm"));
-  private readonly room = element("div", { class: "map", tabindex: 0, role: "application", "aria-label": MAP });
-  private readonly map = mapIn(this.room).setView([28.05, -82.15], 16, { animate: false });
+  private history = new History(emptySketch("new farm"));
+  private readonly map = mapIn(find(".map")).setView([28.05, -82.15], 16, { animate: false });
   private readonly editor = new Editor(this.map, this);
   private readonly answer = new Answer(this.map);
   private readonly outline = new Outline(this, this.given.crops);
   private readonly choices = new Choices(this.given, () => this.planSoon());
   private readonly takeaway = new Takeaway(() => this.draft, this.given.formats);
-  private readonly title = element("h1", {}, "Studio");
-  private readonly hint = element("output", { class: "hint", "aria-live": "polite" });
-  private readonly state = element("span", { class: "pill", role: "status" });
-  private readonly problem = element("p", { class: "lost problem", role: "alert" });
+  private readonly title = find("h1");
+  private readonly hint = find(".hint");
+  private readonly state = find(".top .pill");
+  private readonly problem = find(".problem");
   /** Message that the program does not respond. */
-  private readonly lost = element("p", { class: "lost", role: "alert" });
+  private readonly lost = find(".urgent .lost");
   private readonly heart = new Heart();
   private wasLost = false;
-  private readonly mend = button("Mend it", () => void this.mendDrawn(), { class: "mend", hidden: true });
-  private readonly again = button("Plan here", () => void this.plan(), { hidden: true });
+  private readonly mend = findButton(".mend", () => void this.mendDrawn());
+  private readonly again = findButton("#plan-here", () => void this.plan());
   /** Error and remedies of a file or farm that could not be opened; the open farm stays. */
-  private readonly unopened = element("div", { class: "unopened", role: "alert" });
+  private readonly unopened = find(".unopened");
   /** Latest sketch that is saved in a file or was not drawn. */
   private saved = this.sketch;
+  /** Initial options of the program. */
+  private readonly start = JSON.stringify(this.given.start);
   private keeps = true;
   private begun = false;
-  private readonly tools = new Map<Tool, HTMLButtonElement>();
-  private readonly undoButton = button("Undo", () => this.travel(-1), { title: "Ctrl+Z" });
-  private readonly redoButton = button("Redo", () => this.travel(1), { title: "Ctrl+Shift+Z" });
-  private readonly farms = element(
-    "select",
-    { id: "farms", "aria-label": "Farm", onchange: ({ value }) => void this.open(value) },
-    element("option", { value: "", hidden: true }, "drawn or opened here"),
-    ...this.given.farms.map((name) => new Option(name, name)),
-  );
-  private readonly file = element("input", {
-    type: "file",
-    accept: FILES,
-    class: "hidden",
-    "aria-label": "Farm file",
-    tabindex: "-1",
-    onchange: (made) => {
-      const [chosen] = made.files ?? [];
-      made.value = "";
-      if (chosen) void this.open(chosen);
-    },
-  });
+  private readonly tools = document.querySelectorAll<HTMLButtonElement>("[data-tool]");
+  private readonly undo = findButton("#undo", () => this.travel(-1));
+  private readonly redo = findButton("#redo", () => this.travel(1));
+  private readonly farms = find<HTMLSelectElement>("#farms");
   private timer = 0;
   private asking: AbortController | null = null;
-  private readonly giveUp = button("Give up", () => void desk.cancel(), { hidden: true, title: "End the planning" });
+  private readonly giveUp = findButton("#give-up", () => void desk.cancel());
 
   constructor(private readonly root: HTMLElement, private readonly given: Options) {
-    const { cards, findings } = this.answer;
-    const told = [this.unopened, this.problem, this.mend, cards, findings];
-    const results = element("section", { class: "results", "aria-label": "The plan" }, ...told);
-    const side = element(
-      "aside",
-      { class: "side", "aria-label": "Farm, options, and uses of the plan" },
-      panel("Farm", { class: "panel" }, this.farmLine(), this.toolbar(), this.outline.element),
-      panel("Plan", { class: "panel" }, this.choices.element),
-      panel("Take it along", { class: "panel" }, this.takeaway.element),
-    );
-    root.replaceChildren(
-      element("header", { class: "top" }, this.title, this.undoButton, this.redoButton, this.giveUp, this.again, this.state),
-      element("div", { class: "urgent" }, this.lost),
-      element("main", { class: "middle" }, element("div", { class: "stage" }, this.room, this.hint), results),
-      side,
-    );
+    findButton("#new-farm", () => this.goOn(emptySketch("new farm"), true, ""));
+    findButton("#open-file", () => file.click());
+    findButton("#save-farm", () => this.saveFarm());
+    const file = find<HTMLInputElement>("input[type=file]");
+    file.onchange = () => {
+      this.openFirst(file.files);
+      file.value = "";
+    };
+    this.farms.append(...given.farms.map((name) => new Option(name)));
+    this.farms.onchange = () => void this.open(this.farms.value);
+    const place = find<HTMLInputElement>("#place");
+    place.onchange = () => this.goTo(place.value);
+    const crop = find<HTMLInputElement>("#crop");
+    crop.onchange = () => (this.crop = crop.value.trim().toLowerCase() || this.crop);
+    find("#new-crops").append(...given.crops.map((name) => new Option("", name)));
+    for (const tool of this.tools) tool.onclick = () => this.take(tool.dataset["tool"] as Tool);
     if (given.background) showTiles(this.map, given.background);
     document.addEventListener("keydown", (event) => this.key(event));
     root.addEventListener("dragover", (event) => event.preventDefault());
     root.addEventListener("drop", (event) => {
       event.preventDefault();
-      const chosen = event.dataTransfer?.files[0];
-      if (chosen) void this.open(chosen);
+      this.openFirst(event.dataTransfer?.files);
     });
-    new ResizeObserver(() => this.map.invalidateSize({ animate: false })).observe(this.room);
+    new ResizeObserver(() => this.map.invalidateSize({ animate: false })).observe(this.map.getContainer());
     this.take("select");
     window.addEventListener("beforeunload", (event) => this.unsaved && event.preventDefault());
     window.addEventListener("pagehide", () => this.keep());
@@ -109,7 +90,6 @@ export class Studio {
     void this.begin();
   }
 
-  /** Show whether the program responds. */
   private look(): void {
     const { isOld, isLost } = this.heart;
     const rest = "nothing can be planned, saved or flown. The drawing stays in this browser. Trying again …";
@@ -124,7 +104,7 @@ export class Studio {
   private async begin(): Promise<void> {
     const kept = keptDraft(this.given.options);
     await this.open(this.given.start.farm);
-    this.history.forget();
+    this.history = new History(this.sketch);
     this.saved = this.sketch;
     this.begun = true;
     if (!kept) return this.show();
@@ -135,11 +115,6 @@ export class Studio {
     if (!(drawn || (goesOn && sketch.known !== null && sketch.known !== this.sketch.known))) return this.show();
     this.goOn(sketch, !kept.unsaved, "This is your earlier drawing; Undo shows the farm with which the program began");
     this.fit();
-  }
-
-  /** Initial options of the program. */
-  private get start(): string {
-    return JSON.stringify(this.given.start);
   }
 
   private get unsaved(): boolean {
@@ -159,7 +134,6 @@ export class Studio {
     return this.history.now;
   }
 
-  /** Take over a finished edit. */
   edit(sketch: Sketch, told: string): void {
     this.unopened.replaceChildren();
     this.history.push(sketch);
@@ -168,7 +142,6 @@ export class Studio {
     this.planSoon();
   }
 
-  /** Take over a change of the farm. */
   change(change: Partial<Sketch>, told: string): void {
     this.edit(changed(this.sketch, change), told);
   }
@@ -191,7 +164,7 @@ export class Studio {
   }
 
   take(tool: Tool): void {
-    for (const [name, one] of this.tools) one.setAttribute("aria-pressed", String(name === tool));
+    for (const one of this.tools) one.setAttribute("aria-pressed", String(one.dataset["tool"] === tool));
     if (tool !== "select") this.selected = null;
     this.editor.take(tool);
     this.show();
@@ -199,35 +172,24 @@ export class Studio {
 
   // --- The farm ---
 
-  private farmLine(): HTMLElement {
-    const fresh = button("New farm", () => this.goOn(emptySketch("new farm"), true, ""), {
-      title: "Begin with an empty map at this place",
-    });
-    const load = button("Open file …", () => this.file.click());
-    const save = button("Save farm", () => {
-      const text = JSON.stringify(documentOf(this.sketch), null, 1);
-      const name = this.sketch.name.replace(/[^\p{L}\p{N}-]+/gu, "-") || "farm";
-      keep(`${name}.geojson`, new Blob([text], { type: "application/geo+json" }));
-      this.saved = this.sketch;
-      this.keep();
-    });
-    const place = entry({ placeholder: "28.05, -82.15" }, (text) => this.goTo(text));
-    return element(
-      "div",
-      { class: "farm" },
-      this.farms,
-      element("div", { class: "line" }, fresh, load, save),
-      this.file,
-      element("label", { class: "crop" }, "Go to latitude, longitude", place),
-    );
+  private saveFarm(): void {
+    const text = JSON.stringify(fileOf(this.sketch), null, 1);
+    const name = this.sketch.name.replace(/[^\p{L}\p{N}-]+/gu, "-") || "farm";
+    keep(`${name}.geojson`, new Blob([text], { type: "application/geo+json" }));
+    this.saved = this.sketch;
+    this.keep();
   }
 
   private goTo(text: string): void {
-    if (!text) return;
+    if (!text.trim()) return;
     const place = placeOf(text);
     if (typeof place === "string") return this.tell(place);
     this.map.setView(place, 17, { animate: false });
     this.tell(place.map((degrees) => Number(degrees.toFixed(7))).join(", "));
+  }
+
+  private openFirst(files: FileList | null | undefined): void {
+    if (files?.[0]) void this.open(files[0]);
   }
 
   /** Open a known farm by name, or a file. */
@@ -246,7 +208,6 @@ export class Studio {
     }
   }
 
-  /** Remedies for a refused file. */
   private remedies({ remedy }: Refused, file: File): HTMLElement[] {
     const again = (how: Record<string, string>): void => void this.open(file, how);
     if (remedy === "repair") return [button("Mend it", () => again({ repair: "true" }))];
@@ -260,7 +221,7 @@ export class Studio {
   /** Repair the drawing, for example a ring that crosses itself; undoable. */
   private async mendDrawn(): Promise<void> {
     try {
-      const { document, notes } = await desk.mend(documentOf(this.sketch));
+      const { document, notes } = await desk.mend(fileOf(this.sketch));
       this.selected = null;
       this.edit(sketchOf(document, null), notes.join("; "));
     } catch (error) {
@@ -288,20 +249,6 @@ export class Studio {
     if (bounds.isValid()) this.map.fitBounds(bounds, { padding: [30, 30], maxZoom: CLOSEST - 2, animate: false });
   }
 
-  private toolbar(): HTMLElement {
-    for (const tool of Object.keys(TOOLS) as Tool[])
-      this.tools.set(tool, button(TOOLS[tool][0], () => this.take(tool), { "aria-pressed": "false" }));
-    const attributes = { list: "new-crops", maxlength: 40, value: this.crop };
-    const crop = entry(attributes, (text) => (this.crop = text.toLowerCase() || this.crop));
-    return element(
-      "div",
-      {},
-      element("div", { class: "tools", role: "toolbar", "aria-label": "Draw" }, ...this.tools.values()),
-      element("label", { class: "crop" }, "Crop of new fields", crop),
-      datalist("new-crops", this.given.crops),
-    );
-  }
-
   private travel(go: -1 | 1): void {
     this.history.travel(go);
     if (this.selected !== null && this.selected >= this.sketch.shapes.length) this.selected = null;
@@ -326,8 +273,8 @@ export class Studio {
   private show(): void {
     this.editor.show();
     this.outline.show();
-    this.undoButton.disabled = !this.history.can(-1);
-    this.redoButton.disabled = !this.history.can(1);
+    this.undo.disabled = !this.history.can(-1);
+    this.redo.disabled = !this.history.can(1);
     const { known } = this.sketch;
     this.farms.value = known !== null && this.given.farms.includes(known) ? known : "";
     setText(this.title, `Studio: ${this.sketch.name}`);
@@ -337,7 +284,7 @@ export class Studio {
   // --- The plan ---
 
   private get draft(): Draft {
-    return { farm: this.sketch.known ?? documentOf(this.sketch), options: this.choices.effective };
+    return { farm: this.sketch.known ?? fileOf(this.sketch), options: this.choices.effective };
   }
 
   private planSoon(): void {
@@ -391,7 +338,8 @@ export class Studio {
     if (!(error instanceof Refused)) throw error;
     const { superseded } = error;
     this.again.hidden = !superseded;
-    if (superseded) return setText(this.state, superseded === "given up" ? superseded : "another page of the studio plans now");
+    if (superseded === "another page") return setText(this.state, "another page of the studio plans now");
+    if (superseded) return setText(this.state, superseded);
     this.answer.clear();
     setText(this.state, "no plan");
     this.state.dataset["state"] = "bad";
@@ -400,8 +348,9 @@ export class Studio {
   }
 }
 
-const root = document.getElementById("studio")!;
-void desk.options().then(
-  (options) => new Studio(root, options),
+const root = find("#studio");
+const options = desk.options().finally(() => (root.hidden = false));
+void options.then(
+  (given) => new Studio(root, given),
   (error: unknown) => root.replaceChildren(element("p", { class: "lost", role: "alert" }, String(error))),
 );

@@ -1,53 +1,28 @@
 // Uses of a plan: files, upload to a vehicle, flight in the simulator.
 import { desk, keep, Refused, type Draft, type Options, type Planned } from "./desk.js";
-import { ask, button, element, setText } from "./dom.js";
+import { ask, element, find, findButton, setText } from "./dom.js";
 import { capital } from "./text.js";
 
 const FOLLOW_MS = 500;
-const PACES = [
-  ["real time", "1"], ["10 times as fast", "10"], ["60 times as fast", "60"], ["as fast as possible", ""],
-] as const;
 const CHECKED = "The vehicle is checked first, and the mission is read back afterwards. No motor starts.";
-const LINK = "udpin:127.0.0.1:14550";
 
 export class Takeaway {
-  readonly element = element("div", { class: "takeaway" });
-  private readonly mission = element("select", { class: "mission", "aria-label": "Which flight" });
-  private readonly format = element(
-    "select",
-    { "aria-label": "Format of the file" },
-    ...this.formats.map(({ name, suffix }) => new Option(`${name} (${suffix})`, suffix)),
-  );
-  private readonly pace = element("select", { id: "pace" }, ...PACES.map((pace) => new Option(...pace)));
-  private readonly told = element("p", { class: "told", role: "status" });
-  private readonly save = button("Save file", () => void this.act("", () => this.saved()));
-  private readonly upload = button("Upload to a vehicle …", () => this.askUpload());
-  private readonly watch = element(
-    "a",
-    { class: "watch", href: "live", target: "wbf-mission-live", hidden: true },
-    "Watch the flight",
-  );
-  private readonly stop = button("Stop", () => void this.act("", () => this.stopped()), { hidden: true });
-  private readonly flyButton = button(
-    "Fly it in the simulator",
-    () => void this.act("Preparing the flight …", () => this.fly()),
-    { class: "main", "aria-describedby": "how-flown" },
-  );
-  private readonly how = element("p", { class: "how", id: "how-flown" });
+  private readonly mission = find<HTMLSelectElement>(".mission");
+  private readonly format = find<HTMLSelectElement>("#format");
+  private readonly pace = find<HTMLSelectElement>("#pace");
+  private readonly told = find(".told");
+  private readonly save = findButton("#save-file", () => void this.act("", () => this.saved()));
+  private readonly upload = findButton("#upload", () => this.askUpload());
+  private readonly watch = find(".watch");
+  private readonly stop = findButton("#stop", () => void this.act("", () => this.stopped()));
+  private readonly start = findButton("#fly", () => void this.act("Preparing the flight …", () => this.fly()));
+  private readonly how = find(".how");
   private planned: Planned | null = null;
   private following = 0;
   private followed = "";
 
-  constructor(private readonly draft: () => Draft, private readonly formats: Options["formats"]) {
-    this.pace.value = "10";
-    const speed = element("label", { for: "pace" }, "Speed");
-    this.element.append(
-      element("div", { class: "line" }, this.mission, this.format, this.save),
-      element("div", { class: "line" }, this.upload),
-      element("div", { class: "line" }, speed, this.pace, this.flyButton, this.watch, this.stop),
-      this.how,
-      this.told,
-    );
+  constructor(private readonly draft: () => Draft, formats: Options["formats"]) {
+    this.format.append(...formats.map(({ name, suffix }) => new Option(`${name} (${suffix})`, suffix)));
     this.show(null);
   }
 
@@ -58,7 +33,7 @@ export class Takeaway {
     this.mission.replaceChildren(...missions.map(({ name }, k) => new Option(capital(name) || "Mission", String(k))));
     if (Number(chosen) < missions.length) this.mission.value = chosen;
     this.save.disabled = this.upload.disabled = planned === null;
-    this.flyButton.disabled = planned?.not_flown !== "";
+    this.start.disabled = planned?.not_flown !== "";
     setText(this.how, capital(planned?.not_flown || planned?.flown_note || ""));
   }
 
@@ -101,7 +76,6 @@ export class Takeaway {
     return (await desk.stop()).stopped ? "The flight is being stopped …" : "There is no flight to stop";
   }
 
-  /** Show the state of the flight. */
   private async follow(): Promise<void> {
     let [told, bad, over] = ["The flight has begun: watch it on the live page.", false, false];
     try {
@@ -124,7 +98,7 @@ export class Takeaway {
     if (!mission) return;
     // Clear the message of the previous action.
     this.say("");
-    const link = element("input", { type: "text", required: true, autocomplete: "off", value: LINK });
+    const link = element("input", { type: "text", required: true, autocomplete: "off", value: "udpin:127.0.0.1:14550" });
     const system = element("input", { type: "number", min: "1", max: "255", placeholder: "the first vehicle heard" });
     const sure = element("input", { type: "checkbox", required: true });
     const held = `${mission.plan.items.length} mission items${mission.plan.fence.length ? " and the fence" : ""}`;

@@ -6,18 +6,18 @@ const SPEEDS = [1, 2, 5, 10, 30, 100, 300];
 /** Approximate duration of a recording at the default speed (s). */
 const PLAY_S = 60;
 const STEP_S = 5;
-/** Keys that move the slider, and their directions. */
-const KEYS: Record<string, number> = { ArrowLeft: -1, ArrowDown: -1, PageDown: -1, ArrowRight: 1, ArrowUp: 1, PageUp: 1 };
+/** Keys that move the slider back and forth. */
+const [BACK, FORTH] = [["ArrowLeft", "ArrowDown", "PageDown"], ["ArrowRight", "ArrowUp", "PageUp"]];
 
 export class Time {
-  readonly element: HTMLElement;
   /** Displayed time while not following the present. */
   private at_s = 0;
   private end_s = 0;
-  private follows: boolean;
+  private follows = this.live;
   private playing = false;
   private last_ms = 0;
-  private readonly slider = slider({ min: 0, step: 0.1, "aria-label": "Time of the run" }, (time_s) => this.seek(time_s));
+  private readonly attributes = { min: 0, step: 0.1, "aria-label": "Time of the run" };
+  private readonly slider = slider(this.attributes, (time_s) => this.seek(time_s));
   private readonly play = button("", () => this.toggle(), { class: "play", "aria-label": "Play" });
   private readonly now = button("Latest", () => this.seek(Infinity), { class: "now" });
   private readonly text = element("output", { class: "clock" });
@@ -26,12 +26,11 @@ export class Time {
     { "aria-label": "Speed of playing" },
     ...SPEEDS.map((speed) => new Option(`${speed}×`, String(speed))),
   );
+  private readonly parts = [this.play, this.slider, this.text, this.speeds, this.live ? this.now : null];
+  readonly element = element("div", { class: "time", role: "group", "aria-label": "Time" }, ...this.parts);
 
   constructor(private readonly live: boolean, private readonly changed: () => void) {
-    this.follows = live;
     this.slider.addEventListener("keydown", (event) => this.step(event));
-    const parts = [this.play, this.slider, this.text, this.speeds, live ? this.now : null];
-    this.element = element("div", { class: "time", role: "group", "aria-label": "Time" }, ...parts);
     document.addEventListener("keydown", (event) => {
       const taken = (event.target as Element).closest("input, select, button, summary, dialog, [role=button]");
       if (event.key !== " " || (taken && taken !== this.slider)) return;
@@ -87,7 +86,7 @@ export class Time {
 
   /** Arrow keys move by seconds instead of the slider's small steps. */
   private step(event: KeyboardEvent): void {
-    const direction = KEYS[event.key];
+    const direction = BACK.includes(event.key) ? -1 : FORTH.includes(event.key) ? 1 : 0;
     if (!direction) return;
     event.preventDefault();
     const step_s = event.key.startsWith("Page") ? Math.max(STEP_S, this.end_s / 20) : STEP_S;

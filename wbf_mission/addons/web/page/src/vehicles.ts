@@ -13,26 +13,28 @@ const FIGURES = ["height", "speed", "heading", "item", "link", "heard", "flight"
 type Figures<Value> = Record<(typeof FIGURES)[number], Value>;
 
 class Card {
-  readonly element: HTMLElement;
+  private readonly dot = element("span", { class: "dot", "aria-hidden": "true", "--vehicle": this.colour });
   private readonly name = element("span", { class: "name" });
   private readonly phase = element("span", { class: "phase" });
   private readonly mode = element("span", { class: "mode" });
   private readonly battery = element("span", { class: "battery" });
   private readonly bar = element("span", { class: "bar", "aria-hidden": "true" });
   private readonly doing = element("p", { class: "doing" });
-  private readonly head: HTMLElement;
+  private readonly parts = [this.dot, this.name, this.mode, this.battery, this.bar, this.phase];
+  private readonly head = button(this.parts, this.chosen, { class: "head" });
   private readonly figures = Object.fromEntries(FIGURES.map((name) => [name, element("dd")])) as Figures<HTMLElement>;
+  private readonly list = FIGURES.map((name) =>
+    element("div", { class: name }, element("dt", {}, capital(name)), this.figures[name]),
+  );
+  private readonly body = element("div", { class: "body" }, this.doing, element("dl", {}, ...this.list));
+  readonly element = element("li", { class: "card" }, this.head, this.body);
 
-  constructor(readonly model: Model, readonly info: VehicleInfo, number: number, chosen: () => void) {
-    const dot = element("span", { class: "dot", "aria-hidden": "true", "--vehicle": vehicleColour(number) });
-    const parts = [dot, this.name, this.mode, this.battery, this.bar, this.phase];
-    this.head = button(parts, chosen, { class: "head" });
-    const list = FIGURES.map((name) =>
-      element("div", { class: name }, element("dt", {}, capital(name)), this.figures[name]),
-    );
-    const body = element("div", { class: "body" }, this.doing, element("dl", {}, ...list));
-    this.element = element("li", { class: "card" }, this.head, body);
-  }
+  constructor(
+    readonly model: Model,
+    readonly info: VehicleInfo,
+    private readonly colour: string,
+    private readonly chosen: () => void,
+  ) {}
 
   show(time_s: number, selected: boolean): void {
     const { system_id } = this.info;
@@ -100,7 +102,9 @@ export class Vehicles {
     const all = this.models.flatMap((model) => model.vehicles.map((info, k) => ({ model, info, k })));
     const ids = (vehicles: { info: VehicleInfo }[]): string => vehicles.map(({ info }) => info.system_id).join();
     if (ids(all) !== ids(this.cards) || !this.element.firstChild) {
-      this.cards = all.map(({ model, info, k }) => new Card(model, info, k, () => this.select(model, info.system_id)));
+      this.cards = all.map(({ model, info, k }) => {
+        return new Card(model, info, vehicleColour(k), () => this.select(model, info.system_id));
+      });
       fill(this.element, this.cards.map((card) => card.element), "No vehicle has been heard yet.");
     }
     for (const card of this.cards) {

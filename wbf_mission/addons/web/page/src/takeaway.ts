@@ -31,7 +31,7 @@ export class Takeaway {
     const chosen = this.mission.value;
     const missions = planned?.missions ?? [];
     this.mission.replaceChildren(...missions.map(({ name }, k) => new Option(capital(name) || "Mission", String(k))));
-    if (Number(chosen) < missions.length) this.mission.value = chosen;
+    if (chosen in missions) this.mission.value = chosen;
     this.save.disabled = this.upload.disabled = planned === null;
     this.start.disabled = planned?.not_flown !== "";
     setText(this.how, capital(planned?.not_flown || planned?.flown_note || ""));

@@ -139,10 +139,12 @@ class Layers:
 
     def draw(self, drawing: Drawing, version: int) -> None:
         """Display a drawing; changed tiles get this version."""
-        layer = drawing.layer
+        layer, rescaled = drawing.layer, drawing.layer.scale != drawing.scale
         self._layers[drawing.name], layer.scale = layer, drawing.scale
         for (x0, x1, y0, y1), pixels in drawing.windows:
-            if not np.array_equal(layer.pixels[x0:x1, y0:y1], pixels):
+            # On another scale, equal bytes are other values, except for zero and no value.
+            other = rescaled and ((pixels != 0) & (pixels != NOTHING)).any()
+            if other or not np.array_equal(layer.pixels[x0:x1, y0:y1], pixels):
                 layer.pixels[x0:x1, y0:y1] = pixels
                 layer.versions[x0 // TILE, y0 // TILE] = version
 

@@ -209,7 +209,11 @@ def test_a_vehicle_that_is_not_heard_is_told_while_the_program_lives(browser: Br
         expect(second).not_to_contain_text("no news")
         expect(page.locator(".lost")).to_have_text("No news of drone-1: the page shows old data.")
         expect(page.locator(".connection")).to_have_text("Vehicle not heard")
-        view.take(moved(4.0, 1))
+        speeds = page.locator(".chart", has_text="Speed").locator(".value")
+        expect(speeds).to_have_text(re.compile("^[^/]+ / [^/]+$"))
+        view.take(moved(20.0, 2))
+        expect(speeds).to_have_text(re.compile("^[^/]+$"))
+        view.take(moved(20.5, 1))
         expect(page.locator(".lost")).to_be_empty()
         expect(page.locator(".connection")).to_have_text("Live")
 

@@ -138,10 +138,13 @@ def test_a_large_farm_is_shown_by_the_means_of_blocks() -> None:
 def test_a_scale_is_a_round_number_and_never_falls() -> None:
     seen = View(share=1.0)
     seen.take(begun())
-    scales = []
+    scales, cursor = [], None
     for peak in (0.003, 0.3, 0.004):
         value = np.full((3, *SHAPE), peak, np.float32)
         seen.take(estimated(InformationModel(value, value)))
+        update, cursor = seen.update(cursor)
+        # Bytes that stay equal on another scale are other values.
+        assert "uncertainty/tylcv" in {tile.layer for tile in update.tiles}
         page = shown(seen)
         scales.append(page.scales["uncertainty/tylcv"])
         own = PAPER_FIELDS["tylcv"].mask(FARM.grid())

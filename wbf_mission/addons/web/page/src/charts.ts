@@ -2,7 +2,7 @@
 import uPlot from "uplot";
 import { lifted, onTheme, themed } from "./colours.js";
 import { element, Shown } from "./dom.js";
-import { between, upTo, type Model } from "./model.js";
+import { between, SILENT_S, upTo, type Model } from "./model.js";
 import { clock, fixed, percent } from "./text.js";
 
 /** Maximum number of points of a chart. */
@@ -30,7 +30,8 @@ function states(of: "battery" | "speed_m_s" | "height_m"): Kind["lines"] {
       if (!columns) return [];
       const values = times.map((time_s) => {
         const last = upTo(columns.time_s, time_s) - 1;
-        return last < 0 || time_s > columns.time_s.at(-1)! + MOST ? null : between(columns, of, last, time_s);
+        const until_s = columns.time_s.at(-1)! + SILENT_S + times[1]!;
+        return last < 0 || time_s > until_s ? null : between(columns, of, last, time_s);
       });
       return [{ label: model.nameOf(info.system_id), colour: lifted(k), values }];
     });

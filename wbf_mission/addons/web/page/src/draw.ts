@@ -142,7 +142,7 @@ export function drawSplit(context: Context, view: View, split: number, names: [s
   context.lineTo(left, view.height);
   stroke(context, themed("halo"), 5);
   stroke(context, themed("ink"), 1.5);
-  context.font = `600 12px ${themed("font")}`;
+  context.font = `600 11px ${themed("font")}`;
   const [before, after] = names.map((name) => context.measureText(name).width / 2 + 12);
   label(context, names[0], left - before!, view.height / 2 - 34);
   label(context, names[1], left + after!, view.height / 2 - 34);

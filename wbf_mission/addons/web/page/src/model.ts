@@ -5,7 +5,7 @@ import type {
 import { Tiles } from "./tiles.js";
 
 /** Age from which a vehicle counts as silent (s). */
-const SILENT_S = 3;
+export const SILENT_S = 3;
 
 /** Number of ascending times that are not after a time. */
 export function upTo(times: number[], time_s: number): number {

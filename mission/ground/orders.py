@@ -8,8 +8,8 @@ from geo.errors import WbfMissionError
 from mission.ground.changes import MissionChanges
 from mission.ground.contact import Answer, Contact, Order, StateBefore, result_name
 from mission.ground.items import next_flown_to
-from mission.ground.mission_end import PilotWatch
 from mission.ground.modes import Maneuver, ModeError
+from mission.ground.pilot_watch import PilotWatch
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from mission.ground.arming_gate import ArmingGate
 from mission.ground.change import ChangeOutcome, ChangeRecord
 from mission.ground.contact import Contact
-from mission.ground.mission_end import FailureWatch
+from mission.ground.failure_watch import FailureWatch
 from mission.ground.modes import Maneuver
 from mission.ground.orders import NotFlyingError
 from mission.ground.station import GroundStation

@@ -4,7 +4,7 @@ import pytest
 
 from geo.frame import LocalFrame
 from mission.ground.contact import Answer, Order
-from mission.ground.mission_end import FailureWatch
+from mission.ground.failure_watch import FailureWatch
 from mission.ground.station import GroundStation
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, Mission, MissionItem

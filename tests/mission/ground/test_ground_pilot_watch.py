@@ -2,8 +2,8 @@
 
 import pytest
 
-from mission.ground.mission_end import PilotWatch
 from mission.ground.modes import Maneuver, ModeError, VehicleModes
+from mission.ground.pilot_watch import PilotWatch
 from mission.link.codec.dialect import mavlink as m
 
 

@@ -347,11 +347,11 @@ def check_degrees(longitude_deg: float, latitude_deg: float, where: str) -> None
     """Raise FarmError if degrees are out of range, or the latitude is too high for crops."""
     if abs(latitude_deg) > 90.0:
         msg = f"{where}: latitude {latitude_deg:g} is outside -90..90; positions are [longitude, latitude]"
-        raise FarmError(msg)
+        raise FarmError(msg + (" in degrees, or need --farm-crs" if abs(latitude_deg) > 360.0 else ""))
     if abs(longitude_deg) > 180.0:
-        msg = f"{where}: longitude {longitude_deg:g} is outside -180..180"
+        msg = f"{where}: longitude {longitude_deg:.10g} is outside -180..180"
         if abs(longitude_deg) <= 360.0:  # Some GIS programs count on across the date line
-            msg += f"; write it as {longitude_deg - math.copysign(360.0, longitude_deg):g}"
+            msg += f"; write it as {longitude_deg - math.copysign(360.0, longitude_deg):.10g}"
         raise FarmError(msg)
     if abs(latitude_deg) > MAX_LATITUDE_DEG:
         raise FarmError(

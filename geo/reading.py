@@ -160,14 +160,14 @@ def not_json(error: msgspec.DecodeError | ValueError, data: bytes, line: int = 1
     found = _BYTE.search(str(error))
     if found is None:
         lines = data.count(b"\n") + line
-        return f"line {lines}: it ends in the middle"
+        end = f"line {lines}: it ends in the middle"
+        return "a number in it is too large" if "out of range" in str(error) else end
     at = int(found[1])
     message = str(error).removeprefix("JSON is malformed: ").removesuffix(found[0]).strip()
     if message == "trailing characters" or data[at - 1 : at] == b"-":
         at -= 1  # msgspec names the byte after the fault
     line, column = data.count(b"\n", 0, at) + line, at - data.rfind(b"\n", 0, at)
-    number = _NO_NUMBER.match(data, at)
-    if number is not None:
+    if number := _NO_NUMBER.match(data, at):
         text = f"{number[0].decode()} is no number in JSON; write null"
     elif message == "invalid character":
         shown = data[at : at + 1].decode("ascii", "backslashreplace")

@@ -167,12 +167,9 @@ def _last_below(density: Callable[[int], float], wanted: float, first: int, last
 
 def cannot_be_flown(request: PlanningRequest, points_m: Points, what: str) -> PlanningError:
     """Return the error to raise if even the sparsest path, named `what`, has an infinite cost."""
-    budget = request.budget
     reason = request.reason(points_m) or "the vehicle cannot return from this path"
-    return PlanningError(
-        f"budget of {budget.limit:g} {budget.unit}: {what} cannot be flown: {reason}; "
-        "take a smaller area, a nearer start, less wind or another vehicle"
-    )
+    remedy = "take a smaller area, a nearer start, less wind or another vehicle"
+    return PlanningError(f"{what} cannot be flown: {reason}; {remedy}")
 
 
 def too_small(request: PlanningRequest, points_m: Points, least: float, what: str) -> PlanningError:

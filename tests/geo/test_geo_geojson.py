@@ -186,9 +186,10 @@ SWAPPED = [[[lat, lon] for lon, lat in ring()]]
         (feature([[LON, LAT]], "Curve"), "geometry is 'Curve', not a Polygon or MultiPolygon"),
         (feature([[[LON, 95.0], *ring()[1:4], [LON, 95.0]]]), "latitude 95 is outside"),
         (
-            feature([[[190.0, LAT], *ring()[1:4], [190.0, LAT]]]),
-            "longitude 190 is outside -180..180; write it as -170",
+            feature([[[180.0001, LAT], *ring()[1:4], [180.0001, LAT]]]),
+            "longitude 180.0001 is outside -180..180; write it as -179.9999",
         ),
+        (feature([[[LON, 3e6], *ring()[1:4], [LON, 3e6]]]), "latitude] in degrees, or need --farm-crs"),
         (feature([ring(1.0, 0.0)]), "lies 98 km from the first feature"),
         (feature([[[True, False]] * 4]), "is not a position"),
         (feature([[7, 7, 7, 7]]), "is not a position"),

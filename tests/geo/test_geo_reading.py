@@ -84,6 +84,7 @@ class Document(msgspec.Struct, forbid_unknown_fields=True):
         ('{"count":\n-Infinity}', "line 2, column 1: -Infinity is no number in JSON; write null"),
         ('// a comment\n{"count": 1}', "line 1, column 1: '/' is not allowed here"),
         ('{"count": 1,\n"kind": ', "line 2: it ends in the middle"),
+        ('{"count": 1e999}', "a number in it is too large"),
     ],
 )
 def test_where_a_document_is_no_json(document, text):

@@ -106,12 +106,11 @@ RESET_M = 0.5
 MARGIN = 0.3
 BRISK = 0.2
 # Mean size of the errors of the estimated vertical speed and of the estimated horizontal position.
-NOISE_M_S = 0.15
-NOISE_M = 0.12
-PROGRESS = 0.98
+NOISE_M_S, NOISE_M = 0.15, 0.12
+# A vehicle that comes nearer to its target by a fiftieth or by this many metres has not stalled.
+PROGRESS, PROGRESS_M = 0.98, 10.0
 # Maximum centripetal acceleration in FlightTaskOrbit, and speed back to the circle per metre of distance.
-ORBIT_M_S2 = 2.0
-ORBIT_1_S = 1.0
+ORBIT_M_S2, ORBIT_1_S = 2.0, 1.0
 # Distance of the point ahead at which the nose of an orbiting vehicle aims.
 _AHEAD_M = 1e3
 
@@ -474,7 +473,8 @@ def _feel(
     if counters[col.ARRIVED] != 0 or g.inside >= 0.0:
         return False
     left = _left(row, state)
-    if left < PROGRESS * g.best or g.clock < law.spoolup or g.ground > 0.0 or row.kind == _ORBIT:
+    nearer = left < max(PROGRESS * g.best, g.best - PROGRESS_M)
+    if nearer or g.clock < law.spoolup or g.ground > 0.0 or row.kind == _ORBIT:
         g.best = left
         counters[col.MOVED_STEP] = step
         return False

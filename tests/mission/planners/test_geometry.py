@@ -145,7 +145,7 @@ def test_what_cannot_be_flown_is_refused_with_the_reason():
     with pytest.raises(PlanningError) as caught:
         make_planner("lawnmower")(PlanningRequest(area, (0, 0), Watched(500.0, flown=50.0)))
     assert str(caught.value) == (
-        "budget of 500 m: lawnmower with 2 rows cannot be flown: the wings fall off after 50 m; "
+        "lawnmower with 2 rows cannot be flown: the wings fall off after 50 m; "
         "take a smaller area, a nearer start, less wind or another vehicle"
     )
 

@@ -129,6 +129,12 @@ def test_the_ideal_vehicle_counts_the_steps_of_the_paper():
     assert predict_flight(mission, IDEAL).duration_s == 361.0
 
 
+def test_a_slow_flight_along_a_leg_of_kilometres_is_no_stall():
+    mission = plan([(0.0, 0.0), (4000.0, 0.0)], speed=1.0, radius=2.0)
+    slow = predict_flight(mission, with_autopilot(QUAD, "px4"), endless=True)
+    assert slow.feasible, slow.reason
+
+
 def test_what_cannot_be_flown_has_a_reason():
     mission = plan([(10.0, 0.0)])
     assert "wind" in predict_flight(mission, QUAD, wind=Wind(30.0, 0.0)).reason

@@ -242,10 +242,13 @@ def _into_tips(ring: Points, area: Area, depth_m: float, swath: Swath, least_leg
 def is_narrow(part: Polygon, swath: Swath) -> bool:
     """Return whether a part is so narrow that images along its middle line cover its full width.
 
+    Land round a hole narrower than an image is not narrow: its middle line would pass only one side.
+
     >>> [is_narrow(shapely.box(0, 0, 100, width_m), Swath(10, 8, 5)) for width_m in (9, 11)]
     [True, False]
     """
-    return bool(shapely.buffer(part, -0.5 * swath.across_m).is_empty)
+    round_hole = any(width(Polygon(hole)) < swath.across_m for hole in part.interiors)
+    return bool(shapely.buffer(part, -0.5 * swath.across_m).is_empty) and not round_hole
 
 
 def without_arms(part: Polygon, swath: Swath) -> list[Polygon]:

@@ -285,6 +285,19 @@ def turned(area: Area, degrees: float) -> Area:
     return affinity.rotate(area, degrees, origin=(0.0, 0.0))
 
 
+@pytest.mark.parametrize("height_m", [80.0, 100.0, 200.0])
+def test_land_round_a_small_hole_is_seen_on_all_sides(height_m: float) -> None:
+    area = shapely.box(0, 0, 215, 222) - shapely.box(97, 100, 118, 122)
+    across, along = 1.194 * height_m, 0.896 * height_m
+    more: dict[str, Any] = {"row_spacing_m": 0.3 * across, "footprint_along_m": along}
+    path = survey(PlanningRequest(area, HOME, LengthBudget(1e7), footprint_m=across, **more)).points_m
+    ways = np.diff(path, axis=0)
+    ends = 0.5 * along * ways / np.hypot(*ways.T)[:, None]
+    legs = shapely.linestrings(np.stack((path[:-1] - ends, path[1:] + ends), axis=1))
+    seen = shapely.union_all(shapely.buffer(legs, 0.5 * across, cap_style="flat"))
+    assert shapely.intersection(area, seen).area > 0.985 * area.area
+
+
 @sweep(few=5, many=25)
 @given(st.floats(60.0, 900.0), st.floats(0.5, 50.0), st.floats(0.0, 180.0))
 @example(854.0, 3.0, 17.5)

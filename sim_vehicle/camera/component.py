@@ -231,10 +231,9 @@ class CameraComponent:
         if command in _TRIGGERS and math.isnan(given[0]):
             return _DENIED
         p: Parameters = tuple(0.0 if math.isnan(value) else value for value in given)  # type: ignore[assignment]
-        old = _OLD_REQUESTS.get(command)
         if command == mavlink.MAV_CMD_REQUEST_CAMERA_IMAGE_CAPTURE:
             return self._request(mavlink.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED, p[0])
-        if old is not None:
+        if old := _OLD_REQUESTS.get(command):
             return self._request(old, 0.0) if 1.0 in p[:2] else []
         handler = _HANDLERS.get(command)
         return _UNSUPPORTED if handler is None else handler(self, message, p)
@@ -256,8 +255,9 @@ class CameraComponent:
         return []
 
     def _format_storage(self, _message: CommandMessage, p: Parameters) -> _Obeyed:
-        self._memory.clear(count_anew=p[2] == 1.0)
-        return []
+        if 1.0 in p[1:3]:
+            self._memory.renumber(delete=p[1] == 1.0)
+        return self._request(mavlink.MAVLINK_MSG_ID_STORAGE_INFORMATION, 0.0)
 
     def _shoot_by_time(self, message: CommandMessage, p: Parameters) -> _Obeyed:
         if _is_repeated(message) and self.trigger.interval_us == _microseconds(p[0] / 1000.0):
@@ -353,8 +353,7 @@ class CameraComponent:
         )
 
     def _storage(self, time_ms: int) -> Message:
-        used = self._memory.used_mib
-        ready = mavlink.STORAGE_STATUS_READY
+        used, ready = self._memory.used_mib, mavlink.STORAGE_STATUS_READY
         return mavlink.MAVLink_storage_information_message(
             time_ms, 1, 1, ready, STORAGE_MIB, used, STORAGE_MIB - used, math.nan, math.nan
         )

@@ -71,11 +71,11 @@ class ImageMemory:
         values = np.frombuffer(kept, np.float32, offset=_TAKEN.size).reshape(-1, self._n_fields)
         return Image(number, Exposure(*exposure), values.tolist())
 
-    def clear(self, *, count_anew: bool) -> None:
-        """Delete all images; with `count_anew` the next image has number 0."""
-        self._ring = [b""] * RING_IMAGES
-        if count_anew:
-            self.count = 0
+    def renumber(self, *, delete: bool) -> None:
+        """Give the next image number 0; with `delete`, delete all images."""
+        if delete:
+            self._ring = [b""] * RING_IMAGES
+        self.count = 0
 
     def report(self, image: Image, utc_offset_us: int | None) -> list[Message]:
         """Return the messages of an image; `utc_offset_us` is UTC minus time since boot, None if unknown."""

@@ -19,8 +19,13 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Position
 
+# Relays, servos, fence, gripper, sprayer, zoom, winch and scripts: without effect on the path.
+OUTPUT_COMMANDS = frozenset(
+    {181, 182, 183, 184, 187, 200, 202, 204, 207, 211, 212, 215, 216, 217, 218, 222, 223}
+    | {531, 532, 534, 42600}
+)
 # Commands that are executed between two positions (DO and CONDITION commands).
-DO_COMMANDS = frozenset(
+DO_COMMANDS = OUTPUT_COMMANDS | frozenset(
     {112, 114, 115, 177, 178, 179, 189, 195, 197, 201, 203, 205, 206, 214, 530}
     | {1000, 1001, 2000, 2001, 2003, 2500, 2501}
 )
@@ -28,6 +33,7 @@ CAMERA_COMMANDS = frozenset({203, 206, 214, 530, 2000, 2001, 2003})
 # Regions of interest, at which the nose of the vehicle and the gimbal point.
 ROI_COMMANDS = frozenset({195, 197, 201})
 GIMBAL_COMMANDS = ROI_COMMANDS | {205, 1000, 1001}
+EXTRA_COMMANDS = CAMERA_COMMANDS | GIMBAL_COMMANDS | OUTPUT_COMMANDS
 CONDITIONS = frozenset({int(Command.CONDITION_DELAY), int(Command.CONDITION_DISTANCE)})
 POSITION_COMMANDS = frozenset({16, 17, 18, 19, 31, 82})
 # Positions, take-off and landing.

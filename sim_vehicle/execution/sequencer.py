@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 from mission.model import Command
 from sim_vehicle.execution.item_legs import plan_item_legs
 from sim_vehicle.execution.items import (
-    CAMERA_COMMANDS,
     CONDITIONS,
-    GIMBAL_COMMANDS,
+    EXTRA_COMMANDS,
     PASSED_COMMANDS,
     PLACED_COMMANDS,
     POSITION_COMMANDS,
@@ -493,7 +492,7 @@ class MissionSequencer:
     def _announce(self, seq: int, time_s: float) -> None:
         item = self.items[seq]
         command = item.command
-        if command in CAMERA_COMMANDS or command in GIMBAL_COMMANDS:
+        if command in EXTRA_COMMANDS:
             self.flight.emit(CameraCommand(time_s, seq, item))
         if command in ROI_COMMANDS:
             x, y, _ = self._positions[seq]

@@ -108,7 +108,7 @@ class LandingRestarted(ItemEvent):
 
 @dataclass(frozen=True, slots=True)
 class CameraCommand(ItemEvent):
-    """A mission item commands the camera or its gimbal (see `sim_vehicle.execution.items`)."""
+    """A mission item commands the camera, its gimbal or an output (see `sim_vehicle.execution.items`)."""
 
     item: MissionItem
 

@@ -68,7 +68,7 @@ class VehicleExtra(PilotExtra):
         """Reboot the extra together with the vehicle."""
 
     def execute(self, command: VehicleCommand) -> None:
-        """Execute a mission item for the camera or its gimbal."""
+        """Execute a mission item for the camera, its gimbal or an output."""
 
     def requested(self, message_id: int) -> None:
         """Prepare for a message that a client has requested, once or at an interval."""

@@ -36,12 +36,8 @@ if TYPE_CHECKING:
     from sim_vehicle.mavlink.reports import ItemReports, StatusTexts
     from sim_vehicle.mavlink.wire_state import WireState
 
-_KNOWN_ITEMS = (
-    NAV_COMMANDS
-    | DO_COMMANDS
-    | frozenset(range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE_EXCLUSION + 1))
-    | {int(Command.NAV_RALLY_POINT)}
-)
+_FENCE_ITEMS = range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE_EXCLUSION + 1)
+_KNOWN_ITEMS = NAV_COMMANDS | DO_COMMANDS | {*_FENCE_ITEMS, int(Command.NAV_RALLY_POINT)}
 
 
 class PlanReceiver:

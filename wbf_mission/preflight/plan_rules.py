@@ -10,7 +10,7 @@ from mission.model import Command, Frame
 from mission.transfer.remarks import Remark
 from mission.transfer.rendering import render
 from mission.transfer.wire import command_name
-from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS
+from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS, OUTPUT_COMMANDS
 from wbf_mission.preflight.finding import Concern, Finding, Severity
 from wbf_mission.preflight.rules import ERROR, NOTE, WARNING, Checks, Rule, at_least, at_most, first, found
 from wbf_mission.preflight.subject import (
@@ -121,7 +121,8 @@ def remarks_of(subject: Subject) -> tuple[Remark, ...]:
 def check_unknown(subject: Subject) -> Iterator[Finding]:
     """Find commands and heights that the prediction ignores."""
     items = list(enumerate(subject.items))
-    unknown = [k for k, one in items if one.command not in NAV_COMMANDS and one.command not in DO_COMMANDS]
+    predicted = (NAV_COMMANDS | DO_COMMANDS) - OUTPUT_COMMANDS
+    unknown = [k for k, one in items if one.command not in predicted]
     terrain = [k for k, one in items if one.frame == Frame.GLOBAL_TERRAIN_ALT]
     yield from first(subject, "not-predicted", unknown)
     yield from first(subject, "terrain-heights", terrain)

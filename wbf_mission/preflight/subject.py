@@ -301,8 +301,7 @@ def _predictable(item: MissionItem) -> MissionItem:
     """
     if item.frame == Frame.GLOBAL_TERRAIN_ALT:
         item = replace(item, frame=int(Frame.GLOBAL_RELATIVE_ALT))
-    known = item.command in NAV_COMMANDS or item.command in DO_COMMANDS
-    return item if known else MissionItem(_NO_OPERATION)
+    return item if item.command in NAV_COMMANDS | DO_COMMANDS else MissionItem(_NO_OPERATION)
 
 
 def _predicted(subject: Subject, mission: Mission) -> Subject:

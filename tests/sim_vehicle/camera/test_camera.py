@@ -303,7 +303,11 @@ def test_old_pictures_are_forgotten_and_formatting_forgets_all(monkeypatch):
     assert ask(camera, 512, 263, camera.image_count - 512)[0] == mavlink.MAV_RESULT_ACCEPTED
     assert ask(camera, 512, 263, camera.image_count)[0] == mavlink.MAV_RESULT_DENIED
     ask(camera, 206, 0)
-    assert ask(camera, 526, 1, 1, 1)[0] == mavlink.MAV_RESULT_ACCEPTED
+    taken = camera.image_count
+    assert ask(camera, 526, 1, 0, 0)[0] == mavlink.MAV_RESULT_ACCEPTED
+    assert camera.image_count == taken
+    result, (storage,) = ask(camera, 526, 1, 1, 0)
+    assert (result, storage.used_capacity) == (mavlink.MAV_RESULT_ACCEPTED, 0.0)
     assert camera.image_count == 0
     assert ask(camera, 512, 263, 600)[0] == mavlink.MAV_RESULT_DENIED
 

@@ -46,6 +46,12 @@ class SetupExtra(VehicleExtra):
             m.MAV_CMD_DO_ACCEPT_MAG_CAL: lambda _: _FAILED,
         }
 
+    def execute(self, command: VehicleCommand) -> None:
+        """Switch the fence by ArduPilot's mission item DO_FENCE_ENABLE; other outputs have no effect."""
+        if command.id == m.MAV_CMD_DO_FENCE_ENABLE:
+            self.state.pilot.parameters.fence_enable = int(command.number(1) > 0)
+            self.state.pilot.apply_parameters()
+
     def _calibrate(self, command: VehicleCommand) -> None:
         """Calibrate the gyroscopes: send PX4's sequence of status texts, for which clients wait.
 

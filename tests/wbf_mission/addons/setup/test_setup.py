@@ -1,6 +1,12 @@
 """Set-up commands: outputs, compasses, gyroscopes."""
 
-from tests.support.peer import Peer
+from dataclasses import replace
+
+import pytest
+
+from mission.model import MissionItem
+from mission.outcome import Outcome
+from tests.support.peer import HOME, Peer
 
 
 def test_servos_relays_and_compasses_of_ardupilot():
@@ -26,3 +32,22 @@ def test_px4_reports_the_progress_of_a_gyro_calibration():
     assert other.result(241, 1.0) == 0
     other.wait(4.0)
     assert not any("[cal]" in text for text in other.texts())
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "commands"),
+    [("ardupilot", (181, 183, 207, 211, 216, 218, 223, 531)), ("px4", (187, 200, 204, 211, 531, 42600))],
+)
+def test_a_mission_may_switch_outputs(autopilot, commands):
+    peer = Peer(autopilot)
+    outputs = [MissionItem(command, param1=1.0) for command in commands]
+    up = MissionItem(22, 3, x=HOME.latitude_deg, y=HOME.longitude_deg, z=10.0)
+    assert (
+        peer.upload([up, MissionItem(208), replace(up, command=16)]).type == 3
+    )  # A parachute ends the flight
+    assert peer.upload([up, *outputs, replace(up, command=16), MissionItem(20)]).type == 0
+    assert peer.result(400, 1.0) == 0
+    assert peer.result(300) == 0
+    peer.wait(60.0)
+    assert peer.vehicle.outcome is Outcome.COMPLETED
+    assert peer.vehicle.pilot.parameters.fence_enable == 1  # At first 0 on ArduPilot

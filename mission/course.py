@@ -21,19 +21,16 @@ from mission.model import MAX_ITEMS, Command, Mission, MissionItem
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-_DIGICAM = 203
 _HERE = frozenset({17, 18, 19, 31})
 _CONDITIONS = frozenset({int(Command.CONDITION_DELAY), int(Command.CONDITION_DISTANCE)})
-_LANDINGS = frozenset(
-    {int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_LAND), int(Command.DO_LAND_START), 85}
-)
+_LANDINGS = frozenset({20, 21, 85, 189})
 _TAKEOFFS = frozenset({int(Command.NAV_TAKEOFF), 84})
 
 
 def takes_image(item: MissionItem) -> bool:
     """Return whether an item triggers a single image."""
     shots = shots_ordered(item)
-    return item.command == _DIGICAM or (shots is not None and math.isinf(shots.interval_ms))
+    return shots is not None and math.isinf(shots.interval_ms)
 
 
 def turns_camera(item: MissionItem) -> bool | None:

@@ -86,7 +86,7 @@ class Shots:
 def shots_ordered(item: MissionItem) -> Shots | None:
     """Return the setting of the camera trigger that an item makes, or None if it makes none.
 
-    A single image (IMAGE_START_CAPTURE without an interval) has an infinite interval.
+    A single image (IMAGE_START_CAPTURE without an interval, DO_DIGICAM_CONTROL) has an infinite interval.
     """
     value = max(item.param1 or 0.0, 0.0)
     match item.command:
@@ -98,6 +98,8 @@ def shots_ordered(item: MissionItem) -> Shots | None:
             return Shots(interval_ms=1000.0 * (item.param2 or math.inf))
         case Command.IMAGE_STOP_CAPTURE:
             return Shots()
+        case 203 if item.x == 1.0:  # DO_DIGICAM_CONTROL with the shutter
+            return Shots(interval_ms=math.inf)
     return None
 
 

@@ -209,20 +209,15 @@ class CameraComponent:
     # Commands
 
     def _command(self, message: CommandMessage) -> list[Message]:
-        if message.target_system not in (0, self.system_id):
-            return []
-        if message.target_component not in (0, self.component_id):
+        mine = message.target_system in (0, self.system_id)
+        if not mine or message.target_component not in (0, self.component_id):
             return []
         obeyed = self._obey(message, message.command)
         result, extra = (obeyed, []) if isinstance(obeyed, int) else (_ACCEPTED, obeyed)
         if message.target_component == 0 and result == _UNSUPPORTED:
             return []  # Another component of the system may support the command.
-        answer = mavlink.MAVLink_command_ack_message(
-            message.command,
-            result,
-            target_system=message.get_srcSystem(),
-            target_component=message.get_srcComponent(),
-        )
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        answer = mavlink.MAVLink_command_ack_message(message.command, result, 0, 0, *source)
         return [answer, *extra]
 
     def _obey(self, message: CommandMessage, command: int) -> _Obeyed:
@@ -258,6 +253,11 @@ class CameraComponent:
         if 1.0 in p[1:3]:
             self._memory.renumber(delete=p[1] == 1.0)
         return self._request(mavlink.MAVLINK_MSG_ID_STORAGE_INFORMATION, 0.0)
+
+    def _shoot(self, message: CommandMessage, _p: Parameters) -> _Obeyed:
+        """Take an image by DO_DIGICAM_CONTROL if its parameter 5 (x in a COMMAND_INT) is 1."""
+        shoots = 1.0 in (getattr(message, "param5", 0.0), getattr(message, "x", 0))
+        return self._start_capture(message, (0.0, 0.0, 1.0, 0.0)) if shoots else []
 
     def _shoot_by_time(self, message: CommandMessage, p: Parameters) -> _Obeyed:
         if _is_repeated(message) and self.trigger.interval_us == _microseconds(p[0] / 1000.0):
@@ -323,9 +323,7 @@ class CameraComponent:
         time_ms = fix.time_ms if fix is not None else 0
         if message_id == mavlink.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED:
             image = self._memory.find(index)
-            if image is None:
-                return _DENIED
-            return self._memory.report(image, self._utc_offset_us)
+            return _DENIED if image is None else self._memory.report(image, self._utc_offset_us)
         build = _BUILDERS.get(message_id)
         return _UNSUPPORTED if build is None else [build(self, time_ms)]
 
@@ -465,6 +463,7 @@ _HANDLERS: dict[int, _Handler] = {
     mavlink.MAV_CMD_REQUEST_MESSAGE: lambda camera, _, p: camera._request(p[0], p[1]),
     mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST: CameraComponent._shoot_by_distance,
     mavlink.MAV_CMD_DO_SET_CAM_TRIGG_INTERVAL: CameraComponent._shoot_by_time,
+    mavlink.MAV_CMD_DO_DIGICAM_CONTROL: CameraComponent._shoot,
     mavlink.MAV_CMD_IMAGE_START_CAPTURE: CameraComponent._start_capture,
     mavlink.MAV_CMD_IMAGE_STOP_CAPTURE: CameraComponent._stop_capture,
     mavlink.MAV_CMD_SET_CAMERA_MODE: CameraComponent._set_mode,

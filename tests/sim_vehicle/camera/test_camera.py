@@ -158,6 +158,13 @@ def test_start_and_stop_capture():
     assert images(fly(camera, 5.0, 2.0)) == []
 
 
+def test_digicam_control_takes_a_picture_with_its_shutter_alone():
+    camera = ready()
+    result, sent_images = ask(camera, 203, 0, 0, 0, 0, 1)
+    assert (result, len(images(sent_images))) == (mavlink.MAV_RESULT_ACCEPTED, 1)
+    assert ask(camera, 203, 0, 2) == (mavlink.MAV_RESULT_ACCEPTED, [])
+
+
 @pytest.mark.parametrize(("command_id", "value"), [(206, 2.0), (214, 400.0)])
 def test_a_repeated_command_does_not_begin_the_series_anew(command_id, value):
     seen = []

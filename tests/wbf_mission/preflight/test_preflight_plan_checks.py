@@ -245,6 +245,19 @@ def test_the_cameras_shortest_interval_is_the_callers():
     assert "camera-too-fast" not in findings(good(), image_interval_s=0.9)
 
 
+@pytest.mark.parametrize(
+    "photo",
+    [
+        MissionItem(203, x=1.0),
+        MissionItem(Command.IMAGE_START_CAPTURE, param3=1.0),
+        MissionItem(Command.IMAGE_START_CAPTURE, param2=2.0, param3=5.0),
+    ],
+)
+def test_single_images_are_a_camera_that_stops_by_itself(photo):
+    found = findings(Mission((takeoff(), at(0, 40), photo, at(40, 40), RTL), HOME))
+    assert not {"camera-left-on", "no-camera"} & found.keys()
+
+
 def test_a_vehicle_that_nobody_named_gives_no_errors_of_its_own():
     long = CASES["battery"][0]
     found = findings(long)["battery"]

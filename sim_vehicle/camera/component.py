@@ -463,7 +463,7 @@ _HANDLERS: dict[int, _Handler] = {
     mavlink.MAV_CMD_REQUEST_MESSAGE: lambda camera, _, p: camera._request(p[0], p[1]),
     mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST: CameraComponent._shoot_by_distance,
     mavlink.MAV_CMD_DO_SET_CAM_TRIGG_INTERVAL: CameraComponent._shoot_by_time,
-    mavlink.MAV_CMD_DO_DIGICAM_CONTROL: CameraComponent._shoot,
+    203: CameraComponent._shoot,  # DO_DIGICAM_CONTROL
     mavlink.MAV_CMD_IMAGE_START_CAPTURE: CameraComponent._start_capture,
     mavlink.MAV_CMD_IMAGE_STOP_CAPTURE: CameraComponent._stop_capture,
     mavlink.MAV_CMD_SET_CAMERA_MODE: CameraComponent._set_mode,

@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 from mission.autopilots.profile import Profile
+from mission.errors import MissionError
 from mission.model import Command, Frame, MissionItem, MissionType, has_position, plan_of
 from mission.transfer import wire
 
@@ -102,13 +103,13 @@ def as_stored(item: MissionItem, profile: Profile) -> MissionItem:
         changes |= {name: 0.0 for name in ("x", "y", "z") if name in lost and getattr(item, name) != 0.0}
     kind = MissionType.MISSION
     if not item.autocontinue and kind not in profile.keeps_autocontinue and plan_of(item.command) is kind:
-        # The autopilot always continues after the item.
-        changes["autocontinue"] = True
+        changes["autocontinue"] = True  # The autopilot always continues after the item
     if profile.whole_seconds and item.command == Command.NAV_WAYPOINT and item.param1:
-        whole = float(min(65535, max(0, int(item.param1))))
-        if whole != item.param1:
-            changes["param1"] = whole
-    return replace(item, **changes) if changes else item
+        changes["param1"] = float(min(65535, max(0, int(item.param1))))
+    try:
+        return replace(item, **changes) if changes else item
+    except MissionError:  # Its numbers are no position in the frame of the autopilot's storage
+        return item
 
 
 def as_read_back(item: MissionItem, profile: Profile) -> MissionItem:

@@ -287,6 +287,7 @@ def test_what_makes_no_sense_is_told_in_a_line(small, tmp_path, capsys, options,
         ("4+900m", "m long; give fewer metres"),
         ("nothing.tlog", "there is no such file"),
         (".", "has no flight.tlog"),
+        ("", "has no flight.tlog"),
     ],
 )
 def test_places_that_are_not_on_the_mission_are_refused(small, calm, tmp_path, capsys, where, text):

@@ -136,7 +136,7 @@ class SortieOptions:
         """
         from wbf_mission.planning.sorties import sorties_of
 
-        if self.whole or not (whole.is_too_long or self.home or self.resume):
+        if self.whole or not (whole.is_too_long or self.home or self.resume is not None):
             return None
         begin = None
         if self.resume is not None:

@@ -407,7 +407,8 @@ def test_ardupilot_clears_what_it_may(copter):
         (MissionItem(16, 3, 0.0, param4=None, x=1, y=2, z=3), wire.ACCEPTED),
         (MissionItem(19, 3, 0.0, param4=None, x=1, y=2, z=3), wire.INVALID_PARAM1 + 3),
         (MissionItem(16, 2, x=1, y=2, z=3), wire.UNSUPPORTED_FRAME),
-        (MissionItem(16, 1, x=1, y=2, z=3), wire.UNSUPPORTED_FRAME),
+        (MissionItem(16, 1, x=280382014, y=-821497984, z=3), wire.UNSUPPORTED_FRAME),
+        (MissionItem(201, 2, x=280382014, y=-821497984, z=3), wire.ACCEPTED),
     ],
 )
 def test_ardupilot_judges_items(copter, bad, result):

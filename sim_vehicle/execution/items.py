@@ -46,7 +46,7 @@ MAX_TURNS = 100.0
 # Default height and angle of the climb in a go-around, for missions without a take-off item (ArduPlane).
 _CLIMB_M, _CLIMB_DEG = 30.0, 10.0
 # Frames of positions; largest radius of a circle; commands with a time in parameter 1.
-_FRAMES = frozenset({int(Frame.GLOBAL), int(Frame.GLOBAL_RELATIVE_ALT)})
+_FRAMES = frozenset({int(Frame.GLOBAL), int(Frame.GLOBAL_RELATIVE_ALT), int(Frame.GLOBAL_TERRAIN_ALT)})
 _MAX_RADIUS_M = 5000.0
 _TIMED = frozenset({16, 19, 82, 93, 112})
 # Plain integers replace enumeration members, because every prediction checks thousands of items.
@@ -84,7 +84,7 @@ def number(value: float | None, default: float = 0.0) -> float:
 def item_positions(items: Sequence[MissionItem], frame: LocalFrame, home_up_m: float = 0.0) -> list[Position]:
     """Return the position of each item (east, north, up) in the frame; NaN for an item without a position.
 
-    `home_up_m` is the height of home above the frame's origin; items with altitudes above home need it.
+    `home_up_m` is the height of home above the frame's origin; the flat terrain is as high as the origin.
     """
     positions = np.full((len(items), 3), np.nan)
     index = [i for i, item in enumerate(items) if item.has_position]
@@ -92,7 +92,8 @@ def item_positions(items: Sequence[MissionItem], frame: LocalFrame, home_up_m: f
         latitude = np.array([items[i].x for i in index])
         longitude = np.array([items[i].y for i in index])
         x, y = frame.from_wgs84(latitude, longitude)
-        ground = np.array([frame.altitude_m if items[i].frame == Frame.GLOBAL else -home_up_m for i in index])
+        grounds = {int(Frame.GLOBAL): frame.altitude_m, int(Frame.GLOBAL_TERRAIN_ALT): 0.0}
+        ground = np.array([grounds.get(items[i].frame, -home_up_m) for i in index])
         height = np.array([items[i].z for i in index]) - ground
         here = (latitude == 0.0) & (longitude == 0.0)
         if here.any():
@@ -366,7 +367,7 @@ def _item_problems(
     problems: list[tuple[str, str]] = []
     has_to_be_placed = command in PLACED_COMMANDS
     if has_to_be_placed and item.frame not in _FRAMES:
-        return [("frame", f"frame {item.frame} is not supported (use 0 or 3)")]
+        return [("frame", f"frame {item.frame} is not supported (use 0, 3 or 10)")]
     if has_to_be_placed:
         x, y, z = position
         if not spec.reaches(z) and command != Command.NAV_LAND:

@@ -223,7 +223,7 @@ BAD = [
     ([], "empty"),
     ([takeoff(), at(84, 0, 0)], r"item 2 \(command 84\): the vehicle does not know"),
     ([takeoff(), do(4501)], "command 4501"),
-    ([takeoff(), MissionItem(16, 10, 0, 0, 0, 0, 28.05, -82.15, 10.0)], "frame 10"),
+    ([takeoff(), MissionItem(16, 4, 0, 0, 0, 0, 28.05, -82.15, 10.0)], "frame 4"),
     ([takeoff(), MissionItem(16, 2, 0, 0, 0, 0, 0, 0, 10.0)], "frame 2"),
     ([takeoff(-5.0)], "altitude -5.0"),
     ([takeoff(), wp(0, 0, 9000.0)], "altitude 9000"),

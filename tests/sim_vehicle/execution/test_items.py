@@ -1,6 +1,7 @@
 """Mission items flown: times of day, speeds up and down, regions of interest, yaw, splines, home, pauses."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -136,6 +137,13 @@ def test_home_moves_and_is_returned_to():
     assert states[-1].position_m[:2] == pytest.approx((90, 20), abs=0.1)
     events, states = flown([takeoff(), wp(60, 0, hold_s=1), do(179, 1), wp(0, 60), RTL])
     assert states[-1].position_m[:2] == pytest.approx((60, 0), abs=0.5)
+
+
+def test_terrain_is_as_high_as_the_start_whatever_home_is():
+    above_terrain = replace(wp(60, 60, 20.0), frame=10)
+    for home in (at(179, 0, 0, 0.0), at(179, 0, 0, 5.0)):
+        _, states = flown([takeoff(), home, above_terrain, RTL])
+        assert max(state.position_m[2] for state in states) == pytest.approx(20.0, abs=0.2)
 
 
 def test_a_prediction_is_the_flight_with_all_of_it():

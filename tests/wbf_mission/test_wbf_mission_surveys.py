@@ -83,6 +83,9 @@ def test_a_survey_of_days_is_refused_at_once(tmp_path):
     file = farm_file(tmp_path, (Crop.TOMATO, shapely.box(0, 0, 800, 600)))
     with pytest.raises(ScenarioError, match="hours in the air"):
         plan(scenario_with(Scenario(), {"farm": file, **SURVEY, "gsd_cm": 0.05}))
+    narrow = {"planner": "survey:spacing_m=0.01", "gsd_cm": 1.0}
+    with pytest.raises(ScenarioError, match=r"rows 0.01 m apart .* take a larger spacing_m"):
+        plan(scenario_with(Scenario(), {"farm": file, **SURVEY, **narrow}))
 
 
 def test_a_survey_of_days_by_the_leaf_camera_is_refused_at_once(tmp_path):

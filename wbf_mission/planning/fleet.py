@@ -112,14 +112,14 @@ def _check_extent(mission: MissionOptions, farm: Farm, vehicles: Sequence[Vehicl
     for vehicle in vehicles:
         builder, request = vehicle.task.builder, vehicle.task.request
         over, speed_m_s = builder.imaging, builder.level.speed_m_s
-        own: Any = mission.planner.params.get("spacing_m") if over is None else None
+        own: Any = mission.planner.params.get("spacing_m")
         wanted = is_number(own) and own > 0.0
         spacing_m = float(own) if wanted else request.row_spacing_m or request.footprint_m
         if over is None:
             look, remedy = f"the leaf camera, which sees {request.footprint_m:.2g} m", "take a mapping camera"
         else:
             look = f"camera {over.camera.name} at {over.height_m:.3g} m ({100.0 * over.gsd_m:.2g} cm a pixel)"
-            remedy = "fly higher"
+            remedy = "take a larger spacing_m" if wanted else "fly higher"
         rows_m = farm.scouted_area.area / spacing_m / len(vehicles)
         hours = rows_m / speed_m_s / 3600.0
         if hours > _LONGEST_H and not (over is None and builder.vehicle.is_ideal):

@@ -386,5 +386,5 @@ def number_member(
 
 def shortened(value: object) -> str:
     """Return a value as text of at most 60 characters, for the text of an error."""
-    text = value if isinstance(value, str) else repr(value)[:200]
+    text = value if isinstance(value, str) and value.strip() else repr(value)[:200]
     return text if len(text) <= 60 else text[:57] + "..."

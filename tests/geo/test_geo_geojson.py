@@ -198,7 +198,7 @@ SWAPPED = [[[lat, lon] for lon, lat in ring()]]
         (feature(no_fly=1), 'property "no_fly" is not true or false'),
         (feature(no_fly=True, height_m=3), "is a no-fly zone, which has no height"),
         (feature(crop=None), 'property "crop" is missing'),
-        (feature(owner=""), '"owner" is , not a short line'),
+        (feature(owner=""), "\"owner\" is '', not a short line"),
         (feature(crop=[3]), '"crop" is [3], not a short line'),
         (feature(obstacle=True, Height=10**400), 'property "height_m": 100000'),
     ],

@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 
 _HERE = frozenset({17, 18, 19, 31})
 _CONDITIONS = frozenset({int(Command.CONDITION_DELAY), int(Command.CONDITION_DISTANCE)})
-_LANDINGS = frozenset({20, 21, 85, 189})
+_LANDINGS = frozenset(
+    {int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_LAND), int(Command.DO_LAND_START), 85}
+)
 _TAKEOFFS = frozenset({int(Command.NAV_TAKEOFF), 84})
 
 

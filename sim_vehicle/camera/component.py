@@ -351,7 +351,8 @@ class CameraComponent:
         )
 
     def _storage(self, time_ms: int) -> Message:
-        used, ready = self._memory.used_mib, mavlink.STORAGE_STATUS_READY
+        used = self._memory.used_mib
+        ready = mavlink.STORAGE_STATUS_READY
         return mavlink.MAVLink_storage_information_message(
             time_ms, 1, 1, ready, STORAGE_MIB, used, STORAGE_MIB - used, math.nan, math.nan
         )

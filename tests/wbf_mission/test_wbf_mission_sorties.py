@@ -145,7 +145,7 @@ def test_nothing_is_cut_that_no_battery_is_enough_for(small, calm):
             *whole.mission.items[-2:],
         ),
     )
-    with pytest.raises(UncutError, match="no sorties: to fly 17.67 km from the take-off place"):
+    with pytest.raises(UncutError, match=r"no sorties: to fly 17\.67 km from the take-off place"):
         sorties_of(replace(whole, mission=far), one)
     ideal = scenario("ideal", budget="300steps")
     with pytest.raises(UncutError, match="vehicle ideal has no battery"):

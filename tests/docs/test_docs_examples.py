@@ -13,6 +13,7 @@ import pytest
 
 from sim_vehicle.airframe.power_spec import BatterySpec, PowerSpec
 from sim_vehicle.airframe.spec import PublishedEndurance
+from wbf_mission.addons.animation import animation
 from wbf_mission.addons.rovers.kind import RoverPowerSpec
 from wbf_mission.addons.wings.kind import FixedWingAirframe, FixedWingPowerSpec
 from wbf_mission.cli.app import main
@@ -54,6 +55,11 @@ def printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
     return run
 
 
+# Of what a page flies for minutes, or draws, a little is enough here.
+FRAMES = 6
+SHORTER = {"--estimator gp --day 4 --days 3": "--budget 100steps"}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "page",
@@ -61,11 +67,14 @@ def printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
     [page for page in PAGES if commands(page) and page.stem != "field-to-map"],
     ids=lambda page: page.stem,
 )
-def test_the_commands_of_a_page_run(page: Path, tmp_path: Path, printed: Printed) -> None:
+def test_the_commands_of_a_page_run(
+    page: Path, tmp_path: Path, printed: Printed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(animation._Animation.write.__kwdefaults__, "frames", FRAMES)
     shutil.copytree(REPOSITORY / "missions", tmp_path / "missions")
     shutil.copytree(REPOSITORY / "docs" / "examples", tmp_path / "docs" / "examples")
     for line in commands(page):
-        printed(line)
+        printed(" ".join((line, *(less for given, less in SHORTER.items() if given in line))))
 
 
 def rows(text: str) -> list[str]:

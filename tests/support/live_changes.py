@@ -30,6 +30,11 @@ NEW = ((40.0, 60.0), (-20.0, 60.0))
 CHANGE_AT = 5
 """The item that is flown to when the mission is changed."""
 _PROTOCOL = ("MISSION_", "COMMAND_", "PARAM_")
+# What comes after the mission takes as long as half of it.
+LANDS_SOON = {
+    "px4": {"RTL_RETURN_ALT": 14.0, "RTL_DESCEND_ALT": 5.0, "MPC_LAND_ALT1": 5.0, "MPC_LAND_SPEED": 1.5},
+    "ardupilot": {"RTL_LOIT_TIME": 0.0, "LAND_ALT_LOW": 500.0, "LAND_SPEED": 100.0},
+}
 
 
 def degrees(points):
@@ -122,9 +127,10 @@ class LiveChange:
         change_at=CHANGE_AT,
         near_m=math.inf,
         image_m=4.0,
+        lands_soon=False,
     ):
         self.change_at, self.near_m = change_at, near_m
-        spec = with_autopilot(get_vehicle("quad"), autopilot)
+        spec = with_autopilot(get_vehicle("quad"), autopilot, LANDS_SOON[autopilot] if lands_soon else {})
         farm = get_farm("miniberry-10")
         self.vehicle = SimVehicle(spec, HOME, autopilot=get_autopilot(autopilot))
         self.link = BreakingLink(after, dead_s)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, assume, given
 from hypothesis import strategies as st
-from live_changes import FRAME, HEIGHT_M, HOME, SameEverywhere, degrees, keys
+from live_changes import FRAME, HEIGHT_M, HOME, LANDS_SOON, SameEverywhere, degrees, keys
 from sweeps import sweep
 
 from geo.farms import get_farm
@@ -44,11 +44,6 @@ LONGEST_ASIDE_S = 12.0
 OLD = [(0.0, 20.0), (60.0, 20.0), (60.0, 35.0), (0.0, 35.0), (0.0, 50.0), (60.0, 50.0)]
 NEW = [(40.0, 70.0), (-20.0, 70.0), (-20.0, 30.0)]
 AUTOPILOTS = ["px4", "ardupilot"]
-# What comes after the mission takes as long as half of it, and is not looked at here.
-LANDS_SOON = {
-    "px4": {"RTL_RETURN_ALT": 14.0, "RTL_DESCEND_ALT": 5.0, "MPC_LAND_ALT1": 5.0, "MPC_LAND_SPEED": 1.5},
-    "ardupilot": {"RTL_LOIT_TIME": 0.0, "LAND_ALT_LOW": 500.0, "LAND_SPEED": 100.0},
-}
 
 
 def planned(points=OLD):

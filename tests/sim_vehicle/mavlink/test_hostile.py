@@ -6,6 +6,7 @@ import struct
 import tracemalloc
 
 import pytest
+from fastcrc import crc16
 
 from mission.link import MavlinkEndpoint
 from mission.link.codec.dialect import mavlink as m
@@ -26,9 +27,7 @@ LIKELY = sorted(SimVehicle(get_vehicle("quad"), HOME).wanted or ())
 
 
 def crc_of(body, kind):
-    crc = m.x25crc(body)
-    crc.accumulate(bytes([m.mavlink_map[kind].crc_extra]))
-    return struct.pack("<H", crc.crc)
+    return struct.pack("<H", crc16.mcrf4xx(body + bytes([m.mavlink_map[kind].crc_extra])))
 
 
 def valid_frame(rng, kind):
@@ -111,7 +110,7 @@ def test_a_short_bombardment(autopilot, flies):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
-def test_ten_million_bytes(autopilot):
+def test_four_million_bytes(autopilot):
     rng = random.Random(9)
     vehicle = SimVehicle(get_vehicle("quad"), HOME, autopilot=autopilot)
     simulation = bombard(vehicle, rng, 500_000)
@@ -120,7 +119,7 @@ def test_ten_million_bytes(autopilot):
     before = tracemalloc.take_snapshot()
     link = simulation.open_link()
     sent = 0
-    while sent < 5_000_000:
+    while sent < 1_500_000:
         data = b"".join(attack(rng) for _ in range(20))
         sent += len(data)
         link.send(data)
@@ -130,7 +129,8 @@ def test_ten_million_bytes(autopilot):
     gc.collect()
     growth = sum(stat.size_diff for stat in tracemalloc.take_snapshot().compare_to(before, "filename"))
     tracemalloc.stop()
-    assert growth < 8_000_000, growth
+    # A quarter of a byte each stays: names of routes, up to their limit.
+    assert growth < 1_200_000, growth
     assert still_works(vehicle)
 
 

@@ -116,7 +116,7 @@ def test_in_any_order_of_the_checks_all_pass(seed, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(2, 18))
+@pytest.mark.parametrize("seed", range(2, 10))
 def test_in_many_orders_of_the_checks_all_pass(seed, monkeypatch):
     checks = list(CHECKS)
     random.Random(seed).shuffle(checks)

@@ -20,7 +20,7 @@ GOOD = frozenset({Outcome.COMPLETED, Outcome.LINK_LOST})
 @cache
 def messages_of_a_change(autopilot):
     """Return the messages of the protocols that cross the link while a mission is changed."""
-    flight = LiveChange(autopilot).fly()
+    flight = LiveChange(autopilot, lands_soon=True).fly()
     assert [one.outcome for one in flight.station.changes] == [ChangeOutcome.DONE]
     flight.check_safe()
     return tuple(flight.link.crossed)
@@ -33,7 +33,7 @@ def undisturbed(autopilot, *, on_board=False):
 
 
 def check_break(autopilot, after, dead_s):
-    flight = LiveChange(autopilot, after=after, dead_s=dead_s).fly()
+    flight = LiveChange(autopilot, after=after, dead_s=dead_s, lands_soon=True).fly()
     assert flight.link.broke_s < math.inf
     flight.check_safe()
     if math.isinf(dead_s):
@@ -172,7 +172,7 @@ def test_an_arducopter_never_gets_a_failsafe_that_would_break_its_mission_off():
     settings = [k for k, kind in enumerate(crossed, 1) if kind == "PARAM_SET"]
     assert len(settings) == 3
     for after in settings:
-        flight = LiveChange("ardupilot", after=after, dead_s=math.inf).fly()
+        flight = LiveChange("ardupilot", after=after, dead_s=math.inf, lands_soon=True).fly()
         assert Mode.RTL not in flight.modes
         flight.check_safe()
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import multiprocessing
 import os
 import signal
 import socket
@@ -70,8 +71,73 @@ def wait_until(condition, what="nothing came", limit_s=LONG_S):
 def running(words, cwd, **options):
     """Run a process; it is stopped at the end if it still runs."""
     process = subprocess.Popen(words, cwd=cwd, text=True, start_new_session=True, env=ENVIRONMENT, **options)
-    try:
+    with _stopped(process):
         yield process
+
+
+class Forked:
+    """A process of ``wbf-mission`` without the second that its imports take: a fork of one that has them.
+
+    It runs in a folder, in a session of its own, with streams to files; it has what tests use of a `Popen`.
+    """
+
+    def __init__(self, words, cwd, out=os.devnull, err=os.devnull):
+        self._context = multiprocessing.get_context("forkserver")
+        self._context.set_forkserver_preload(["preloaded"])
+        words = [str(word) for word in words]
+        self._process = self._context.Process(target=_run_forked, args=(words, str(cwd), str(out), str(err)))
+        self._process.start()
+        self.pid = self._process.pid
+
+    @property
+    def returncode(self):
+        return self._process.exitcode
+
+    def poll(self):
+        return self._process.exitcode
+
+    def wait(self, limit_s=LONG_S):
+        self._process.join(limit_s)
+        if self._process.exitcode is None:
+            raise subprocess.TimeoutExpired("wbf-mission", limit_s)
+        return self._process.exitcode
+
+    def send_signal(self, number):
+        os.kill(self.pid, number)
+
+    def terminate(self):
+        self._process.terminate()
+
+    def kill(self):
+        self._process.kill()
+
+
+def _run_forked(words, cwd, out, err):
+    os.setsid()
+    os.chdir(cwd)
+    os.environ.clear()
+    os.environ.update(ENVIRONMENT)
+    for path, stream in ((out, sys.stdout), (err, sys.stderr)):
+        with open(path, "w") as file:  # noqa: PTH123
+            os.dup2(file.fileno(), stream.fileno())
+    sys.argv[:] = ["wbf-mission", *words]
+    from wbf_mission.__main__ import main
+
+    main()
+
+
+@contextlib.contextmanager
+def forked(words, cwd, **streams):
+    """Run ``wbf-mission`` as a `Forked`; it is stopped at the end if it still runs."""
+    process = Forked(words, cwd, **streams)
+    with _stopped(process):
+        yield process
+
+
+@contextlib.contextmanager
+def _stopped(process):
+    try:
+        yield
     finally:
         if process.poll() is None:
             process.send_signal(signal.SIGTERM)
@@ -82,6 +148,12 @@ def running(words, cwd, **options):
             process.wait(10.0)
 
 
+def run_forked(words, cwd, out=os.devnull, err=os.devnull):
+    """Run ``wbf-mission`` to its end; return its exit code."""
+    with forked(words, cwd, out=out, err=err) as process:
+        return process.wait()
+
+
 @contextlib.contextmanager
 def simulator(cwd, *options, autopilot="px4", speed=5, listen=("tcpin:127.0.0.1:0",), camera=False):
     """Run ``wbf-mission sim``; yields what others call to reach it, one address for each link."""
@@ -89,15 +161,23 @@ def simulator(cwd, *options, autopilot="px4", speed=5, listen=("tcpin:127.0.0.1:
     ready = cwd / "sim.ready"
     ready.unlink(missing_ok=True)
     links = [word for url in listen for word in ("--listen", url)]
-    words = command(
-        "sim", *FARM, "--autopilot", autopilot, "--speed", speed, "--ready-file", ready, *links, *options
-    )
-    with (cwd / "sim.err").open("w") as log:
-        extra = ["--camera" if camera else "--no-camera"]
-        with running([*words, *extra], cwd, stdout=subprocess.DEVNULL, stderr=log) as process:
-            wait_until(lambda: ready.exists() or process.poll() is not None, "the simulator does not start")
-            assert process.poll() is None, (cwd / "sim.err").read_text()
-            yield Links(process, [_other_end(url) for url in ready.read_text().split()])
+    words = [
+        "sim",
+        *FARM,
+        "--autopilot",
+        autopilot,
+        "--speed",
+        speed,
+        "--ready-file",
+        ready,
+        *links,
+        *options,
+    ]
+    words.append("--camera" if camera else "--no-camera")
+    with forked(words, cwd, err=cwd / "sim.err") as process:
+        wait_until(lambda: ready.exists() or process.poll() is not None, "the simulator does not start")
+        assert process.poll() is None, (cwd / "sim.err").read_text()
+        yield Links(process, [_other_end(url) for url in ready.read_text().split()])
 
 
 class Links(list):
@@ -156,13 +236,12 @@ class Ground:
 @contextlib.contextmanager
 def flying(cwd, url, *options, decider=("--planner", "lawnmower")):
     """Run ``wbf-mission fly --connect``, whose start is agreed to beforehand."""
-    words = command("fly", *FARM, *JOB, *decider, "--connect", url, "--yes", "--json", "--no-plots")
+    words = ["fly", *FARM, *JOB, *decider, "--connect", url, "--yes", "--json", "--no-plots"]
     words += ["--out", "run", *options]
-    with (
-        (cwd / "fly.err").open("w") as log,
-        (cwd / "fly.json").open("w") as out,
-        running(words, cwd, stdout=out, stderr=log) as process,
-    ):
+    files = {"out": cwd / "fly.json", "err": cwd / "fly.err"}
+    for file in files.values():
+        file.touch()
+    with forked(words, cwd, **files) as process:
         yield Ground(process, cwd)
 
 

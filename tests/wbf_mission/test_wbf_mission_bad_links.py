@@ -5,10 +5,10 @@ Real sockets and serial lines, real time times five, both autopilots; each groun
 
 import contextlib
 import json
-import subprocess
+from types import SimpleNamespace
 
 import pytest
-from processes import ENVIRONMENT, LONG_S, command, flown, flying, simulator
+from processes import flown, flying, run_forked, simulator
 from shaped_line import ShapedLine
 from sweeps import slow
 
@@ -21,9 +21,9 @@ def sim_faults(*faults):
 
 def run(*words, cwd):
     """Run a command to its end; what it printed."""
-    done = subprocess.run(
-        command(*words), cwd=cwd, capture_output=True, text=True, env=ENVIRONMENT, timeout=LONG_S, check=False
-    )
+    out, err = cwd / "run.out", cwd / "run.err"
+    code = run_forked(words, cwd, out, err)
+    done = SimpleNamespace(returncode=code, stdout=out.read_text(), stderr=err.read_text())
     assert "Traceback" not in done.stderr, done.stderr
     return done
 

@@ -3,13 +3,12 @@
 import contextlib
 import json
 import socket
-import subprocess
 import time
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from processes import ENVIRONMENT, FARM, JOB, LONG_S, command, flying, simulator
+from processes import FARM, JOB, flying, run_forked, simulator
 from stand_in import Watcher, scenario, stand_in
 
 from mission.ground.arming_gate import ArmingGate, Stage
@@ -155,17 +154,12 @@ def test_a_vehicle_that_is_killed_gives_its_part_to_the_other(tmp_path, monkeypa
 
 @pytest.mark.slow
 def test_a_pilot_takes_one_and_the_other_flies_on(tmp_path):
-    def run(*words):
-        return subprocess.run(
-            command(*words), env=ENVIRONMENT, capture_output=True, timeout=LONG_S, check=False
-        )
-
     with (
         pair(tmp_path, *WIDE, listen=2) as ((one, _), (two, his)),
         flying(tmp_path, one, "--connect", two, "--budget", "4min", *WIDE) as ground,
     ):
         ground.wait_for("vehicle 2: AUTO, item")
-        assert run("command", his, "land").returncode == 0
+        assert run_forked(("command", his, "land"), tmp_path) == 0
         ended = ground.end()
     assert ended.ended == (1, "pilot_took_over"), ended.told
     flights = by_id(ended.summary["flights"])

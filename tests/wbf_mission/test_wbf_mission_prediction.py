@@ -96,7 +96,7 @@ def test_a_wing_takes_what_was_predicted(vehicle, autopilot):
         autopilot=autopilot,
         planner="lawnmower",
         estimator="point",
-        budget="12min",
+        budget="8min",
         wind_speed_m_s=3.0,
         wind_direction_deg=200.0,
     )

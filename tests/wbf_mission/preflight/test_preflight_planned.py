@@ -26,7 +26,7 @@ COMBINATIONS = [
 
 
 @pytest.mark.parametrize(("vehicle", "autopilot", "planner"), COMBINATIONS)
-@sweep(few=1, many=8)
+@sweep(few=1, many=5)
 @given(
     farm=st.sampled_from(("miniberry-10", "miniberry-30")),
     minutes=st.integers(2, 4),

@@ -239,9 +239,24 @@ def test_what_cannot_be_is_refused_in_a_line(given, cause, tmp_path, capsys):
     assert not out.exists()
 
 
+def test_the_paper_has_forty_runs_and_all_figures(tmp_path, monkeypatch):
+    asked = []
+
+    def made(spec, out, **given):
+        asked.append((len(spec), given["figures"], given["cost_farms"]))
+        raise BenchmarkInterrupted([], len(spec))
+
+    monkeypatch.setattr(make, "make_paper", made)
+    assert main(["bench", "paper", "--out", str(tmp_path), "--quiet"]) == 130
+    assert asked == [(40, list(make.FIGURES), list(cost.FARMS))]
+
+
 @pytest.mark.slow
-def test_the_whole_paper(tmp_path):
-    assert main(["bench", "paper", "--out", str(tmp_path), "--jobs", "2", "--quiet"]) == 0
+def test_the_whole_paper(tmp_path, monkeypatch):
+    # How long methods take is told by few numbers of observations, too.
+    monkeypatch.setitem(measured_costs.__kwdefaults__, "numbers", (1, 30, 300))
+    monkeypatch.setattr(cost, "_MOST_TIMES", 1)
+    assert main(["bench", "paper", "--seeds", "2", "--out", str(tmp_path), "--quiet"]) == 0
     for name in [*PICTURES, "cost"]:
         assert colours(tmp_path / f"{name}.png") > 100
-    assert len(read_rows(tmp_path / "runs")) == 40
+    assert len(read_rows(tmp_path / "runs")) == 16

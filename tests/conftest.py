@@ -6,6 +6,7 @@ import signal
 import sys
 
 import pytest
+import slow_part
 from hypothesis import settings
 from sweeps import IN_THE_SLOW_PART
 
@@ -36,16 +37,11 @@ if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """All tests of a file go to one worker, which makes what they share once; files in their order.
-
-    Slow tests share little, and one file of them would take too long for one worker.
-    """
-    if IN_THE_SLOW_PART in os.environ:
-        return None
+    """All tests of a file go to one worker, which makes what they share once; files in their order."""
     from xdist.scheduler import LoadFileScheduling
 
     config.option.loadscopereorder = False
-    return LoadFileScheduling(config, log)
+    return (slow_part.scheduling() if IN_THE_SLOW_PART in os.environ else LoadFileScheduling)(config, log)
 
 
 @pytest.hookimpl(wrapper=True)

@@ -6,7 +6,10 @@
 
 import contextlib
 import math
+import os
+import re
 import secrets
+import shutil
 import socket
 import subprocess
 import sys
@@ -15,6 +18,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from filelock import FileLock
 from processes import wait_until
 
 from geo.frame import LocalFrame
@@ -176,16 +180,27 @@ def sim(tmp_path):
 
 @pytest.fixture(scope="session")
 def installed(tmp_path_factory):
-    """Install packages into a directory of their own: ``installed("name<4", ...)`` is its PYTHONPATH."""
+    """Install packages into a directory of their own: ``installed("name<4", ...)`` is its PYTHONPATH.
+
+    All workers of a run use the same: the first that needs it makes it.
+    """
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
 
     def install(*arguments):
-        target = tmp_path_factory.mktemp("packages")
-        pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-compile", "--no-input"]
-        pip += ["--disable-pip-version-check", "--retries", "1", "--target", str(target), *arguments]
-        done = subprocess.run(pip, capture_output=True, text=True, timeout=300)
-        if done.returncode != 0:
-            reason = done.stderr.strip().splitlines()[-1:] or ["no reason"]
-            pytest.skip(f"pip cannot install {' '.join(arguments)} (no network?): {reason[0]}")
+        target = folder / ("packages-" + re.sub(r"[^\w.]+", "-", "-".join(arguments)))
+        with FileLock(f"{target}.lock"):
+            if not target.exists():
+                made = target.with_name(f"{target.name}.part")
+                shutil.rmtree(made, ignore_errors=True)
+                pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-compile", "--no-input"]
+                pip += ["--disable-pip-version-check", "--retries", "1", "--target", str(made), *arguments]
+                done = subprocess.run(pip, capture_output=True, text=True, timeout=300)
+                if done.returncode != 0:
+                    reason = done.stderr.strip().splitlines()[-1:] or ["no reason"]
+                    pytest.skip(f"pip cannot install {' '.join(arguments)} (no network?): {reason[0]}")
+                made.rename(target)
         return str(target)
 
     return install

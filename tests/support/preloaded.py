@@ -1,4 +1,4 @@
-"""What a process of ``wbf-mission`` loads, mostly late: the processes of tests are forks of one that has it."""
+"""What ``wbf-mission`` loads, mostly late: processes of tests are forks of one that has it."""
 
 import matplotlib.figure
 import numba

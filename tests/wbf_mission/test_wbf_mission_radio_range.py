@@ -170,7 +170,7 @@ def test_a_vehicle_that_fails_beyond_the_range_is_lost_after_the_time_that_its_p
     )
 
 
-@sweep(1, 16)
+@sweep(1, 10)
 @given(
     autopilot=st.sampled_from(AUTOPILOTS),
     range_m=st.floats(3.5, 14.0),

@@ -1,12 +1,9 @@
 """After ``wbf-mission warm-up`` neither flights nor steps of training wait for the compiler."""
 
 import os
-import shutil
 
 import pytest
-from processes import compiled_by
-
-from geo.compiled import compiled_folder
+from processes import compiled_by, copy_compiled
 
 FLIGHTS = """
 import json
@@ -54,8 +51,7 @@ def test_nothing_is_left_to_compile(tmp_path):
     if os.environ.get("NUMBA_DISABLE_JIT"):
         pytest.skip("nothing is compiled")
     # Functions of vehicle motion are left out below, and take long to compile.
-    for motion in compiled_folder().glob("sim_vehicle.*"):
-        shutil.copytree(motion, tmp_path / motion.name)
+    copy_compiled(tmp_path, "sim_vehicle.*")
     first, later = compiled_by(FLIGHTS, tmp_path)
     expected = ("cell_posterior.take_observations", "tile.solve_tiles", "route_search.search_tour")
     for compiled in (*expected, "rl.kernels.advance", "block_means"):

@@ -44,6 +44,14 @@ def pytest_xdist_make_scheduler(config, log):
     return (slow_part.scheduling() if IN_THE_SLOW_PART in os.environ else LoadFileScheduling)(config, log)
 
 
+def pytest_ignore_collect(collection_path, config):
+    """Of the slow part, files that name neither a slow test nor a sweep are not even imported."""
+    if config.getoption("markexpr") != "slow" or collection_path.suffix != ".py":
+        return None
+    text = collection_path.read_bytes()
+    return None if b"slow" in text or b"sweep" in text else True
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_collection():
     """Collect without the garbage collector, which then never looks at the modules and tests again."""

@@ -57,7 +57,10 @@ def printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
 
 # Of what a page flies for minutes, or draws, a little is enough here.
 FRAMES = 6
-SHORTER = {"--estimator gp --day 4 --days 3": "--budget 100steps"}
+SHORTER = {
+    "--estimator gp --day 4 --days 3": "--budget 100steps",
+    "--policy greedy --budget 10min": "--budget 3min",
+}
 
 
 @pytest.mark.slow

@@ -17,10 +17,10 @@ def resident_mb():
 @pytest.mark.slow
 def test_memory_is_flat_over_a_sweep(tmp_path):
     spec = BenchSpec.of(
-        ["WBF/Miniberry-10-v1"], planners=["spiral", "random-waypoint"], estimators=["gp"], seeds=100
+        ["WBF/Miniberry-10-v1"], planners=["spiral", "random-waypoint"], estimators=["gp"], seeds=60
     )
     resident = []
     rows = benchmark(spec, out=tmp_path, progress=lambda *_: resident.append(resident_mb()))
     assert len(resident) == len(rows) == len(spec)
     # A leak of 100 kB a run would show.
-    assert resident[-1] - resident[len(resident) // 2] < 10.0
+    assert resident[-1] - resident[len(resident) // 2] < 6.0

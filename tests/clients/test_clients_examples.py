@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from live_changes import LANDS_SOON
 from page_tables import rows_of
 
 HERE = Path(__file__).parent / "examples"
@@ -444,7 +445,7 @@ def run_example(run, command, environment=None, limit_s=300.0):
 
 @pytest.fixture
 def begin(fly, tools, tmp_path):
-    """A vehicle with the settings of ``wbf-mission sim``, and the example's address of it."""
+    """A vehicle with the settings of ``wbf-mission sim``, but that it lands soon, and its address."""
     runs = []
 
     def start(example, home=None):
@@ -465,6 +466,8 @@ def begin(fly, tools, tmp_path):
             for name, seconds in (("COM_OF_LOSS_T", 1.0), ("COM_RC_LOSS_T", 0.5)):
                 # The library's clock is slower by the speed, and stands where the machine is busy.
                 flying.vehicle._parameters.change(name, seconds * example.speed * BUSY)
+        for name, value in LANDS_SOON[flying.autopilot].items():
+            flying.vehicle._parameters.change(name, value)
         runs.append(Run(flying, tmp_path))
         runs[-1].answers_to = answers_to
         if example.before is not None:

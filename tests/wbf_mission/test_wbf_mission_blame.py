@@ -57,7 +57,7 @@ def policy_file(folder, answer):
         ("return Decision({1: [[-0.1, observation.vehicles[0].position_m[1]]]})", "outside the area"),
         ("return Decision({1: np.tile([[0.5, 0.5], [2.0, 2.0]], (40, 1))})", "over the budget"),
         ("return 3", "no Decision"),
-        slow("time.sleep(1.01); return NO_CHANGE", "too late"),
+        slow("time.sleep(1.1); return NO_CHANGE", "too late"),
     ],
 )
 def test_bad_answers_are_counted_and_too_many_are_a_failure(tmp_path, answer, kind):

@@ -419,6 +419,7 @@ def accepting(page: Page) -> list[str]:
 def drawn_farm(page: Page) -> None:
     page.get_by_role("button", name="New farm").click()
     draw(page, "Field", *FIELD, FIELD[0])
+    planned(page)  # Or its plan is shown for a moment as that of the budget
     page.get_by_label("Budget").fill("2min")
     planned(page)
 

@@ -60,6 +60,8 @@ FRAMES = 6
 SHORTER = {
     "--estimator gp --day 4 --days 3": "--budget 100steps",
     "--policy greedy --budget 10min": "--budget 3min",
+    "--planner lawnmower --budget 10min": "--budget 5min",
+    "--planner spiral --budget 10min": "--budget 5min",
 }
 
 

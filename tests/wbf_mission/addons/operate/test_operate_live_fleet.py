@@ -128,7 +128,7 @@ def test_three_vehicles_share_one_link(tmp_path):
 
 @pytest.mark.slow
 def test_a_vehicle_that_is_killed_gives_its_part_to_the_other(tmp_path, monkeypatch):
-    # Of the wall's time, of which the flight takes 30 s: a busy machine may keep the other one silent for some.
+    # Of the 30 s that the flight takes; a busy machine may keep the other one silent, too, for a while.
     monkeypatch.setattr(sortie, "SILENT_S", 6.0)
     monkeypatch.setattr(joint_flight, "SILENT_FOR_GOOD_S", 7.5)
     monkeypatch.setattr(joint_flight, "SILENT_FACTOR", 0.02)

@@ -172,18 +172,8 @@ def simulator(cwd, *options, autopilot="px4", speed=5, listen=("tcpin:127.0.0.1:
     ready = cwd / "sim.ready"
     ready.unlink(missing_ok=True)
     links = [word for url in listen for word in ("--listen", url)]
-    words = [
-        "sim",
-        *FARM,
-        "--autopilot",
-        autopilot,
-        "--speed",
-        speed,
-        "--ready-file",
-        ready,
-        *links,
-        *options,
-    ]
+    words = ["sim", *FARM, "--autopilot", autopilot, "--speed", speed, "--ready-file", ready]
+    words += [*links, *options]
     words.append("--camera" if camera else "--no-camera")
     with forked(words, cwd, err=cwd / "sim.err") as process:
         wait_until(lambda: ready.exists() or process.poll() is not None, "the simulator does not start")

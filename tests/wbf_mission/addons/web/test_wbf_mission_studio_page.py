@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import signal
@@ -13,7 +14,7 @@ from pathlib import Path
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from live_page import page_at
-from playwright.sync_api import Browser, Locator, Page, expect
+from playwright.sync_api import Browser, Error, Locator, Page, Route, expect
 
 from geo import load_farm
 from mission.files import read_mission
@@ -68,6 +69,24 @@ def figure(page: Page, name: str) -> Locator:
 
 
 FIELD = (0.2, 0.2), (0.8, 0.25), (0.75, 0.8), (0.25, 0.7)
+
+
+def test_the_plan_of_an_older_draft_is_not_shown(page: Page) -> None:
+    held: list[Route] = []
+    page.route("**/api/plan*", lambda route: held.append(route))
+    page.get_by_label("Budget").fill("2min")
+    while not held:
+        page.wait_for_timeout(10)
+    answer = held[0].fetch()
+    page.get_by_label("Budget").fill("1min")
+    with contextlib.suppress(Error):  # The page may have closed the connection
+        held[0].fulfill(response=answer)
+    page.wait_for_timeout(100)
+    expect(page.locator("#studio.stale")).to_have_count(1)
+    while len(held) < 2:
+        page.wait_for_timeout(10)
+    held[1].continue_()
+    planned(page)
 
 
 def test_it_begins_with_the_plan_of_the_command_line(page: Page) -> None:

@@ -289,6 +289,7 @@ export class Studio {
 
   private planSoon(): void {
     clearTimeout(this.timer);
+    this.asking?.abort(); // Its answer would be shown as the plan of what is drawn now
     this.root.classList.add("stale");
     this.timer = window.setTimeout(() => {
       this.keep();

@@ -53,7 +53,8 @@ class MissionEnd:
     ) -> None:
         """Handle MISSION_CURRENT; after a landing, ArduPilot always reports the mission as complete.
 
-        `started_s`: start of a real vehicle's mission; None for simulated vehicles, which have one station.
+        `started_s`: start of a real vehicle's mission; None if the vehicle cannot hold another station's:
+        simulated vehicles have one station, and a reboot may have changed the mission.
         """
         self.is_complete = message.mission_state == _COMPLETE
         state = self._monitor.state

@@ -31,7 +31,7 @@ class PilotWatch:
         self.obeyed = ""  # Description of the vehicle's response to the order, empty before.
         self.ended_by_restart = ""  # State after a reboot that ended the mission, empty without one.
         self._held: list[tuple[float, str]] = []
-        self._restarted = False
+        self.restarted = False  # Whether no HEARTBEAT has arrived since a reboot.
         self._late: tuple[Maneuver, float] | None = None  # Unanswered order, and its latest arrival (s).
         self.mission_over = False  # whether the vehicle reported the end of its mission
         self.replaced = False  # whether another station has sent the vehicle another mission
@@ -85,7 +85,7 @@ class PilotWatch:
         if flies_home and self.ordered is None and not unsure:
             self._follow_home(message, now_s, ends_in)
         self._follow(message, now_s, expects_change=expects_change or flies_home, ends_in=ends_in)
-        if self._restarted:
+        if self.restarted:
             self._report_restart(message, now_s)
         elif not unsure:
             self.settle()
@@ -120,7 +120,7 @@ class PilotWatch:
             assert self._doubt is not None
             self._held.append(self._doubt)
             self._doubt, self._in_mission = None, False
-        if not unsure and not self._restarted:
+        if not unsure and not self.restarted:
             self.settle()
 
     def next_deadline(self) -> float:
@@ -142,14 +142,14 @@ class PilotWatch:
 
     def on_restart(self, message: m.MAVLink_heartbeat_message | None, now_s: float) -> None:
         """Record a reboot, and report it with the first HEARTBEAT after it (None: no HEARTBEAT yet)."""
-        self._restarted = True
+        self.restarted = True
         if message is not None:
             self._report_restart(message, now_s)
 
     def _report_restart(self, message: m.MAVLink_heartbeat_message, now_s: float) -> None:
         """Report a reboot in place of the mode changes that it caused."""
         out = bool(self._held) and self._in_mission is False
-        self._restarted = False
+        self.restarted = False
         self._doubt = None
         self._held.clear()
         disarmed = not message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED

@@ -435,7 +435,9 @@ class GroundStation:
 
     def _on_mission_current(self, message: m.MAVLink_mission_current_message, now_s: float) -> None:
         end = self._end_of_mission
-        started_s = None if self.arming_gate is None else self.started_s
+        # After a reboot, which a silence may hide, the vehicle may hold no mission or an old one.
+        rebooted = now_s < self._unsure_s or self.pilot.restarted
+        started_s = None if self.arming_gate is None or rebooted else self.started_s
         end.on_mission_current(message, now_s, flies_mission=self._flies_mission, started_s=started_s)
         is_over = end.is_complete and (self._disarmed_s is not None or end.ends_flight)
         if self.phase is Phase.FLIGHT and is_over:

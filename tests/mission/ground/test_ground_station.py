@@ -480,8 +480,7 @@ def test_two_vehicles_with_one_system_id_are_not_started(apart_s: float, flies: 
     ground.receive(heartbeat(), 1.0)
     ground.phase = Phase.FLIGHT if flies else ground.phase
     for turn in range(9):
-        message = m.MAVLink_global_position_int_message(900_000 if turn % 2 else 30_000, *[0] * 8)
-        ground.receive(from_vehicle(message), 1.0 + turn * apart_s)
+        ground.receive(from_vehicle(at(900_000 if turn % 2 else 30_000)), 1.0 + turn * apart_s)
     assert (ground.outcome is Outcome.NOT_STARTED) is ends
     assert not ends or ground.reason.startswith(
         "two vehicles use this system id, and both would obey; give each"
@@ -512,6 +511,10 @@ def test_an_order_that_follows_an_answered_or_a_forgotten_order_is_confirmed_at_
         assert commands(flight.ground.poll(flight.now_s + 1.5)) == []
 
 
+def at(boot_ms: int) -> m.MAVLink_global_position_int_message:
+    return m.MAVLink_global_position_int_message(boot_ms, *[0] * 8)
+
+
 @pytest.mark.parametrize(
     ("later_s", "total", "mission_id", "told"),
     [
@@ -532,6 +535,7 @@ def test_a_mission_of_another_station_is_told_and_not_completed(later_s, total, 
     flight.ground.arming_gate = ArmingGate((1, 1), agreed=True)
     flight.hears(current(1, 3, 7))
     flight.now_s += later_s
+    flight.hears(at(60_000))  # No reboot was hidden by the silence
     for _ in range(2):
         flight.hears(current(1, total, mission_id))
     events = [text for _, text in flight.ground.pilot.events]
@@ -552,6 +556,27 @@ def test_a_mission_of_another_station_is_told_and_not_completed(later_s, total, 
     assert (flight.ground.outcome, flight.ground.reason) == (Outcome.PILOT_TOOK_OVER, text)
 
 
+@pytest.mark.parametrize("rebooted", [True, False])
+def test_a_reboot_that_empties_the_mission_is_no_mission_of_another_station(rebooted):
+    empty = m.MAVLink_mission_current_message(0, 0xFFFF, m.MISSION_STATE_NO_MISSION, 1, 0)
+    flight = Flight()
+    flight.ground.arming_gate = ArmingGate((1, 1), agreed=True)
+    flight.hears(at(60_000))
+    flight.hears(m.MAVLink_mission_current_message(1, 3, m.MISSION_STATE_ACTIVE, 1, 7))
+    flight.now_s += 10.0
+    flight.hears(empty)
+    assert not flight.ground.pilot.replaced, "not before the clock tells whether it was a reboot"
+    flight.hears(at(500 if rebooted else 70_200))
+    flight.hears(empty)
+    flight.beats("LOITER" if rebooted else "MISSION", armed=not rebooted)
+    flight.hears(empty)
+    events = [text for _, text in flight.ground.pilot.events]
+    if rebooted:
+        assert events == ["its autopilot has started again: mode LOITER, motors off"]
+    else:
+        assert events == ["taken out of its mission: another station has sent another mission (0 items)"]
+
+
 def test_nobody_else_sends_missions_to_a_simulated_vehicle() -> None:
     flight = Flight()
     for total in (3, 36):
@@ -567,6 +592,7 @@ def test_after_a_change_that_failed_the_vehicle_may_hold_either_mission_of_ours(
     flight.hears(m.MAVLink_mission_current_message(1, 3, m.MISSION_STATE_ACTIVE, 1, 7))
     flight.ground.changes.append(ChangeRecord(7, 1, ended_s=flight.now_s, outcome=outcome))
     flight.now_s += 10.0
+    flight.hears(at(60_000))
     # The first report after the change, which may come late, has the new id.
     for total, mission_id in ((3, 9), (3, 9), (7, 9)):
         assert not flight.ground.pilot.replaced

@@ -159,7 +159,7 @@ def test_a_radio_that_is_unplugged_in_flight(tmp_path):
         vehicle, device = line.devices
         with (
             simulator(tmp_path, listen=(f"serial:{vehicle}:460800",)),
-            flying(tmp_path, f"serial:{device}:460800") as ground,
+            flying(tmp_path, f"serial:{device}:460800", "--budget", "3min") as ground,
         ):
             ground.wait_for("MISSION, item")
             line.unplug_ground()

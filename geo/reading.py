@@ -159,9 +159,10 @@ def not_json(error: msgspec.DecodeError | ValueError, data: bytes, line: int = 1
         return "it holds bytes that are no UTF-8 text; save it as UTF-8"
     found = _BYTE.search(str(error))
     if found is None:
+        if "out of range" in str(error):
+            return "a number in it is too large"
         lines = data.count(b"\n") + line
-        end = f"line {lines}: it ends in the middle"
-        return "a number in it is too large" if "out of range" in str(error) else end
+        return f"line {lines}: it ends in the middle"
     at = int(found[1])
     message = str(error).removeprefix("JSON is malformed: ").removesuffix(found[0]).strip()
     if message == "trailing characters" or data[at - 1 : at] == b"-":

@@ -247,8 +247,8 @@ def is_narrow(part: Polygon, swath: Swath) -> bool:
     >>> [is_narrow(shapely.box(0, 0, 100, width_m), Swath(10, 8, 5)) for width_m in (9, 11)]
     [True, False]
     """
-    round_hole = any(width(Polygon(hole)) < swath.across_m for hole in part.interiors)
-    return bool(shapely.buffer(part, -0.5 * swath.across_m).is_empty) and not round_hole
+    covered = bool(shapely.buffer(part, -0.5 * swath.across_m).is_empty)
+    return covered and all(width(Polygon(hole)) >= swath.across_m for hole in part.interiors)
 
 
 def without_arms(part: Polygon, swath: Swath) -> list[Polygon]:

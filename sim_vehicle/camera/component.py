@@ -209,15 +209,20 @@ class CameraComponent:
     # Commands
 
     def _command(self, message: CommandMessage) -> list[Message]:
-        mine = message.target_system in (0, self.system_id)
-        if not mine or message.target_component not in (0, self.component_id):
+        if message.target_system not in (0, self.system_id):
+            return []
+        if message.target_component not in (0, self.component_id):
             return []
         obeyed = self._obey(message, message.command)
         result, extra = (obeyed, []) if isinstance(obeyed, int) else (_ACCEPTED, obeyed)
         if message.target_component == 0 and result == _UNSUPPORTED:
             return []  # Another component of the system may support the command.
-        source = (message.get_srcSystem(), message.get_srcComponent())
-        answer = mavlink.MAVLink_command_ack_message(message.command, result, 0, 0, *source)
+        answer = mavlink.MAVLink_command_ack_message(
+            message.command,
+            result,
+            target_system=message.get_srcSystem(),
+            target_component=message.get_srcComponent(),
+        )
         return [answer, *extra]
 
     def _obey(self, message: CommandMessage, command: int) -> _Obeyed:

@@ -106,11 +106,14 @@ RESET_M = 0.5
 MARGIN = 0.3
 BRISK = 0.2
 # Mean size of the errors of the estimated vertical speed and of the estimated horizontal position.
-NOISE_M_S, NOISE_M = 0.15, 0.12
+NOISE_M_S = 0.15
+NOISE_M = 0.12
 # A vehicle that comes nearer to its target by a fiftieth or by this many metres has not stalled.
-PROGRESS, PROGRESS_M = 0.98, 10.0
+PROGRESS = 0.98
+PROGRESS_M = 10.0
 # Maximum centripetal acceleration in FlightTaskOrbit, and speed back to the circle per metre of distance.
-ORBIT_M_S2, ORBIT_1_S = 2.0, 1.0
+ORBIT_M_S2 = 2.0
+ORBIT_1_S = 1.0
 # Distance of the point ahead at which the nose of an orbiting vehicle aims.
 _AHEAD_M = 1e3
 

@@ -565,7 +565,7 @@ def test_a_reboot_that_empties_the_mission_is_no_mission_of_another_station(rebo
     flight.hears(m.MAVLink_mission_current_message(1, 3, m.MISSION_STATE_ACTIVE, 1, 7))
     flight.now_s += 10.0
     flight.hears(empty)
-    assert not flight.ground.pilot.replaced, "not before the clock tells whether it was a reboot"
+    assert not flight.ground.pilot.replaced, "not before the clock shows whether it was a reboot"
     flight.hears(at(500 if rebooted else 70_200))
     flight.hears(empty)
     flight.beats("LOITER" if rebooted else "MISSION", armed=not rebooted)

@@ -23,7 +23,7 @@ def _fleet(count, **known):
 
 
 def _flown(vehicle, path, points):
-    """The vehicle when it has passed so many points of its path."""
+    """Return a vehicle that has passed the first `points` points of its path."""
     here = tuple(path[points - 1].tolist())
     spent = vehicle.travel_cost.rest([path[:points]])[0]
     status = Status.FLYING
@@ -82,7 +82,7 @@ def test_the_first_look_is_divided_among_the_vehicles():
 
 
 def _begun(policy, vehicles, points=2):
-    """Return the vehicles when they have passed so many points of their first paths, and these paths."""
+    """Return the vehicles after the first `points` points of their first paths, and these paths."""
     paths = policy.decide(observation(*vehicles)).paths
     return [_flown(one, paths[one.system_id], points) for one in vehicles], paths
 

@@ -313,6 +313,9 @@ def test_old_pictures_are_forgotten_and_formatting_forgets_all(monkeypatch):
     taken = camera.image_count
     assert ask(camera, 526, 1, 0, 0)[0] == mavlink.MAV_RESULT_ACCEPTED
     assert camera.image_count == taken
+    assert ask(camera, 526, 1, 0, 1)[0] == mavlink.MAV_RESULT_ACCEPTED
+    assert camera.image_count == 0
+    assert ask(camera, 512, 263, 600)[0] == mavlink.MAV_RESULT_ACCEPTED, "a new count deletes nothing"
     result, (storage,) = ask(camera, 526, 1, 1, 0)
     assert (result, storage.used_capacity) == (mavlink.MAV_RESULT_ACCEPTED, 0.0)
     assert camera.image_count == 0

@@ -10,9 +10,11 @@ from hypothesis import strategies as st
 from mission_items import HOME, RTL, at, do, takeoff, wp
 from short_flights import started
 
+from geo.frame import LocalFrame
 from mission.model import Mission
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.execution.executor import MissionExecutor
+from sim_vehicle.execution.items import item_positions
 from sim_vehicle.execution.state import (
     Disarmed,
     FlightPhase,
@@ -144,6 +146,9 @@ def test_terrain_is_as_high_as_the_start_whatever_home_is():
     for home in (at(179, 0, 0, 0.0), at(179, 0, 0, 5.0)):
         _, states = flown([takeoff(), home, above_terrain, RTL])
         assert max(state.position_m[2] for state in states) == pytest.approx(20.0, abs=0.2)
+    frame = LocalFrame(HOME.latitude_deg, HOME.longitude_deg)
+    heights = [height for _, _, height in item_positions([above_terrain, wp(60, 60, 20.0)], frame, 5.0)]
+    assert heights == [20.0, 25.0], "above the terrain at the start, above a home that is 5 m higher"
 
 
 def test_a_prediction_is_the_flight_with_all_of_it():

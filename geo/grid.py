@@ -94,6 +94,11 @@ class FarmGrid:
         """Mask of the owner's cells with a crop, bool[W, H]."""
         return self._owned([crop for crop in self.crops if crop not in NOT_GROWN])
 
+    @cached_property
+    def counts(self) -> dict[str, int]:
+        """Number of all owners' cells with each crop."""
+        return {name: int(np.count_nonzero(self.of_crops([name]))) for name in self.crops}
+
     @property
     def further_crops(self) -> str:
         """Names of this farm's crops that are not in the benchmark, as one text for digests."""

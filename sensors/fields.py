@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, cast
 
@@ -181,11 +181,14 @@ class Field:
         low, high = self.range
         return np.clip((np.asarray(values, np.float64) - low) / (high - low), 0.0, 1.0)
 
+    def crops_on(self, grid: FarmGrid) -> Sequence[str]:
+        """Return the field's crops by name, on the farm of a grid."""
+        every = ALL_CROPS in self.crops
+        return [crop for crop in grid.crops if crop not in NOT_GROWN] if every else self.crops
+
     def hosts(self, grid: FarmGrid, where: Any = ...) -> NDArray[np.bool_]:
         """Return a new mask of all owners' cells with the field's crops: bool[W, H], or its part `where`."""
-        every = ALL_CROPS in self.crops
-        names = [crop for crop in grid.crops if crop not in NOT_GROWN] if every else self.crops
-        return grid.of_crops(names, where)
+        return grid.of_crops(self.crops_on(grid), where)
 
     def mask(self, grid: FarmGrid, where: Any = ...) -> NDArray[np.bool_]:
         """Return a new mask of the owner's cells with the field's crops: bool[W, H], or its part `where`."""

@@ -93,7 +93,7 @@ def carried(
 def transition(field: Field, grid: FarmGrid, earlier: int, later: int, seed: int = 0) -> Transition:
     """Return a field's transition from an earlier to a later day."""
     if field.kind == "disease":
-        hosts = int(np.count_nonzero(field.hosts(grid)))
+        hosts = sum(grid.counts.get(name, 0) for name in field.crops_on(grid))
         return _of_classes(field.epidemic, grid.shape, hosts, earlier, later, seed, field.name)
     if isinstance(field.dynamics, Measured):
         ends = np.array([0.0, 1.0])

@@ -322,9 +322,10 @@ class FieldProcess:
         assert self.classes is not None
         if not self._exact or self._day is None:
             return
-        x, y = self._cells.array.T
-        read = (self._days.array == self._day) & self.classes.hosts((x, y))
-        x, y = x[read], y[read]
+        read = np.flatnonzero(self._days.array == self._day)
+        x, y = self._cells.array[read].T
+        hosts = self.classes.hosts((x, y))
+        x, y, read = x[hosts], y[hosts], read[hosts]
         value[x, y] = _nearest_class(self._values.array[read])
         uncertainty[x, y] = 0.0
 

@@ -113,9 +113,10 @@ class LocalPosterior:
             for axis, reach, length in zip((x, y), self._reach, lengths, strict=True)
         ]
         self._spectrum = Spectrum(kernel, (sides[0], sides[1]))
-        # Observed cells as x * H + y, ascending, and the sums of each cell's weights and weighted values.
+        # Observed cells as x * H + y, ascending, and the sums of each cell's weights, weighted values, and
+        # observations since the last solution.
         self._cells = np.empty(0, np.int64)
-        self._sums = np.empty((0, 2))
+        self._sums = np.empty((0, 3))
         self._waiting = np.zeros((x.tiles, y.tiles), np.bool_)
         self._wanted = ~self._waiting if hosts is None else self.lattice.tiles_of(hosts)
 
@@ -129,7 +130,7 @@ class LocalPosterior:
         # Few cells are new, so inserting them is much faster than sorting all cells again.
         self._cells = np.insert(self._cells, where[is_new], further[is_new])
         self._sums = np.insert(self._sums, where[is_new], 0.0, axis=0)
-        weighted = np.column_stack([parts, parts * values])
+        weighted = np.column_stack([parts, parts * values, np.ones(len(values))])
         np.add.at(self._sums, np.searchsorted(self._cells, cells), weighted)
         spans = [
             part
@@ -146,7 +147,6 @@ class LocalPosterior:
         kernel = self.kernel
         parameters = kernel.length_x, kernel.length_y, kernel.noise, kernel.amplitude
         spectrum = self._spectrum
-
         tiles = np.argwhere(self._waiting)
         places = self.lattice.places_of(tiles)
         posterior = self.lattice.posterior
@@ -154,25 +154,15 @@ class LocalPosterior:
         def work(numbers: Sequence[int]) -> None:
             part = slice(numbers[0], numbers[-1] + 1)
             gp_tile.solve_tiles(
-                tiles[part],
-                places[part],
-                x.edges,
-                y.edges,
-                (x.first, y.first, x.step, y.step),
-                self._cells,
-                self._sums,
-                self.lattice.shape,
-                self._reach,
-                self._touch,
-                parameters,
-                (*spectrum.roots, *spectrum.sides),
-                spectrum.terms,
-                posterior,
-            )
+                tiles[part], places[part], x.edges, y.edges, (x.first, y.first, x.step, y.step),
+                self._cells, self._sums, self.lattice.shape, self._reach, self._touch, parameters,
+                (*spectrum.roots, *spectrum.sides), spectrum.terms, posterior,
+            )  # fmt: skip
 
         in_parallel(work, range(len(tiles)))
         self.lattice.changed(self._waiting)
         self._waiting[:] = False
+        self._sums[:, 2] = 0.0
 
 
 class WholePosterior:

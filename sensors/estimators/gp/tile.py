@@ -26,7 +26,7 @@ _PANEL = 128  # Of 64 to 256 nodes at a time, the fastest that fit the cache
 
 @compiled(nogil=True)
 def gather(cells: Places, sums: Floats, height: int, box: Any) -> Floats:
-    """Return x, y, weight and mean of the observed cells in a box, float64[n, 4], sorted by x, then y."""
+    """Return x, y, weight, mean and newness of the observed cells in a box, float64[n, 5], by x, then y."""
     x0, x1, y0, y1 = box
     spans = np.empty((x1 - x0, 2), np.int64)
     count = 0
@@ -36,12 +36,13 @@ def gather(cells: Places, sums: Floats, height: int, box: Any) -> Floats:
         while spans[x - x0, 1] < len(cells) and cells[spans[x - x0, 1]] < x * height + y1:
             spans[x - x0, 1] += 1
         count += spans[x - x0, 1] - first
-    out = np.empty((count, 4))
+    out = np.empty((count, 5))
     count = 0
     for x in range(x0, x1):
         for row in range(spans[x - x0, 0], spans[x - x0, 1]):
             out[count, 0], out[count, 1] = x, cells[row] - x * height
             out[count, 2], out[count, 3] = sums[row, 0], sums[row, 1] / sums[row, 0]
+            out[count, 4] = sums[row, 2]
             count += 1
     return out
 
@@ -97,6 +98,55 @@ def fill_nodes(
             p, q = divmod(start + t, height)
             for part in range(3):
                 posterior[part, p, q] = sums[part, t]
+
+
+@compiled(nogil=True)
+def _fill_means(
+    factor: Floats,
+    weights: Floats,
+    along_x: Floats,
+    along_y: Floats,
+    terms: Places,
+    posterior: NDArray[np.float32],
+) -> None:
+    """Write the two means at the nodes of a tile; the parameters are as in `fill_nodes`."""
+    n, width, height = len(factor), along_x.shape[1], along_y.shape[1]
+    solved = weights.copy()  # Becomes the solution of L^T solved = weights
+    for i in range(n - 1, -1, -1):
+        for part in range(2):
+            solved[i, part] /= factor[i, i]
+            for j in range(i):
+                solved[j, part] -= factor[i, j] * solved[i, part]
+    for part in range(2):
+        means = np.zeros((width, height))
+        for i in range(n):
+            b = along_y[terms[i, 1]]
+            for p in range(width):
+                scale = solved[i, part] * along_x[terms[i, 0], p]
+                for q in range(height):
+                    means[p, q] += scale * b[q]
+        for p in range(width):
+            for q in range(height):
+                posterior[part, p, q] = means[p, q]
+
+
+@compiled(nogil=True)
+def _changed_by(seen: Floats, nodes: Any, lattice: Any, touch: Any) -> Any:
+    """Return the part of a range of nodes (i0, i1, j0, j1) that observations change; it may be empty."""
+    first_x, first_y, step_x, step_y = lattice
+    i0, i1, j0, j1 = nodes
+    if len(seen) == 0:
+        return i0, i0, j0, j0
+    low_x, high_x, low_y, high_y = seen[0, 0], seen[0, 0], seen[0, 1], seen[0, 1]
+    for p in range(1, len(seen)):
+        low_x, high_x = min(low_x, seen[p, 0]), max(high_x, seen[p, 0])
+        low_y, high_y = min(low_y, seen[p, 1]), max(high_y, seen[p, 1])
+    return (
+        max(i0, -int((first_x - low_x + touch[0]) // step_x)),
+        min(i1, int((high_x + touch[0] - first_x) // step_x) + 1),
+        max(j0, -int((first_y - low_y + touch[1]) // step_y)),
+        min(j1, int((high_y + touch[1] - first_y) // step_y) + 1),
+    )
 
 
 @compiled(nogil=True)
@@ -228,14 +278,15 @@ def solve_tiles(
         Position of the first node along x and y, and spacing of the nodes along x and y, in cells.
     cells : int64[n]
         Observed cells, x * H + y in ascending order.
-    sums : float64[n, 2]
-        Total weight and weighted sum of the values of each observed cell.
+    sums : float64[n, 3]
+        Total weight and weighted sum of the values of each observed cell, and a positive number if the cell
+        was observed after its tiles were last solved. Only near such cells are variances computed.
     shape : tuple of two ints
         Width and height of the farm, W and H.
     reach : tuple of two ints
         Greatest distance along each axis, in cells, from a tile to an observation that is used for it.
     touch : tuple of two ints
-        Greatest distance along each axis at which an observation changes a node, in cells.
+        Greatest distance along each axis at which an observation changes the variance at a node, in cells.
     kernel : tuple of four floats
         The two lengthscales (cells), the variance of the noise and the variance of the latent function.
     spectrum : tuple of float64[k], float64[l], float, float
@@ -265,14 +316,7 @@ def solve_tiles(
         if n == 0:
             continue
         # Nodes that no observation reaches keep the prior.
-        low_x, high_x, low_y, high_y = seen[0, 0], seen[0, 0], seen[0, 1], seen[0, 1]
-        for p in range(1, n):
-            low_x, high_x = min(low_x, seen[p, 0]), max(high_x, seen[p, 0])
-            low_y, high_y = min(low_y, seen[p, 1]), max(high_y, seen[p, 1])
-        i0 = max(i0, -int((first_x - low_x + touch[0]) // step_x))
-        j0 = max(j0, -int((first_y - low_y + touch[1]) // step_y))
-        i1 = min(i1, int((high_x + touch[0] - first_x) // step_x) + 1)
-        j1 = min(j1, int((high_y + touch[1] - first_y) // step_y) + 1)
+        i0, i1, j0, j1 = nodes = _changed_by(seen, (i0, i1, j0, j1), lattice, touch)
         if i0 >= i1 or j0 >= j1:
             continue
         node_x, node_y = np.empty(i1 - i0), np.empty(j1 - j0)
@@ -298,9 +342,18 @@ def solve_tiles(
             raise np.linalg.LinAlgError("the covariance of the observations is singular")
         substitute_forward(factor, weights, 2)
         slot, a, b = places[k]
-        part = posterior[slot, :, i0 - a : i1 - a, j0 - b : j1 - b]
+        near = _changed_by(seen[seen[:, 4] > 0.0], nodes, lattice, touch)
+        if near != nodes:
+            # New observations change means farther away than variances.
+            part = posterior[slot, :, i0 - a : i1 - a, j0 - b : j1 - b]
+            _fill_means(factor, weights, along_x, along_y, products, part)
+        i, end_i, j, end_j = near
+        if i >= end_i or j >= end_j:
+            continue
+        along_x, along_y = along_x[:, i - i0 : end_i - i0].copy(), along_y[:, j - j0 : end_j - j0].copy()
+        part = posterior[slot, :, i - a : end_i - a, j - b : end_j - b]
         fill_nodes(factor, weights, along_x, along_y, products, part)
         if n > m:
-            for p in range(len(node_x)):
-                for q in range(len(node_y)):
+            for p in range(end_i - i):
+                for q in range(end_j - j):
                     part[2, p, q] = kernel[3] - part[2, p, q]

@@ -20,6 +20,7 @@ from geo.linear_algebra import cholesky, exp, product, solve_lower
 from geo.system import in_parallel
 from sensors.estimators.days import pass_day
 from sensors.estimators.gp import tile as gp_tile
+from sensors.estimators.gp.held_tile import HeldTile
 from sensors.estimators.gp.lattice import Mask, NodeLattice
 from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel
 
@@ -37,6 +38,9 @@ _LEAST_INFORMATION = 1e-3
 _BATCH = 4096
 _BATCHES = 16
 _ROWS_AT_ONCE = 64
+_HELD_FROM = 0.7
+"""Observations, as a multiple of the functions, from which holding a tile is faster than solving it again."""
+_MOST_HELD = 48  # About 5 MB each
 
 _Sums = NDArray[np.floating]
 
@@ -112,16 +116,21 @@ class LocalPosterior:
             float(np.diff(axis.edges).max() * axis.step + 2 * reach + 2 * length)
             for axis, reach, length in zip((x, y), self._reach, lengths, strict=True)
         ]
-        self._spectrum = Spectrum(kernel, (sides[0], sides[1]))
+        spectrum = Spectrum(kernel, (sides[0], sides[1]))
+        self._functions = (*spectrum.roots, *spectrum.sides), spectrum.terms
+        firsts_and_steps = x.first, y.first, x.step, y.step
+        self._geometry = x.edges, y.edges, firsts_and_steps, shape, self._reach, spectrum.sides
         # Observed cells as x * H + y, ascending, and the sums of each cell's weights, weighted values, and
         # observations since the last solution.
         self._cells = np.empty(0, np.int64)
         self._sums = np.empty((0, 3))
         self._waiting = np.zeros((x.tiles, y.tiles), np.bool_)
+        self._solved = self._waiting.copy()
+        self._held: dict[tuple[int, int], HeldTile] = {}  # In the order of their last use
         self._wanted = ~self._waiting if hosts is None else self.lattice.tiles_of(hosts)
 
     def condition(self, x: Cells, y: Cells, values: Floats, weights: Floats | None = None) -> None:
-        """Add observations with weights; negative weights remove observations."""
+        """Add observations with weights, or remove observations, if all weights are negative."""
         parts = np.ones(len(values)) if weights is None else weights
         cells = x.astype(np.int64) * self.lattice.shape[1] + y
         further = np.unique(cells)
@@ -140,13 +149,30 @@ class LocalPosterior:
         for i0, i1, j0, j1 in np.unique(np.stack(spans, axis=1), axis=0).tolist():
             reached = slice(i0, i1 + 1), slice(j0, j1 + 1)
             self._waiting[reached] = self._wanted[reached]
+        sign = -1.0 if (parts < 0.0).any() else 1.0
+        self._add_to_held(np.column_stack([x, y, sign * parts, values]), sign)
+
+    def _add_to_held(self, seen: Floats, sign: float) -> None:
+        """Add observations to the held tiles that they reach, which then need not be solved again."""
+        added = np.zeros_like(self._waiting)
+
+        def work(tiles: Sequence[tuple[int, int]]) -> None:
+            for tile in tiles:
+                added[tile] = self._held[tile].add(seen, sign, self.lattice.posterior)
+
+        reached = [tile for tile in self._held if self._waiting[tile]]
+        in_parallel(work, reached)
+        for tile in reached:
+            used = self._held.pop(tile)
+            if added[tile]:
+                self._held[tile] = used
+        self.lattice.changed(added)
+        self._waiting &= ~added
 
     def solve(self) -> None:
         """Solve the tiles that are within reach of new observations."""
-        x, y = self.lattice.x, self.lattice.y
         kernel = self.kernel
         parameters = kernel.length_x, kernel.length_y, kernel.noise, kernel.amplitude
-        spectrum = self._spectrum
         tiles = np.argwhere(self._waiting)
         places = self.lattice.places_of(tiles)
         posterior = self.lattice.posterior
@@ -154,15 +180,35 @@ class LocalPosterior:
         def work(numbers: Sequence[int]) -> None:
             part = slice(numbers[0], numbers[-1] + 1)
             gp_tile.solve_tiles(
-                tiles[part], places[part], x.edges, y.edges, (x.first, y.first, x.step, y.step),
-                self._cells, self._sums, self.lattice.shape, self._reach, self._touch, parameters,
-                (*spectrum.roots, *spectrum.sides), spectrum.terms, posterior,
+                tiles[part], places[part], self._geometry, self._cells, self._sums, self._touch,
+                parameters, *self._functions, posterior,
             )  # fmt: skip
 
         in_parallel(work, range(len(tiles)))
+        again = self._solved[self._waiting]
+        self._hold(tiles[again], places[again])
+        self._solved |= self._waiting
         self.lattice.changed(self._waiting)
         self._waiting[:] = False
         self._sums[:, 2] = 0.0
+
+    def _hold(self, tiles: NDArray[np.int64], places: NDArray[np.int64]) -> None:
+        """Hold those of the solved tiles that have many observations."""
+        made: dict[int, HeldTile] = {}
+
+        def work(numbers: Sequence[int]) -> None:
+            for number in numbers:
+                frame = gp_tile.frame_of(tiles[number], self._geometry)
+                seen = gp_tile.gather(self._cells, self._sums, self.lattice.shape[1], frame[1])
+                if len(seen) > _HELD_FROM * len(self._functions[1]):
+                    at = frame, places[number], self.lattice
+                    made[number] = HeldTile(seen, *at, self.kernel.noise, *self._functions)
+
+        in_parallel(work, range(len(tiles)))
+        for number in sorted(made):
+            self._held[tuple(tiles[number].tolist())] = made[number]
+        for tile in list(self._held)[:-_MOST_HELD]:
+            del self._held[tile]
 
 
 class WholePosterior:

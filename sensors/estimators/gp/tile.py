@@ -25,6 +25,28 @@ _PANEL = 128  # Of 64 to 256 nodes at a time, the fastest that fit the cache
 
 
 @compiled(nogil=True)
+def frame_of(tile: Places, geometry: Any) -> Any:
+    """Return a tile's ranges of nodes, its box of cells with observations, and the spans of its functions.
+
+    `geometry` has the first node of each column of tiles and the end of the last one, int64[columns + 1]; the
+    same for the rows; the position of the first node along x and y and the spacing of the nodes along x and
+    y, in cells; width and height of the farm; the greatest distance along x and y, in cells, from a tile to
+    an observation that is used for it; and the length of the spans along x and y, which the tile halves.
+    """
+    edges_x, edges_y, (first_x, first_y, step_x, step_y), shape, reach, sides = geometry
+    i0, i1, j0, j1 = edges_x[tile[0]], edges_x[tile[0] + 1], edges_y[tile[1]], edges_y[tile[1] + 1]
+    box = (
+        max(0, first_x + i0 * step_x - reach[0]),
+        min(shape[0], first_x + (i1 - 1) * step_x + reach[0] + 1),
+        max(0, first_y + j0 * step_y - reach[1]),
+        min(shape[1], first_y + (j1 - 1) * step_y + reach[1] + 1),
+    )
+    x, y = first_x + 0.5 * (i0 + i1 - 1) * step_x, first_y + 0.5 * (j0 + j1 - 1) * step_y
+    spans = (x - 0.5 * sides[0], x + 0.5 * sides[0]), (y - 0.5 * sides[1], y + 0.5 * sides[1])
+    return (i0, i1, j0, j1), box, *spans
+
+
+@compiled(nogil=True)
 def gather(cells: Places, sums: Floats, height: int, box: Any) -> Floats:
     """Return x, y, weight, mean and newness of the observed cells in a box, float64[n, 5], by x, then y."""
     x0, x1, y0, y1 = box
@@ -199,7 +221,7 @@ def _cosines(places: Floats, low: float, high: float, count: int) -> Floats:
 
 
 @compiled(nogil=True)
-def _precision(
+def precision_of(
     seen: Floats, noise: float, spectrum: Any, terms: Places, span_x: Any, span_y: Any, weights: Floats
 ) -> Floats:
     """Return the precision of the m sine functions' weights, float64[m, m]; add the data to `weights`.
@@ -251,13 +273,9 @@ def _precision(
 def solve_tiles(
     tiles: Places,
     places: Places,
-    edges_x: Places,
-    edges_y: Places,
-    lattice: Any,
+    geometry: Any,
     cells: Places,
     sums: Floats,
-    shape: Any,
-    reach: Any,
     touch: Any,
     kernel: Any,
     spectrum: Any,
@@ -272,51 +290,35 @@ def solve_tiles(
         Column and row of each tile.
     places : int64[n, 3]
         Slot of each tile in `posterior`, and the first node of the slot along x and y.
-    edges_x, edges_y : int64[columns + 1], int64[rows + 1]
-        First node of each column and of each row of tiles, and the end of the last column or row.
-    lattice : tuple of four ints
-        Position of the first node along x and y, and spacing of the nodes along x and y, in cells.
+    geometry
+        As in `frame_of`.
     cells : int64[n]
         Observed cells, x * H + y in ascending order.
     sums : float64[n, 3]
         Total weight and weighted sum of the values of each observed cell, and a positive number if the cell
         was observed after its tiles were last solved. Only near such cells are variances computed.
-    shape : tuple of two ints
-        Width and height of the farm, W and H.
-    reach : tuple of two ints
-        Greatest distance along each axis, in cells, from a tile to an observation that is used for it.
     touch : tuple of two ints
         Greatest distance along each axis at which an observation changes the variance at a node, in cells.
     kernel : tuple of four floats
         The two lengthscales (cells), the variance of the noise and the variance of the latent function.
     spectrum : tuple of float64[k], float64[l], float, float
-        Square roots of the variances of the sine functions along each axis, and the sides of their box in
-        cells. The box is centred on the tile.
+        Square roots of the variances of the sine functions along each axis, and the lengths of their spans
+        in cells.
     terms : int64[m, 2]
         Pairs of indices of sine functions to multiply, used if there are more observed cells than functions.
     posterior : float32[slots, 3, w, h]
         Result as in `fill_nodes`, but the third part is the reduction of the variance. Changed in place.
     """
+    lattice, (_, height) = geometry[2:4]
     first_x, first_y, step_x, step_y = lattice
     for k in range(len(tiles)):
-        i0, i1 = edges_x[tiles[k, 0]], edges_x[tiles[k, 0] + 1]
-        j0, j1 = edges_y[tiles[k, 1]], edges_y[tiles[k, 1] + 1]
-        middle_x = first_x + 0.5 * (i0 + i1 - 1) * step_x
-        middle_y = first_y + 0.5 * (j0 + j1 - 1) * step_y
-        span_x = middle_x - 0.5 * spectrum[2], middle_x + 0.5 * spectrum[2]
-        span_y = middle_y - 0.5 * spectrum[3], middle_y + 0.5 * spectrum[3]
-        box = (
-            max(0, first_x + i0 * step_x - reach[0]),
-            min(shape[0], first_x + (i1 - 1) * step_x + reach[0] + 1),
-            max(0, first_y + j0 * step_y - reach[1]),
-            min(shape[1], first_y + (j1 - 1) * step_y + reach[1] + 1),
-        )
-        seen = gather(cells, sums, shape[1], box)
+        nodes, box, span_x, span_y = frame_of(tiles[k], geometry)
+        seen = gather(cells, sums, height, box)
         n, m = len(seen), len(terms)
         if n == 0:
             continue
         # Nodes that no observation reaches keep the prior.
-        i0, i1, j0, j1 = nodes = _changed_by(seen, (i0, i1, j0, j1), lattice, touch)
+        i0, i1, j0, j1 = nodes = _changed_by(seen, nodes, lattice, touch)
         if i0 >= i1 or j0 >= j1:
             continue
         node_x, node_y = np.empty(i1 - i0), np.empty(j1 - j0)
@@ -334,7 +336,7 @@ def solve_tiles(
             along_y = _bells(seen, 1, node_y, kernel[1], 1.0)
         else:
             weights, products = np.zeros((m, 2)), terms
-            matrix = _precision(seen, kernel[2], spectrum, terms, span_x, span_y, weights)
+            matrix = precision_of(seen, kernel[2], spectrum, terms, span_x, span_y, weights)
             along_x = sines(node_x, span_x[0], span_x[1], spectrum[0])
             along_y = sines(node_y, span_y[0], span_y[1], spectrum[1])
         factor = factor_of(matrix)

@@ -38,8 +38,6 @@ _LEAST_INFORMATION = 1e-3
 _BATCH = 4096
 _BATCHES = 16
 _ROWS_AT_ONCE = 64
-_HELD_FROM = 0.7
-"""Observations, as a multiple of the functions, from which holding a tile is faster than solving it again."""
 _MOST_HELD = 48  # About 5 MB each
 
 _Sums = NDArray[np.floating]
@@ -193,14 +191,14 @@ class LocalPosterior:
         self._sums[:, 2] = 0.0
 
     def _hold(self, tiles: NDArray[np.int64], places: NDArray[np.int64]) -> None:
-        """Hold those of the solved tiles that have many observations."""
+        """Hold those of the solved tiles that have more observed cells than functions."""
         made: dict[int, HeldTile] = {}
 
         def work(numbers: Sequence[int]) -> None:
             for number in numbers:
                 frame = gp_tile.frame_of(tiles[number], self._geometry)
                 seen = gp_tile.gather(self._cells, self._sums, self.lattice.shape[1], frame[1])
-                if len(seen) > _HELD_FROM * len(self._functions[1]):
+                if len(seen) > len(self._functions[1]):
                     at = frame, places[number], self.lattice
                     made[number] = HeldTile(seen, *at, self.kernel.noise, *self._functions)
 

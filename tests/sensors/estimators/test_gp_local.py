@@ -9,6 +9,7 @@ from estimator_inputs import grid_of
 from geo.farms import get_farm
 from sensors.errors import EstimatorError
 from sensors.estimators import make_estimator
+from sensors.estimators.gp import held_tile
 from sensors.estimators.gp.cell_posterior import LEAST_NOISE as WINDOWED_NOISE
 from sensors.estimators.gp.cell_posterior import ExactPosterior, WindowedPosterior
 from sensors.estimators.gp.estimator import GaussianProcessEstimator
@@ -83,7 +84,7 @@ def test_the_posterior_of_a_small_farm_is_the_exact_one(make, kernel, n):
     x, y = (rng.integers(0, side, n).astype(np.int32) for side in shape)
     values = np.sqrt(kernel.amplitude) * rng.standard_normal(n)
     posterior = make(shape, kernel)
-    for part in np.array_split(np.arange(n), 2):
+    for part in np.split(np.arange(n), [n // 2, n - n // 50]):
         posterior.condition(x[part], y[part], values[part])
         posterior.solve()
     right, deviation = exact_posterior(kernel, shape, x, y, values)
@@ -138,6 +139,31 @@ def test_land_without_the_crop_changes_no_estimate(monkeypatch):
     for some, every in zip(found, right, strict=True):
         np.testing.assert_array_equal(some, every)
     assert 0 < few[0] < many[0] and 0 < few[1] < many[1]
+
+
+@pytest.mark.parametrize(("noise", "most_added"), [(0.3, 256), (0.12, 256), (0.3, 10)])
+def test_steps_end_with_the_estimate_of_all_observations_at_once(monkeypatch, noise, most_added):
+    monkeypatch.setattr(held_tile, "_MOST_ADDED", most_added)
+    rng, kernel, shape = np.random.default_rng(4), RbfKernel(1.9, 2.1, noise, 1.0), (60, 60)
+    steps = [
+        (*rng.integers(0, shape[0], (2, n)).astype(np.int32), rng.standard_normal(n), np.ones(n))
+        for n in (2500, 600, *[20] * 12)
+    ]
+    # Readings of the same cells replace the readings of the step before last.
+    x, y, values, weights = steps[-2]
+    steps += [(x, y, values + 0.5, weights), (x, y, values, -weights)]
+    posterior, at_once = LocalPosterior(shape, kernel), LocalPosterior(shape, kernel)
+    held = []
+    for number, step in enumerate(steps):
+        posterior.condition(*step)
+        at_once.condition(*step)
+        held.append(sum(not posterior._waiting[tile] for tile in posterior._held))
+        if number != len(steps) - 2:
+            posterior.solve()
+    at_once.solve()
+    assert held[1] == 0 and (min(held[3:]) > 0) == (most_added > 20)
+    for found, right in zip(written(posterior, shape), written(at_once, shape), strict=True):
+        np.testing.assert_allclose(found, right, atol=1e-4)
 
 
 def test_functions_that_no_observation_can_move_are_left_out():

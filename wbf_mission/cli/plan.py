@@ -12,7 +12,7 @@ from geo.texts import distance, duration
 from wbf_mission.cli import options
 from wbf_mission.cli.options import MISSION_SUFFIXES, Force, Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output, write_and_report
-from wbf_mission.scenario import ScenarioError
+from wbf_mission.scenario import CameraOptions, FarmOptions, ScenarioError, VehicleOptions, WeatherOptions
 
 if TYPE_CHECKING:
     from mission.model import GeoPoint
@@ -38,6 +38,7 @@ BEGINNERS = (
 _PANEL = "Sorties"
 _DAY_S = 86_400.0
 _RESTS = ("rest.plan", "rest.json")  # The plan is missing if it cannot hold the rest
+_OF_RUN = (FarmOptions, VehicleOptions, WeatherOptions, CameraOptions)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,15 +102,19 @@ class SortieOptions:
     def check_counted(self) -> None:
         """Raise ScenarioError if ``--whole`` is given, which contradicts a budget in batteries."""
         if self.whole:
-            msg = "--whole leaves the mission whole, but a budget of batteries cuts it: leave out one of them"
-            raise ScenarioError(msg)
+            raise ScenarioError("--whole contradicts a budget of batteries, which cuts the mission: leave out one")
 
-    def with_rest(self, given: options.Given) -> tuple[options.Given, SortieOptions]:
-        """If ``--resume`` is a results folder with the rest of a mission, take it as the mission file."""
-        if self.resume is None or "mission" in given.changes:
+    def with_run(self, given: options.Given) -> tuple[options.Given, SortieOptions]:
+        """If ``--resume`` is a results folder, take its farm, vehicle, weather and camera, and its rest."""
+        if self.resume is None:
             return given, self
+        from wbf_mission.results.writing import scenario_in
+
+        run = scenario_in(Path(self.resume)) or {}
+        own = {key: run[key] for part in _OF_RUN for key in part().values() if key in run}
+        given = replace(given, defaults={**given.defaults, **own})
         rest = next((file for name in _RESTS if (file := Path(self.resume, name)).is_file()), None)
-        if rest is None:
+        if rest is None or "mission" in given.changes:
             return given, self
         return replace(given, changes={**given.changes, "mission": str(rest)}), replace(self, resume=None)
 
@@ -210,7 +215,7 @@ def plan_command(
     from wbf_mission.preflight.run import check_plans
     from wbf_mission.run.plan import batteries_in, plan_fleet, plan_for_batteries
 
-    given, sorties = sorties.with_rest(given)
+    given, sorties = sorties.with_run(given)
     batteries = batteries_in(given.changes.get("budget"))
     if batteries is not None:
         sorties.check_counted()

@@ -265,30 +265,26 @@ def _check_target(
             continue
         source = Path(one).resolve()
         if source.parent == target and _is_ours(source.name):
-            msg = f"{path}: holds {one}, which the run reads; give another folder"
-            raise ResultError(msg)
+            raise ResultError(f"{path}: holds {one}, which the run reads; give another folder")
     if not path.exists():
         if path.is_symlink():
-            msg = f"{path}: is a link to a missing folder; give another folder"
-            raise ResultError(msg)
+            raise ResultError(f"{path}: is a link to a missing folder; give another folder")
         return
     if not path.is_dir():
-        msg = f"{path}: is a file, not a folder for the results; give another name"
-        raise ResultError(msg)
+        raise ResultError(f"{path}: is a file, not a folder for the results; give another name")
     ours = AtomicFolder(path, RECORD, _is_ours).hidden_names
     if overwrite or all(entry.name in ours or _KEPT in entry.name for entry in path.iterdir()):
         return
     if not (path / RECORD).is_file():
         what = "holds other files and no result; give another folder, or write beside these files"
-        msg = f"{path}: {what} (--overwrite, overwrite=True)"
-        raise ResultError(msg)
-    if scenario is None or _scenario_in(path) != msgspec.json.decode(msgspec.json.encode(scenario)):
+        raise ResultError(f"{path}: {what} (--overwrite, overwrite=True)")
+    if scenario is None or scenario_in(path) != msgspec.json.decode(msgspec.json.encode(scenario)):
         what = "holds the result of another run; give another folder, or replace the result"
-        msg = f"{path}: {what} (--overwrite, overwrite=True)"
-        raise ResultError(msg)
+        raise ResultError(f"{path}: {what} (--overwrite, overwrite=True)")
 
 
-def _scenario_in(path: Path) -> Any:
+def scenario_in(path: Path) -> Any:
+    """Return the recorded scenario of a results folder, or None if there is none."""
     with contextlib.suppress(OSError, ValueError, RecursionError, AttributeError):
         return msgspec.json.decode((path / RECORD).read_bytes()).get("scenario")
     return None

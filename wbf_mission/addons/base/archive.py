@@ -54,6 +54,13 @@ class Archive(Closing):
             raise ArchiveError(f"unpacks to more than {self._most >> 20} MiB, the limit")
         return data
 
+    def kml(self) -> tuple[list[str], str]:
+        """Return a KMZ's main KML (at the root, ``doc.kml`` first), if any, and a note on the others."""
+        found = [name for name in self.names if name.lower().endswith(".kml")]
+        found.sort(key=lambda name: ("/" in name, name.rpartition("/")[2].lower() != "doc.kml"))
+        others = one_line(", ".join(found[1:]), 100)
+        return found[:1], f"read from {found[0]}; left out: {others}" if others else ""
+
     def close(self) -> None:
         """Close the archive's file."""
         self._zip.close()

@@ -40,6 +40,7 @@ class Drawing:
     paths: Sequence[DrawnPath]
     areas: int = 0  # Number of polygons in the file, which are not used.
     no_altitudes: str = "the file gives none"  # Reason for missing altitudes, for the error message.
+    notes: tuple[str, ...] = ()  # Notes on the file.
 
     def mission(self, altitude_m: float | None = None, name: str | None = None) -> tuple[Mission, list[str]]:
         """Return a mission along the path `name` (default: the only path), and notes on the mission.
@@ -56,8 +57,9 @@ class Drawing:
         frames = {item.frame for item in made.items}
         above = " and ".join(name for frame, name in names.items() if frame in frames)
         notes = [
+            *self.notes,
             f"the {len(path.points)} points of {path.name} are waypoints, altitudes {above};"
-            " no take-off, landing, speed or home is added"
+            " no take-off, landing, speed or home is added",
         ]
         if self.areas:
             notes.append(f"{self.areas} polygons are left out")

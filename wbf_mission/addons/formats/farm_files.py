@@ -68,7 +68,7 @@ def read_vector(path: Path, layer: str | None = None, crs: str | None = None) ->
     pyogrio = load_extra("pyogrio", "gis", needed, FarmError)
     logging.getLogger("pyogrio").addHandler(logging.NullHandler())
     document = Document({}, [])
-    with _plain(path) as (plain, inside), warnings.catch_warnings():
+    with _plain(path, document.notes) as (plain, inside), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             names = _layers(plain, pyogrio.list_layers)
@@ -92,15 +92,15 @@ def read_vector(path: Path, layer: str | None = None, crs: str | None = None) ->
 
 
 @contextlib.contextmanager
-def _plain(path: Path) -> Iterator[tuple[Path, str]]:
-    """Check a file; yield the path that GDAL may open, and the file's name for messages."""
+def _plain(path: Path, notes: list[str]) -> Iterator[tuple[Path, str]]:
+    """Check a file; yield the path that GDAL may open, and the file's name; add notes on an archive."""
     suffix = path.suffix.lower()
     try:
         if suffix in (".kml", ".gpx"):
             _check_xml(read_file(path, _MAX_TEXT_BYTES), suffix)
         elif suffix in (".kmz", ".zip"):
             with tempfile.TemporaryDirectory() as folder:
-                yield _unpacked(path, Path(folder))
+                yield _unpacked(path, Path(folder), notes)
             return
         elif suffix == ".shp":
             _check_shapefile(path)
@@ -173,16 +173,18 @@ def _check_xml(data: bytes, suffix: str) -> None:
         raise FarmError("has a NetworkLink, which is not fetched; save a file with the fields themselves")
 
 
-def _unpacked(path: Path, folder: Path) -> tuple[Path, str]:
-    """Unpack the KML of a .kmz, or the Shapefile of a .zip, with a size limit."""
+def _unpacked(path: Path, folder: Path, notes: list[str]) -> tuple[Path, str]:
+    """Unpack the main KML of a .kmz, or the Shapefile of a .zip, with a size limit."""
     kmz = path.suffix.lower() == ".kmz"
     wanted = (".kml",) if kmz else _SHAPEFILE
     _check_head(path, b"PK", "archive")
     try:
         with Archive(path, _MAX_TEXT_BYTES if kmz else _MAX_BYTES) as archive:
             mains = [name for name in archive.names if name.lower().endswith(wanted[0])]
-            mains.sort(key=lambda name: Path(name).name.lower() != "doc.kml")
-            if not mains or (len(mains) > 1 and not kmz):
+            if kmz and len(mains) > 1:
+                mains[:], note = archive.kml()
+                notes.append(note)
+            if len(mains) != 1:
                 named = f" ({one_line(', '.join(mains), 100)})" if mains else ""
                 raise FarmError(f"holds {len(mains)} files {wanted[0]}{named}; give an archive with only one")
             main = mains[0][:-4]

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 from xml.etree import ElementTree
 
 from geo.texts import parse_number
 from mission.errors import MissionFileError
-from mission.files.common import KML_KIND, KMZ_KIND, MAX_BYTES, Firmware, kind_of, wrong_kind
+from mission.files.common import KML_KIND, KMZ_KIND, MAX_BYTES, Firmware, WithNotes, kind_of, wrong_kind
 from mission.model import Frame, Mission
 from wbf_mission.addons.base.archive import Archive, ArchiveError, archive_of
 from wbf_mission.addons.base.markup import add, decimal, document
@@ -195,8 +196,8 @@ def _add_data(parent: ElementTree.Element, fields: Mapping[str, Any]) -> None:
         add(add(extended, "Data", name=name), "value", text)
 
 
-def kmz_loads(data: bytes) -> Mission | Drawing:
-    """Read the first .kml file of a KMZ archive."""
+def kmz_loads(data: bytes) -> Mission | WithNotes | Drawing:
+    """Read the main .kml file of a KMZ archive."""
     if kind_of(data) != KMZ_KIND:
         raise wrong_kind(data, "a KMZ archive")
     try:
@@ -206,16 +207,19 @@ def kmz_loads(data: bytes) -> Mission | Drawing:
                     "this is a DJI wayline file (WPML), which can be written, but not read; give another"
                     " format, or plan a flight over its mapping area (wbf-mission plan --farm FILE)"
                 )
-            found = next((name for name in archive.names if name.lower().endswith(".kml")), None)
-            if found is None:
+            mains, note = archive.kml()
+            if not mains:
                 raise MissionFileError("the archive has no .kml file; give a KMZ of Google Earth")
-            content = archive.read(found)
+            content = archive.read(mains[0])
     except ArchiveError as error:
         raise MissionFileError(f"the archive {error}") from None
     try:
-        return loads(content)
+        made = loads(content)
     except MissionFileError as error:
-        raise MissionFileError(f"{found}: {error}") from None
+        raise MissionFileError(f"{mains[0]}: {error}") from None
+    if not note:
+        return made
+    return WithNotes(made, (note,)) if isinstance(made, Mission) else replace(made, notes=(note,))
 
 
 def kmz_dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> bytes:

@@ -320,6 +320,14 @@ VRT = (
 BOMB = '<!DOCTYPE k [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]><kml><name>&b;</name></kml>'
 
 
+def test_kmz_is_read_from_its_main_kml_and_names_the_others(tmp_path: Path) -> None:
+    path = tmp_path / "a.kmz"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("a.kml", "<kml/>")
+        archive.writestr("doc.kml", f"<kml><Document>{POLYGON}</Document></kml>")
+    assert "read from doc.kml; left out: a.kml" in load_farm(path).notes
+
+
 @pytest.mark.parametrize(
     ("name", "content", "text"),
     [

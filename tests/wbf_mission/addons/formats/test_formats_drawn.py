@@ -281,10 +281,16 @@ def zipped(members, compression=zipfile.ZIP_DEFLATED):
     return made.getvalue()
 
 
-def test_kmz_takes_the_first_kml_wherever_its_name_points(made, tmp_path):
-    content = zipped({"images/a.png": b"x", "../../evil.KML": kml(line()), "other.kml": kml()})
-    assert len(made(".kmz", content)[0].items) == 2
-    assert [one.name for one in tmp_path.iterdir()] == ["mine.kmz"]
+@pytest.mark.parametrize(
+    ("main", "others"),
+    [("doc.kml", ["../../evil.KML", "a.kml"]), ("b.kml", ["a/doc.kml"]), ("../../evil.KML", ["x/z.kml"])],
+)
+def test_kmz_is_read_from_its_main_kml_and_names_the_others(made, tmp_path, main, others):
+    files = {"images/a.png": b"x", **dict.fromkeys(others, kml()), main: kml(line())}
+    content = zipped(dict(reversed(files.items())) if main.startswith("..") else files)
+    mission, notes = made(".kmz", content)
+    assert len(mission.items) == 2 and [one.name for one in tmp_path.iterdir()] == ["mine.kmz"]
+    assert notes[0].startswith(f"read from {main}; ") and all(other in notes[0] for other in others)
 
 
 @pytest.mark.parametrize(

@@ -131,8 +131,7 @@ class Course:
             return LocalFrame(home.latitude_deg, home.longitude_deg, home.altitude_m)
         placed = next((item for item in self.mission.items if item.has_position and (item.x or item.y)), None)
         if placed is None:
-            msg = "the mission has no position, so its start is unknown; give it a home"
-            raise MissionError(msg)
+            raise MissionError("the mission has no position, so its start is unknown; give it a home")
         return LocalFrame(placed.x, placed.y)
 
     def _legs_to(self, flown: list[int]) -> list[Leg]:
@@ -314,8 +313,7 @@ def unrolled(mission: Mission) -> Mission:
             continue
         target, repeat = item.param1, item.param2 or 0.0
         if repeat < 0.0:
-            msg = f"item {k + 1}: the DO_JUMP repeats without end; give a number of repetitions"
-            raise MissionError(msg)
+            raise MissionError(f"item {k + 1}: the DO_JUMP repeats without end; give a number of repetitions")
         if target is None or not 0 <= target < len(items):
             where = "unset" if target is None else int(target) + 1
             msg = f"item {k + 1}: the target of the DO_JUMP is {where}; give an item from 1 to {len(items)}"
@@ -375,8 +373,7 @@ class MissionProgress:
         Raises MissionError if the vehicle never flew its mission.
         """
         if not self._flown:
-            msg = "no message shows the vehicle armed in its mission mode, at a known position"
-            raise MissionError(msg)
+            raise MissionError("no message shows the vehicle armed in its mission mode, at a known position")
         course = self.course
         items, latitude, longitude = np.array(self._flown).T
         if items.max() >= len(course.mission.items):

@@ -70,6 +70,7 @@ class Shots:
 
     distance_m: float = 0.0
     interval_ms: float = 0.0
+    images: float = math.inf  # Number of images, after which a series ends by itself
 
     @property
     def is_off(self) -> bool:
@@ -86,7 +87,7 @@ class Shots:
 def shots_ordered(item: MissionItem) -> Shots | None:
     """Return the setting of the camera trigger that an item makes, or None if it makes none.
 
-    A single image (IMAGE_START_CAPTURE without an interval, DO_DIGICAM_CONTROL) has an infinite interval.
+    A single image (IMAGE_START_CAPTURE once or at no interval, DO_DIGICAM_CONTROL) has interval infinity.
     """
     value = max(item.param1 or 0.0, 0.0)
     match item.command:
@@ -95,7 +96,9 @@ def shots_ordered(item: MissionItem) -> Shots | None:
         case Command.DO_SET_CAM_TRIGG_INTERVAL:
             return Shots(interval_ms=value)
         case Command.IMAGE_START_CAPTURE:
-            return Shots(interval_ms=1000.0 * (item.param2 or math.inf))
+            images = max(item.param3 or 0.0, 0.0) or math.inf
+            interval_s = math.inf if images == 1.0 else item.param2 or math.inf
+            return Shots(interval_ms=1000.0 * interval_s, images=images)
         case Command.IMAGE_STOP_CAPTURE:
             return Shots()
         case 203 if item.x == 1.0:  # DO_DIGICAM_CONTROL with the shutter

@@ -60,6 +60,7 @@ def by_distance(metres, at_once=1.0):
         (by_distance(0.0), []),
         (MissionItem(Command.DO_SET_CAM_TRIGG_INTERVAL, param1=500.0), [0, 1.5, 3, 4.5, 6]),
         (MissionItem(Command.IMAGE_START_CAPTURE, param2=2.0), [0, 6]),
+        (MissionItem(Command.IMAGE_START_CAPTURE, param2=2.0, param3=1.0), [0]),
         (MissionItem(Command.IMAGE_START_CAPTURE, param3=1.0), [0]),
     ],
 )

@@ -154,8 +154,7 @@ class _Saving:
 
         if not self.files and (self.animate or self.treatment_map):
             what = "--animate writes a file" if self.animate else "--treatment-map writes files"
-            msg = f"{what}, but --no-files forbids files: leave one of them out"
-            raise ScenarioError(msg)
+            raise ScenarioError(f"{what}, but --no-files forbids files: leave one of them out")
         if self.files and self.plots and PICTURES not in product_names():
             output.note(f"note: no pictures, since no installed package makes '{PICTURES}' ({GROUP})")
         for name in self.products():

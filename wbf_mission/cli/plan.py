@@ -102,7 +102,7 @@ class SortieOptions:
     def check_counted(self) -> None:
         """Raise ScenarioError if ``--whole`` is given, which contradicts a budget in batteries."""
         if self.whole:
-            raise ScenarioError("--whole contradicts a budget of batteries, which cuts the mission: leave out one")
+            raise ScenarioError("--whole contradicts a budget in batteries, which cuts: leave out one")
 
     def with_run(self, given: options.Given) -> tuple[options.Given, SortieOptions]:
         """If ``--resume`` is a results folder, take its farm, vehicle, weather and camera, and its rest."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo import Farm
-from mission.ground.items import shots_ordered
+from mission.ground.items import Shots, shots_ordered
 from mission.model import DEGREES_E7, Mission
 from mission.planners.path import Points
 from sensors.camera.leaf_camera import footprint_offsets
@@ -108,7 +108,7 @@ def image_places(farm: Farm, mission: Mission, prediction: Prediction) -> Points
             reports = _smooth(when_s, times_s, track_deg, speeds)
             places.append(_by_distance(reports, shots.distance_m, at_once=item.param3 == 1.0))
         else:
-            places.append(_by_time(when_s[0], when_s[-1], shots.interval_ms, times_s, track_deg))
+            places.append(_by_time(when_s[0], when_s[-1], shots, times_s, track_deg))
     return np.column_stack(farm.frame.from_wgs84(*np.vstack(places).T))
 
 
@@ -146,9 +146,9 @@ def _by_distance(reports_deg: Points, distance_m: float, *, at_once: bool) -> Po
 
 
 def _by_time(
-    begin_s: float, end_s: float, interval_ms: float, times_s: NDArray[np.floating[Any]], track_deg: Points
+    begin_s: float, end_s: float, shots: Shots, times_s: NDArray[np.floating[Any]], track_deg: Points
 ) -> Points:
     """Return the positions at which a trigger by time fires (degrees): the first, and one per interval."""
-    count = 1 if math.isinf(interval_ms) else 1 + math.floor((end_s - begin_s) * 1000.0 / interval_ms + 1e-9)
-    wanted_s = begin_s + np.arange(count) * (interval_ms / 1000.0 if count > 1 else 0.0)
+    count = min(1 + math.floor((end_s - begin_s) * 1000.0 / shots.interval_ms + 1e-9), shots.images)
+    wanted_s = begin_s + np.arange(count) * (shots.interval_ms / 1000.0 if count > 1 else 0.0)
     return np.column_stack([np.interp(wanted_s, times_s, along) for along in track_deg.T])

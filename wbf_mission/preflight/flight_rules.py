@@ -341,7 +341,7 @@ def check_camera(subject: Subject) -> Iterator[Finding]:
     order, distance_m = 0, 0.0
     for k, item in enumerate(subject.items):
         if (ordered := shots_ordered(item)) is not None:
-            if not (math.isinf(ordered.interval_ms) or (item.command == 2000 and item.param3)):
+            if math.isinf(ordered.images) and not math.isinf(ordered.interval_ms):
                 on, order = (None, order) if ordered.is_off else (k, k)
             distance_m, interval_s = ordered.distance_m, ordered.interval_ms / 1000.0
             if 0.0 < interval_s < subject.given.image_interval_s:

@@ -160,11 +160,9 @@ def refuse_overwrite(
     if out is None:
         return
     if out.is_dir():
-        msg = f"{out}: is a folder; give the name of a file"
-        raise TargetError(msg)
+        raise TargetError(f"{out}: is a folder; give the name of a file")
     if not out.parent.is_dir():
-        msg = f"{out}: there is no folder {out.parent}; make the folder, or give another name"
-        raise TargetError(msg)
+        raise TargetError(f"{out}: there is no folder {out.parent}; make the folder, or give another name")
     if not out.exists():
         return
     # A farm file's name may be followed by ``|`` and a layer.
@@ -172,12 +170,10 @@ def refuse_overwrite(
     named = map(Path, parts)
     for given in named:
         if given.exists() and out.samefile(given):
-            msg = f"{out}: this is an input file; give another name for the output"
-            raise TargetError(msg)
+            raise TargetError(f"{out}: this is an input file; give another name for the output")
     if not overwrite and suffixes and out.is_file() and out.suffix.lower() not in suffixes:
         kinds = " or ".join(filter(None, suffixes))
-        msg = f"{out}: this existing file is no {kinds} file; give another name, or --overwrite"
-        raise TargetError(msg)
+        raise TargetError(f"{out}: this existing file is no {kinds} file; give another name, or --overwrite")
 
 
 def _own(key: str, given: Any) -> Any:
@@ -233,12 +229,10 @@ class Given:
         """Raise ScenarioError if an option that the user gave has no effect."""
         for given in (_defined(key) for key in self.changes):
             if given.needs and values[given.needs] == all_options()[given.needs][2].initial:
-                msg = f"{given.flag} has an effect only with {flag_of(given.needs)}: give both"
-                raise ScenarioError(msg)
+                raise ScenarioError(f"{given.flag} has an effect only with {flag_of(given.needs)}: give both")
             if given.needs_fleet and not is_fleet:
                 alone = f"{given.flag} has an effect only with several vehicles"
-                msg = f"{alone}: give --vehicles, or leave out {given.flag}"
-                raise ScenarioError(msg)
+                raise ScenarioError(f"{alone}: give --vehicles, or leave out {given.flag}")
             for other in given.not_with:
                 if values[other] is not None:
                     with_what = f"{flag_of(other)} {values[other]}"

@@ -12,7 +12,7 @@ from geo.texts import distance, duration
 from wbf_mission.cli import options
 from wbf_mission.cli.options import MISSION_SUFFIXES, Force, Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output, write_and_report
-from wbf_mission.scenario import CameraOptions, FarmOptions, ScenarioError, VehicleOptions, WeatherOptions
+from wbf_mission.scenario import Scenario, ScenarioError
 
 if TYPE_CHECKING:
     from mission.model import GeoPoint
@@ -38,7 +38,6 @@ BEGINNERS = (
 _PANEL = "Sorties"
 _DAY_S = 86_400.0
 _RESTS = ("rest.plan", "rest.json")  # The plan is missing if it cannot hold the rest
-_OF_RUN = (FarmOptions, VehicleOptions, WeatherOptions, CameraOptions)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,12 +107,19 @@ class SortieOptions:
         """If ``--resume`` is a results folder, take its farm, vehicle, weather and camera, and its rest."""
         if self.resume is None:
             return given, self
+        from wbf_mission.results.files import own_vehicles
         from wbf_mission.results.writing import scenario_in
 
-        run = scenario_in(Path(self.resume)) or {}
-        own = {key: run[key] for part in _OF_RUN for key in part().values() if key in run}
-        given = replace(given, defaults={**given.defaults, **own})
-        rest = next((file for name in _RESTS if (file := Path(self.resume, name)).is_file()), None)
+        folder = Path(self.resume)
+        if (recorded := scenario_in(folder)) is not None:
+            run = Scenario(**recorded)
+            parts = (run.farm, run.vehicle, run.weather, run.camera)
+            own = {key: value for part in parts for key, value in part.values().items()}
+            own["vehicle"] = own_vehicles(run, folder)
+            if (farm := folder / "farm.geojson").is_file():
+                own |= {"farm": str(farm), "crop": None, "farm_crs": None, "repair": False}
+            given = replace(given, defaults={**given.defaults, **own})
+        rest = next((file for name in _RESTS if (file := folder / name).is_file()), None)
         if rest is None or "mission" in given.changes:
             return given, self
         return replace(given, changes={**given.changes, "mission": str(rest)}), replace(self, resume=None)

@@ -120,8 +120,7 @@ def read_flights(
 ) -> tuple[FlightRecord, ...]:
     """Read the flights of a folder."""
     if not entries or not all(1 <= entry.system_id <= len(vehicles) for entry in entries):
-        msg = "the record has no flights, or flights of vehicles that it does not name"
-        raise ValueError(msg)
+        raise ValueError("the record has no flights, or flights of vehicles that it does not name")
     tracks = _read_tracks(folder / TRACK)
     true_path = folder / TRUE_TRACK
     true_tracks = _read_tracks(true_path) if true_path.is_file() else {}
@@ -402,12 +401,15 @@ def read_result(folder: Path, kind: type[R], *, probabilities: bool = True, lazy
 
 def _vehicles(scenario: Scenario, folder: Path) -> list[VehicleSpec]:
     """Return the vehicles of a run; a user's vehicle files are read from the result's folder."""
-    names = []
-    for number, name in enumerate(scenario.vehicle.names, start=1):
-        own = folder / _vehicle_name(number)
-        names.append(str(own) if own.is_file() else name)
-    own_files = scenario_with(scenario, {"vehicle": ",".join(names)})
-    return [flown_vehicle(one.vehicle) for one in single_vehicles(own_files)]
+    own_files = single_vehicles(scenario_with(scenario, {"vehicle": own_vehicles(scenario, folder)}))
+    named = zip(own_files, scenario.vehicle.fleet, strict=True)
+    return [replace(flown_vehicle(one.vehicle), name=Path(name).stem) for one, name in named]
+
+
+def own_vehicles(scenario: Scenario, folder: Path) -> str:
+    """Return the names of a run's vehicles, or of their files in the result's folder."""
+    own = ((folder / _vehicle_name(number), name) for number, name in enumerate(scenario.vehicle.names, 1))
+    return ",".join(str(file) if file.is_file() else name for file, name in own)
 
 
 def _vehicle_name(number: int) -> str:
@@ -474,8 +476,7 @@ def _read_record(path: Path) -> _Record:
     try:
         record = msgspec.json.decode(data, type=_Record)
     except (ValueError, RecursionError) as error:
-        msg = f"{path}: is not the record of a result ({error})"
-        raise ResultError(msg) from None
+        raise ResultError(f"{path}: is not the record of a result ({error})") from None
     if record.format != FORMAT:
         msg = f"{path}: has format {record.format}, but this version reads {FORMAT}; use another version"
         raise ResultError(msg)

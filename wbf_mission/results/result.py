@@ -153,8 +153,7 @@ def load_result(path: str | Path, *, probabilities: bool = True, lazy: bool = Fa
     except (WbfMissionError, OSError, TypeError, KeyError, ValueError, OverflowError) as error:
         if isinstance(error, ResultError):
             raise
-        msg = f"{path}: the result is damaged ({' '.join(str(error).split())})"
-        raise ResultError(msg) from error
+        raise ResultError(f"{path}: the result is damaged ({' '.join(str(error).split())})") from error
 
 
 def _alike(one: Any, other: Any) -> bool:

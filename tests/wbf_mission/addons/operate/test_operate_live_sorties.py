@@ -185,6 +185,7 @@ def test_no_more_after_the_first_keeps_what_was_flown_and_the_rest(quick_stand_i
     out = tmp_path / "rest.plan"
     resume = ["plan", "--farm", FARM, "--vehicle", small, "--resume", str(folder), "--out", str(out)]
     assert main(resume) == 0, capsys.readouterr().err
+    assert loaded.plan.vehicle == result.plan.vehicle  # Its name, too
     of_run = ["plan", "--resume", str(folder), "--out", str(tmp_path / "again.plan")]
     assert main(of_run) == 0 and read_mission(tmp_path / "again.plan") == read_mission(out)
     whole = plan(asked(small)).mission

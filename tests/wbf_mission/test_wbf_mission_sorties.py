@@ -345,6 +345,10 @@ def test_a_flight_that_was_broken_off_is_gone_on_with_where_it_was(small, tmp_pa
     code, said, _ = run(capsys, "plan", *arguments, "--out", str(tmp_path / "rest.plan"), "--json")
     rest = json.loads(said)["sorties"]
     assert code == 0 and rest[0]["begin"]["at_m"] == pytest.approx(course.metres(place))
+    broken.save(tmp_path / "run", plots=False)
+    (tmp_path / "run" / "flight.tlog").write_bytes(log.read_bytes())
+    code, said, _ = run(capsys, "plan", "--resume", str(tmp_path / "run"), "--json")
+    assert code == 0 and json.loads(said)["sorties"][0]["begin"] == rest[0]["begin"]
     farm = whole.farm
     planned = predict_flight(whole.mission, whole.vehicle, endless=True, track_step_s=0.1)
     seen = [broken.observations]

@@ -83,8 +83,7 @@ class _Links:
         if not self.connect:
             if self.yes or self.system_id or self.via != "own":
                 with_link = "--yes, --system-id and --via need --connect"
-                msg = f"{with_link}: give the vehicle's link, or leave these options out"
-                raise ScenarioError(msg)
+                raise ScenarioError(f"{with_link}: give the vehicle's link, or leave these options out")
             return None
         from wbf_mission.preflight.run import connection
 

@@ -37,7 +37,7 @@ BEGINNERS = (
 
 _PANEL = "Sorties"
 _DAY_S = 86_400.0
-_RESTS = ("rest.plan", "rest.json")  # The plan is missing if it cannot hold the rest
+_RESTS = ("rest.plan", "rest.json", "plan.json")  # The last is the whole mission, if nothing else is there
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ class SortieOptions:
         if self.resume is not None and mission is None:
             raise ScenarioError(
                 "--resume continues a mission: give the mission file with --mission, too, or give --resume"
-                f" a results folder that has a {' or a '.join(_RESTS)}"
+                " a results folder that has a mission"
             )
         others = [name for name in ("home", "overlap", "resume") if getattr(self, name) is not None]
         if self.whole and others:
@@ -104,7 +104,7 @@ class SortieOptions:
             raise ScenarioError("--whole contradicts a budget in batteries, which cuts: leave out one")
 
     def with_run(self, given: options.Given) -> tuple[options.Given, SortieOptions]:
-        """If ``--resume`` is a results folder, take its farm, vehicle, weather and camera, and its rest."""
+        """If ``--resume`` is a results folder, take its farm, vehicle, weather, camera and mission."""
         if self.resume is None:
             return given, self
         from wbf_mission.results.files import own_vehicles
@@ -119,10 +119,11 @@ class SortieOptions:
             if (farm := folder / "farm.geojson").is_file():
                 own |= {"farm": str(farm), "crop": None, "farm_crs": None, "repair": False}
             given = replace(given, defaults={**given.defaults, **own})
-        rest = next((file for name in _RESTS if (file := folder / name).is_file()), None)
-        if rest is None or "mission" in given.changes:
+        file = next((file for name in _RESTS if (file := folder / name).is_file()), None)
+        if file is None or "mission" in given.changes:
             return given, self
-        return replace(given, changes={**given.changes, "mission": str(rest)}), replace(self, resume=None)
+        of_rest = replace(self, resume=None) if file.name != _RESTS[-1] else self
+        return replace(given, changes={**given.changes, "mission": str(file)}), of_rest
 
     def homes(self, altitude_m: float) -> list[GeoPoint]:
         """Return the take-off places of sorties; raise ScenarioError if a text is no position."""

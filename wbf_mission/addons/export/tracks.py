@@ -20,6 +20,7 @@ from geo.atomic import atomic_write
 from geo.geojson import farm_document
 from geo.texts import printable
 from mission.outcome import in_words
+from wbf_mission.addons.base.antimeridian import cut
 from wbf_mission.addons.base.markup import GPX, add, decimal, document
 from wbf_mission.addons.export.scene import OBSTACLE, crop_colour, places_of, vehicle_colour, waypoints_of
 from wbf_mission.events import Event, FlightEnded, Planned, RunBegun, Seen, VehicleMoved
@@ -174,13 +175,14 @@ def write_geojson(
 ) -> None:
     """Write the farm, planned waypoints, tracks with times, and readings as features of different ``kind``.
 
-    The third coordinate of a track is the altitude above sea level; ``coordTimes`` has a time for each point.
+    The third coordinate of a track is the altitude above sea level; ``coordTimes`` has its times unless cut.
     """
     tracks = _Tracks(record, events, epoch_s)
     features = farm_document(tracks.farm)["features"]
     for feature in features:
         kind = "obstacle" if feature["properties"].pop("obstacle", False) else "patch"
         feature["properties"] = {"kind": kind, **feature["properties"]}
+        feature["geometry"] = cut(feature["geometry"])
     for flight in tracks.flights.values():
         for number, (latitude, longitude, height_m) in enumerate(tracks.planned(flight)):
             properties = {"kind": "waypoint", **flight.numbers, "number": number, "height_m": height_m}
@@ -188,6 +190,8 @@ def write_geojson(
     for flight in tracks.flown:
         rows = tracks.track(flight)
         times = [tracks.time(state.time_s) for state, *_ in rows]
+        line = [[longitude, latitude, altitude_m] for _, latitude, longitude, altitude_m in rows]
+        shape = cut({"type": "LineString", "coordinates": line})
         properties = {
             "kind": "track",
             "name": flight.name,
@@ -195,10 +199,9 @@ def write_geojson(
             "begin": times[0],
             "end": times[-1],
             "outcome": flight.outcome,
-            "coordTimes": times,
+            **({"coordTimes": times} if shape["type"] == "LineString" else {}),
         }
-        line = [[longitude, latitude, altitude_m] for _, latitude, longitude, altitude_m in rows]
-        features.append(_feature("LineString", line, properties))
+        features.append({"type": "Feature", "properties": properties, "geometry": shape})
     for seen in tracks.seen:
         features += _readings(tracks, seen)
     collection = {"type": "FeatureCollection", "name": tracks.title, "features": features}

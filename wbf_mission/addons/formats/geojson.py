@@ -12,6 +12,7 @@ from geo.texts import is_number, one_line
 from mission.errors import MissionFileError
 from mission.files.common import BOM, GEOJSON_KIND, Firmware, check_json, decode_json
 from mission.model import Mission
+from wbf_mission.addons.base.antimeridian import cut
 from wbf_mission.addons.formats.drawn import Drawing, DrawnPath, Point
 from wbf_mission.addons.formats.records import (
     PATH,
@@ -181,7 +182,7 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> str:  # no
     path = [(item.x, item.y) for item in mission.items if is_flown(item)]
     features = [_feature(header, None)]
     if len(path) > 1:
-        line = {"type": "LineString", "coordinates": _coordinates(path)}
+        line = cut({"type": "LineString", "coordinates": _coordinates(path)})
         features.append(_feature(Record({"role": PATH}), line))
     for record in records:
         geometry: dict[str, Any] | None = None

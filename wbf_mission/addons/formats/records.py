@@ -150,7 +150,7 @@ def records_of(mission: Mission, *, polygons: bool) -> list[Record]:
 
 
 def _uniform_polygon(items: Sequence[MissionItem], start: int) -> Sequence[MissionItem]:
-    """Return the vertices of a polygon if they differ only in place; otherwise only the first item."""
+    """Return a polygon's vertices if they differ only in place, on one side of 180 degrees; else one item."""
     alone = items[start : start + 1]
     if items[start].command not in POLYGON_COMMANDS:
         return alone
@@ -158,8 +158,9 @@ def _uniform_polygon(items: Sequence[MissionItem], start: int) -> Sequence[Missi
         vertices = polygon_at(items, start)
     except MissionFileError:
         return alone
-    like_it = {replace(vertex, x=0.0, y=0.0) for vertex in vertices}
-    return vertices if len(like_it) == 1 and all(vertex.has_position for vertex in vertices) else alone
+    is_cut = max(vertex.y for vertex in vertices) - min(vertex.y for vertex in vertices) > 180.0
+    is_one = not is_cut and len({replace(vertex, x=0.0, y=0.0) for vertex in vertices}) == 1
+    return vertices if is_one and all(vertex.has_position for vertex in vertices) else alone
 
 
 def _record(role: str, index: int, items: Sequence[MissionItem]) -> Record:

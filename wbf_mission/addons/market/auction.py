@@ -123,9 +123,7 @@ def hold_auction(bidders: Sequence[Bidder], offered: Iterable[int]) -> list[int]
 
 def path_cost(travel_cost: TravelCost, points_m: Points) -> float:
     """Return the approximate cost of flying through points, starting at the first point."""
-    if len(points_m) < 2:
-        return 0.0
-    return float(leg_costs(travel_cost, points_m).sum())
+    return 0.0 if len(points_m) < 2 else float(leg_costs(travel_cost, points_m).sum())
 
 
 def leg_costs(travel_cost: TravelCost, points_m: Points) -> NDArray[np.float64]:

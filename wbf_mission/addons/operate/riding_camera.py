@@ -239,9 +239,7 @@ class RidingCamera:
 
     def poll(self, now_s: float) -> list[Message]:
         """Send the due heartbeat."""
-        if self._other or now_s < self._heard_s + _LISTEN_S:
-            return []
-        return self._camera.poll(now_s)
+        return [] if self._other or now_s < self._heard_s + _LISTEN_S else self._camera.poll(now_s)
 
     def goodbye(self) -> list[Message]:
         """Return a last HEARTBEAT, unless the camera never sent one."""

@@ -68,9 +68,7 @@ def why_not_stepped(scenario: Scenario) -> str:
 def why_not_single(scenario: Scenario) -> str:
     """Return why a cell-by-cell scenario has no single-robot environment; empty if it has one."""
     robots = len(scenario.vehicle.fleet)
-    if robots == 1:
-        return ""
-    return f"{robots} robots fly: use wbf_mission.addons.rl.parallel_env"
+    return "" if robots == 1 else f"{robots} robots fly: use wbf_mission.addons.rl.parallel_env"
 
 
 def why_not_batched(scenario: Scenario) -> str:

@@ -45,9 +45,7 @@ class Readings:
 
 def is_cells(path: Path) -> bool:
     """Return whether a file holds observations of farm cells, as `fly` writes them."""
-    if path.suffix.lower() == ".parquet":
-        return True
-    return set(COLUMNS) <= set(_header(path)[0])
+    return path.suffix.lower() == ".parquet" or set(COLUMNS) <= set(_header(path)[0])
 
 
 def read_readings(path: Path, fields: FieldSet) -> Readings:

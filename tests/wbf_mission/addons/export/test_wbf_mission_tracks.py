@@ -17,6 +17,7 @@ from mission.files import open_mission
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import TlogWriter
 from sim_vehicle.execution.state import EPOCH_UNIX_S
+from wbf_mission import Scenario, fly
 from wbf_mission.addons.export.formats import export
 from wbf_mission.cli.app import main
 from wbf_mission.results.result import Result, load_result
@@ -109,6 +110,24 @@ def test_geojson_has_farm_plan_tracks_and_readings(folder: Path, result: Result,
     assert reading["properties"]["day"] == 7
     _, _, geometry, _ = read(path)
     assert len(geometry) == len(document["features"])
+
+
+def test_geojson_is_cut_at_180_degrees(tmp_path: Path) -> None:
+    ring = [[179.9999, -17.0], [-179.9999, -17.0], [-179.9999, -16.9999], [179.9999, -16.9999]]
+    area = {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}
+    fiji = {"type": "Feature", "properties": {"crop": "strawberry"}, "geometry": area}
+    (tmp_path / "fiji.geojson").write_text(json.dumps(fiji))
+    scenario = Scenario(farm=str(tmp_path / "fiji.geojson"), budget="90m", estimator="point")
+    (path,) = export(fly(scenario), tmp_path / "run.geojson", "geojson")
+    features = json.loads(path.read_text(encoding="utf-8"))["features"]
+    found = {one["properties"]["kind"]: one for one in features}
+    shapes = {kind: shapely.from_geojson(json.dumps(found[kind]["geometry"])) for kind in ("patch", "track")}
+    assert [shape.geom_type for shape in shapes.values()] == ["MultiPolygon", "MultiLineString"]
+    for shape in shapes.values():
+        parts = [part.bounds for part in shapely.get_parts(shape)]
+        assert len(parts) > 1 and all(180.0 in (-west, east) for west, _, east, _ in parts)
+        assert all(east - west < 1.1e-4 for west, _, east, _ in parts)
+    assert "coordTimes" not in found["track"]["properties"]
 
 
 def test_csv_has_what_the_log_told(folder: Path, result: Result, tmp_path: Path) -> None:

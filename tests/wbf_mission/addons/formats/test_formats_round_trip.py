@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from sweeps import sweep
 
 from mission.files import Firmware
-from mission.model import MissionItem
+from mission.model import Mission, MissionItem
 from wbf_mission.addons.formats import geojson, gpx, kml, table
 
 RECORDS = {"kml": kml, "geojson": geojson, "gpx": gpx, "csv": table}
@@ -26,6 +26,17 @@ def test_round_trip_through_records_is_exact(name, mission, odd):
     mission = replace(mission, items=(*mission.items, *odd))
     module = RECORDS[name]
     assert module.loads(module.dumps(mission).encode()) == mission
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_a_mission_across_180_degrees_is_exact_and_its_shapes_are_cut(name):
+    west, east = MissionItem.waypoint(-17.0, 179.999, 9.0), MissionItem.waypoint(-17.0, -179.999, 9.0)
+    places = ((-17.1, 179.9), (-17.1, -179.9), (-16.9, 180.0))
+    fence = tuple(MissionItem(5001, 3, param1=3.0, x=x, y=y) for x, y in places)
+    mission = Mission((west, east, west), fence=fence)
+    text = RECORDS[name].dumps(mission)
+    assert RECORDS[name].loads(text.encode()) == mission
+    assert "Polygon" not in text and ("MultiLineString" in text) == (name == "geojson")
 
 
 @pytest.mark.parametrize("suffix", [".kml", ".gpx"])

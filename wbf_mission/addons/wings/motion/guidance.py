@@ -190,9 +190,7 @@ def _l1_circle(state: Record, limits: Record, rx: float, ry: float, radius: floa
     if outward > 0.0 and tangent < 0.0:
         correction = max(correction, 0.0)
     circle = sense * (correction + tangent * tangent / max(0.5 * radius, away))
-    if error > 0.0 and sense * capture < sense * circle:
-        return float(capture)
-    return float(circle)
+    return float(capture) if error > 0.0 and sense * capture < sense * circle else float(circle)
 
 
 @compiled(allocates=False)

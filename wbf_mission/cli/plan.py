@@ -101,7 +101,8 @@ class SortieOptions:
     def check_counted(self) -> None:
         """Raise ScenarioError if ``--whole`` is given, which contradicts a budget in batteries."""
         if self.whole:
-            raise ScenarioError("--whole contradicts a budget in batteries, which cuts: leave out one")
+            msg = "--whole leaves the mission whole, but a budget of batteries cuts it: leave out one of them"
+            raise ScenarioError(msg)
 
     def with_run(self, given: options.Given) -> tuple[options.Given, SortieOptions]:
         """If ``--resume`` is a results folder, take its farm, vehicle, weather, camera and mission."""

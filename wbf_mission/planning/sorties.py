@@ -247,8 +247,7 @@ class _Cutter:
         battery = self.builder.vehicle.battery
         if battery is None:
             name = self.builder.vehicle.name
-            msg = f"vehicle {name} has no battery, so its missions are not cut into sorties"
-            raise UncutError(msg)
+            raise UncutError(f"vehicle {name} has no battery, so its missions are not cut into sorties")
         costs = SortieCosts.of(
             self.course, self.builder, begin=self.begin, homes=self.homes, overlap_m=self.overlap_m
         )

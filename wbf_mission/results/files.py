@@ -402,8 +402,8 @@ def read_result(folder: Path, kind: type[R], *, probabilities: bool = True, lazy
 def _vehicles(scenario: Scenario, folder: Path) -> list[VehicleSpec]:
     """Return the vehicles of a run; a user's vehicle files are read from the result's folder."""
     own_files = single_vehicles(scenario_with(scenario, {"vehicle": own_vehicles(scenario, folder)}))
-    named = zip(own_files, scenario.vehicle.fleet, strict=True)
-    return [replace(flown_vehicle(one.vehicle), name=Path(name).stem) for one, name in named]
+    names = (Path(name).stem if name.lower().endswith(".toml") else name for name in scenario.vehicle.fleet)
+    return [replace(flown_vehicle(one.vehicle), name=it) for one, it in zip(own_files, names, strict=True)]
 
 
 def own_vehicles(scenario: Scenario, folder: Path) -> str:

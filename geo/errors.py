@@ -35,7 +35,7 @@ _CYTHON = frozenset({".pyx", ".pxi", ".pxd"})
 def is_users_file(file: str) -> bool:
     """Return whether a source file belongs to the user, not to this project, a package or Python."""
     path = Path(file).absolute()
-    if file.startswith("<frozen") or {"site-packages", "dist-packages"} & set(path.parts):
+    if file.startswith(("<frozen", "<string>")) or {"site-packages", "dist-packages"} & set(path.parts):
         return False
     if path.suffix in _CYTHON:  # A compiled library's traceback names its source without a folder
         return False

@@ -220,12 +220,8 @@ def attribute_errors_to(estimator: Estimator) -> Iterator[None]:
         yield
     except (WbfMissionError, MemoryError):
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         msg = f"estimator {type(estimator).__name__} failed: {told_error(error)}"
-        raise EstimatorError(msg) from error
-    except SystemExit as error:
-        who = f"estimator {type(estimator).__name__}"
-        msg = f"{who} ended the program: {told_error(error)}; raise an error instead"
         raise EstimatorError(msg) from error
 
 

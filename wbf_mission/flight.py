@@ -246,7 +246,7 @@ def fly(
         with threadpool_limits(1, user_api="blas"):
             campaign.learn_from(environment, ready)
             if run.decider.steers:
-                run.decider.policy.start()
+                run.decider.start()
                 plan()
             try:
                 campaign.fly(environment, by.hosting(run.faults), by.console, memory, by.sorties)

@@ -14,13 +14,12 @@ import inspect
 import itertools
 import re
 import sys
-import traceback
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
+from geo.errors import told_error
 from geo.named import ParameterError, format_named, parse_named
-from geo.texts import one_line
 from wbf_mission.scenario import Choice, ScenarioError
 
 _PREFIX = "own_"
@@ -61,7 +60,7 @@ def own_choice(text: str, what: str) -> Choice | None:
         try:
             made = made(**parameters)
         except (Exception, SystemExit) as error:
-            msg = f"{what}: {path}: {name} cannot be made: {_told(error, path)}"
+            msg = f"{what}: {path}: {name} cannot be made: {told_error(error)}"
             raise ScenarioError(msg) from None
     return Choice(format_named(name, parameters), {}, made)
 
@@ -84,7 +83,7 @@ def _run(path: Path, what: str) -> ModuleType:
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:
         del sys.modules[name]
-        msg = f"{what}: {path} cannot be run: {_told(error, path)}"
+        msg = f"{what}: {path} cannot be run: {told_error(error)}"
         raise ScenarioError(msg) from None
     import cloudpickle
 
@@ -124,21 +123,6 @@ def _find_neighbours(path: Path, what: str) -> None:
             other = found or "another"
             msg = f"{what}: {path} imports its neighbour {name}, but {other} has the same name; rename yours"
             raise ScenarioError(msg)
-
-
-def _told(error: BaseException, path: Path) -> str:
-    """Return an error in one line, with its line number in `path`."""
-    text = one_line(str(error))
-    file = path.resolve()
-    trace = traceback.extract_tb(error.__traceback__)
-    lines = [frame.lineno for frame in trace if Path(frame.filename).resolve() == file]
-    if isinstance(error, SyntaxError):
-        lines = [error.lineno] if error.lineno else []
-        text = error.msg
-        if error.filename and Path(error.filename).resolve() != file:
-            text = f"{Path(error.filename).name}: {text}"
-    where = f" (line {lines[-1]})" if lines else ""
-    return f"{type(error).__name__}: {text}{where}"
 
 
 _LONGEST = 200

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry import MultiPolygon, Polygon
 
-from mission.errors import PlanningError
+from mission.errors import AnswerError
 
 Area: TypeAlias = Polygon | MultiPolygon
 Points: TypeAlias = NDArray[np.float64]
@@ -36,7 +36,7 @@ class PlannedPath:
 
     Raises
     ------
-    PlanningError
+    AnswerError
         If there are no points, a coordinate is not finite, the array has another shape, or the spacing is
         negative or not finite.
     """
@@ -46,21 +46,32 @@ class PlannedPath:
     planner: str
 
     def __post_init__(self) -> None:
-        points = np.array(self.points_m, dtype=np.float64)
-        if points.ndim != 2 or points.shape[0] < 1 or points.shape[1] != 2 or not np.isfinite(points).all():
-            raise PlanningError(
-                f"planner {self.planner}: a path needs one or more (x, y) points, all of them finite; "
-                f"its array has shape {points.shape}"
-            )
+        points = path_points(self.points_m)
+        if not len(points):
+            raise AnswerError("a path needs one or more (x, y) points, but it has none", "no points")
         if self.spacing_m is not None and not (math.isfinite(self.spacing_m) and self.spacing_m >= 0):
-            raise PlanningError(f"planner {self.planner}: spacing {self.spacing_m} m is no distance")
-        points.flags.writeable = False
+            raise AnswerError(f"spacing_m {self.spacing_m} of a path is no distance", "not finite")
         object.__setattr__(self, "points_m", points)
 
     @property
     def length_m(self) -> float:
         """Length of the path, without approach and return."""
         return path_length(self.points_m)
+
+
+def path_points(points_m: ArrayLike, whose: str = "") -> Points:
+    """Return a read-only copy of a path's points; AnswerError if a point is not finite or no (x, y) pair."""
+    points = np.array(points_m, dtype=np.float64)
+    points = points if points.size else np.empty((0, 2))
+    fault = f"{whose}a path must be finite (x, y) points"
+    if points.ndim != 2 or points.shape[1] != 2:
+        raise AnswerError(f"{fault}; its shape is {points.shape}", "no points")
+    wrong = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if len(wrong):
+        x_m, y_m = points[wrong[0]]
+        raise AnswerError(f"{fault}, but the point at index {wrong[0]} is ({x_m:g}, {y_m:g})", "not finite")
+    points.flags.writeable = False
+    return points
 
 
 def path_length(path_xy_m: ArrayLike) -> float:

@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 
 from mission.errors import AnswerError, PlanningError
-from mission.planners.path import Points
+from mission.planners.path import Points, path_points
 from mission.policies.observation import PolicyObservation, VehicleReport
 
 _INSIDE_M = 1e-6
@@ -99,21 +99,10 @@ class Decision:
     acquisition: AcquisitionMap | None = None
 
     def __post_init__(self) -> None:
-        taken = {}
-        for system_id, points in self.paths.items():
-            array = np.array(points, dtype=np.float64)
-            if array.size == 0:
-                array = np.empty((0, 2))
-            if array.ndim != 2 or array.shape[1] != 2:
-                shape = array.shape
-                msg = f"vehicle {system_id}: a path must be finite (x, y) points; its shape is {shape}"
-                raise AnswerError(msg, "no points")
-            if not np.isfinite(array).all():
-                worst = array[~np.isfinite(array)][0]
-                msg = f"vehicle {system_id}: a path must be finite (x, y) points, but a coordinate is {worst}"
-                raise AnswerError(msg, "not finite")
-            array.flags.writeable = False
-            taken[int(system_id)] = array
+        taken = {
+            int(system_id): path_points(points, f"vehicle {system_id}: ")
+            for system_id, points in self.paths.items()
+        }
         object.__setattr__(self, "paths", MappingProxyType(taken))
         object.__setattr__(self, "spacing_m", MappingProxyType(dict(self.spacing_m)))
 

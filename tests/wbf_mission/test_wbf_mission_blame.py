@@ -53,6 +53,7 @@ def policy_file(folder, answer):
     ("answer", "kind"),
     [
         ("return 1 / 0", "crashed"),
+        ("raise SystemExit", "crashed"),
         ("return Decision({1: [[np.nan, 1.0]]})", "not finite"),
         ("return Decision({1: [[-0.1, observation.vehicles[0].position_m[1]]]})", "outside the area"),
         ("return Decision({1: np.tile([[0.5, 0.5], [2.0, 2.0]], (40, 1))})", "over the budget"),
@@ -145,7 +146,17 @@ def test_estimates_that_are_none_are_told_in_one_line(tmp_path, capsys, answer, 
 @pytest.mark.parametrize(
     ("good", "bad", "words"),
     [
-        ("self.count = 0", "1 / 0", "ZeroDivisionError: division by zero (mine.py, line 12)"),
+        (
+            "self.count = 0",
+            "1 / 0",
+            "policy Mine failed: ZeroDivisionError: division by zero (mine.py, line 12)",
+        ),
+        (
+            "start(self)",
+            "start(self, seed)",
+            "policy Mine failed: TypeError: Mine.start() missing 1 required",
+        ),
+        ("self.count = 0", "raise SystemExit", "policy Mine failed: SystemExit (mine.py, line 12)"),
         ("Triggers(period_s=2.0)", "3", "triggers is 3, not a Triggers"),
     ],
 )
@@ -158,7 +169,51 @@ def test_an_error_beside_the_decisions_is_the_users_too(tmp_path, capsys, good, 
     assert words in err
 
 
-def test_a_check_fails_when_own_code_ends_the_program(tmp_path, capsys):
-    (tmp_path / "mine.py").write_text("import sys\ndef Mine(request):\n    sys.exit(7)\n")
-    assert main(["check-planner", f"{tmp_path / 'mine.py'}:Mine"]) == 1
-    assert "broken: SystemExit: 7 (mine.py, line 3)" in " ".join(capsys.readouterr().out.split())
+@pytest.mark.parametrize(
+    ("command", "code", "words"),
+    [
+        ("planner", "def Mine(request):\n    raise SystemExit(7)", "SystemExit: 7 (mine.py, line 2)"),
+        (
+            "planner",
+            "def Mine():\n    pass",
+            "TypeError: Mine() takes 0 positional arguments but 1 was given",
+        ),
+        (
+            "policy",
+            POLICY.replace("observation):", "observation, extra):"),
+            "TypeError: Mine.decide() missing 1",
+        ),
+        (
+            "estimator",
+            ESTIMATOR.replace("predict(self)", "predict(self, x)"),
+            "TypeError: Mine.predict() missing",
+        ),
+    ],
+)
+def test_a_check_fails_when_own_code_ends_the_program_or_takes_other_arguments(
+    tmp_path, capsys, command, code, words
+):
+    (tmp_path / "mine.py").write_text(code)
+    assert main([f"check-{command}", f"{tmp_path / 'mine.py'}:Mine", "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["broken"].startswith(words)
+
+
+@pytest.mark.parametrize(
+    ("points", "words"),
+    [
+        (
+            "[[1.0, 1.0], [float('nan'), 2.0]]",
+            "planner Mine: a path must be finite (x, y) points, but the point at",
+        ),
+        ("[1.0, 2.0]", "planner Mine: a path must be finite (x, y) points; its shape is (2,)"),
+        (
+            "[['a', 'b']]",
+            "planner Mine failed: ValueError: could not convert string to float: 'a' (mine.py, line 3)",
+        ),
+    ],
+)
+def test_a_path_that_is_none_names_the_planner_and_the_point(tmp_path, capsys, points, words):
+    code = "from wbf_mission import PlannedPath\ndef Mine(request):\n    return PlannedPath"
+    (tmp_path / "mine.py").write_text(f"{code}({points}, 1.0, 'rows')")
+    assert main([*FLY, "--planner", f"{tmp_path / 'mine.py'}:Mine"]) == 2
+    assert f"error: {words}" in capsys.readouterr().err

@@ -171,8 +171,8 @@ def test_a_module_beside_the_file_does_not_hide_another(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("raise ValueError('no\\nway')", "cannot be run: ValueError: no way (line 1)"),
-        ("x = (", "cannot be run: SyntaxError"),
+        ("raise ValueError('no\\nway')", "cannot be run: ValueError: no way (mine.py, line 1)"),
+        ("x = (", "cannot be run: SyntaxError: '(' was never closed (mine.py, line 1)"),
         ("class Other: pass", "defines no Mine; it defines Other"),
         ("class Mine:\n    def __init__(self):\n        1 / 0", "Mine cannot be made: ZeroDivisionError"),
         ("class Mine: pass", "a policy has triggers, start() and decide(observation)"),

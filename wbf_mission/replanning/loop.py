@@ -68,12 +68,9 @@ def ask(policy: Policy, name: str, observation: PolicyObservation) -> Answer:
         raise AnswerError(str(error), _NO_PATH) from error
     except (WbfMissionError, MemoryError):
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         msg = f"{name} failed: {told_error(error)}"
         raise AnswerError(msg, CRASHED) from error
-    except SystemExit as error:
-        msg = f"{name} ended the program: {told_error(error)}; raise an error instead"
-        raise PlanningError(msg) from error
     compute_s = max(0.0, time.perf_counter() - _waited_s() - begin)
     return Answer(decision, answer_costs(name, decision, observation), compute_s)
 

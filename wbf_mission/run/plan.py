@@ -73,7 +73,7 @@ def plans_of(run: Run, knowledge: Knowledge, flight: str = "a flight") -> tuple[
     A vehicle without a path has a plan without waypoints. `flight` names the flight in error messages.
     """
     decider, tasks = run.decider, [vehicle.task for vehicle in run.vehicles]
-    decider.policy.start()
+    decider.start()
     loop = DecisionLoop(decider.policy, decider.name, knowledge, records=[])
     decision = loop.start([task.report(steered=decider.steers) for task in tasks]).decision
     if not any(len(decision.paths[task.system_id]) for task in tasks):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 from geo import Farm
-from geo.errors import WbfMissionError
+from geo.errors import WbfMissionError, told_error
 from geo.seeds import child_seed
 from mission.files import read_mission
 from mission.planners import make_planner
@@ -51,6 +51,13 @@ class Decider:
     def steers(self) -> bool:
         """Whether the paths depend on the estimate; the paths of planners and mission files do not."""
         return not isinstance(self.policy, FixedPlan | KeepPath)
+
+    def start(self) -> None:
+        """Start the policy; ScenarioError names a policy that fails."""
+        try:
+            self.policy.start()
+        except (Exception, SystemExit) as error:
+            raise ScenarioError(f"{self.name} failed: {told_error(error)}") from error
 
 
 @dataclass(frozen=True)

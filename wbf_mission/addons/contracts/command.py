@@ -74,11 +74,12 @@ def check_estimator_command(output: Output, name: _Name) -> int:
 
 def _run(output: Output, name: str, what: str, check: Callable[[Choice], Any]) -> int:
     """Run a contract check on a named planner, policy or estimator, and print its result."""
-    from geo.errors import told_error, users_line
+    from geo.errors import WbfMissionError, told_error, users_line
     from wbf_mission.own_code import own_choice
     from wbf_mission.scenario.choice import choose
 
-    choice = own_choice(name, what) or choose(name, what)
+    own = own_choice(name, what)
+    choice = own or choose(name, what)
     broken, measured = None, None
     try:
         measured = check(choice)
@@ -86,7 +87,10 @@ def _run(output: Output, name: str, what: str, check: Callable[[Choice], Any]) -
         text = str(error) if users_line(error) is None else told_error(error)
         broken = " ".join(text.split()) or "a check failed without a message"
     except (Exception, SystemExit) as error:
-        if users_line(error) is None or isinstance(error, MemoryError):
+        # A call with wrong arguments, or a copy of an object that allows none, fails outside the user's code
+        if isinstance(error, MemoryError) or (
+            users_line(error) is None and (own is None or isinstance(error, WbfMissionError))
+        ):
             raise
         broken = told_error(error)
     values = {what: str(choice), "keeps": broken is None, "broken": broken}

@@ -76,7 +76,10 @@ def check_planner(planner: str | Planner, lands: Collection[str] = LANDS, /, **p
     if wrong or not lands:
         raise PlanningError(unknown("land", wrong[0], LANDS) if wrong else "no land to check on")
     chosen = make_planner(planner, **parameters)
-    for name, argument in inspect.signature(chosen.planner).parameters.items():
+    arguments = inspect.signature(chosen.planner).parameters
+    by_place = [name for name, each in arguments.items() if each.kind is each.POSITIONAL_OR_KEYWORD][1:]
+    _require(not by_place, f"parameter {', '.join(by_place)}", "it is not keyword-only; write *, before it")
+    for name, argument in arguments.items():
         catches_all = argument.kind in (argument.VAR_KEYWORD, argument.VAR_POSITIONAL)
         _require(not catches_all, f"parameter {name}", "it takes any name, so a misspelt name goes unnoticed")
     for name, default in planner_parameters(chosen).items():

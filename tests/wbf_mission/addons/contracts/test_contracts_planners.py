@@ -86,9 +86,17 @@ def needs_a_parameter(request, /, *, direction):
     return lawnmower(request, direction=direction)
 
 
+def takes_a_parameter_by_place(request, direction="x"):
+    return lawnmower(request, direction=direction)
+
+
 @pytest.mark.parametrize(
     ("planner", "text"),
-    [(takes_anything, "parameters: it takes any name"), (needs_a_parameter, "direction: it has no default")],
+    [
+        (takes_anything, "parameters: it takes any name"),
+        (needs_a_parameter, "direction: it has no default"),
+        (takes_a_parameter_by_place, "direction: it is not keyword-only"),
+    ],
 )
 def test_parameters_have_names_and_defaults(planner, text):
     with pytest.raises(AssertionError, match=text):

@@ -150,10 +150,10 @@ class World:
         return fields.with_dynamics(**changed)
 
     def _dynamics(self, field: Field, seed: SeedSequence | int) -> Dynamics:
-        table, values = field_to_table(field), dict[str, Value]()
+        table, values = field_to_table(field), dict[str, Value | Drawn]()
         for key, law in self.laws[field.name].items():
-            if isinstance(law, Drawn):
-                published = getattr(field.dynamics, key, None)
+            if isinstance(law, Drawn) and hasattr(field.dynamics, key):
+                published = getattr(field.dynamics, key)
                 try:
                     values[key] = law.value(published, stream(seed, "world", field.name, key))
                 except ValueError as error:

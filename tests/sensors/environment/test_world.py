@@ -75,7 +75,7 @@ def test_the_environment_is_of_the_world_and_the_other_fields_stay_as_they_are()
         ({"tylcv": {"likelihood": "much"}}, "tylcv: dynamics, likelihood: it is a text; give a number"),
         ({"tylcv": {"seeds": {"factor": [0.5, 2.0]}}}, "tylcv, seeds: a factor needs a numeric published"),
         ({"tylcv": {"likelihood": {"factor": [2.0, 0.5]}}}, "factor 2, 0.5: give two numbers from 0.001"),
-        ({"tylcv": {"likelyhood": {"factor": [0.5, 2.0]}}}, "unknown parameter 'likelyhood' (is 'likelihood' meant?)"),
+        ({"ccr": {"likelyhood": {"factor": [0.5, 2.0]}}}, "'likelyhood' (is 'likelihood' meant?)"),
         ({"tylcv": {"likelihood": {"one_of": []}}}, "one_of has 0 values"),
         ({"tylcv": {"likelihood": {}}}, "give either factor = "),
         ({"tylcv": {"likelihood": {"times": 2}}}, "times is unknown"),

@@ -161,7 +161,7 @@ class Processes:
             if time.monotonic() >= until_s:
                 break
             time.sleep(_POLL_S)
-        self._pool.shutdown(wait=True, kill_workers=True)
+        self._pool.shutdown(wait=True, kill_workers=bool(self._open))
 
 
 class CallsAhead(Generic[_T]):

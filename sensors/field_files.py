@@ -200,7 +200,8 @@ def _registered(name: str) -> Field:
 def _registered_dynamics(kind: str) -> type[Dynamics]:
     found, where = _load(DYNAMICS_GROUP, kind, "dynamics")
     if not where:
-        raise FieldError(f"kind: {kind!r:.60} is unknown")
+        others = {point.name for point in entry_points(group=DYNAMICS_GROUP)}
+        raise FieldError(unknown("kind", kind, (*_DYNAMICS, *sorted(others))))
     good = isinstance(found, type) and issubclass(found, ContinuousDynamics) and is_dataclass(found)
     if not good or found.kind != kind:
         raise FieldError(f"{where} is not a dataclass of ContinuousDynamics of this kind")

@@ -239,6 +239,22 @@ def test_ctrl_c_ends_it_at_once_without_a_traceback(tmp_path):
     assert "Error" not in err.replace("FileNotFoundError", "")
 
 
+LOCKED = """
+from geo.processes import CallsAhead
+
+if __name__ == "__main__":
+    calls = CallsAhead(exec, [("import multiprocessing as m; m.kept = m.Lock()",)], 1)
+    calls.result(0)
+    calls.close()
+"""
+
+
+def test_processes_that_have_finished_their_calls_leave_no_locks_behind(tmp_path):
+    process = started(tmp_path, LOCKED)
+    assert process.communicate(timeout=120) == ("", "")
+    assert process.returncode == 0
+
+
 KILLED = """
 import os, sys, time
 from geo.processes import CallsAhead

@@ -105,7 +105,7 @@ def test_files_that_cannot_be_read_are_named(tmp_path):
         ({"name": "../up"}, "a name is up to 24"),
         ({"name": "day"}, "a name is up to 24"),
         ({"name": 3}, "name: it is a whole number; give a text"),
-        ({"kind": "animal"}, "kind: 'animal' is unknown"),
+        ({"kind": "animal"}, "unknown kind 'animal': choose disease, continuous, smooth, measured"),
         ({"kind": "disease"}, "likelihood is missing"),
         ({"crops": []}, "crops empty"),
         ({"crops": ["Maize!"]}, "crop .Maize!. is no name of a crop; names of crops are up to 40"),

@@ -179,5 +179,5 @@ def _parameters(
             msg = f"[{key}] {name!r} is not a parameter name: use a capital, then 0 to 15 capitals, digits, _"
             raise VehicleError(msg)
         if isinstance(number, bool) or not isinstance(number, int | float) or not abs(number) < 1e9:
-            raise VehicleError(f"[{key}] {name} {number!r} is not a number")
+            raise VehicleError(f"[{key}] {name} {number!r} is not a number from -1e9 to 1e9")
     return tuple({**dict(base), **{name: float(number) for name, number in value.items()}}.items())

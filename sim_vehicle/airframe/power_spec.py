@@ -170,7 +170,7 @@ def positive(what: str, spec: object, *names: str) -> None:
     for name in names:
         value = getattr(spec, name)
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < 1e9:
-            msg = f"{what}: {name} {value!r} is not a positive number"
+            msg = f"{what}: {name} {value!r} is not a positive number below 1e9"
             raise VehicleError(msg)
 
 

@@ -7,6 +7,7 @@ they cannot name code.
 from __future__ import annotations
 
 import ast
+import contextlib
 import hashlib
 import importlib
 import importlib.util
@@ -58,7 +59,8 @@ def own_choice(text: str, what: str) -> Choice | None:
         return Choice(name, dict(parameters), made)
     if callable(made):
         try:
-            made = made(**parameters)
+            with contextlib.redirect_stdout(sys.stderr):
+                made = made(**parameters)
         except (Exception, SystemExit) as error:
             msg = f"{what}: {path}: {name} cannot be made: {told_error(error)}"
             raise ScenarioError(msg) from None
@@ -80,7 +82,8 @@ def _run(path: Path, what: str) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     try:
-        spec.loader.exec_module(module)
+        with contextlib.redirect_stdout(sys.stderr):
+            spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:
         del sys.modules[name]
         msg = f"{what}: {path} cannot be run: {told_error(error)}"

@@ -198,6 +198,18 @@ def test_a_check_fails_when_own_code_ends_the_program_or_takes_other_arguments(
     assert json.loads(capsys.readouterr().out)["broken"].startswith(words)
 
 
+@pytest.mark.parametrize("how", [["check-planner"], FLY, ["bench", "run", "--seeds", "1", "--jobs", "2"]])
+def test_what_own_code_prints_is_not_part_of_the_result(tmp_path, capfd, how):
+    code = "from wbf_mission import make_planner\nprint('one')\ndef Mine(request):\n    print('two')\n"
+    (tmp_path / "mine.py").write_text(f"{code}    return make_planner('spiral')(request)")
+    bench = ["--out", str(tmp_path / "b"), "--scenarios", *TEN, "--estimators", "point", "--planners"]
+    given = {"fly": ["--planner"], "bench": bench}.get(how[0], [])
+    assert main([*how, *given, f"{tmp_path / 'mine.py'}:Mine", "--json"]) == 0
+    told = capfd.readouterr()
+    assert json.loads(told.out)
+    assert {"one", "two"} <= set(told.err.split())
+
+
 @pytest.mark.parametrize(
     ("points", "words"),
     [

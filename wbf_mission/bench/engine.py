@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import io
 import marshal
@@ -305,7 +306,8 @@ def _fly_packed(sent: bytes, theirs: Mapping[str, str]) -> _Flown:
         function, run = pickle.loads(sent)  # noqa: S301 (this command sent it over its pool or scheduler)
     except Exception as error:
         return f"{_UNSENT}: {type(error).__name__}: {error}"
-    return cast("BenchRow", function(run))
+    with contextlib.redirect_stdout(sys.stderr):  # As in `Output.progress`
+        return cast("BenchRow", function(run))
 
 
 def _in_processes(runs: Sequence[BenchRun], jobs: int) -> Iterator[BenchRow]:

@@ -169,13 +169,14 @@ class Output:
         Without a terminal, print a line when training begins and when planning takes more than 5 s. With
         `every_s`, print a line at this interval (s) instead.
         """
-        try:
-            self._advance = self._shown_progress(every_s)
-            yield self.events.progress
-        finally:
-            self._advance = silent
-            self.show_bars(False)
-            self._bars = None
+        with contextlib.redirect_stdout(sys.stderr):  # The user's code may print; stdout is for the result
+            try:
+                self._advance = self._shown_progress(every_s)
+                yield self.events.progress
+            finally:
+                self._advance = silent
+                self.show_bars(False)
+                self._bars = None
 
     def _shown_progress(self, every_s: float | None) -> ProgressCallback:
         if self.quiet:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import sys
 from collections.abc import Callable
 from typing import Annotated, Any
 
@@ -82,7 +84,8 @@ def _run(output: Output, name: str, what: str, check: Callable[[Choice], Any]) -
     choice = own or choose(name, what)
     broken, measured = None, None
     try:
-        measured = check(choice)
+        with contextlib.redirect_stdout(sys.stderr):
+            measured = check(choice)
     except AssertionError as error:
         text = str(error) if users_line(error) is None else told_error(error)
         broken = " ".join(text.split()) or "a check failed without a message"

@@ -260,18 +260,18 @@ def read_rows(folder: Path) -> list[BenchRow]:
     """
     found: dict[str, BenchRow] = {}
     common = _Common()
-    table = folder / TABLE
+    table, journal = folder / TABLE, folder / _JOURNAL
     if table.exists():
         for row in rows_of(table):
             found[row.key] = common.of(row)
-    with contextlib.suppress(FileNotFoundError), (folder / _JOURNAL).open("rb") as journal:
-        for number, line in enumerate(journal, 1):
+    with contextlib.suppress(FileNotFoundError, NotADirectoryError), journal.open("rb") as lines:
+        for number, line in enumerate(lines, 1):
             if not line.endswith(b"\n"):
                 break  # the process was killed while writing
             try:
                 row = _decoder.decode(line)
             except (msgspec.MsgspecError, UnicodeDecodeError):
-                msg = f"{folder / _JOURNAL}: line {number} is not a row of a benchmark; remove the line"
+                msg = f"{journal}: line {number} is not a row of a benchmark; remove the line"
                 raise ResultError(msg) from None
             found[row.key] = common.of(row)
     return sorted(found.values(), key=lambda row: (row.scenario, row.planner, row.estimator, row.seed))

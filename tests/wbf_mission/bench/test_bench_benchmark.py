@@ -216,8 +216,9 @@ def test_the_commands_print_tables(tmp_path, capsys):
     text = capsys.readouterr().out
     assert TEN[0] in text and "spiral" in text
     assert (tmp_path / "report" / "report.html").is_file()
-    assert main(["bench", "report", str(tmp_path / "no")]) == 2
-    assert "holds no results of a benchmark" in capsys.readouterr().err
+    for folder in (tmp_path / "no", tmp_path / "rows.parquet"):
+        assert main(["bench", "report", str(folder)]) == 2
+        assert f"{folder}: holds no results of a benchmark" in capsys.readouterr().err
     assert main(["bench", "run", "--out", str(tmp_path / "x"), "--jobs", "0"]) == 2
     assert "--jobs 0 runs nothing" in capsys.readouterr().err
     assert not (tmp_path / "x").exists()

@@ -204,7 +204,7 @@ def test_files_do_not_name_code(tmp_path):
     with pytest.raises(ScenarioError):
         load_scenario(tmp_path / "run.toml")
     (tmp_path / "spec.toml").write_text(f'planners = ["{name}"]\n')
-    with pytest.raises(ScenarioError):
+    with pytest.raises(ScenarioError, match="only options of the command line take FILE.py:NAME"):
         BenchSpec.read(tmp_path / "spec.toml")
     (tmp_path / "table.toml").write_text(f'[policy]\nname = "{name}"\n')
     assert main(["fly", "--scenario", str(tmp_path / "table.toml"), "--no-files"]) == 2

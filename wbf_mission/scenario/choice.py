@@ -54,7 +54,8 @@ def choose(value: Any, what: str) -> Choice:
         try:
             name, params = parse_named(value)
         except ParameterError as error:
-            msg = f"{what}: {error}"
+            own = "; only options of the command line take FILE.py:NAME" if ".py:" in value else ""
+            msg = f"{what}: {error}{own}"
             raise ScenarioError(msg) from None
         return Choice(name, params)
     if isinstance(value, Mapping):

@@ -30,15 +30,15 @@ _OWN = re.compile(r"(?P<file>.+\.py):(?P<name>[^\W\d]\w*)(?::(?P<parameters>.*))
 def own_choice(text: str, what: str) -> Choice | None:
     """Return the planner, policy or estimator that a user's file defines, or None if `text` names no file.
 
-    `text` is ``FILE.py:NAME`` or ``FILE.py:NAME:key=value,...``. NAME is a planner (a function) or a class,
-    which is called with the parameters. `what` is ``planner``, ``policy`` or ``estimator``.
+    `text` is ``FILE.py:NAME`` or ``FILE.py:NAME:key=value,...``. NAME is a planner (a function), an object
+    or a class, which is called with the parameters. `what` is ``planner``, ``policy`` or ``estimator``.
 
     ScenarioError if NAME is missing, the file cannot be run or has no such name, or the class does not take
     the parameters.
     """
     found = _OWN.fullmatch(text.strip())
     if found is None:
-        if text.strip().endswith(".py"):
+        if text.strip().endswith((".py", ".py:")):
             raise ScenarioError(f"{what}: {text} names a file, but no {what} in it; give FILE.py:NAME")
         return None
     path, name, given = Path(found["file"]), found["name"], found["parameters"]
@@ -55,7 +55,7 @@ def own_choice(text: str, what: str) -> Choice | None:
         ]
         msg = f"{what}: {path} defines no {name}; it defines {', '.join(own) or 'nothing'}"
         raise ScenarioError(msg)
-    if what == "planner" and inspect.isfunction(made):
+    if what == "planner" and callable(made) and not inspect.isclass(made):
         return Choice(name, dict(parameters), made)
     if callable(made):
         try:
@@ -64,6 +64,8 @@ def own_choice(text: str, what: str) -> Choice | None:
         except (Exception, SystemExit) as error:
             msg = f"{what}: {path}: {name} cannot be made: {told_error(error)}"
             raise ScenarioError(msg) from None
+    elif parameters:
+        raise ScenarioError(f"{what}: {path}: {name} is an object; name its class to set parameters")
     return Choice(format_named(name, parameters), {}, made)
 
 

@@ -187,6 +187,16 @@ def test_what_is_wrong_is_one_line(tmp_path, capsys, text, words):
     assert err.count("\n") == 1
 
 
+def test_objects_of_a_file_are_taken_as_they_are_and_have_no_parameters(tmp_path):
+    code = "from functools import partial\ndef plan(request, *, gap=1): pass\nMine = partial(plan, gap=2)\n"
+    (tmp_path / "mine.py").write_text(f"{code}class Policy: pass\npolicy = Policy()\n")
+    planner = own_choice(f"{tmp_path / 'mine.py'}:Mine", "planner")
+    assert (planner.name, planner.made.keywords) == ("Mine", {"gap": 2})
+    assert own_choice(f"{tmp_path / 'mine.py'}:policy", "policy").name == "policy"
+    with pytest.raises(ScenarioError, match="policy is an object; name its class to set parameters"):
+        own_choice(f"{tmp_path / 'mine.py'}:policy:share=4", "policy")
+
+
 def test_a_file_that_is_not_there_is_named(capsys):
     assert main(["fly", "--planner", "nowhere.py:Mine", "--no-files"]) == 2
     assert "there is no file nowhere.py" in capsys.readouterr().err
@@ -204,7 +214,7 @@ def test_files_do_not_name_code(tmp_path):
     with pytest.raises(ScenarioError):
         load_scenario(tmp_path / "run.toml")
     (tmp_path / "spec.toml").write_text(f'planners = ["{name}"]\n')
-    with pytest.raises(ScenarioError, match="only options of the command line take FILE.py:NAME"):
+    with pytest.raises(ScenarioError, match="only options of the command line take FILE"):
         BenchSpec.read(tmp_path / "spec.toml")
     (tmp_path / "table.toml").write_text(f'[policy]\nname = "{name}"\n')
     assert main(["fly", "--scenario", str(tmp_path / "table.toml"), "--no-files"]) == 2

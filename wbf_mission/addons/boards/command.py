@@ -165,8 +165,8 @@ def _warn_of(output: Output, rows: Sequence[BenchRow], found: Verification) -> N
         output.warn(f"{len(failed) - _SHOWN} more runs failed; boards count each as the worst score")
 
 
-def _own(code: Sequence[Path], rows: Sequence[BenchRow]) -> dict[str, Choice]:
-    """Return the submitted planners, policies and estimators of the rows, keyed by code digest.
+def _own(code: Sequence[Path], rows: Sequence[BenchRow]) -> dict[tuple[str, str], Choice]:
+    """Return the submitted planners, policies and estimators of the rows, by name and code digest.
 
     Raises ResultError unless the files and folders have every one of them unchanged.
     """
@@ -184,7 +184,7 @@ def _own(code: Sequence[Path], rows: Sequence[BenchRow]) -> dict[str, Choice]:
         raise ResultError(f"--code {names}: the rows use only built-in methods; leave --code out")
     files = [file for one in code for file in (sorted(one.rglob("*.py")) if one.is_dir() else [one])]
     try:
-        return {digest: held_by(files, kind, label, digest) for kind, label, digest in sorted(wanted)}
+        return {(label, code): held_by(files, kind, label, code) for kind, label, code in sorted(wanted)}
     except ResultError as error:
         raise ResultError(f"--code {names}: {error}; give the code of the rows, or fly again") from None
 

@@ -83,16 +83,16 @@ def fly_again(
     rows: Sequence[BenchRow],
     count: int,
     *,
-    own: Mapping[str, Choice] | None = None,
+    own: Mapping[tuple[str, str], Choice] | None = None,
     salt: bytes | None = None,
     progress: Progress = silent,
 ) -> Verification:
     """Fly some rows of each method again, and compare them; failed rows are left out.
 
     The rows are drawn at random by the checker, so that their author cannot predict them. Only built-in
-    methods and the methods in `own` (by digest) are flown. Without `own`, rows are flown in another process
-    with a timeout of ten minutes each, because the parameters in a row may cause an endless run. `count` rows
-    of each method are drawn. `salt` seeds the draw; without it, the seed comes from the system's randomness.
+    methods and the methods in `own` (by name and digest) are flown. Without `own`, rows are flown in another
+    process with a timeout of ten minutes each, as the parameters in a row may cause an endless run. `count`
+    rows of each method are drawn, with the seed `salt`, by default from the system's randomness.
     """
     if count < 1:
         return Verification()
@@ -147,17 +147,18 @@ def _compared(row: BenchRow, again: BenchRow | None) -> FlownAgain:
     return FlownAgain((row.scenario, row.planner, row.estimator), row.seed, same, why)
 
 
-def _run_of(row: BenchRow, own: Mapping[str, Choice]) -> BenchRun:
+def _run_of(row: BenchRow, own: Mapping[tuple[str, str], Choice]) -> BenchRun:
     """Return the run of a row; WbfMissionError if this program cannot fly the run."""
     if row.codes.get("code") != behaviour():
         raise ResultError(OTHER_CODE)
     for kind in ("planner", "estimator"):
         code = row.codes.get(kind)
-        if code is not None and code not in own:
+        if code is not None and (getattr(row, kind), code) not in own:
             raise ResultError("own code is not run")
         if code is None and names_files(choose(getattr(row, kind), kind)):
             raise ResultError(FILES)
-    planner, estimator = (own.get(row.codes.get(kind, "")) for kind in ("planner", "estimator"))
+    planner = own.get((row.planner, row.codes.get("planner", "")))
+    estimator = own.get((row.estimator, row.codes.get("estimator", "")))
     run = run_of(row, planner=planner, estimator=estimator)
     if run.codes != row.codes:
         raise ResultError("its code here is not the code that flew the row")

@@ -258,6 +258,16 @@ def test_own_code_is_packed_and_flown_again_by_its_author(own, tmp_path, capsys)
     assert told.err == "warning: not flown again: own code is not run\n"
 
 
+def test_a_planner_of_ones_own_with_two_sets_of_parameters_is_flown_again_with_both(tmp_path, capsys):
+    file = tmp_path / "mine.py"
+    file.write_text(OWN.replace("(request):", "(request, *, direction=0.0):"))
+    run = ["--scenarios", SCENARIO, "--planners", f"{file}:zigzag,{file}:zigzag:direction=1", "--seeds", "1"]
+    assert main(["bench", "run", *run, "--estimators", "point", "--out", str(tmp_path / "r"), "--quiet"]) == 0
+    capsys.readouterr()
+    code, told = submit(tmp_path / "r", tmp_path / "a.zip", "--code", str(file), "--json", capsys=capsys)
+    assert (code, json.loads(told.out)["flown_again"], told.err) == (0, "2 equal", "")
+
+
 @pytest.fixture(scope="module")
 def own(tmp_path_factory):
     """Rows of own code in a folder `src`."""

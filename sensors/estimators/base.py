@@ -338,10 +338,10 @@ def make_estimator(
     Parameters
     ----------
     name : str or Estimator
-        A name in `estimator_names`, or an estimator object, which is returned unchanged and takes no
-        parameters here.
+        A name in `estimator_names`, or an estimator object, which takes no parameters here. The object is
+        returned unchanged, or copied for other fields.
     fields : FieldSet
-        Observed fields; passed on to an estimator that has a parameter ``fields``.
+        Observed fields; passed on to an estimator whose parameter ``fields`` has its default.
     random_state : Generator, SeedSequence, int or None
         Random state; passed on to an estimator that has a parameter ``random_state``.
     **params
@@ -390,6 +390,9 @@ def _given(estimator: Estimator, fields: FieldSet, params: dict[str, Any]) -> Es
         msg = f"parameter {sorted(params)[0]!r}: an estimator object already has its parameters"
         raise EstimatorError(msg)
     own = estimator_fields(estimator).names
+    takes = own != fields.names and "fields" in inspect.signature(type(estimator)).parameters
+    if takes and own == PAPER_FIELDS.names and isinstance(estimator, BaseEstimator):  # It has its default
+        return type(estimator)(**{**estimator.get_params(), "fields": fields})
     if own != fields.names:
         found = f"{type(estimator).__name__} is for the fields {', '.join(own)}"
         msg = f"{found}, but the run has {', '.join(fields.names)}; set the estimator's parameter fields"

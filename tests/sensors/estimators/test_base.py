@@ -93,8 +93,12 @@ def test_an_estimator_that_is_an_object_is_given_back():
     mine = make_estimator("point")
     assert make_estimator(mine) is mine
     four = FieldSet((*PAPER_FIELDS, replace(PAPER_FIELDS["soil"], name="nitrogen")))
-    with pytest.raises(EstimatorError, match="PointEstimator is for the fields tylcv, ccr, soil, but"):
-        make_estimator(mine, fields=four)
+    given = make_estimator(mine, fields=four)
+    assert (type(given), given.fields, mine.fields) == (type(mine), four, PAPER_FIELDS)
+    with pytest.raises(
+        EstimatorError, match="PointEstimator is for the fields tylcv, ccr, soil, nitrogen, but"
+    ):
+        make_estimator(given)
     with pytest.raises(EstimatorError, match="parameter 'radius'"):
         make_estimator(mine, radius=3)
     with pytest.raises(EstimatorError, match="estimator of type dict"):

@@ -34,7 +34,8 @@ from mission.planners import PlannedPath, PlanningRequest
 from mission.policies.decision import Decision
 from mission.policies.observation import PolicyObservation, VehicleReport
 from mission.policies.policy import Triggers
-from sensors.fields import FieldSet
+from sensors.estimators import make_estimator
+from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from wbf_mission.results.storage import ResultError
@@ -95,11 +96,14 @@ class Apart(Closing):
     """A planner, policy or estimator from a folder of submitted code, run in a separate process.
 
     `kind` is ``planner`` (also for a policy) or ``estimator``; `label` and `digest` are the object's name and
-    code digest in a benchmark row. Raises ResultError if no file of the folder defines the object.
+    code digest in a benchmark row; `fields` are the run's fields. Raises ResultError if no file of the folder
+    defines the object, or the estimator is for other fields.
     """
 
-    def __init__(self, folder: Path, kind: str, label: str, digest: str) -> None:
-        self.name = label
+    def __init__(
+        self, folder: Path, kind: str, label: str, digest: str, fields: FieldSet = PAPER_FIELDS
+    ) -> None:
+        self.name, self.fields = label, fields
         self._private = tempfile.TemporaryDirectory()
         # Pass no other variables or caches of this process: they could reveal the simulated fields.
         home = dict.fromkeys(("HOME", "TMPDIR", "XDG_CACHE_HOME", "XDG_CONFIG_HOME"), self._private.name)
@@ -116,7 +120,7 @@ class Apart(Closing):
                 env={**kept, **home, "PYTHONPATH": found, "NUMBA_CACHE_DIR": str(compiled_folder())},
             )
         try:
-            self.said = self.call("make", str(folder), kind, label, digest)
+            self.said = self.call("make", str(folder), kind, label, digest, fields)
         except (WbfMissionError, _OwnCodeError) as error:
             self.close()
             raise ResultError(str(error)) from None
@@ -205,8 +209,6 @@ class PolicyApart(Apart):
 
 class EstimatorApart(Apart):
     """A submitted estimator, run in another process."""
-
-    fields: FieldSet
 
     def __getattr__(self, name: str) -> bool:
         """Return a class flag of the estimator, as reported by the other process."""
@@ -303,8 +305,10 @@ def held_by(files: Iterable[Path], kind: str, label: str, digest: str) -> Choice
     raise ResultError(f"{kind} {label}: {why}")
 
 
-def _made(folder: str, kind: str, label: str, digest: str) -> Any:
+def _made(folder: str, kind: str, label: str, digest: str, fields: FieldSet) -> Any:
     choice = held_by(sorted(Path(folder).rglob("*.py")), kind, label, digest)
+    if kind == "estimator":
+        return make_estimator(choice.made, fields=fields)
     return choice.made if not choice.params else functools.partial(choice.made, **choice.params)
 
 

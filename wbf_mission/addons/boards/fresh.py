@@ -14,6 +14,8 @@ from scipy import stats
 
 from geo.errors import WbfMissionError, told_error
 from geo.texts import one_line
+from sensors.field_files import load_field_set
+from sensors.fields import FieldSet
 from wbf_mission.addons.base.intervals import Interval
 from wbf_mission.addons.boards.apart import Apart, EstimatorApart, PlannerApart, PolicyApart
 from wbf_mission.addons.boards.verification import OTHER_CODE, Method
@@ -22,7 +24,7 @@ from wbf_mission.bench.rows import BenchRow, by_method
 from wbf_mission.bench.spec import BenchRun, BenchSpec
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.storage import ResultError
-from wbf_mission.scenario import Choice
+from wbf_mission.scenario import Choice, load_scenario
 from wbf_mission.scenario.choice import choose
 from wbf_mission.version import behaviour
 
@@ -100,16 +102,17 @@ def _flown(row: BenchRow, folder: Path, seeds: Sequence[int]) -> Iterator[BenchR
             if digest is None:
                 given[kind] = choose(label, kind)
             else:
-                made = stack.enter_context(_apart(folder, kind, label, digest))
+                fields = load_field_set(load_scenario(row.scenario).farm.fields)
+                made = stack.enter_context(_apart(folder, kind, label, digest, fields))
                 given[kind] = Choice(label, {}, made)
         spec = BenchSpec.of([row.scenario], [given["planner"]], [given["estimator"]], list(seeds))
         for run in spec.runs():
             yield _row_of(run)
 
 
-def _apart(folder: Path, kind: str, label: str, digest: str) -> Apart:
+def _apart(folder: Path, kind: str, label: str, digest: str, fields: FieldSet) -> Apart:
     if kind == "estimator":
-        return EstimatorApart(folder, kind, label, digest)
+        return EstimatorApart(folder, kind, label, digest, fields)
     found = PolicyApart(folder, kind, label, digest)
     if found.said.triggers is not None:
         return found

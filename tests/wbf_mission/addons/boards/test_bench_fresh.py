@@ -81,12 +81,12 @@ def peeper(tmp_path_factory):
     return *packed(folder, folder / "code" / "cheat.py", "Peeper"), folder
 
 
-def packed(tmp_path, file, label, seeds=2):
+def packed(tmp_path, file, label, seeds=2, scenario=SCENARIO):
     """Fly own code on open environments, and pack it; return the pack and its rows."""
     own = {"planners": "spiral", "estimators": "adaptive-disk"}
     own["estimators" if "Smooth" in label else "planners"] = f"{file}:{label}"
     named = [part for key, one in own.items() for part in (f"--{key}", one)]
-    run = ["--scenarios", SCENARIO, *named, "--seeds", str(seeds)]
+    run = ["--scenarios", scenario, *named, "--seeds", str(seeds)]
     assert main(["bench", "run", *run, "--out", str(tmp_path / "r"), "--quiet"]) == 0
     who = ["--name", "Mine", "--by", "Me", "--verify", "0", "--code", str(file), "--quiet"]
     assert main(["bench", "submit", str(tmp_path / "r"), *who, "--out", str(tmp_path / "p.zip")]) == 0
@@ -94,15 +94,16 @@ def packed(tmp_path, file, label, seeds=2):
 
 
 @pytest.mark.parametrize(
-    ("file", "label"),
+    ("file", "label", "scenario"),
     [
-        ("my_policy.py", "RowsThenGreedy:share=0.4"),
-        ("my_planner.py", "zigzag:spacing_m=2"),
-        ("my_estimator.py", "Smooth:reach=3"),
+        ("my_policy.py", "RowsThenGreedy:share=0.4", SCENARIO),
+        ("my_planner.py", "zigzag:spacing_m=2", SCENARIO),
+        ("my_estimator.py", "Smooth:reach=3", SCENARIO),
+        ("my_estimator.py", "Smooth:reach=3", "WBF/Miniberry-30-Smooth-v1"),
     ],
 )
-def test_it_flies_as_it_does_within_the_run(file, label, tmp_path, monkeypatch, capsys):
-    pack, rows = packed(tmp_path, EXAMPLES / file, label)
+def test_it_flies_as_it_does_within_the_run(file, label, scenario, tmp_path, monkeypatch, capsys):
+    pack, rows = packed(tmp_path, EXAMPLES / file, label, scenario=scenario)
     unpack_code(read_pack(pack), tmp_path / "unpacked")
     seeds = iter((0, 1))
     again = []

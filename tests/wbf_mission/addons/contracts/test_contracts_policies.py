@@ -1,3 +1,7 @@
+import itertools
+from functools import partial
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -6,6 +10,7 @@ from mission.policies.decision import NO_CHANGE, Decision
 from mission.policies.observation import Event
 from mission.policies.policy import FixedPlan, Triggers, policy_names
 from wbf_mission import check_policy
+from wbf_mission.addons.contracts import policies as kit
 
 OURS = (
     "confidence-guided",
@@ -119,3 +124,11 @@ def test_the_kit_finds_what_is_wrong(change, text):
 def test_what_is_no_policy_is_refused():
     with pytest.raises(PlanningError, match="is no policy"):
         check_policy(object())
+
+
+def test_a_policy_that_is_slower_than_a_flight_allows_is_told_after_one_flight(monkeypatch):
+    clock = SimpleNamespace(process_time=partial(next, itertools.count(0.0, 1.25)))
+    monkeypatch.setattr(kit, "time", clock)
+    with pytest.raises(AssertionError, match=r"computing time: an answer takes 1\.2 of the allowed time"):
+        check_policy("greedy")
+    assert clock.process_time() < 1000.0

@@ -95,8 +95,7 @@ def _document(file: Path, layer: str | None, crs: str | None) -> Document:
     suffix = file.suffix.lower()
     if suffix not in _GEOJSON and suffix in farm_suffixes():
         read = load_named(FORMATS_GROUP, suffix[1:], "reads farms in", "the farm format", FarmError)
-        document: Document = read(file, layer, crs)
-        return document
+        return read(file, layer, crs)
     if layer is not None:
         raise FarmError(f"GeoJSON has no layers; leave |{layer} out")
     return read_geojson(file, crs)

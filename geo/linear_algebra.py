@@ -94,8 +94,7 @@ def solve_positive(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> N
 
 def inverse_of_factor(factor: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the inverse of a matrix, given the matrix's lower Cholesky factor."""
-    inverse: NDArray[np.float64] = _kernels().inverse_of_factor(factor)
-    return inverse
+    return _kernels().inverse_of_factor(factor)
 
 
 def _elementwise(function: Callable[[float], float], kernel: str = "") -> Callable[..., Any]:

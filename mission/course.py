@@ -118,10 +118,9 @@ class Course:
             raise MissionError(msg)
         flown = [k for k in flown if k < self.end]
         if not flown:
-            msg = (
+            raise MissionError(
                 "the mission has no waypoint between take-off and landing: there is nothing to cut or resume"
             )
-            raise MissionError(msg)
         self.frame = frame if frame is not None else self._home_frame()
         self.legs: tuple[Leg, ...] = tuple(self._legs_to(flown))
 
@@ -182,8 +181,7 @@ class Course:
     def lengths_m(self) -> NDArray[np.float64]:
         """Horizontal length of each leg, float64[n]."""
         begin, end = self._ends
-        lengths: NDArray[np.float64] = np.hypot(*(end - begin).T)
-        return lengths
+        return np.hypot(*(end - begin).T)
 
     @cached_property
     def ends_m(self) -> NDArray[np.float64]:
@@ -265,8 +263,7 @@ class Course:
         Each position (m in the local frame) is projected onto the leg to its item.
         """
         numbers, part, _ = self._projected(items, east_m, north_m)
-        metres: NDArray[np.float64] = self.ends_m[numbers] - (1.0 - part) * self.lengths_m[numbers]
-        return metres
+        return self.ends_m[numbers] - (1.0 - part) * self.lengths_m[numbers]
 
     def aside_m(self, items: ArrayLike, east_m: ArrayLike, north_m: ArrayLike) -> NDArray[np.float64]:
         """Return the distance of each position from the leg of its item, float64[n]; 0 after the last leg."""
@@ -377,11 +374,10 @@ class MissionProgress:
         course = self.course
         items, latitude, longitude = np.array(self._flown).T
         if items.max() >= len(course.mission.items):
-            msg = (
+            raise MissionError(
                 f"the vehicle flies item {int(items.max()) + 1}, but the mission has"
                 f" {len(course.mission.items)} items: the vehicle flies another mission"
             )
-            raise MissionError(msg)
         if self._reached >= course.legs[-1].item:
             return None
         east, north = course.frame.from_wgs84(latitude, longitude)

@@ -221,8 +221,7 @@ def attribute_errors_to(estimator: Estimator) -> Iterator[None]:
     except (WbfMissionError, MemoryError):
         raise
     except (Exception, SystemExit) as error:
-        msg = f"estimator {type(estimator).__name__} failed: {told_error(error)}"
-        raise EstimatorError(msg) from error
+        raise EstimatorError(f"estimator {type(estimator).__name__} failed: {told_error(error)}") from error
 
 
 def checked_prediction(
@@ -237,8 +236,7 @@ def checked_prediction(
     if type(estimator).__module__.partition(".")[0] not in PACKAGES:
         fault = model_fault(estimator, model, fields, shape)
         if fault is not None:
-            msg = f"estimator {type(estimator).__name__}: {fault}"
-            raise EstimatorError(msg)
+            raise EstimatorError(f"estimator {type(estimator).__name__}: {fault}")
     return model
 
 

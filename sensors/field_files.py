@@ -205,8 +205,7 @@ def _registered_dynamics(kind: str) -> type[Dynamics]:
     good = isinstance(found, type) and issubclass(found, ContinuousDynamics) and is_dataclass(found)
     if not good or found.kind != kind:
         raise FieldError(f"{where} is not a dataclass of ContinuousDynamics of this kind")
-    dynamics: type[Dynamics] = found
-    return dynamics
+    return found
 
 
 def _load(group: str, name: str, what: str) -> tuple[Any, str]:

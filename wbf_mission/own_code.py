@@ -45,16 +45,14 @@ def own_choice(text: str, what: str) -> Choice | None:
     try:
         parameters = parse_named(f"{name}:{given}")[1] if given else {}
     except ParameterError as error:
-        msg = f"{what}: {error}"
-        raise ScenarioError(msg) from None
+        raise ScenarioError(f"{what}: {error}") from None
     module = _run(path, what)
     made = getattr(module, name, None)
     if made is None:
         own = [
             key for key, value in vars(module).items() if getattr(value, "__module__", "") == module.__name__
         ]
-        msg = f"{what}: {path} defines no {name}; it defines {', '.join(own) or 'nothing'}"
-        raise ScenarioError(msg)
+        raise ScenarioError(f"{what}: {path} defines no {name}; it defines {', '.join(own) or 'nothing'}")
     if what == "planner" and callable(made) and not inspect.isclass(made):
         return Choice(name, dict(parameters), made)
     if callable(made):
@@ -62,8 +60,7 @@ def own_choice(text: str, what: str) -> Choice | None:
             with contextlib.redirect_stdout(sys.stderr):
                 made = made(**parameters)
         except (Exception, SystemExit) as error:
-            msg = f"{what}: {path}: {name} cannot be made: {told_error(error)}"
-            raise ScenarioError(msg) from None
+            raise ScenarioError(f"{what}: {path}: {name} cannot be made: {told_error(error)}") from None
     elif parameters:
         raise ScenarioError(f"{what}: {path}: {name} is an object; name its class to set parameters")
     return Choice(format_named(name, parameters), {}, made)
@@ -71,16 +68,14 @@ def own_choice(text: str, what: str) -> Choice | None:
 
 def _run(path: Path, what: str) -> ModuleType:
     if not path.is_file():
-        msg = f"{what}: there is no file {path}; give FILE.py:NAME"
-        raise ScenarioError(msg)
+        raise ScenarioError(f"{what}: there is no file {path}; give FILE.py:NAME")
     name = f"{_PREFIX}{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:12]}_{path.stem}"
     if name in sys.modules:
         return sys.modules[name]
     _find_neighbours(path, what)
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
-        msg = f"{what}: {path} cannot be loaded as Python"
-        raise ScenarioError(msg)
+        raise ScenarioError(f"{what}: {path} cannot be loaded as Python")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     try:
@@ -88,8 +83,7 @@ def _run(path: Path, what: str) -> ModuleType:
             spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:
         del sys.modules[name]
-        msg = f"{what}: {path} cannot be run: {told_error(error)}"
-        raise ScenarioError(msg) from None
+        raise ScenarioError(f"{what}: {path} cannot be run: {told_error(error)}") from None
     import cloudpickle
 
     # Other processes cannot import the module, so its code is pickled by value.

@@ -99,8 +99,7 @@ def _slopes_limited(
     # A climb must start before the ground rises, and a descent may only end after the ground has fallen.
     rise = np.maximum.accumulate((wanted - climb * at)[::-1])[::-1] + climb * at
     fall = np.maximum.accumulate(wanted + descent * at) - descent * at
-    limited: NDArray[np.float64] = np.maximum(rise, fall)
-    return limited
+    return np.maximum(rise, fall)
 
 
 def slope(rate_m_s: float, speed_m_s: float) -> float:

@@ -117,16 +117,14 @@ def shares_of_reach(parts: Sequence[Area], reach_m: ArrayLike, ways_m: ArrayLike
     areas = np.array([part.area for part in parts])
     reach, ways = np.asarray(reach_m, dtype=np.float64), np.asarray(ways_m, dtype=np.float64)
     rows = max(float((reach - ways).sum()), _LEAST_SHARE * float(reach.sum()))
-    used: NDArray[np.float64] = (areas * rows / areas.sum() + ways) / reach
-    return used
+    return (areas * rows / areas.sum() + ways) / reach
 
 
 def _checked(shares: Sequence[float]) -> list[float]:
     given = np.asarray(shares, dtype=np.float64)
     if not len(given) or not np.isfinite(given).all() or not (given > 0.0).all():
         raise PlanningError(f"partition: shares must be finite numbers above zero, not {list(shares)}")
-    normal: list[float] = (given / given.sum()).tolist()
-    return normal
+    return (given / given.sum()).tolist()
 
 
 def _axes(area: Area) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -205,13 +203,11 @@ def _spread(area: Area, points: Points, count: int) -> Points:
 
 def _distances(points: Points, sites: Points) -> NDArray[np.float64]:
     """Return the squared distances between sites and points, float64[sites, points]."""
-    squared: NDArray[np.float64] = ((points[None, :, :] - sites[:, None, :]) ** 2).sum(axis=-1)
-    return squared
+    return ((points[None, :, :] - sites[:, None, :]) ** 2).sum(axis=-1)
 
 
 def _owners(points: Points, sites: Points, weights: NDArray[np.float64]) -> NDArray[np.int64]:
-    owners: NDArray[np.int64] = np.argmin(_distances(points, sites) - weights[:, None], axis=0)
-    return owners
+    return np.argmin(_distances(points, sites) - weights[:, None], axis=0)
 
 
 def _weights(
@@ -229,8 +225,7 @@ def _weights(
         owner = np.bincount(_owners(points, sites, weights), minlength=len(sites)) / len(points)
         if np.abs(owner - shares).max() < 2e-3 * shares.min():
             break
-    centred: NDArray[np.float64] = weights - weights.mean()
-    return centred
+    return weights - weights.mean()
 
 
 def _power_cell(area: Area, sites: Points, weights: NDArray[np.float64], k: int) -> shapely.Polygon:

@@ -377,8 +377,7 @@ def hull_angles(area: Area) -> list[float]:
 
 def _long_edges(points: Points, shortest_m: float) -> Points:
     edges = np.diff(points, axis=0)
-    kept: Points = edges[np.hypot(*edges.T) > shortest_m]
-    return kept
+    return edges[np.hypot(*edges.T) > shortest_m]
 
 
 def width(part: Polygon) -> float:

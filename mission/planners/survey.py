@@ -399,8 +399,7 @@ def _short_beside(points: Points, corner: NDArray[np.bool_], least_m: float) -> 
     beside = corner[:-1] | corner[1:]
     beside[1:] |= short[:-1]
     beside[:-1] |= short[1:]
-    bad: NDArray[np.bool_] = short & beside
-    return bad
+    return short & beside
 
 
 def _without_leg(
@@ -445,8 +444,7 @@ def _corners_instead(before: Points, way: Points, after: Points, least_m: float,
     places = places[far]
     seen = terrain.sees(np.broadcast_to(before, places.shape), places)
     seen &= terrain.sees(places, np.broadcast_to(after, places.shape))
-    found: Points = places[seen]
-    return found
+    return places[seen]
 
 
 def _from_leg_m(point: Points, start: Points, end: Points) -> float:

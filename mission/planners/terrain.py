@@ -349,8 +349,7 @@ class Terrain:
         steps = np.hypot(*(nodes[first] - nodes[second]).T)
         graph = csr_array((steps, (first, second)), shape=(len(nodes), len(nodes)))
         ways = dijkstra(graph, directed=False, indices=np.arange(count))[:, :count]
-        found: NDArray[np.float64] = np.where(np.isfinite(ways), np.maximum(ways, straight), straight)
-        return found
+        return np.where(np.isfinite(ways), np.maximum(ways, straight), straight)
 
     def _detour(self, leave: Points, enter: Points) -> Points:
         for regions in (self._inner, self._outer):
@@ -363,8 +362,7 @@ class Terrain:
 def straight_lengths(places_m: Points) -> NDArray[np.float64]:
     """Return the straight distances between positions, float64[n, n]."""
     steps = places_m[:, None] - places_m[None]
-    lengths: NDArray[np.float64] = np.hypot(steps[..., 0], steps[..., 1])
-    return lengths
+    return np.hypot(steps[..., 0], steps[..., 1])
 
 
 _ATTEMPTS = 1000

@@ -119,8 +119,7 @@ NO_CHANGE = Decision()
 def answer_costs(name: str, answer: object, observation: PolicyObservation) -> dict[int, float]:
     """Validate a policy's answer; return the cost of each path by system id, in the unit of its budget."""
     if not isinstance(answer, Decision):
-        msg = f"{name} answered with a {type(answer).__name__}, not a Decision"
-        raise AnswerError(msg, "no Decision")
+        raise AnswerError(f"{name} answered with a {type(answer).__name__}, not a Decision", "no Decision")
     costs = {}
     for system_id, points in answer.paths.items():
         try:

@@ -73,8 +73,7 @@ class InfectionRule:
         with random draws thus have the same result on every machine.
         """
         if not self.rounded:
-            probability: NDArray[np.float64] = np.minimum(total / self.kernel.unit * self.likelihood, 1.0)
-            return probability
+            return np.minimum(total / self.kernel.unit * self.likelihood, 1.0)
         spared = [1.0]
         for _ in range(self.kernel.total // self.kernel.unit):
             spared.append(spared[-1] * (1.0 - self.likelihood))
@@ -189,10 +188,7 @@ def age(status: NDArray[np.int8]) -> NDArray[np.int8]:
     >>> age(np.array([[5, 1, 0, -1, -2]], np.int8)).tolist()
     [[4, -1, 0, -1, -2]]
     """
-    aged: NDArray[np.int8] = np.where(status > 1, status - 1, np.where(status == 1, REMOVED, status)).astype(
-        np.int8
-    )
-    return aged
+    return np.where(status > 1, status - 1, np.where(status == 1, REMOVED, status)).astype(np.int8)
 
 
 def step(status: NDArray[np.int8], draws: Draws, rule: InfectionRule) -> NDArray[np.int8]:
@@ -224,8 +220,7 @@ def _newly_infected(front: InfectionFront, draws: Draws, rule: InfectionRule) ->
     possible = probability > 0.0
     cells, probability = cells[possible], probability[possible]
     uniform = draws(cells) if callable(draws) else draws.reshape(-1)[cells]
-    infected: NDArray[np.intp] = cells[probability > uniform]
-    return infected
+    return cells[probability > uniform]
 
 
 def draw_seeds(
@@ -266,8 +261,7 @@ def _draw_cluster(
     x0, y0 = divmod(int(first[0]), susceptible.shape[1])
     weight = np.cumsum(exp(-((x - x0) ** 2 + (y - y0) ** 2) / (2.0 * spread_cells**2)))
     others = np.searchsorted(weight, rng.random(count - 1) * weight[-1], side="right")
-    seeds: NDArray[np.intp] = np.union1d(first, hosts[others])
-    return seeds
+    return np.union1d(first, hosts[others])
 
 
 def simulate_outbreak(

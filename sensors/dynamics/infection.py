@@ -150,13 +150,11 @@ class InfectionFront:
 
     def _pad(self, cells: Cells) -> Cells:
         x, y = np.divmod(cells, self._height)
-        padded: Cells = (x + self._margin) * self._stride + (y + self._margin)
-        return padded
+        return (x + self._margin) * self._stride + (y + self._margin)
 
     def _unpad(self, padded: Cells) -> Cells:
         x, y = np.divmod(padded, self._stride)
-        cells: Cells = (x - self._margin) * self._height + (y - self._margin)
-        return cells
+        return (x - self._margin) * self._height + (y - self._margin)
 
     def infect(self, cells: Cells) -> None:
         """Infect the given cells, each given once, and add their susceptible neighbours to the front."""

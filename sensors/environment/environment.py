@@ -60,13 +60,11 @@ class ArrayLayer(Generic[T]):
 
     def window(self, x: slice, y: slice) -> NDArray[T]:
         """Return a view of a window of the array."""
-        part: NDArray[T] = self._array[x, y]
-        return part
+        return self._array[x, y]
 
     def cells(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> NDArray[T]:
         """Return the values of n cells, [n]."""
-        found: NDArray[T] = self._array[x, y]
-        return found
+        return self._array[x, y]
 
     def cell(self, x: int, y: int) -> Any:
         """Return the value of a cell as a Python number."""

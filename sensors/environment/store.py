@@ -165,8 +165,7 @@ class ChunkedLayer(Generic[T]):
         at_x, at_y = int(column[0]), int(row[0])
         first = self._decoded(at_x, at_y)
         if x.size == 1 or ((column == at_x).all() and (row == at_y).all()):
-            alone: NDArray[T] = first[x - at_x * width, y - at_y * height]
-            return alone
+            return first[x - at_x * width, y - at_y * height]
         found: NDArray[T] = np.empty(x.size, first.dtype)
         number = column * np.int64(-(-self._shape[1] // height)) + row
         order = np.argsort(number, kind="stable")

@@ -132,8 +132,7 @@ class World:
 
     def to_table(self) -> dict[str, Any]:
         """Return the world as a table of plain values, which `of_table` reads."""
-        table: dict[str, Any] = msgspec.to_builtins(self.laws)
-        return table
+        return msgspec.to_builtins(self.laws)
 
     def fields(self, fields: FieldSet, seed: SeedSequence | int) -> FieldSet:
         """Return the fields with the true dynamics of a run with this seed.
@@ -157,8 +156,7 @@ class World:
                 try:
                     values[key] = law.value(published, stream(seed, "world", field.name, key))
                 except ValueError as error:
-                    msg = f"{self.where}: {field.name}, {key}: {error}"
-                    raise EnvironmentDataError(msg) from None
+                    raise EnvironmentDataError(f"{self.where}: {field.name}, {key}: {error}") from None
             else:
                 values[key] = law
         try:

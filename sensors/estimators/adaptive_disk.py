@@ -89,8 +89,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
 
     @staticmethod
     def _possible(values: NDArray[np.float32]) -> NDArray[np.float32]:
-        limited: NDArray[np.float32] = np.minimum(np.maximum(values, np.float32(0.0)), np.float32(1.0))
-        return limited
+        return np.minimum(np.maximum(values, np.float32(0.0)), np.float32(1.0))
 
     def _start(self, grid: FarmGrid) -> None:
         self._defaults = np.array(check_default_values(self.default_values, self.fields), np.float32)

@@ -239,8 +239,7 @@ class BaseEstimator(ABC):
 
     def _check_fitted(self, what: str) -> None:
         if not hasattr(self, "grid_"):
-            msg = f"{type(self).__name__}.{what} was called before fit: call fit(grid) first"
-            raise EstimatorError(msg)
+            raise EstimatorError(f"{type(self).__name__}.{what} was called before fit: call fit(grid) first")
 
     def _require(self, who: str, **fitting: bool) -> None:
         """Raise EstimatorError for the first parameter whose condition in `fitting` is false."""
@@ -376,8 +375,7 @@ def make_estimator(
         require_paper_fields(name, fields)
     if "random_state" in accepted:
         params["random_state"] = random_state
-    estimator: Estimator = factory(**params)
-    return estimator
+    return factory(**params)
 
 
 def _given(estimator: Estimator, fields: FieldSet, params: dict[str, Any]) -> Estimator:

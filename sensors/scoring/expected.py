@@ -136,8 +136,7 @@ def probability_of_sick(model: InformationModel, k: int, cells: NDArray[np.bool_
     from scipy.special import ndtr
 
     away = (SICK_BELOW - model.value[k][cells]) / np.maximum(model.uncertainty[k][cells], _LEAST)
-    probability: Floats = ndtr(away.astype(np.float64))
-    return probability
+    return ndtr(away.astype(np.float64))
 
 
 def of_classes(probability: NDArray[np.floating], sick: NDArray[np.bool_]) -> dict[str, float]:

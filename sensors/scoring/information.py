@@ -87,8 +87,7 @@ def tiles_of_boxes(
     np.add.at(count, (right, high), 1)
     np.add.at(count, (left, high), -1)
     np.add.at(count, (right, low), -1)
-    touched: NDArray[np.bool_] = count.cumsum(axis=0).cumsum(axis=1)[:columns, :rows] > 0
-    return touched
+    return count.cumsum(axis=0).cumsum(axis=1)[:columns, :rows] > 0
 
 
 def least_sick(sick: NDArray[np.floating], counts: NDArray[np.integer] | None = None) -> float:
@@ -249,8 +248,7 @@ class InformationModel:
         """Return the values of the field with this name, float32[W, H]."""
         if field not in self.fields:
             raise EstimatorError(f"information model: {unknown('field', field, self.fields)}")
-        value: NDArray[np.float32] = self.value[self.fields.index(field)]
-        return value
+        return self.value[self.fields.index(field)]
 
     def probabilities_in(self, disease: str, columns: slice) -> NDArray[np.float32]:
         """Return the class probabilities of a disease in some columns of the farm, float32[3, columns, H].
@@ -288,8 +286,7 @@ class InformationModel:
         sick = 1.0 - self.probabilities_in(disease, slice(None))[0]
         if where is not None:
             sick *= where
-        found: NDArray[np.bool_] = sick >= least_sick(sick)
-        return found
+        return sick >= least_sick(sick)
 
     def changed_in(self, k: int) -> NDArray[np.bool_]:
         """Return the tiles in which the field `k` may have changed."""

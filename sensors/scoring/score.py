@@ -156,8 +156,7 @@ class RunningScore:
         self._weight = np.array(weights.field) * [part.cells for part in self._parts]
         if not self._weight.sum() > 0:
             crops = ", ".join(sorted({crop for field in fields for crop in field.crops}))
-            msg = f"score: no cell of the farm is relevant: its owner grows none of {crops}"
-            raise EstimatorError(msg)
+            raise EstimatorError(f"score: no cell of the farm is relevant: its owner grows none of {crops}")
         self._shape = masks.shape
         self._tiles = tile_shape((masks.shape[1], masks.shape[2]))
         self._summed: tuple[NDArray[np.floating], int] | None = None

@@ -107,12 +107,10 @@ def load_vehicle(path: Path) -> VehicleSpec:
         raise VehicleError(msg)
     kind = data.get("kind", "multirotor" if "base" not in data else None)
     if kind is not None and kind not in kind_names():
-        msg = f"{where}: kind {kind!r} is not one of {', '.join(kind_names())}{not_installed()}"
-        raise VehicleError(msg)
+        raise VehicleError(f"{where}: kind {kind!r} is not one of {', '.join(kind_names())}{not_installed()}")
     name = str(data.pop("base") if kind is None or "base" in data else get_kind(kind).base).lower()
     if name not in vehicle_names():
-        msg = f"{where}: base must be one of {', '.join(vehicle_names())}"
-        raise VehicleError(msg)
+        raise VehicleError(f"{where}: base must be one of {', '.join(vehicle_names())}")
     base = replace(_packaged(name), published=None, description="")
     if kind is not None and kind != base.kind:
         msg = f"{where}: kind {kind} does not fit base {name}, which is a {base.kind}: leave out kind or base"

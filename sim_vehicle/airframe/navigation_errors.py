@@ -349,8 +349,7 @@ class NavigationErrors:
         block = self._blocks.get(number)
         if block is None:
             block, index = self._blocks[self._drawn - _KEPT], 0
-        row: NDArray[np.float64] = block[index % BLOCK]
-        return row
+        return block[index % BLOCK]
 
     def _normal(self, count: int) -> NDArray[np.float64]:
         """Return rows of standard normals: 4 for slow errors (GPS 3, barometer 1), then 4 for white noise."""

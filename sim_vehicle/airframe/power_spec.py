@@ -57,26 +57,22 @@ class BatterySpec:
             "battery", self, "capacity_wh", "cell_voltage_v", "full_cell_v", "empty_cell_v", "relaxation_s"
         )
         if isinstance(self.cells, bool) or not isinstance(self.cells, int) or not 1 <= self.cells <= 100:
-            msg = f"battery: cells {self.cells!r} must be a whole number, 1 to 100"
-            raise VehicleError(msg)
+            raise VehicleError(f"battery: cells {self.cells!r} must be a whole number, 1 to 100")
         for name in ("resistance_ohm", "polarization_ohm"):
             value = getattr(self, name)
             if not _is_number(value) or not 0.0 <= value < 10.0:
-                msg = f"battery: {name} {value!r} is not a resistance from 0 to below 10 ohm"
-                raise VehicleError(msg)
+                raise VehicleError(f"battery: {name} {value!r} is not a resistance from 0 to below 10 ohm")
         if not self.empty_cell_v < self.cell_voltage_v < self.full_cell_v <= 5.0:
-            msg = (
+            raise VehicleError(
                 f"battery: empty_cell_v {self.empty_cell_v}, cell_voltage_v {self.cell_voltage_v} and "
                 f"full_cell_v {self.full_cell_v} must be in ascending order, at most 5"
             )
-            raise VehicleError(msg)
         levels = (self.critical_fraction, self.reserve_fraction)
         if not all(_is_number(level) for level in levels) or not 0.0 <= levels[0] <= levels[1] < 1.0:
-            msg = (
+            raise VehicleError(
                 f"battery: critical_fraction {self.critical_fraction} and reserve_fraction "
                 f"{self.reserve_fraction} must be in ascending order, within 0..1"
             )
-            raise VehicleError(msg)
 
     @property
     def nominal_voltage_v(self) -> float:
@@ -109,11 +105,9 @@ class _PowerSpec:
         for name in free:
             value = getattr(self, name)
             if not _is_number(value) or not 0.0 <= value < 1e6:
-                msg = f"power: {name} {value!r} is negative or not a number"
-                raise VehicleError(msg)
+                raise VehicleError(f"power: {name} {value!r} is negative or not a number")
         if self.efficiency > 1.0:
-            msg = f"power: efficiency {self.efficiency} is above 1"
-            raise VehicleError(msg)
+            raise VehicleError(f"power: efficiency {self.efficiency} is above 1")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,8 +164,7 @@ def positive(what: str, spec: object, *names: str) -> None:
     for name in names:
         value = getattr(spec, name)
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < 1e9:
-            msg = f"{what}: {name} {value!r} is not a positive number below 1e9"
-            raise VehicleError(msg)
+            raise VehicleError(f"{what}: {name} {value!r} is not a positive number below 1e9")
 
 
 def within(what: str, spec: object, *ranges: tuple[str, float, float]) -> None:

@@ -52,11 +52,10 @@ class PublishedEndurance:
     def __post_init__(self) -> None:
         positive("published", self, "endurance_min", "used_fraction")
         if not 0.0 <= self.airspeed_m_s < 200.0 or self.used_fraction > 1.0:
-            msg = (
+            raise VehicleError(
                 f"published: airspeed_m_s {self.airspeed_m_s} must be 0 to 200, "
                 f"used_fraction {self.used_fraction} at most 1"
             )
-            raise VehicleError(msg)
 
 
 @dataclass(frozen=True, slots=True)

@@ -239,8 +239,7 @@ def flight_procedures(spec: VehicleSpec) -> FlightProcedures:
     firmware = firmware_of(spec)
     if firmware is not None:
         return firmware.procedures
-    own: FlightProcedures = _load_object(spec.vehicle_kind.procedures, spec.kind, FlightProcedures)
-    return own
+    return _load_object(spec.vehicle_kind.procedures, spec.kind, FlightProcedures)
 
 
 @cache

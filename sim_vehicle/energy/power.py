@@ -206,8 +206,7 @@ def endurance_s(spec: VehicleSpec, airspeed_m_s: float, *, used_fraction: float 
     30
     """
     if spec.battery is None or spec.power is None:
-        msg = f"vehicle {spec.name} has no battery: its endurance is unlimited"
-        raise VehicleError(msg)
+        raise VehicleError(f"vehicle {spec.name} has no battery: its endurance is unlimited")
     power_w = flight_power_w(spec.power, airspeed_m_s, battery=spec.battery)
     return used_fraction * spec.battery.capacity_wh * WH_J / power_w
 

@@ -89,8 +89,7 @@ def injection(faults: Sequence[AnyFault | str], seed: int | SeedSequence = 0) ->
     """Return an `Injection` of faults (objects or texts); raises VehicleError if a fault is invalid."""
     if not faults:
         return Injection(seed)
-    made: Injection = fault_part("session")(faults, seed)
-    return made
+    return fault_part("session")(faults, seed)
 
 
 def fault_part(name: str) -> Any:

@@ -141,8 +141,7 @@ class VehicleBatch:
 
     def __init__(self, vehicles: Sequence[MotionModel], *, parallel: bool = False) -> None:
         if not vehicles or any(type(vehicle) is not type(vehicles[0]) for vehicle in vehicles):
-            msg = "a batch needs one or more vehicles of the same kind and autopilot"
-            raise VehicleError(msg)
+            raise VehicleError("a batch needs one or more vehicles of the same kind and autopilot")
         self.vehicles = tuple(vehicles)
         self._parallel = parallel
         # With estimate errors each vehicle is advanced alone, because it draws the errors during the flight.

@@ -117,8 +117,7 @@ class CompiledMotion(MotionModel):
     @property
     def step(self) -> int:
         """Number of steps since the start."""
-        step: int = self.counters.item(col.STEP)
-        return step
+        return self.counters.item(col.STEP)
 
     @property
     def leg(self) -> int:

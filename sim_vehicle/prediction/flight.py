@@ -113,8 +113,7 @@ class PredictedFlight:
         track_points: int,
     ) -> None:
         if not track_step_s > 0.0:
-            msg = f"track_step_s {track_step_s} must be positive"
-            raise VehicleError(msg)
+            raise VehicleError(f"track_step_s {track_step_s} must be positive")
         self.spec = spec = without_end(spec) if endless else spec
         self.longest_s = _LONGEST_IDEAL_S if spec.is_ideal else _LONGEST_S
         self.executor: MissionExecutor | None = None

@@ -105,8 +105,7 @@ class OnwardPredictor:
         wind: Wind | None = None,
     ) -> None:
         if not 0.0 < altitude_m < math.inf:
-            msg = f"altitude {altitude_m} m must be a finite number above zero"
-            raise VehicleError(msg)
+            raise VehicleError(f"altitude {altitude_m} m must be a finite number above zero")
         self.spec = spec
         self._altitude_m = altitude_m
         self._speed_m_s = min(speed_m_s or spec.cruise_speed_m_s, spec.top_speed_m_s)
@@ -180,8 +179,7 @@ class OnwardPredictor:
         """Return the route through the waypoints of a path, or None for an empty path."""
         points = path.reshape(-1, 2)
         if not np.isfinite(points).all():
-            msg = f"vehicle {self.spec.name}: a path has a point that is not finite"
-            raise VehicleError(msg)
+            raise VehicleError(f"vehicle {self.spec.name}: a path has a point that is not finite")
         if not len(points):
             return None
         sent = self._waypoints(points, state.position_m)

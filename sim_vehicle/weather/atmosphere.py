@@ -98,14 +98,11 @@ class WindShear:
 
     def __post_init__(self) -> None:
         if self.law not in _LAWS:
-            msg = f"wind shear {self.law!r} is not a law: give {' or '.join(_LAWS)}"
-            raise VehicleError(msg)
+            raise VehicleError(f"wind shear {self.law!r} is not a law: give {' or '.join(_LAWS)}")
         if not 1e-5 <= self.roughness_m <= 0.7:
-            msg = f"wind shear: roughness length {self.roughness_m} m is outside 0.00001..0.7"
-            raise VehicleError(msg)
+            raise VehicleError(f"wind shear: roughness length {self.roughness_m} m is outside 0.00001..0.7")
         if not 0.0 <= self.exponent <= 1.0:
-            msg = f"wind shear: exponent {self.exponent} is outside 0..1"
-            raise VehicleError(msg)
+            raise VehicleError(f"wind shear: exponent {self.exponent} is outside 0..1")
 
     def factor(self, height_m: float, reference_m: float) -> float:
         """Return the mean wind at a height, relative to the mean wind at the reference height.

@@ -74,11 +74,9 @@ class Wind:
             msg = f"wind: gust_m_s {self.gust_m_s} is negative or correlation_s {self.correlation_s} is <= 0"
             raise VehicleError(msg)
         if not 1.0 <= self.height_m <= HIGHEST_M:
-            msg = f"wind: the height {self.height_m} m of the mean wind is outside 1..304"
-            raise VehicleError(msg)
+            raise VehicleError(f"wind: the height {self.height_m} m of the mean wind is outside 1..304")
         if self.gust_m_s > 0.0 and self.turbulence is not None:
-            msg = f"wind: a gust of {self.gust_m_s:g} m/s and turbulence: give one of them"
-            raise VehicleError(msg)
+            raise VehicleError(f"wind: a gust of {self.gust_m_s:g} m/s and turbulence: give one of them")
 
     @classmethod
     def from_direction(

@@ -244,8 +244,7 @@ def _seeds(given: Any) -> tuple[int, ...]:
     if isinstance(given, (list, tuple, range)) and given and all(_is_seed(seed) for seed in given):
         return tuple(given)
     number = f"a number of seeds (1 to {_MOST_RUNS})"
-    msg = f"seeds {given!r} are neither {number} nor a list of whole numbers from 0 on"
-    raise ScenarioError(msg)
+    raise ScenarioError(f"seeds {given!r} are neither {number} nor a list of whole numbers from 0 on")
 
 
 _MOST_ENDS = 2
@@ -269,11 +268,10 @@ def seeds_of(text: str) -> tuple[int, ...]:
         except ValueError:
             first, last = 0, -1
         if not (len(ends) <= _MOST_ENDS and _is_seed(first) and _is_seed(last) and first <= last):
-            msg = (
+            raise ScenarioError(
                 f"seeds {text!r}: {'..'.join(ends)!r} is neither a seed nor a range of seeds;"
                 f" give a number of seeds (10), a range (100..139) or a list (5,7,100..139)"
             )
-            raise ScenarioError(msg)
         if last - first + len(found) >= _MOST_RUNS:
             raise ScenarioError(f"seeds {text!r}: too many seeds; give at most {_MOST_RUNS}")
         found += range(first, last + 1)

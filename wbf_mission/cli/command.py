@@ -94,8 +94,7 @@ class LivePage(Protocol):
 
 def live_page() -> LivePage:
     """Return the live page; raise TargetError if no add-on provides it."""
-    page: LivePage = provided("live")
-    return page
+    return provided("live")
 
 
 def provided(name: str) -> Any:

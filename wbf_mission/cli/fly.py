@@ -249,8 +249,7 @@ def fly_command(
         msg = f"--speed {speed} is out of range: give 0.01 to 1000000 simulated seconds per second"
         raise ScenarioError(msg)
     if not 0.0 <= change_time <= 86_400.0:
-        msg = f"--change-time {change_time:g} is out of range: give 0 to 86400 seconds"
-        raise ScenarioError(msg)
+        raise ScenarioError(f"--change-time {change_time:g} is out of range: give 0 to 86400 seconds")
     base, in_file = (
         (Scenario(**given.defaults), ()) if given.file is None else load_broken_scenario(given.file)
     )

@@ -60,8 +60,7 @@ def _reader(parse: Callable[[str], Number], low: float | None = None, high: floa
         except ValueError as error:
             raise typer.BadParameter(str(error)) from None
         if low is not None and not low <= value <= high:
-            msg = f"{value} is out of range: give {low} to {high}"
-            raise typer.BadParameter(msg)
+            raise typer.BadParameter(f"{value} is out of range: give {low} to {high}")
         return value
 
     return read

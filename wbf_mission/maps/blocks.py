@@ -79,8 +79,7 @@ class MapGrid:
         """Return the sum over each block of `pixels`, float64[pixels along x, pixels along y]."""
         columns = np.arange(0, pixels.shape[0], self.pixels_a_block)
         rows = np.arange(0, pixels.shape[1], self.pixels_a_block)
-        sums: Floats = np.add.reduceat(np.add.reduceat(pixels, columns, axis=0), rows, axis=1)
-        return sums
+        return np.add.reduceat(np.add.reduceat(pixels, columns, axis=0), rows, axis=1)
 
 
 def sum_pixels(

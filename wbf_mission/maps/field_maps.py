@@ -89,8 +89,7 @@ class FieldMap:
     @property
     def share(self) -> Floats:
         """Fraction of sick plants or mean value of each pixel, or NaN in pixels without cells."""
-        share: Floats = np.where(self.cells > 0, self.total / np.maximum(self.cells, 1.0), np.nan)
-        return share
+        return np.where(self.cells > 0, self.total / np.maximum(self.cells, 1.0), np.nan)
 
     @property
     def deviation(self) -> Floats | None:

@@ -499,11 +499,10 @@ def check_wind(builder: MissionBuilder) -> None:
     wind = wind_of(builder.weather, builder.level, gusts=False)
     speed = math.hypot(*wind.mean_at(builder.level.altitude_m))
     if not vehicle.is_ideal and speed >= limit:
-        msg = (
+        raise ScenarioError(
             f"wind of {speed:g} m/s: vehicle {vehicle.name} flies at most {limit:.3g} m/s "
             "through the air and would be blown away; wait for less wind"
         )
-        raise ScenarioError(msg)
 
 
 def check_speed(mission: MissionOptions, vehicle: VehicleSpec) -> None:

@@ -124,12 +124,11 @@ def _check_extent(mission: MissionOptions, farm: Farm, vehicles: Sequence[Vehicl
         hours = rows_m / speed_m_s / 3600.0
         if hours > _LONGEST_H and not (over is None and builder.vehicle.is_ideal):
             each = "" if len(vehicles) == 1 else f" for each of {len(vehicles)} vehicles"
-            msg = (
+            raise ScenarioError(
                 f"{look}: rows {spacing_m:.2g} m apart over farm {farm.name} are {rows_m / 1000.0:.0f} km"
                 f" long{each}, {hours:.0f} hours in the air at {speed_m_s:.2g} m/s; {remedy}, or scout less"
                 " of the farm"
             )
-            raise ScenarioError(msg)
 
 
 def _check_radio(range_m: float | None, farm: Farm, vehicles: Sequence[Vehicle]) -> None:
@@ -137,11 +136,10 @@ def _check_radio(range_m: float | None, farm: Farm, vehicles: Sequence[Vehicle])
     for vehicle in vehicles:
         away_m = math.dist(vehicle.task.builder.home_m, farm.home_m)
         if range_m is not None and away_m >= range_m:
-            msg = (
+            raise ScenarioError(
                 f"radio range {range_m:g} m: vehicle {vehicle.task.system_id} starts {away_m:.1f} m from the"
                 f" ground station; give more than {math.ceil(away_m)} m, or fewer vehicles"
             )
-            raise ScenarioError(msg)
 
 
 def single_vehicles(options: VehicleParts) -> tuple[SingleVehicle, ...]:
@@ -161,11 +159,10 @@ def single_vehicles(options: VehicleParts) -> tuple[SingleVehicle, ...]:
     missions = [mission] * len(vehicles)
     if separation.kind == LAYERS and len(vehicles) > 1:
         if options.camera.gsd_cm is not None and sum(flies(get_vehicle(one.name)) for one in vehicles) > 1:
-            msg = (
+            raise ScenarioError(
                 f"gsd {options.camera.gsd_cm:g} cm: {len(vehicles)} vehicles fly in layers, but only"
                 " one height has this gsd; give the altitude of the lowest layer, or separate by distance"
             )
-            raise ScenarioError(msg)
         below_m, below_error_m = -math.inf, 0.0
         for k, one in enumerate(vehicles):
             spec = get_vehicle(one.name)
@@ -175,11 +172,10 @@ def single_vehicles(options: VehicleParts) -> tuple[SingleVehicle, ...]:
             lowest_m = below_m + separation.metres + separation_margin_m(below_error_m, error_m)
             height_m = max(mission.altitude_m or spec.takeoff_altitude_m, round(lowest_m, 2))
             if height_m > mission.max_altitude_m:
-                msg = (
+                raise ScenarioError(
                     f"separation layers: vehicle {k + 1} would fly at {height_m:g} m, above"
                     f" {mission.max_altitude_m:g} m; give thinner layers or a lower altitude"
                 )
-                raise ScenarioError(msg)
             below_m, below_error_m = height_m, error_m
             missions[k] = replace(mission, altitude_m=height_m)
             vehicles[k] = replace(one, parameters=_parameters(one, spec, height_m))

@@ -50,39 +50,35 @@ def imaging_of(camera: CameraOptions, mission: MissionOptions, level: FlightLeve
     if camera.gsd_cm is not None:
         height = model.height_m(0.01 * camera.gsd_cm)
         if asked is not None and abs(asked - height) > _SAME_HEIGHT * height:
-            msg = (
+            raise ScenarioError(
                 f"gsd {camera.gsd_cm:g} cm: camera {model.name} has this gsd at {height:.1f} m, not at the"
                 f" altitude of {asked:g} m ({100.0 * model.gsd_m(asked):.3g} cm); give only one of the two"
             )
-            raise ScenarioError(msg)
         low, high = (100.0 * model.gsd_m(end) for end in (_LOWEST_M, mission.max_altitude_m))
         if not _LOWEST_M <= height <= mission.max_altitude_m:
-            msg = (
+            raise ScenarioError(
                 f"gsd {camera.gsd_cm:g} cm: camera {model.name} has this gsd at {height:.3g} m, but flights"
                 f" are {_LOWEST_M:g} to {mission.max_altitude_m:g} m high; give {low:.2g} to {high:.3g} cm,"
                 " or another camera"
             )
-            raise ScenarioError(msg)
     made = Imaging(model, height, camera.front_overlap, camera.side_overlap, camera.orientation == "portrait")
     speed = mission.cruise_speed_m_s
     if speed is not None and speed > made.top_speed_m_s:
-        msg = (
+        raise ScenarioError(
             f"cruise speed {speed:g} m/s: at {height:.1f} m camera {model.name} takes every image up to"
             f" {made.interval_speed_m_s:.3g} m/s, and sharp images up to {made.blur_speed_m_s:.3g} m/s; fly"
             " slower or higher, or with less front overlap"
         )
-        raise ScenarioError(msg)
     return made
 
 
 def require_flight(camera: CameraOptions, vehicle: VehicleSpec) -> None:
     """Raise ScenarioError for a mapping camera on a ground vehicle."""
     if camera.model is not None and vehicle.drives:
-        msg = (
+        raise ScenarioError(
             f"camera {camera.model} takes images from the air, and vehicle {vehicle.name} drives:"
             " give a vehicle that flies, or leave the camera out"
         )
-        raise ScenarioError(msg)
 
 
 def level_of(imaging: Imaging | None, level: FlightLevel) -> FlightLevel:

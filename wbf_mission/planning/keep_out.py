@@ -89,8 +89,7 @@ class KeepOut:
         ends = [np.array([one]) for one, at in ((leave, begin_m), (enter, end_m)) if one is not at]
         first = ends[:1] if leave is not begin_m else []
         last = ends[-1:] if enter is not end_m else []
-        way: Points = np.vstack((*first, inner, *last))
-        return way
+        return np.vstack((*first, inner, *last))
 
     def _border(self, point_m: Points) -> Points:
         """Return the point, or the nearest point of the area's border if the point is inside the area."""
@@ -143,11 +142,10 @@ def flyable_area(farm: Farm, keep_out: KeepOut | None) -> Area:
         if not shapely.buffer(part, -_SLIVER * farm.cell_size_m).is_empty
     ]
     if not wide:
-        msg = (
+        raise ScenarioError(
             f"farm {farm.name}: no land is {keep_out.distance_m:.1f} m away from every obstacle; the margin"
             " and the vehicle's drift in that wind need this distance: give a smaller --margin, or fly slower"
         )
-        raise ScenarioError(msg)
     return wide[0] if len(wide) == 1 else shapely.MultiPolygon(wide)
 
 

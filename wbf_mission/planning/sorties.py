@@ -172,11 +172,10 @@ def cut_plan(
     if homes and builder.ground is not None:
         stands = np.array([(home.latitude_deg, home.longitude_deg) for home in (own_home, *homes)])
         if (differ_m := float(np.ptp(builder.ground.ground.heights(*stands.T)))) > TOLERANCE_M:
-            msg = (
+            raise UncutError(
                 "the plan's heights over the terrain count from the mission's home, but the ground at"
                 f" the take-off places differs by {differ_m:.1f} m; take off where it is as high as at home"
             )
-            raise UncutError(msg)
     placed = replace(whole.mission, home=own_home)
     whole = replace(whole, mission=unrolled(placed))
     course = Course(whole.mission)
@@ -426,8 +425,7 @@ class SortieCosts:
             at_end, at_begin = (np.interp(metres, way_m, spent[:count]) for metres in (end_m, begin_m))
             ways = _interpolated(out, outward, there, beyond)[:, :, None]
             homes = _interpolated(back, homeward, home, beyond)[:, None, :]
-            part: NDArray[np.float64] = ways + (at_end[None, :] - at_begin[:, None])[None] + homes
-            return part
+            return ways + (at_end[None, :] - at_begin[:, None])[None] + homes
 
         seconds = parts(flown.time_s, [t.out_s for t in transits], [t.back_s for t in transits], 1.0)
         watt_hours = parts(
@@ -440,8 +438,7 @@ class SortieCosts:
         """Return each sortie's energy, multiplied by the mean `charge` of the places on the sortie."""
         before, number = np.concatenate(([0.0], np.cumsum(charge[:-1]))), np.arange(len(charge))
         places = np.maximum(number[None, :] - number[:, None], 1)
-        charged: NDArray[np.float64] = self.watt_hours * ((before[None, :] - before[:, None]) / places)
-        return charged
+        return self.watt_hours * ((before[None, :] - before[:, None]) / places)
 
     def cheapest(self, most_wh: float, charge: NDArray[np.float64]) -> _Cut | None:
         """Return the fastest cut into the fewest sorties of at most `most_wh`; None if there is no such cut.
@@ -498,8 +495,7 @@ def _end_m(course: Course, place: Place | None) -> float:
 def _spread(straight_s: NDArray[np.float64], metres: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a sample of `metres`, evenly spread from the shortest to the longest straight-line time."""
     ranks = np.unique(np.linspace(0, len(metres) - 1, _PROBES).astype(np.int64))
-    chosen: NDArray[np.float64] = metres[np.argsort(straight_s, kind="stable")[ranks]]
-    return chosen
+    return metres[np.argsort(straight_s, kind="stable")[ranks]]
 
 
 def _interpolated(

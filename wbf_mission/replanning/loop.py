@@ -69,8 +69,7 @@ def ask(policy: Policy, name: str, observation: PolicyObservation) -> Answer:
     except (WbfMissionError, MemoryError):
         raise
     except (Exception, SystemExit) as error:
-        msg = f"{name} failed: {told_error(error)}"
-        raise AnswerError(msg, CRASHED) from error
+        raise AnswerError(f"{name} failed: {told_error(error)}", CRASHED) from error
     compute_s = max(0.0, time.perf_counter() - _waited_s() - begin)
     return Answer(decision, answer_costs(name, decision, observation), compute_s)
 
@@ -185,14 +184,12 @@ class DecisionLoop:
         """Ask for the first paths. A vehicle stays on the ground if its path has no points."""
         triggers = self._policy.triggers
         if not isinstance(triggers, Triggers):
-            msg = f"{self._name}: triggers is {triggers!r}, not a Triggers"
-            raise PlanningError(msg)
+            raise PlanningError(f"{self._name}: triggers is {triggers!r}, not a Triggers")
         observation = self._knowledge.observation(Event.START, 0.0, vehicles, self._compute_s)
         answer = ask(self._policy, self._name, observation)
         for vehicle in observation.steerable:
             if vehicle.system_id not in answer.decision.paths:
-                msg = f"{self._name} has no path for vehicle {vehicle.system_id}"
-                raise PlanningError(msg)
+                raise PlanningError(f"{self._name} has no path for vehicle {vehicle.system_id}")
         self._observations = len(observation.observations)
         record = self._note(observation, answer)
         for vehicle in observation.steerable:

@@ -46,5 +46,4 @@ def product_names() -> frozenset[str]:
 
 def product(name: str) -> Product:
     """Return a product by name; ResultError if no installed package provides it."""
-    made: Product = load_named(GROUP, name, "makes", "the product", ResultError)
-    return made
+    return load_named(GROUP, name, "makes", "the product", ResultError)

@@ -178,8 +178,7 @@ def read_array(
     import wbf_mission.results.differences  # noqa: F401 (makes the codec known to zarr)
 
     if not zipfile.is_zipfile(path):
-        msg = f"{path}: cannot be read as an array of a run: no file, or not an archive"
-        raise ArrayFileError(msg)
+        raise ArrayFileError(f"{path}: cannot be read as an array of a run: no file, or not an archive")
     try:
         with ZipStore(path, mode="r") as store:
             stored: Any = zarr.open_array(store, mode="r", zarr_format=3)
@@ -199,8 +198,7 @@ def read_array(
     except ArrayFileError:
         raise
     except Exception as error:  # zarr may raise anything on hostile metadata
-        msg = f"{path}: not an array of a run ({type(error).__name__}: {error})"
-        raise ArrayFileError(msg) from error
+        raise ArrayFileError(f"{path}: not an array of a run ({type(error).__name__}: {error})") from error
 
 
 def lazy_array(path: Path, shape: tuple[int, int, int]) -> NDArray[np.float32]:
@@ -236,8 +234,7 @@ def read_maps(path: Path, kind: str, farm: Farm, fields: FieldSet) -> tuple[Fiel
     try:
         with zipfile.ZipFile(path) as archive:
             if any(member.file_size > _MAX_MEMBER_BYTES for member in archive.infolist()):
-                msg = f"an array is larger than {_MAX_MEMBER_BYTES // 2**20} MiB"
-                raise ValueError(msg)
+                raise ValueError(f"an array is larger than {_MAX_MEMBER_BYTES // 2**20} MiB")
         with np.load(path, allow_pickle=False) as arrays:
             there = [name.split(".")[1] for name in arrays if name.startswith(f"{kind}.")]
             return tuple(_map(arrays, f"{kind}.{name}", fields[name], farm) for name in dict.fromkeys(there))
@@ -276,5 +273,4 @@ def _check(
         or any(length not in (None, there) for length, there in zip(shape, array.shape, strict=True))
     ):
         found = "nothing" if array is None else f"{array.dtype}{list(array.shape)}"
-        msg = f"{prefix}.{name} is {found}, not {np.dtype(wanted)}{list(shape)}"
-        raise ValueError(msg)
+        raise ValueError(f"{prefix}.{name} is {found}, not {np.dtype(wanted)}{list(shape)}")

@@ -217,8 +217,7 @@ def _about(path: Path) -> Iterator[None]:
     try:
         yield
     except FolderError as error:
-        msg = f"{path}: {error}"
-        raise ResultError(msg) from error
+        raise ResultError(f"{path}: {error}") from error
 
 
 def settle_result(path: Path) -> None:

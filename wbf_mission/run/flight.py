@@ -237,11 +237,10 @@ def departure_delays(plans: Sequence[PlanResult], distance_m: float, margin_m: f
             ):
                 delay += _STEP_S
                 if delay > _LATEST_S:
-                    msg = (
+                    raise ScenarioError(
                         f"separation distance: vehicle {number} would wait for more than two hours to keep"
                         f" {distance_m:g} m from other vehicles; give a smaller distance, or use layers"
                     )
-                    raise ScenarioError(msg)
             flights.append((flight, delay))
         delays.append(delay)
     return delays

@@ -157,8 +157,7 @@ class JointFlight:
         ground = sortie.ground
         if order.order == START:
             if ground.arming_gate is None or ground.arming_gate.stage is not Stage.ASKING:
-                msg = "the vehicle does not wait for a start"
-                raise NotFlyingError(msg)
+                raise NotFlyingError("the vehicle does not wait for a start")
             ground.arming_gate.agree()
             return
         command = order.command

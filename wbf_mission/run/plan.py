@@ -77,8 +77,7 @@ def plans_of(run: Run, knowledge: Knowledge, flight: str = "a flight") -> tuple[
     loop = DecisionLoop(decider.policy, decider.name, knowledge, records=[])
     decision = loop.start([task.report(steered=decider.steers) for task in tasks]).decision
     if not any(len(decision.paths[task.system_id]) for task in tasks):
-        msg = f"{decider.name} finds nothing worth {flight} within {tasks[0].budget_text}"
-        raise PlanningError(msg)
+        raise PlanningError(f"{decider.name} finds nothing worth {flight} within {tasks[0].budget_text}")
     return tuple(task.plan_of(decision, decider.label, steered=decider.steers) for task in tasks)
 
 
@@ -109,8 +108,7 @@ def batteries_in(budget: str | None) -> int | None:
         return None
     count = int(match.group(1))
     if not 1 <= count <= _MOST:
-        msg = f"budget {budget}: give 1 to {_MOST} batteries"
-        raise ScenarioError(msg)
+        raise ScenarioError(f"budget {budget}: give 1 to {_MOST} batteries")
     return count
 
 
@@ -165,11 +163,10 @@ def plan_for_batteries(
             raise ScenarioError(f"budget {text}: no number of batteries suffices: {error}") from error
         takes = 1 if sorties is None else len(sorties.sorties)
         if takes > count:
-            msg = (
+            raise ScenarioError(
                 f"budget {text}: the survey needs {takes} batteries; give {takes}, or rows that are farther"
                 " apart"
             )
-            raise ScenarioError(msg)
         return whole, sorties
     best = planned(None)
     battery = best.vehicle.battery

@@ -168,12 +168,11 @@ def resolve(
         If a name is unknown, a value out of range, or the parts do not suit each other.
     """
     if to_fly and scenario.camera.model is not None:
-        msg = (
+        raise ScenarioError(
             f"camera {scenario.camera.model}: a run flies with the leaf camera, whose images are"
             f" {scenario.camera.footprint} cells wide; plan with camera {scenario.camera.model}, and fly the"
             " plan's file with --mission"
         )
-        raise ScenarioError(msg)
     stream = EventStream() if events is None else events
     injected = injection(faults)
     injected.require_vehicles(range(1, len(scenario.vehicle.fleet) + 1))
@@ -228,8 +227,7 @@ def _read_plan(file: str, builder: MissionBuilder, footprint: int, seed: int) ->
     farm, mission = builder.farm, read_mission(file)
     path_m = positions_of(mission, farm)
     if not len(path_m):
-        msg = f"{file}: no item of the mission has a position; give a mission with waypoints"
-        raise ScenarioError(msg)
+        raise ScenarioError(f"{file}: no item of the mission has a position; give a mission with waypoints")
     return builder.plan_of(
         mission,
         path_m,
@@ -252,11 +250,10 @@ def _require_hosts(farm: Farm, fields: FieldSet) -> None:
     """Refuse fields if the farm's owner grows none of their crops, since nothing could be scored."""
     wanted = fields.crops
     if wanted and set(farm.grown).isdisjoint(wanted):
-        msg = (
+        raise ScenarioError(
             f"farm {farm.name}: grows {', '.join(farm.grown) or 'nothing'}, but the fields"
             f" {', '.join(fields.names)} are of {', '.join(wanted)}: name fields for its crops (--fields)"
         )
-        raise ScenarioError(msg)
 
 
 def decider_of(options: MissionOptions, vehicles: int) -> Decider:

@@ -432,5 +432,4 @@ class Sortie:
 
 
 def _nobody_sends(_messages: list[Message]) -> None:
-    msg = "no host flies the sortie"
-    raise RuntimeError(msg)
+    raise RuntimeError("no host flies the sortie")

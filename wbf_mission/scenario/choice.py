@@ -55,8 +55,7 @@ def choose(value: Any, what: str) -> Choice:
             name, params = parse_named(value)
         except ParameterError as error:
             own = "; only options of the command line take FILE.py:NAME" if ".py:" in value else ""
-            msg = f"{what}: {error}{own}"
-            raise ScenarioError(msg) from None
+            raise ScenarioError(f"{what}: {error}{own}") from None
         return Choice(name, params)
     if isinstance(value, Mapping):
         given = {str(key): item for key, item in value.items()}
@@ -66,8 +65,7 @@ def choose(value: Any, what: str) -> Choice:
             raise ScenarioError(msg)
         return Choice(named.strip(), given)
     if value is None or isinstance(value, (int, float, bytes, list, tuple, set, type)):
-        msg = f"{what} {value!r} is neither a name, a table nor {_OBJECT[what]}"
-        raise ScenarioError(msg)
+        raise ScenarioError(f"{what} {value!r} is neither a name, a table nor {_OBJECT[what]}")
     return Choice(getattr(value, "__name__", type(value).__name__), {}, value)
 
 
@@ -125,11 +123,9 @@ def split_choices(text: str, what: str) -> list[str]:
     try:
         found = split_named(text)
     except ParameterError as error:
-        msg = f"{what}s: {error}"
-        raise ScenarioError(msg) from None
+        raise ScenarioError(f"{what}s: {error}") from None
     if not found:
-        msg = f"{what}s {text!r}: no name is given; give names separated by commas"
-        raise ScenarioError(msg)
+        raise ScenarioError(f"{what}s {text!r}: no name is given; give names separated by commas")
     return found
 
 

@@ -161,8 +161,7 @@ def read_table(path: str | Path) -> dict[str, Any]:
     try:
         return read_toml(scenario_file(path))
     except UnreadableError as error:
-        msg = f"{path}: cannot be read as a scenario: {error}; give a TOML file"
-        raise ScenarioError(msg) from error
+        raise ScenarioError(f"{path}: cannot be read as a scenario: {error}; give a TOML file") from error
 
 
 def scenario_from_table(table: dict[str, Any], path: Path) -> Scenario:
@@ -178,8 +177,7 @@ def scenario_from_table(table: dict[str, Any], path: Path) -> Scenario:
     try:
         return Scenario(**table)
     except ScenarioError as error:
-        msg = f"{path}: {error}"
-        raise ScenarioError(msg) from error
+        raise ScenarioError(f"{path}: {error}") from error
 
 
 def _beside(folder: Path, item: object) -> object:

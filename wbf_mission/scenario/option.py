@@ -104,8 +104,7 @@ class Option:
         except msgspec.ValidationError as error:
             if isinstance(value, int | float) and str in (self.wanted, *typing.get_args(self.wanted)):
                 such = f', such as "{self.example}"' if self.example else ""
-                msg = f"{self.key}: {value!r} is a number; give a text{such}"
-                raise ScenarioError(msg) from None
+                raise ScenarioError(f"{self.key}: {value!r} is a number; give a text{such}") from None
             raise ScenarioError(misfit(error, self.key)) from None
 
 

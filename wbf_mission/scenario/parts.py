@@ -250,20 +250,18 @@ class MissionOptions(Part):
         if self.policy is not None:
             object.__setattr__(self, "policy", choose(self.policy, "policy"))
         if self.height_above_ground_m is not None and bool(self.terrain) == self.terrain_frame:
-            msg = (
+            raise ScenarioError(
                 f"height above ground {self.height_above_ground_m:g} m: give either --terrain with the"
                 " ground's heights, or --terrain-frame if the autopilot knows the heights"
             )
-            raise ScenarioError(msg)
         for name in ("altitude_m", "height_above_ground_m"):
             height_m = getattr(self, name)
             if height_m is not None and height_m > self.max_altitude_m:
                 what = name.removesuffix("_m").replace("_", " ")
-                msg = (
+                raise ScenarioError(
                     f"{what} {height_m:g} m is above {self.max_altitude_m:g} m: fly lower, or with a"
                     " permission give a greater max altitude"
                 )
-                raise ScenarioError(msg)
         endless = self.budget is not None and self.budget.strip().lower() == UNLIMITED
         if endless and (self.policy is not None or self.planner.chosen in _USE_UP):
             who = f"planner {self.planner}" if self.policy is None else f"policy {self.policy}"
@@ -343,13 +341,11 @@ class VehicleOptions(Part):
         """Raise ScenarioError if a name is empty or the numbers of names and vehicles differ."""
         names = self.names
         if not all(names):
-            msg = (
+            raise ScenarioError(
                 f"vehicle {self.name!r} has an empty name: give names separated by commas, such as quad,quad"
             )
-            raise ScenarioError(msg)
         if len(names) > MOST_VEHICLES:
-            msg = f"vehicle names {len(names)} vehicles: at most {MOST_VEHICLES} fly together"
-            raise ScenarioError(msg)
+            raise ScenarioError(f"vehicle names {len(names)} vehicles: at most {MOST_VEHICLES} fly together")
         for what, given in (("vehicle", names), ("autopilot", self.autopilot.split(","))):
             if len(given) not in (1, len(self.fleet)):
                 msg = f"{len(given)} {what} names for {len(self.fleet)} vehicles: give one name, or one each"
@@ -455,8 +451,7 @@ class WeatherOptions(Part):
             raise ScenarioError(msg)
         if self.turbulence is not None and self.wind_gust_m_s > 0.0:
             gust = f"a wind gust of {self.wind_gust_m_s:g} m/s"
-            msg = f"turbulence {self.turbulence} and {gust}: give only one of the two"
-            raise ScenarioError(msg)
+            raise ScenarioError(f"turbulence {self.turbulence} and {gust}: give only one of the two")
 
 
 @dataclass(frozen=True, slots=True)
@@ -568,8 +563,7 @@ class CameraOptions(Part):
         given = self.by_vehicle
         if len(given) not in (1, vehicles):
             many = f"vehicles {vehicles}, but camera fields are given for {len(given)} vehicles"
-            msg = f"{many}: give one list of fields, or a list for each vehicle"
-            raise ScenarioError(msg)
+            raise ScenarioError(f"{many}: give one list of fields, or a list for each vehicle")
         return None if self.fields is None else given[vehicle % len(given)]
 
 

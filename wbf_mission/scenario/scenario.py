@@ -117,8 +117,7 @@ def all_options() -> dict[str, tuple[type[Any], str, Option]]:
     for part in (*PARTS.values(), Scenario):
         for name, defined in options_of(part).items():
             if defined.key in found:
-                msg = f"option {defined.key} is in two parts"
-                raise AssertionError(msg)
+                raise AssertionError(f"option {defined.key} is in two parts")
             found[defined.key] = (part, name, defined)
     return found
 
@@ -141,8 +140,7 @@ def require_scenario(given: Any) -> None:
     """Raise ScenarioError if `given` is not a `Scenario`, for example a dict of options."""
     if not isinstance(given, Scenario):
         how = ": write Scenario(**options)" if isinstance(given, Mapping) else ""
-        msg = f"the scenario is a {type(given).__name__}: give a Scenario{how}"
-        raise ScenarioError(msg)
+        raise ScenarioError(f"the scenario is a {type(given).__name__}: give a Scenario{how}")
 
 
 def scenario_with(base: Scenario, changes: Mapping[str, Any]) -> Scenario:

@@ -37,11 +37,10 @@ def parse_separation(text: str) -> Separation:
     except ValueError:
         metres = 0.0
     if kind not in (LAYERS, DISTANCE) or not _LEAST_M <= metres <= _MOST_M:
-        msg = (
+        raise ScenarioError(
             f"separation {text!r} cannot be read: give layers:METRES or distance:METRES with"
             f" {_LEAST_M:g} to {_MOST_M:g} m, such as layers:2m, or none"
         )
-        raise ScenarioError(msg)
     return Separation(kind, metres)
 
 
@@ -74,11 +73,10 @@ def shear_values(text: str) -> dict[str, Any]:
         numbers = [0.0] * 3
     most = {"log": 2, "power": 2, "sitl": 0}
     if law not in most or len(numbers) > most[law]:
-        msg = (
+        raise ScenarioError(
             f"--wind-shear {text!r} is not log[,ROUGHNESS[,HEIGHT]], power[,EXPONENT[,HEIGHT]] or sitl; "
             "give for example log,0.1,10"
         )
-        raise ScenarioError(msg)
     names = ("wind_roughness_m" if law == "log" else "wind_exponent", "wind_height_m")
     return {"wind_shear": law, **dict(zip(names, numbers, strict=False))}
 

@@ -265,10 +265,7 @@ def _build(
         for name in ordered:
             value = getattr(self, f"_{name}_raw" if name in texts else name)
             values += value if isinstance(value, list | tuple) else [value]
-        packed: bytes = self._pack(
-            mav, self.crc_extra, self.unpacker.pack(*values), force_mavlink1=force_mavlink1
-        )
-        return packed
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(*values), force_mavlink1=force_mavlink1)
 
     return type(
         _class_name(message_name),

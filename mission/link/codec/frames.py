@@ -71,8 +71,7 @@ def _maker(message_type: Any) -> Callable[[tuple[Any, ...]], Any]:
 
 def _compiled(source: str, **names: Any) -> Callable[[Any], Any]:
     """Compile ``source`` into a function; a loop over the field table would take twice as long."""
-    made: Callable[[Any], Any] = eval(source, names)  # noqa: S307 (the source comes from the pinned dialect)
-    return made
+    return eval(source, names)  # noqa: S307 (the source comes from the pinned dialect)
 
 
 class _Kind:
@@ -353,8 +352,7 @@ def _decode(frame: bytes, kind: _Kind, codec: Any) -> Message | None:
     message._msgbuf = frame
     message._payload = sent
     message._crc = frame[-2] | frame[-1] << 8
-    made: Message = message
-    return made
+    return message
 
 
 def _frame_end(data: bytes, at: int) -> int:

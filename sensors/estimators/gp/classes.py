@@ -73,8 +73,7 @@ class ClassLink:
         np.negative(logit, out=logit)
         exp(logit, out=logit)
         logit += np.float32(1.0)
-        sick: Values = np.reciprocal(logit, out=logit)
-        return sick
+        return np.reciprocal(logit, out=logit)
 
 
 def _log_excess(illness: NDArray[np.floating], prior: float) -> Values:
@@ -82,8 +81,7 @@ def _log_excess(illness: NDArray[np.floating], prior: float) -> Values:
     excess = np.maximum(illness, 0.0, dtype=np.float32)
     excess *= np.float32(1.0 / (prior * (1.0 + _FLOOR)))
     excess += np.float32(_FLOOR / (1.0 + _FLOOR))
-    logarithm: Values = log(excess, out=excess)
-    return logarithm
+    return log(excess, out=excess)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,8 +173,7 @@ class ClassMap:
         one, half = np.float32(1.0), np.float32(0.5)
         upper = (one - sick * (one - half * a * (one - lost))) / (one + (a - one) * sick)
         lower = (one - sick * (one - half * (one - lost))) / (one + (a - one) * lost * sick)
-        value: Values = np.where(upper >= half, upper, lower)
-        return value
+        return np.where(upper >= half, upper, lower)
 
     def _sick(self, value: Values) -> Values:
         """Return the probabilities that plants are sick, for these values of least expected loss."""
@@ -193,8 +190,7 @@ class ClassMap:
         lost = self.link.lost
         mean, square = np.float32(0.5 * (1.0 + lost)), np.float32(0.25 * (1.0 + 3.0 * lost))
         variance = square * sick - np.square(mean * sick)
-        deviation: Values = np.sqrt(np.maximum(variance, 0.0))
-        return deviation
+        return np.sqrt(np.maximum(variance, 0.0))
 
 
 def link_slope(
@@ -275,8 +271,7 @@ def _means(kernel: RbfKernel, prior: float, seen: Cells, readings: Floats, x: Ce
     factor = cholesky(covariance)
     across = kernel.amplitude * kernel.along_x(seen[:, 0], x) * kernel.along_y(seen[:, 1], y)
     known = solve_lower(factor, np.ascontiguousarray(readings - prior))
-    means: Floats = prior + product(solve_lower(factor, across).T, known)
-    return means
+    return prior + product(solve_lower(factor, across).T, known)
 
 
 _WINDOW = 32

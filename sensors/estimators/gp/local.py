@@ -288,8 +288,7 @@ class WholePosterior:
         half = 0.5 * self._spectrum.sides[k]
         middle = self._middle[k]
         box = middle - half, middle + half
-        functions: NDArray[np.floating] = gp_tile.sines(places, *box, self._spectrum.roots[k])
-        return functions
+        return gp_tile.sines(places, *box, self._spectrum.roots[k])
 
     def _functions(self, x: Cells, y: Cells) -> NDArray[np.floating]:
         """Return the values of the m functions at n cells, float64[n, m]."""

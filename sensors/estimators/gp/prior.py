@@ -220,8 +220,7 @@ def _lagged_products(field: Floats, lags: int) -> Floats:
 
     shape = [fft.next_fast_len(side + lags, real=True) for side in field.shape]
     spectrum = fft.rfft2(field, shape)
-    products: Floats = fft.irfft2(spectrum.real**2 + spectrum.imag**2, shape)[:lags, :lags]
-    return products
+    return fft.irfft2(spectrum.real**2 + spectrum.imag**2, shape)[:lags, :lags]
 
 
 def _nearest_kernel(

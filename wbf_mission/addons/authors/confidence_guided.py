@@ -86,8 +86,7 @@ class ConfidenceGuided:
         if self._field != ALL:
             return np.array(uncertainty[names.index(self._field)])
         weights = np.asarray(observation.weights.field, np.float32)
-        whole: NDArray[np.float32] = (weights[:, None, None] * uncertainty).sum(axis=0)
-        return whole
+        return (weights[:, None, None] * uncertainty).sum(axis=0)
 
     def _search(self, problem: RouteProblem) -> Sequence[Route]:
         vehicle = problem.vehicle

@@ -128,8 +128,7 @@ class _Draws:
                 more = draw_places(cell, rounds - len(self._drawn[k]), self._streams[k])
                 self._drawn[k] = np.vstack((self._drawn[k], more))
         together = np.stack([drawn[:rounds] for drawn in self._drawn], axis=1)
-        first: Points = together.reshape(-1, 2)[:count]
-        return first
+        return together.reshape(-1, 2)[:count]
 
 
 _NEIGHBOURS = 10
@@ -156,8 +155,7 @@ def shorten(
     near = cKDTree(points).query(points, k=min(_NEIGHBOURS + 1, len(points)))[1].reshape(len(points), -1)
     tour = np.concatenate((np.zeros(1, np.int64), order + 1))
     _two_opt(points, near[:, 1:].astype(np.int64), tour, returns)
-    shorter: NDArray[np.int64] = tour[1:] - 1
-    return shorter
+    return tour[1:] - 1
 
 
 @compiled

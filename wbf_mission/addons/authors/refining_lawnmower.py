@@ -319,8 +319,7 @@ def detour(
     good = np.flatnonzero(rates >= least_rate)
     if not len(good):
         return _NOTHING
-    points: Points = (route[: good[-1] + 1, :2] + window.low) * cell_m
-    return points
+    return (route[: good[-1] + 1, :2] + window.low) * cell_m
 
 
 def _joined(windows: Sequence[Window], observation: PolicyObservation) -> AcquisitionMap | None:
@@ -390,9 +389,7 @@ def _free(area: Area, low: NDArray[np.int_], high: NDArray[np.int_], cell_m: flo
     if is_rectangle(part):
         x_0, y_0, x_1, y_1 = part.bounds
         inside = (x >= x_0 - TOLERANCE_M) & (x + cell_m <= x_1 + TOLERANCE_M)
-        free: NDArray[np.bool_] = inside & (y >= y_0 - TOLERANCE_M) & (y + cell_m <= y_1 + TOLERANCE_M)
-        return free
+        return inside & (y >= y_0 - TOLERANCE_M) & (y + cell_m <= y_1 + TOLERANCE_M)
     wide = shapely.buffer(part, TOLERANCE_M, join_style="mitre", mitre_limit=2.0)
     shapely.prepare(wide)
-    covered: NDArray[np.bool_] = shapely.covers(wide, shapely.box(x, y, x + cell_m, y + cell_m))
-    return covered
+    return shapely.covers(wide, shapely.box(x, y, x + cell_m, y + cell_m))

@@ -205,5 +205,4 @@ def via_named(name: str) -> Via:
     entry = entry_named("wbf_mission.vias", name)
     if entry is None:
         return Via()
-    way: Via = load_entry(entry, f"the way {name}", LinkError)()
-    return way
+    return load_entry(entry, f"the way {name}", LinkError)()

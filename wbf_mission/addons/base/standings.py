@@ -378,8 +378,7 @@ def score_over_time(rows: Sequence[BenchRow]) -> tuple[NDArray[np.float64], NDAr
 def scores_at(row: BenchRow, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a run's latest score at each time; before the first scored time, the first score."""
     at = np.searchsorted(row.times_s, times_s, side="right") - 1
-    scores: NDArray[np.float64] = np.array(row.scores)[np.maximum(at, 0)]
-    return scores
+    return np.array(row.scores)[np.maximum(at, 0)]
 
 
 def draw_mean_score(

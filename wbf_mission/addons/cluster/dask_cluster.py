@@ -47,8 +47,7 @@ class DaskCluster:
 
     def submit(self, function: Callable[..., _T], /, *arguments: Any) -> Future[_T]:
         """Submit a call to the workers; only the name of the function is sent, not its code."""
-        future: Future[_T] = self._executor.submit(function, *arguments)
-        return future
+        return self._executor.submit(function, *arguments)
 
     def result(self, future: Future[_T]) -> _T | None:
         """Return the result of a finished future; None if the call killed several workers.

@@ -50,8 +50,7 @@ def least_loss_value(
     susceptible, infected, removed = np.moveaxis(np.asarray(probabilities, np.float64), -1, 0)
     upper = (susceptible + 0.5 * asymmetry * infected) / (susceptible + asymmetry * (infected + removed))
     lower = (susceptible + 0.5 * infected) / (susceptible + infected + asymmetry * removed)
-    value: NDArray[np.float64] = np.where(upper >= 0.5, upper, lower)
-    return value
+    return np.where(upper >= 0.5, upper, lower)
 
 
 def expected_loss(
@@ -79,8 +78,7 @@ def standard_deviation(probabilities: NDArray[np.floating]) -> NDArray[np.float6
     """
     p = np.asarray(probabilities, np.float64)
     mean = product(p, CLASS_VALUES)
-    deviation: NDArray[np.float64] = np.sqrt(np.maximum(product(p, CLASS_VALUES**2) - mean**2, 0.0))
-    return deviation
+    return np.sqrt(np.maximum(product(p, CLASS_VALUES**2) - mean**2, 0.0))
 
 
 _EXACT = 1e-3  # Readings that differ by less than this from the value of a class certainly show the class.

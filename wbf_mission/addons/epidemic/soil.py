@@ -425,5 +425,4 @@ class _Axis:
     def at(self, places: NDArray[np.integer] | Floats) -> Floats:
         """Return the sine functions at cell indices (integers are centres), float64[n, functions]."""
         position = places + 0.5 - self._half
-        values: Floats = sin(self._frequency * (position[:, None] + self._reach)) / np.sqrt(self._reach)
-        return values
+        return sin(self._frequency * (position[:, None] + self._reach)) / np.sqrt(self._reach)

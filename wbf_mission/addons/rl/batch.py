@@ -157,5 +157,4 @@ class Batch:
         means = self._runs.sums[runs, number] / np.maximum(self._field_cells, 1)[:, None]
         squares, worse_squares = means[..., 0], means[..., 1]
         by_field = self._low * (squares - worse_squares) + self._high * worse_squares
-        losses: NDArray[np.float64] = product(by_field, self._weight) / self._weight.sum()
-        return losses
+        return product(by_field, self._weight) / self._weight.sum()

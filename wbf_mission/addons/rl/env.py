@@ -137,8 +137,7 @@ class SurveyEnv(OneEpisode, gymnasium.Env[Observation, Any]):
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return the mask of valid actions (staying and possible moves), bool[5], for MaskablePPO."""
-        masks: NDArray[np.bool_] = self.task.possible(self._begun().cells)[0]
-        return masks
+        return self.task.possible(self._begun().cells)[0]
 
 
 def run_seed(seed: int | None, rng: np.random.Generator) -> int:

@@ -200,7 +200,7 @@ def _font() -> Any:
 
 
 def _packed(colour: str) -> np.uint32:
-    return _pack(np.array(rgb(colour), np.uint8))[()]  # type: ignore[no-any-return]
+    return _pack(np.array(rgb(colour), np.uint8))[()]
 
 
 def _pack(colours: NDArray[Any]) -> _Pixels:

@@ -206,8 +206,7 @@ def _to_wgs84(farm: Farm, polygons: Sequence[shapely.Polygon]) -> NDArray[np.obj
         latitude, longitude = farm.frame.to_wgs84(xy[:, 0], xy[:, 1])
         return np.column_stack((origin + (longitude - origin + 180.0) % 360.0 - 180.0, latitude))
 
-    moved: NDArray[np.object_] = shapely.transform(np.array(polygons, np.object_), transform)
-    return moved
+    return shapely.transform(np.array(polygons, np.object_), transform)
 
 
 _COLOURS = {TREAT: "#b3261e", LOOK: "#f2b705", HEALTHY: "#8fc08b"}

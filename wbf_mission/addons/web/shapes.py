@@ -63,8 +63,7 @@ def plan_shape(planned: Planned, farm: Farm | None) -> schema.Plan:
 
 def ring(points: Any) -> schema.Ring:
     """Return points, float64[n, 2], as alternating x and y, rounded to centimetres."""
-    flat: schema.Ring = np.round(np.asarray(points, np.float64).reshape(-1), 2).tolist()
-    return flat
+    return np.round(np.asarray(points, np.float64).reshape(-1), 2).tolist()
 
 
 def _rings(polygon: shapely.Polygon, simpler_m: float) -> list[schema.Ring]:

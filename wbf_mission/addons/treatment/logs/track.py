@@ -116,8 +116,7 @@ class LogTrack:
 def is_position(latitude_deg: Floats, longitude_deg: Floats) -> NDArray[np.bool_]:
     """Return a mask of valid positions; (0, 0) is invalid, because receivers report it without a fix."""
     inside = (np.abs(latitude_deg) <= 90.0) & (np.abs(longitude_deg) <= 180.0)
-    fixed: NDArray[np.bool_] = inside & ~((latitude_deg == 0.0) & (longitude_deg == 0.0))
-    return fixed
+    return inside & ~((latitude_deg == 0.0) & (longitude_deg == 0.0))
 
 
 @contextlib.contextmanager

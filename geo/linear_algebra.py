@@ -31,10 +31,6 @@ def _kernels() -> Any:
     return linear_algebra_kernels
 
 
-def _are_loaded() -> bool:
-    return "geo.linear_algebra_kernels" in sys.modules
-
-
 def product(a: Floats, b: Floats, out: _Values | None = None) -> Any:
     """Return ``a @ b`` in float32 or float64; `a` is a stack of vectors, and `b` is a vector or matrix.
 
@@ -52,7 +48,8 @@ def product(a: Floats, b: Floats, out: _Values | None = None) -> Any:
         raise ValueError(f"a product of {a.shape} and {b.shape}")
     found = np.empty((len(left), right.shape[1]), kind) if out is None else out
     found[...] = 0.0
-    if len(right) <= _SHALLOW or (found.size * len(right) <= _LIGHT and not _are_loaded()):
+    loaded = "geo.linear_algebra_kernels" in sys.modules
+    if len(right) <= _SHALLOW or (found.size * len(right) <= _LIGHT and not loaded):
         for k, row in enumerate(right):
             found += left[:, k, None] * row
     else:

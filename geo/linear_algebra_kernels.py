@@ -19,7 +19,7 @@ _PANEL = 512
 
 @compiled(nogil=True, allocates=False)
 def add_product(
-    scale: Any, a: Floats, b: Floats, out: Floats, i0: int, i1: int, k0: int, k1: int, j0: int, j1: int
+    scale: float, a: Floats, b: Floats, out: Floats, i0: int, i1: int, k0: int, k1: int, j0: int, j1: int
 ) -> None:
     """Add ``scale a[i, k] b[k, j]`` to ``out[i, j]`` in the order of k; `scale` is 1 or -1.
 

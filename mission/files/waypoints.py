@@ -39,7 +39,7 @@ from mission.files.common import (
     resolve_jumps,
     wrong_kind,
 )
-from mission.model import MAX_ITEMS, Command, Frame, GeoPoint, Mission, MissionItem
+from mission.model import MAX_ITEMS, Command, Frame, Mission, MissionItem
 
 _FENCE = frozenset(range(5000, 5005))
 _RALLY = frozenset({5100})
@@ -98,7 +98,9 @@ def loads(data: bytes) -> Mission | WithNotes:
     if rows and rows[0].seq == 0 and (rows[0].command == 0 or (rows[0].command, rows[0].frame) == home_like):
         alone = not any(row.frame == Frame.GLOBAL and any(row.place[:2]) for row in rows[1:])
         if alone or version != "120":
-            home = _home(rows.pop(0))
+            row = rows.pop(0)
+            place = (math.nan if value is None else value for value in row.place)
+            home = home_from_file(f"line {row.line}", *place)
         if version == "120":
             meaning = "home" if alone else "the first waypoint, not as home, as in QGroundControl"
             notes.append(f"version 120 does not mark home: row 0 is read as {meaning}")
@@ -181,11 +183,6 @@ def _whole(word: str, line: int, column: str) -> int:
     if value is None or not value.is_integer() or abs(value) > 1e9:
         raise MissionFileError(f"line {line}: {column} is {word[:40]!r}; give a whole number")
     return int(value)
-
-
-def _home(row: _Row) -> GeoPoint | None:
-    latitude_deg, longitude_deg, altitude_m = (math.nan if value is None else value for value in row.place)
-    return home_from_file(f"line {row.line}", latitude_deg, longitude_deg, altitude_m)
 
 
 def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:

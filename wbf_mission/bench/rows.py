@@ -339,22 +339,18 @@ class _Common:
     """Cache that lets rows share equal texts, dicts and times."""
 
     def __init__(self) -> None:
-        self._texts: dict[str, str] = {}
+        self._texts: dict[str | None, str | None] = {}
         self._dicts: dict[tuple[tuple[str, Any], ...], dict[str, Any]] = {}
         self._times: dict[bytes, Floats] = {}
 
     def of(self, row: BenchRow) -> BenchRow:
         """Return an equal row that uses the cached texts, dicts and times."""
-        texts = {key: self._text(getattr(row, key)) for key in _SHARED_TEXTS}
-        dicts = {key: self._dict(getattr(row, key)) for key in _SHARED_DICTS}
+        texts = {key: getattr(row, key) for key in _SHARED_TEXTS}
+        texts = {key: self._texts.setdefault(text, text) for key, text in texts.items()}
+        dicts = {key: getattr(row, key) for key in _SHARED_DICTS}
+        dicts = {key: self._dicts.setdefault(tuple(values.items()), values) for key, values in dicts.items()}
         times_s = self._times.setdefault(row.times_s.tobytes(), row.times_s)
         return msgspec.structs.replace(row, **texts, **dicts, times_s=times_s)
-
-    def _text(self, text: str | None) -> str | None:
-        return None if text is None else self._texts.setdefault(text, text)
-
-    def _dict(self, values: dict[str, Any]) -> dict[str, Any]:
-        return self._dicts.setdefault(tuple(values.items()), values)
 
 
 def rows_of(path: Path, content: bytes | None = None) -> Iterator[BenchRow]:

@@ -281,12 +281,6 @@ def _probabilities_path(folder: Path, disease: str) -> Path:
     return folder / f"{PROBABILITIES}{disease}{SUFFIX}"
 
 
-def _listed(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    raise NotImplementedError(type(value))
-
-
 def _array(kind: Any, value: Any) -> NDArray[Any]:
     ((number,),) = (get_args(one) for one in get_args(kind)[1:])
     return np.asarray(value, number)
@@ -295,7 +289,9 @@ def _array(kind: Any, value: Any) -> NDArray[Any]:
 def write_json(path: Path, values: Any) -> None:
     """Write plain values as indented JSON."""
     with atomic_write(path) as stream:
-        stream.write(msgspec.json.format(msgspec.json.encode(values, enc_hook=_listed)).decode() + "\n")
+        stream.write(
+            msgspec.json.format(msgspec.json.encode(values, enc_hook=np.ndarray.tolist)).decode() + "\n"
+        )
 
 
 def history_table(history: ScoreHistory, fields: tuple[str, ...]) -> Any:

@@ -200,7 +200,7 @@ class LocalPosterior:
                 seen = gp_tile.gather(self._cells, self._sums, self.lattice.shape[1], frame[1])
                 if len(seen) > len(self._functions[1]):
                     at = frame, places[number], self.lattice
-                    made[number] = HeldTile(seen, *at, self.kernel.noise, *self._functions)
+                    made[number] = HeldTile(seen, *at, self.kernel.noise, self._functions)
 
         in_parallel(work, range(len(tiles)))
         for number in sorted(made):

@@ -223,7 +223,7 @@ def _cosines(places: Floats, low: float, high: float, count: int) -> Floats:
 @compiled(nogil=True)
 def precision_of(
     seen: Floats, noise: float, spectrum: Any, terms: Places, span_x: Any, span_y: Any, weights: Floats
-) -> Floats:
+) -> NDArray[np.float64]:
     """Return the precision of the m sine functions' weights, float64[m, m]; add the data to `weights`.
 
     Only the upper triangle is set. A product of two sines is half the difference of two cosines, so that sums
@@ -345,10 +345,9 @@ def solve_tiles(
         substitute_forward(factor, weights, 2)
         slot, a, b = places[k]
         near = _changed_by(seen[seen[:, 4] > 0.0], nodes, lattice, touch)
-        if near != nodes:
-            # New observations change means farther away than variances.
-            part = posterior[slot, :, i0 - a : i1 - a, j0 - b : j1 - b]
-            _fill_means(factor, weights, along_x, along_y, products, part)
+        # New observations change means farther away than variances.
+        part = posterior[slot, :, i0 - a : i1 - a, j0 - b : j1 - b]
+        _fill_means(factor, weights, along_x, along_y, products, part)
         i, end_i, j, end_j = near
         if i >= end_i or j >= end_j:
             continue

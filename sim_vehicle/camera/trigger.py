@@ -154,7 +154,10 @@ class CameraTrigger:
         elif self.interval_us > 0:
             self._timed(last, fix, exposures)
         if self._external:
-            self._triggered(last, fix, exposures)
+            end_us = fix.time_ms * 1000
+            due = sorted(time_us for time_us in self._external if time_us <= end_us)
+            self._external = [time_us for time_us in self._external if time_us > end_us]
+            exposures += (self._at_time(last, fix, max(time_us, last.time_ms * 1000)) for time_us in due)
             exposures.sort()
         self._last = fix
         return exposures
@@ -242,14 +245,6 @@ class CameraTrigger:
                 self.remaining -= 1
                 if not self.remaining:
                     self.stop()
-
-    def _triggered(self, last: Fix, fix: Fix, exposures: list[Exposure]) -> None:
-        end_us = fix.time_ms * 1000
-        due = [time_us for time_us in self._external if time_us <= end_us]
-        self._external = [time_us for time_us in self._external if time_us > end_us]
-        exposures.extend(
-            self._at_time(last, fix, max(time_us, last.time_ms * 1000)) for time_us in sorted(due)
-        )
 
     def _at_time(self, last: Fix, fix: Fix, time_us: float) -> Exposure:
         step_ms = fix.time_ms - last.time_ms

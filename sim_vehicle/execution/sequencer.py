@@ -328,8 +328,7 @@ class MissionSequencer:
         with suppress(StopIteration):
             steps, closely = next(course)
             while True:
-                event = self._motion.advance(steps, stop_each=closely)
-                steps, closely = course.send(event)
+                steps, closely = course.send(self._motion.advance(steps, stop_each=closely))
 
     def course(self, target: int, *, stop_each: bool) -> Generator[tuple[int, bool], MotionEvent, None]:
         """Fly until a motion step, while the caller advances the motion.
@@ -373,8 +372,13 @@ class MissionSequencer:
 
     def _account(self, event: MotionEvent) -> None:
         """Complete the legs that the vehicle has flown, and handle the event at which the motion stopped."""
-        plan = self.flight.plan
-        self._complete_legs()
+        plan, motion = self.flight.plan, self._motion
+        assert plan is not None
+        reached = motion.leg + (1 if motion.arrivals[motion.leg] >= 0 else 0)
+        while self.flight.flown < reached and self.flight.plan is plan:
+            leg = self.flight.flown
+            self.flight.flown += 1
+            self._leg_done(plan, leg, int(motion.arrivals[leg]) * motion.step_s)
         if event is MotionEvent.ENERGY:
             if self.flight.landed is not LandedState.ON_GROUND:
                 self.flight.deplete()
@@ -383,15 +387,6 @@ class MissionSequencer:
                 self._release()
             elif event is MotionEvent.STALLED:
                 self._cannot_fly("cannot make progress: the wind is too strong for the vehicle")
-
-    def _complete_legs(self) -> None:
-        plan, motion = self.flight.plan, self._motion
-        assert plan is not None
-        reached = motion.leg + (1 if motion.arrivals[motion.leg] >= 0 else 0)
-        while self.flight.flown < reached and self.flight.plan is plan:
-            leg = self.flight.flown
-            self.flight.flown += 1
-            self._leg_done(plan, leg, int(motion.arrivals[leg]) * motion.step_s)
 
     def _leg_done(self, plan: LegPlan, leg: int, time_s: float) -> None:
         final = leg == len(plan.legs) - 1
@@ -539,7 +534,12 @@ class MissionSequencer:
         if seq == _CANNOT_FLY:
             return
         if seq >= len(self.items):
-            self._finish(time_s)
+            self.flight.emit(MissionComplete(time_s))
+            if self.flight.landed is LandedState.ON_GROUND:
+                self.flight.drop_plan(FlightPhase.GROUND)
+                self.flight.disarm_later()
+            else:
+                self.flight.hold()
             return
         self._set_current(seq, time_s)
         command = self.items[seq].command
@@ -588,14 +588,6 @@ class MissionSequencer:
         if delay_s >= 0.0:
             return delay_s
         return time_of_day_wait_s(item, self.epoch_unix_s + self.flight.time_s)
-
-    def _finish(self, time_s: float) -> None:
-        self.flight.emit(MissionComplete(time_s))
-        if self.flight.landed is LandedState.ON_GROUND:
-            self.flight.drop_plan(FlightPhase.GROUND)
-            self.flight.disarm_later()
-        else:
-            self.flight.hold()
 
     def _cannot_fly(self, reason: str, seq: int | None = None) -> None:
         on_mission = self.flight.phase is FlightPhase.MISSION

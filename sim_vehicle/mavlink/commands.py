@@ -158,8 +158,7 @@ def _refused_as(state: WireState, number: int | None) -> Iterator[None]:
     except RefusedError as refusal:
         if number is None:
             raise
-        has_position = state.pilot.position_ok
-        text = state.mavlink.modes.refusal(number, has_position=has_position)
+        text = state.mavlink.modes.refusal(number, has_position=state.pilot.position_ok)
         raise RefusedError(str(refusal), denied=refusal.denied, text=text) from None
 
 

@@ -282,8 +282,7 @@ class SimVehicle:
                 self._restart()
         if not is_a(message, m.MAVLink_heartbeat_message):
             self._advance(now_s)
-            answers = handle(message) or ()
-            self._outbox += answers
+            self._outbox += handle(message) or ()
             self._show_changes()
             return self._sent()
         if message.type == m.MAV_TYPE_GCS:

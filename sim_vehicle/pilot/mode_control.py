@@ -286,7 +286,10 @@ class ModeControl:
         executor = controls.executor
         on_ground = controls.landed is LandedState.ON_GROUND
         if mode is Mode.MISSION:
-            self._fly_mission()
+            if self._mission.complete:
+                executor.mission.set_current(0)
+            self._mission.begin()
+            controls.order(executor.start)
         elif mode is Mode.TAKEOFF:
             altitude_m = self.takeoff_altitude_m or controls.spec.takeoff_altitude_m
             self.takeoff_altitude_m = None
@@ -301,10 +304,3 @@ class ModeControl:
         for extra in self._extras:
             extra.start(mode)
         return False
-
-    def _fly_mission(self) -> None:
-        mission, executor = self._mission, self._controls.executor
-        if mission.complete:
-            executor.mission.set_current(0)
-        mission.begin()
-        self._controls.order(executor.start)

@@ -144,7 +144,12 @@ def field_maps(
     grid, cells = grid or MapGrid.of(farm), farm.grid()
     if day is None:
         day = int(observations.day.max()) if len(observations) else _DAY_BEFORE
-    x, y, readings = _last_readings(observations[observations.day == day], farm.height_cells)
+    today = observations[observations.day == day]
+    flat = today.x.astype(np.int64) * farm.height_cells + today.y
+    _, first = np.unique(flat[::-1], return_index=True)
+    last = len(flat) - 1 - first
+    x, y = np.divmod(flat[last], farm.height_cells)
+    readings = today.values[last].astype(np.float64)
     probabilities = model.probabilities or {}
     maps = []
     for k, field in enumerate(fields):
@@ -292,14 +297,3 @@ def _from_values(
         np.subtract.at(variance, at, deviation[x, y].astype(np.float64) ** 2)
         variance = np.maximum(variance, 0.0) / a_plant**2
     return total, variance, sums[..., COUNT], least
-
-
-def _last_readings(
-    observations: Observations, height: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
-    """Return x and y of the observed cells, and the last reading of every field in each cell."""
-    flat = observations.x.astype(np.int64) * height + observations.y
-    _, first = np.unique(flat[::-1], return_index=True)
-    last = len(flat) - 1 - first
-    x, y = np.divmod(flat[last], height)
-    return x, y, observations.values[last].astype(np.float64)

@@ -193,11 +193,9 @@ def _battery_in(unit: str, builder: MissionBuilder) -> float:
     if battery is None or builder.vehicle.power is None:
         return math.inf
     usable_wh = battery.capacity_wh * (1.0 - battery.reserve_fraction)
-    return (
-        usable_wh
-        if unit == "Wh"
-        else usable_wh / _watt_hours_a_second(builder.vehicle, builder.level.speed_m_s)
-    )
+    if unit == "Wh":
+        return usable_wh
+    return usable_wh / _watt_hours_a_second(builder.vehicle, builder.level.speed_m_s)
 
 
 # Time lost in an average turn, in multiples of the braking time from cruise speed.
@@ -298,8 +296,7 @@ class FlightTravelCost:
         if is_same_path(points_m, self.present_m):
             return 0.0
         ends = [np.asarray(path, np.float64)[:1] for path in (points_m, self.present_m)]
-        anew = [True, False]
-        seconds, watt_hours = self.predictor.rest(self.state, ends, anew=anew)
+        seconds, watt_hours = self.predictor.rest(self.state, ends, anew=[True, False])
         flown = seconds if self.unit == "s" else watt_hours
         here, home = np.array([self.state.position_m]), np.array([self.predictor.home_m])
         way = [float(self.legs(here, end)[0, 0] + self.legs(end, home)[0, 0]) for end in ends]

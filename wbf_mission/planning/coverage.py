@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo import Farm
-from mission.ground.items import Shots, shots_ordered
+from mission.ground.items import shots_ordered
 from mission.model import DEGREES_E7, Mission
 from mission.planners.path import Points
 from sensors.camera.leaf_camera import footprint_offsets
@@ -86,8 +86,7 @@ def too_little_seen(coverage: float, *, whole: bool) -> str:
 
 def image_places(farm: Farm, mission: Mission, prediction: Prediction) -> Points:
     """Return the image positions of a predicted flight, float64[n, 2], in metres of the farm frame."""
-    about_home = home_frame(mission)
-    track_deg = np.column_stack(about_home.to_wgs84(*prediction.track_m[:, :2].T))
+    track_deg = np.column_stack(home_frame(mission).to_wgs84(*prediction.track_m[:, :2].T))
     track_deg = np.unwrap(track_deg, period=360.0, axis=0)  # Longitudes may cross the date line
     orders = [
         (time_s, item, shots)
@@ -108,7 +107,11 @@ def image_places(farm: Farm, mission: Mission, prediction: Prediction) -> Points
             reports = _smooth(when_s, times_s, track_deg, speeds)
             places.append(_by_distance(reports, shots.distance_m, at_once=item.param3 == 1.0))
         else:
-            places.append(_by_time(when_s[0], when_s[-1], shots, times_s, track_deg))
+            # The trigger fires at once, and then once per interval.
+            span_ms = (when_s[-1] - when_s[0]) * 1000.0
+            count = min(1 + math.floor(span_ms / shots.interval_ms + 1e-9), shots.images)
+            fires_s = when_s[0] + np.arange(count) * (shots.interval_ms / 1000.0 if count > 1 else 0.0)
+            places.append(np.column_stack([np.interp(fires_s, times_s, along) for along in track_deg.T]))
     return np.column_stack(farm.frame.from_wgs84(*np.vstack(places).T))
 
 
@@ -143,12 +146,3 @@ def _by_distance(reports_deg: Points, distance_m: float, *, at_once: bool) -> Po
         exposures += trigger.add(fix)
     found = [(exposure.latitude_e7, exposure.longitude_e7) for exposure in exposures]
     return np.array(found, np.float64).reshape(-1, 2) / DEGREES_E7
-
-
-def _by_time(
-    begin_s: float, end_s: float, shots: Shots, times_s: NDArray[np.floating[Any]], track_deg: Points
-) -> Points:
-    """Return the positions at which a trigger by time fires (degrees): the first, and one per interval."""
-    count = min(1 + math.floor((end_s - begin_s) * 1000.0 / shots.interval_ms + 1e-9), shots.images)
-    wanted_s = begin_s + np.arange(count) * (shots.interval_ms / 1000.0 if count > 1 else 0.0)
-    return np.column_stack([np.interp(wanted_s, times_s, along) for along in track_deg.T])

@@ -404,11 +404,11 @@ class SortieCosts:
         from_m = np.column_stack(frame.from_wgs84(course.frame.latitude_deg, course.frame.longitude_deg))
         places = _places(course, begin, overlap_m)
         begins = [resumed_at(course, place, overlap_m) if place is not None else None for place in places]
-        begin_m = np.array(
-            [course.length_m if begin_place is None else course.metres(begin_place) for begin_place in begins]
-        )
+        begin_m = np.array([course.length_m if place is None else course.metres(place) for place in begins])
         end_m = np.array([_end_m(course, place) for place in places])
-        probed_m = _spread(straight_s(from_m, at(end_m)).ravel(), end_m)
+        # The probes are evenly spread from the shortest to the longest straight-line time.
+        ranks = np.unique(np.linspace(0, len(end_m) - 1, _PROBES).astype(np.int64))
+        probed_m = end_m[np.argsort(straight_s(from_m, at(end_m)).ravel(), kind="stable")[ranks]]
         transits = []
         for k in np.minimum(np.searchsorted(way_m, probed_m), count - 1).tolist():
             transit = trials.there_and_back(flown.place_m[k], int(flown.seq[k]))
@@ -490,12 +490,6 @@ def _end_m(course: Course, place: Place | None) -> float:
         number -= 1
         place = Place(course.legs[number].item)
     return course.metres(place)
-
-
-def _spread(straight_s: NDArray[np.float64], metres: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a sample of `metres`, evenly spread from the shortest to the longest straight-line time."""
-    ranks = np.unique(np.linspace(0, len(metres) - 1, _PROBES).astype(np.int64))
-    return metres[np.argsort(straight_s, kind="stable")[ranks]]
 
 
 def _interpolated(

@@ -404,8 +404,7 @@ class RunRecord:
             return ""
         day, system_id = self.flights[0].day, self.flights[0].system_id
         plans = [flight.plan for flight in self.flights if (flight.day, flight.system_id) == (day, system_id)]
-        again = self.scenario.farm.flights_per_day
-        return budget_left(plans[: max(1, len(plans) // again)])
+        return budget_left(plans[: max(1, len(plans) // self.scenario.farm.flights_per_day)])
 
     @property
     def predicted_coverage(self) -> float:

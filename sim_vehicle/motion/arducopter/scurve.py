@@ -45,13 +45,6 @@ def _copy(to: Floats, first: int, source: Floats, begin: int, count: int) -> Non
         to[first + k] = source[begin + k]
 
 
-@compiled(inline="always")
-def _clear(row: Floats, begin: int, end: int) -> None:
-    """Set the numbers from index `begin` up to `end` (exclusive) of a row to 0."""
-    for k in range(begin, end):
-        row[k] = 0.0
-
-
 @compiled(allocates=False)
 def kinematic_limit(flat: float, rise: float, level: float, up: float, down: float) -> float:
     """Return the limit along a direction, from the horizontal, upward and downward limits."""
@@ -234,7 +227,8 @@ def make_leg(
 
 @compiled(allocates=False)
 def _make_profile(head: Floats, curve: Floats) -> None:
-    _clear(curve[_START], 0, COLUMNS)
+    for k in range(COLUMNS):
+        curve[_START, k] = 0.0
     half = 0.5 * head[LENGTH]
     jerk, ramp, full, middle = _speed_change(head[SNAP], head[JERK], 0.0, head[ACCEL], head[SPEED], half)
     _put_change(curve, _START + 1, jerk, ramp, full, middle)

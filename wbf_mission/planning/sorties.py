@@ -269,7 +269,11 @@ class _Cutter:
                 for one, most in zip(flown, takes_wh, strict=True)
             ):
                 return tuple(map(self._planned, flown))
-            charge = _charge(costs, choice, takes_wh) * _SPARE**number
+            # Each place is charged with the predicted energy of its sortie, divided by the estimated energy.
+            charge = np.ones(len(costs.places))
+            for (first, last), home, takes in zip(pairwise(choice.ends), choice.homes, takes_wh, strict=True):
+                charge[first:last] = takes / costs.watt_hours[home, first, last]
+            charge *= _SPARE**number
         msg = f"no sorties: all {_TRIES} cuts that were tried have a sortie that needs more than a battery"
         raise UncutError(msg)
 
@@ -332,14 +336,6 @@ class _Cutter:
             prediction=prediction,
         )
         return PlannedSortie(flown[0], flown[1], plan)
-
-
-def _charge(costs: SortieCosts, choice: _Cut, takes_wh: Sequence[float]) -> NDArray[np.float64]:
-    """Return for each place the predicted energy of its sortie, divided by the estimated energy."""
-    charge = np.ones(len(costs.places))
-    for (first, last), home, takes in zip(pairwise(choice.ends), choice.homes, takes_wh, strict=True):
-        charge[first:last] = takes / costs.watt_hours[home, first, last]
-    return charge
 
 
 @dataclass(frozen=True, slots=True)

@@ -209,7 +209,9 @@ class JointFlight:
                 self._let_start()
                 self._give_up_silent()
             elif self.now_s > limit_s or stop in (StopReason.IDLE, StopReason.STALLED):
-                self._give_up()
+                for sortie in self.sorties:
+                    why = f"not over after {self.now_s:.0f} simulated seconds ({sortie.ground.phase.value})"
+                    sortie.ground.interrupt(Outcome.TIME_LIMIT, why, self.now_s)
             self.learn()
             for sortie in self.sorties:
                 sortie.note_changes()
@@ -361,12 +363,6 @@ class JointFlight:
             if not sortie.done:
                 return False
         return True
-
-    def _give_up(self) -> None:
-        for sortie in self.sorties:
-            phase = sortie.ground.phase
-            why = f"not over after {self.now_s:.0f} simulated seconds ({phase.value})"
-            sortie.ground.interrupt(Outcome.TIME_LIMIT, why, self.now_s)
 
     def _give_up_silent(self) -> None:
         """End the flight of a real vehicle that is silent and long overdue."""

@@ -349,6 +349,9 @@ def test_a_flight_that_was_broken_off_is_gone_on_with_where_it_was(small, tmp_pa
     (tmp_path / "run" / "flight.tlog").write_bytes(log.read_bytes())
     code, said, _ = run(capsys, "plan", "--resume", str(tmp_path / "run"), "--json")
     assert code == 0 and json.loads(said)["sorties"][0]["begin"] == rest[0]["begin"]
+    (tmp_path / "run" / "result.json").write_text('{"scenario": {"farms": 1}}')
+    code, _, said = run(capsys, "plan", "--resume", str(tmp_path / "run"))
+    assert code == 2 and "result.json: unknown key 'farms'" in said
     farm = whole.farm
     planned = predict_flight(whole.mission, whole.vehicle, endless=True, track_step_s=0.1)
     seen = [broken.observations]

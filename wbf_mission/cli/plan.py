@@ -12,7 +12,7 @@ from geo.texts import distance, duration
 from wbf_mission.cli import options
 from wbf_mission.cli.options import MISSION_SUFFIXES, Force, Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output, write_and_report
-from wbf_mission.scenario import Scenario, ScenarioError
+from wbf_mission.scenario import ScenarioError
 
 if TYPE_CHECKING:
     from mission.model import GeoPoint
@@ -108,12 +108,13 @@ class SortieOptions:
         """If ``--resume`` is a results folder, take its farm, vehicle, weather, camera and mission."""
         if self.resume is None:
             return given, self
-        from wbf_mission.results.files import own_vehicles
+        from wbf_mission.results.files import RECORD, own_vehicles
         from wbf_mission.results.writing import scenario_in
+        from wbf_mission.scenario.files import scenario_from_table
 
         folder = Path(self.resume)
-        if (recorded := scenario_in(folder)) is not None:
-            run = Scenario(**recorded)
+        if isinstance(recorded := scenario_in(folder), dict):
+            run = scenario_from_table(recorded, folder / RECORD)
             parts = (run.farm, run.vehicle, run.weather, run.camera)
             own = {key: value for part in parts for key, value in part.values().items()}
             own["vehicle"] = own_vehicles(run, folder)

@@ -73,6 +73,7 @@ def test_a_wide_product_is_the_plain_sum():
 def test_without_compiled_code_the_sum_is_the_same(kind, monkeypatch):
     rng = np.random.default_rng(2)
     a, b = rng.standard_normal((30, 40)).astype(kind), rng.standard_normal((40, 30)).astype(kind)
+    la._kernels()
     compiled = la.product(a, b)
     monkeypatch.delitem(sys.modules, "geo.linear_algebra_kernels")
     monkeypatch.setattr(la, "_kernels", None)

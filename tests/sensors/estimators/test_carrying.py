@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from geo.farms import get_farm
+from geo.grid import FarmGrid
 from sensors.environment import generate_environment
 from sensors.estimators import advance_estimator, make_estimator
 from sensors.estimators.days import transition
@@ -99,3 +100,14 @@ def test_a_process_that_knows_no_dynamics_learns_how_fast_things_change():
         model = estimator.fit(GRID, Observations.concatenate([first, later])).predict()
         means.append(model.value[k, 9, 9])
     assert means[0] < means[1], "what changes fast is believed less"
+
+
+def test_the_fewer_hosts_a_farm_has_the_more_seeds_fall_on_each():
+    means = []
+    for hosts in (100, 10):
+        crop = np.zeros((100, 100), np.int8)
+        crop[:hosts] = 2
+        grid = FarmGrid((100, 100), 0.3048, crop, np.ones((100, 100), np.bool_))
+        assert TYLCV.hosts(grid).sum() == 100 * hosts
+        means.append(transition(TYLCV, grid, 6, 20).means[2])
+    assert means[1] < means[0]

@@ -83,6 +83,8 @@ def test_a_reading_that_shows_no_class_ends_the_belief_in_readings_themselves(me
     grid = get_farm("miniberry-30").grid()
     x, y = np.argwhere(grid.crop == 2)[[5, 60, 100]].T
     exact = Observations(x[:2], y[:2], [0.0, 1.0], [DAY, DAY], [[0.5, 1.0, 0.3], [1.0, 1.0, 0.3]])
+    elsewhere = Observations(*np.argwhere(grid.crop == 1)[:1].T, [0.0], [DAY], [[1.0, 1.0, 0.3]])
+    exact = Observations.concatenate([elsewhere, exact])
     noisy = Observations(x[2:], y[2:], [2.0], [DAY], [[0.8, 1.0, 0.3]])
     estimator = GaussianProcessEstimator(method=method).fit(grid, exact)
     model = estimator.predict()

@@ -33,7 +33,7 @@ class HeldTile:
         (i0, i1, j0, j1), self._box, *self._spans = frame
         slot, a, b = place
         self._place = slot, slice(None), slice(i0 - a, i1 - a), slice(j0 - b, j1 - b)
-        self._roots, self._terms, self._noise = spectrum[:2], terms, noise
+        self._roots, self._terms, self._noise = spectrum, terms, noise
         self._at_nodes = self._sines(lattice.x.places[i0:i1], 0), self._sines(lattice.y.places[j0:j1], 1)
         response = np.zeros((len(terms), 2))
         precision = precision_of(seen, noise, spectrum, terms, self._spans[0], self._spans[1], response)

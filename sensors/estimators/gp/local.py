@@ -115,7 +115,7 @@ class LocalPosterior:
             for axis, reach, length in zip((x, y), self._reach, lengths, strict=True)
         ]
         spectrum = Spectrum(kernel, (sides[0], sides[1]))
-        self._functions = (*spectrum.roots, *spectrum.sides), spectrum.terms
+        self._functions = spectrum.roots, spectrum.terms
         firsts_and_steps = x.first, y.first, x.step, y.step
         self._geometry = x.edges, y.edges, firsts_and_steps, shape, self._reach, spectrum.sides
         # Observed cells as x * H + y, ascending, and the sums of each cell's weights, weighted values, and

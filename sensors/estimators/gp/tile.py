@@ -31,7 +31,7 @@ def frame_of(tile: Places, geometry: Any) -> Any:
     `geometry` has the first node of each column of tiles and the end of the last one, int64[columns + 1]; the
     same for the rows; the position of the first node along x and y and the spacing of the nodes along x and
     y, in cells; width and height of the farm; the greatest distance along x and y, in cells, from a tile to
-    an observation that is used for it; and the length of the spans along x and y, which the tile halves.
+    an observation that is used for it; and the lengths of the spans along x and y, centred on the tile.
     """
     edges_x, edges_y, (first_x, first_y, step_x, step_y), shape, reach, sides = geometry
     i0, i1, j0, j1 = edges_x[tile[0]], edges_x[tile[0] + 1], edges_y[tile[1]], edges_y[tile[1] + 1]
@@ -301,9 +301,8 @@ def solve_tiles(
         Greatest distance along each axis at which an observation changes the variance at a node, in cells.
     kernel : tuple of four floats
         The two lengthscales (cells), the variance of the noise and the variance of the latent function.
-    spectrum : tuple of float64[k], float64[l], float, float
-        Square roots of the variances of the sine functions along each axis, and the lengths of their spans
-        in cells.
+    spectrum : tuple of float64[k], float64[l]
+        Square roots of the variances of the sine functions along each axis.
     terms : int64[m, 2]
         Pairs of indices of sine functions to multiply, used if there are more observed cells than functions.
     posterior : float32[slots, 3, w, h]
@@ -345,9 +344,10 @@ def solve_tiles(
         substitute_forward(factor, weights, 2)
         slot, a, b = places[k]
         near = _changed_by(seen[seen[:, 4] > 0.0], nodes, lattice, touch)
-        # New observations change means farther away than variances.
-        part = posterior[slot, :, i0 - a : i1 - a, j0 - b : j1 - b]
-        _fill_means(factor, weights, along_x, along_y, products, part)
+        if near != nodes:
+            # New observations change means farther away than variances.
+            part = posterior[slot, :, i0 - a : i1 - a, j0 - b : j1 - b]
+            _fill_means(factor, weights, along_x, along_y, products, part)
         i, end_i, j, end_j = near
         if i >= end_i or j >= end_j:
             continue

@@ -11,12 +11,14 @@ For soil humidity both costs are 1. The score is -L; 0 is perfect, and less is w
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geo.linear_algebra import product
+from geo.system import in_parallel
 from sensors.errors import EstimatorError
 from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.lazy_fields import LazyFields
@@ -285,7 +287,18 @@ class _ScoredField:
         out = _Errors()
         if not self.cells:
             return out
-        self._sum_tiles(tiles, truth, estimate)
+        from sensors.scoring.score_sums import find_extremes, sum_errors
+
+        def work(parts: Sequence[slice]) -> None:
+            for part in parts:
+                columns = slice(part.start * TILE_CELLS, part.stop * TILE_CELLS)
+                cells = self._masks[self._k, columns], truth[self._k, columns], estimate[columns]
+                sum_errors(tiles[part], self._tile_cells[part], *cells, self._sums[part])
+                if self._low != self._high:
+                    find_extremes(tiles[part], self._line_cells, *cells, self._above[part], self._below[part])
+
+        strips = [slice(i, i + 1) for i in np.flatnonzero(tiles.any(axis=1)).tolist()]
+        in_parallel(work, strips if isinstance(truth, LazyFields) else [slice(0, len(tiles))])
         squares, worse_squares, absolute, worse_absolute = (
             self._sums.reshape(-1, SUMS).sum(axis=0) / self.cells
         ).tolist()
@@ -300,18 +313,3 @@ class _ScoredField:
             worst[self._line_cells == 0] = 0.0
             out.axis_max = -float(product(self._line_cells, worst)) / self.cells
         return out
-
-    def _sum_tiles(
-        self, tiles: NDArray[np.bool_], truth: NDArray[np.floating], estimate: NDArray[np.floating]
-    ) -> None:
-        from sensors.scoring.score_sums import find_extremes, sum_errors
-
-        parts = [slice(0, len(tiles))]
-        if isinstance(truth, LazyFields):
-            parts = [slice(column, column + 1) for column in np.flatnonzero(tiles.any(axis=1)).tolist()]
-        for part in parts:
-            columns = slice(part.start * TILE_CELLS, part.stop * TILE_CELLS)
-            cells = self._masks[self._k, columns], truth[self._k, columns], estimate[columns]
-            sum_errors(tiles[part], self._tile_cells[part], *cells, self._sums[part])
-            if self._low != self._high:
-                find_extremes(tiles[part], self._line_cells, *cells, self._above[part], self._below[part])

@@ -163,12 +163,7 @@ class _Saving:
         """Write the results unless `folder` is None; return False if Ctrl-C interrupts the writing."""
         try:
             if folder is not None:
-                folder.write(
-                    result,
-                    products=self.products(),
-                    release=True,
-                    progress=progress,
-                )
+                folder.write(result, products=self.products(), release=True, progress=progress)
         except KeyboardInterrupt:
             return False
         return True

@@ -162,10 +162,11 @@ def write_strips(
         )
         for first in range(0, width, columns):
             part = slice(first, min(first + columns, width))
-            # Chunks are written one by one, because zarr would copy ten at once.
+            # zarr would copy ten chunks at once; it copies none if the value has the shape of a chunk.
             for where, values in zip(np.ndindex(*several), strip(part), strict=True):
-                stored[(*where, part)] = np.asarray(values, np.float32)
-                del values  # Frees this plane before the next is made
+                chunk = np.asarray(values, np.float32)[(np.newaxis,) * len(several)]
+                stored[(*(slice(k, k + 1) for k in where), part)] = chunk
+                del values, chunk  # Frees this plane before the next is made
 
 
 def read_array(

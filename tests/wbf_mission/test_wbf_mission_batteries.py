@@ -1,13 +1,16 @@
 """A budget of batteries: the longest mission that they carry, cut into so many sorties."""
 
+import json
+
 import pytest
 from sweeps import slow
 
 from wbf_mission import Scenario
 from wbf_mission.cli.app import main
 from wbf_mission.planning.sorties import sorties_of
-from wbf_mission.run.plan import batteries_in, plan, plan_for_batteries
+from wbf_mission.run.plan import plan, plan_for_batteries
 from wbf_mission.scenario import ScenarioError
+from wbf_mission.scenario.values import batteries_in
 
 FARM = "miniberry-100"
 
@@ -79,3 +82,9 @@ def test_what_makes_no_sense_is_told_in_a_line(tmp_path, capsys, more, text):
     code = main([*COMMAND, *more, "--out", str(tmp_path / "rows.plan")])
     said = capsys.readouterr().err
     assert code == 2 and text in said and said.count("\n") == 1 and not list(tmp_path.iterdir())
+
+
+def test_a_scenario_file_gives_a_number_of_batteries(tmp_path, capsys):
+    (tmp_path / "run.toml").write_text(f'farm = "{FARM}"\nplanner = "spiral"\nbudget = "1 battery"\n')
+    assert main(["plan", "--scenario", str(tmp_path / "run.toml"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["budget"] == "1 battery"

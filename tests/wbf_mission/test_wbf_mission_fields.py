@@ -119,6 +119,16 @@ def test_fields_that_cannot_be_used_are_one_line(fields, message, tmp_path, caps
     assert message in " ".join(capsys.readouterr().err.split())
 
 
+def test_a_field_without_a_scored_cell_is_noted(nitrogen, capsys):
+    nitrogen.write_text(NITROGEN.replace('["tomato"]', '["tomatoe"]'))
+    assert main([*FLY, "--fields", f"tylcv,ccr,soil,{nitrogen}", "--estimator", "point", "--no-files"]) == 0
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if "nitrogen" in line]
+    assert line == (
+        "farm miniberry-10: grows strawberry, tomato, but the field nitrogen is of tomatoe, so its errors are"
+        " not scored"
+    )
+
+
 def test_a_vehicle_that_senses_other_fields_is_warned_of(nitrogen, tmp_path, monkeypatch, capsys):
     other = Scenario(farm="miniberry-10", fields=("tylcv", "ccr", "soil", str(nitrogen)), day=6)
 

@@ -44,6 +44,7 @@ def test_a_farm_beside_the_scenario_is_found(tmp_path):
         ('seed = "one"\n', "seed"),
         ("seed = -4\n", "seed -4 is out of range"),
         ("= nonsense\n", "not TOML"),
+        ('budget = "40"\n', "bad.toml: budget '40' is not understood"),
     ],
 )
 def test_bad_files_are_one_line_with_their_name(tmp_path, text, says):
@@ -56,6 +57,7 @@ def test_bad_files_are_one_line_with_their_name(tmp_path, text, says):
         ("farm", "", "farm is empty"),
         ("vehicle", " ", "vehicle is empty"),
         ("budget", 60, 'budget: 60 is a number; give a text, such as "60s"'),
+        ("budget", "40", "budget '40' is not understood: write a positive number and a unit"),
         ("planner", ":direction=1", "planner"),
         ("planner", {"direction": 0.3}, "the table has no name"),
         ("estimator", 3, "neither a name"),

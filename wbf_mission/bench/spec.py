@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-import itertools
+import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from geo.errors import WbfMissionError
 from geo.imports import load_entry
 from geo.texts import parse_whole, unknown
 from mission.planners import make_planner
 from mission.policies.policy import Policy, make_policy
-from sensors.field_files import load_field_set
 from wbf_mission.bench.digests import digest, meaning_of, own_digest
 from wbf_mission.bench.provenance import in_words
-from wbf_mission.run.estimation import estimator_of
+from wbf_mission.events import EventStream, Noted
+from wbf_mission.run.resolve import resolve
 from wbf_mission.scenario import (
     Choice,
     Scenario,
@@ -115,8 +117,15 @@ class BenchSpec:
             raise ScenarioError(msg)
         for choice in self.planners:
             require_mover(choice)
-        for (_, scenario), choice in itertools.product(self.scenarios, self.estimators):
-            estimator_of(choice, 0, load_field_set(scenario.farm.fields))
+        events, notes = EventStream(), list[str]()
+        events.listen(lambda noted: notes.append(f"{name}: {noted.text}"), Noted)
+        for (name, scenario), choice in product(self.scenarios, self.estimators):
+            try:
+                resolve(scenario_with(scenario, {"estimator": choice}), events=events)
+            except WbfMissionError as error:
+                raise ScenarioError(f"{name}: {error}") from error
+        for note in dict.fromkeys(notes):
+            warnings.warn(note, stacklevel=3)
 
     @classmethod
     def of(
@@ -190,14 +199,12 @@ class BenchSpec:
 
     def runs(self) -> Iterator[BenchRun]:
         """Yield all runs; runs on the same environment follow one another."""
-        own = [_code_of(mover, "planner" if _is_planner(mover) else "policy") for mover in self.planners]
-        movers = list(zip(self.planners, own, strict=True))
+        movers = [(mover, _kind_of(mover), _code_of(mover, _kind_of(mover))) for mover in self.planners]
         estimators = [(estimator, _code_of(estimator, "estimator")) for estimator in self.estimators]
         for name, base in self.scenarios:
             built_in = {"code": behaviour(), "scenario": meaning_of(base)}
             for seed in self.seeds:
-                for (planner, of_planner), (estimator, of_estimator) in itertools.product(movers, estimators):
-                    mover = "planner" if _is_planner(planner) else "policy"
+                for (planner, mover, of_planner), (estimator, of_estimator) in product(movers, estimators):
                     scenario = scenario_with(base, {mover: planner, "estimator": estimator, "seed": seed})
                     own_codes = {"planner": of_planner, "estimator": of_estimator}
                     codes = built_in | {key: code for key, code in own_codes.items() if code}
@@ -315,10 +322,10 @@ def _scenario(name: str | Path, folder: Path | None) -> Scenario:
     return load_scenario(beside if beside is not None and beside.is_file() else name)
 
 
-def _is_planner(choice: Choice) -> bool:
-    if choice.made is not None:
-        return not isinstance(choice.made, Policy)
-    return choice.name.lower() in names_of("planner")
+def _kind_of(choice: Choice) -> str:
+    named = choice.made is None and choice.name.lower() in names_of("planner")
+    made = choice.made is not None and not isinstance(choice.made, Policy)
+    return "planner" if named or made else "policy"
 
 
 def _repeated(values: Sequence[str | Choice]) -> str:
@@ -339,13 +346,8 @@ def _code_of(choice: Choice, what: str) -> str:
 
 def require_mover(choice: Choice) -> None:
     """Raise an error if the planner or policy, or one of its parameters, is unknown."""
-    if _is_planner(choice):
-        make_planner(choice.chosen, **choice.params)
-        return
-    if choice.made is not None:
-        make_policy(choice.made)
-        return
     known = (*names_of("planner"), *names_of("policy"))
-    if choice.name.lower() not in known:
+    if choice.made is None and choice.name.lower() not in known:
         raise ScenarioError("planners: " + unknown("planner or policy", choice.name, known))
-    make_policy(choice.name, **choice.params)
+    make = make_planner if _kind_of(choice) == "planner" else make_policy
+    make(choice.chosen, **choice.params)

@@ -222,14 +222,15 @@ def plan_command(
     from wbf_mission.planning.coverage import too_little_seen
     from wbf_mission.planning.fleet import single_vehicles
     from wbf_mission.preflight.run import check_plans
-    from wbf_mission.run.plan import batteries_in, plan_fleet, plan_for_batteries
+    from wbf_mission.run.plan import plan_fleet, plan_for_batteries
+    from wbf_mission.scenario.values import batteries_in
 
     given, sorties = sorties.with_run(given)
-    batteries = batteries_in(given.changes.get("budget"))
+    chosen = given.scenario()
+    batteries = batteries_in(chosen.mission.budget)
     if batteries is not None:
         sorties.check_counted()
-        given = replace(given, changes={**given.changes, "budget": None})
-    chosen = given.scenario()
+        chosen = replace(chosen, mission=replace(chosen.mission, budget=None))
     sorties.check(mission=chosen.mission.file)
     if given.file is not None or chosen.farm.fields:
         check_flight(chosen)

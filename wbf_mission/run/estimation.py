@@ -26,25 +26,15 @@ _RUN_BYTES_A_CELL = 12 + 6 + 8
 _PROGRAM_BYTES = 300_000_000
 
 
-def resolved(scenario: Scenario) -> Scenario:
-    """Return the scenario with an estimator; by default, the estimator for the farm's size and fields."""
+def resolved(scenario: Scenario, farm: Farm | None = None, fields: FieldSet | None = None) -> Scenario:
+    """Return the scenario with an estimator; by default, the estimator for its `farm` and `fields`."""
     if scenario.estimate.estimator is not None:
         return scenario
-    return naming_estimator(scenario, scenario.farm.load(), load_field_set(scenario.farm.fields))
-
-
-def naming_estimator(scenario: Scenario, farm: Farm, fields: FieldSet) -> Scenario:
-    """Return the same as `resolved`, for a `farm` and `fields` that are already loaded."""
-    if scenario.estimate.estimator is not None:
-        return scenario
-    names = fields.names
+    names = (load_field_set(scenario.farm.fields) if fields is None else fields).names
     if scenario.camera.fields is not None and names == PAPER_FIELDS.names:
-        names = tuple(
-            dict.fromkeys(
-                name for fields_of_vehicle in scenario.camera.by_vehicle for name in fields_of_vehicle
-            )
-        )
-    return scenario_with(scenario, {"estimator": default_estimator(farm, names)})
+        names = tuple(dict.fromkeys(name for sensed in scenario.camera.by_vehicle for name in sensed))
+    chosen = default_estimator(scenario.farm.load() if farm is None else farm, names)
+    return scenario_with(scenario, {"estimator": chosen})
 
 
 def estimator_of(choice: Choice, seed: int, fields: FieldSet) -> Estimator:

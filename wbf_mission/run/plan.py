@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -81,8 +80,6 @@ def plans_of(run: Run, knowledge: Knowledge, flight: str = "a flight") -> tuple[
     return tuple(task.plan_of(decision, decider.label, steered=decider.steers) for task in tasks)
 
 
-_TEXT = re.compile(r"\s*(\d{1,3})\s*batter(?:y|ies)\s*", re.IGNORECASE)
-_MOST = 100
 _TRIES = 8
 _SURVEY = "survey"
 """Planner that covers a whole area; the length of its missions does not depend on the budget."""
@@ -93,23 +90,6 @@ _PACKED, _ENOUGH = 0.985, 0.97
 can be cut only at certain places, so the batteries are never used up."""
 _FARTHEST = 1.5
 """Upper bound of the distance per battery, in multiples of the length of a mission for one battery."""
-
-
-def batteries_in(budget: str | None) -> int | None:
-    """Return the number of batteries that a budget names, or None for a budget in another unit.
-
-    Raises ScenarioError unless the number is 1 to 100.
-
-    >>> batteries_in("3 batteries"), batteries_in("1battery"), batteries_in("30min")
-    (3, 1, None)
-    """
-    match = None if budget is None else _TEXT.fullmatch(budget)
-    if match is None:
-        return None
-    count = int(match.group(1))
-    if not 1 <= count <= _MOST:
-        raise ScenarioError(f"budget {budget}: give 1 to {_MOST} batteries")
-    return count
 
 
 def plan_for_batteries(

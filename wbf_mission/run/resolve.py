@@ -18,7 +18,7 @@ from sensors.environment.cache import EnvironmentCache, EnvironmentMemory
 from sensors.environment.world import World
 from sensors.estimators import Estimator
 from sensors.field_files import load_field_set
-from sensors.fields import FieldSet
+from sensors.fields import ALL_CROPS, FieldSet
 from sensors.scoring.score import ScoreWeights
 from sim_vehicle.host.injection import AnyFault, injection
 from wbf_mission.events import EventStream
@@ -26,7 +26,7 @@ from wbf_mission.planning import PlanResult
 from wbf_mission.planning.builder import MissionBuilder, positions_of
 from wbf_mission.planning.fleet import Vehicle, vehicles_of
 from wbf_mission.progress import Progress
-from wbf_mission.run.estimation import estimator_of, naming_estimator, readings_a_score
+from wbf_mission.run.estimation import estimator_of, readings_a_score, resolved
 from wbf_mission.scenario import CameraOptions, FarmOptions, MissionOptions, Scenario, ScenarioError
 from wbf_mission.scenario.values import Separation
 
@@ -178,9 +178,9 @@ def resolve(
     injected.require_vehicles(range(1, len(scenario.vehicle.fleet) + 1))
     farm, fields = farm_of(scenario.farm, farm, fields)
     if to_fly:
-        _require_hosts(farm, fields)
+        _require_hosts(farm, fields, stream)
         fields.require_simulated()
-    scenario = naming_estimator(scenario, farm, fields)
+    scenario = resolved(scenario, farm, fields)
     choice, seed = scenario.estimate.estimator, scenario.seed
     estimator_once = cache(lambda: estimator_of(choice, seed, fields))
     if to_fly:
@@ -246,14 +246,19 @@ def farm_of(
     return (options.load() if farm is None else farm).scouting(fields.crops), fields
 
 
-def _require_hosts(farm: Farm, fields: FieldSet) -> None:
-    """Refuse fields if the farm's owner grows none of their crops, since nothing could be scored."""
+def _require_hosts(farm: Farm, fields: FieldSet, events: EventStream) -> None:
+    """Refuse fields if the farm's owner grows none of their crops; note each field without a scored cell."""
+    grown = f"farm {farm.name}: grows {', '.join(farm.grown) or 'nothing'}, but"
     wanted = fields.crops
     if wanted and set(farm.grown).isdisjoint(wanted):
         raise ScenarioError(
-            f"farm {farm.name}: grows {', '.join(farm.grown) or 'nothing'}, but the fields"
-            f" {', '.join(fields.names)} are of {', '.join(wanted)}: name fields for its crops (--fields)"
+            f"{grown} the fields {', '.join(fields.names)} are of {', '.join(wanted)}: name fields for its"
+            " crops (--fields)"
         )
+    for field in fields:
+        if ALL_CROPS not in field.crops and set(farm.grown).isdisjoint(field.crops):
+            of = f"field {field.name} is of {', '.join(field.crops)}"
+            events.note(f"{grown} the {of}, so its errors are not scored")
 
 
 def decider_of(options: MissionOptions, vehicles: int) -> Decider:

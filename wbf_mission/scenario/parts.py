@@ -7,11 +7,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypedDict
 
 from geo.texts import unknown
+from mission import planners
+from mission.errors import PlanningError
 from sim_vehicle.airframe.kind import DEFAULT_AUTOPILOT, autopilot_names
 from wbf_mission.scenario.choice import Choice, choose
 from wbf_mission.scenario.option import Option, Part, ScenarioError, names_in, option
 from wbf_mission.scenario.values import (
     Separation,
+    batteries_in,
     parameter_values,
     parse_separation,
     shear_values,
@@ -267,6 +270,11 @@ class MissionOptions(Part):
             who = f"planner {self.planner}" if self.policy is None else f"policy {self.policy}"
             msg = f"budget unlimited: {who} uses up any budget; give a length or a time, or plan a survey"
             raise ScenarioError(msg)
+        if self.budget is not None and not endless and batteries_in(self.budget) is None:
+            try:
+                planners.parse_budget(self.budget)
+            except PlanningError as error:
+                raise ScenarioError(str(error)) from None
 
 
 @dataclass(frozen=True, slots=True)

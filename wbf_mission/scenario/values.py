@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ from wbf_mission.scenario.option import ScenarioError
 
 LAYERS, DISTANCE, NOTHING = "layers", "distance", "none"
 _LEAST_M, _MOST_M = 0.5, 100.0
+_BATTERIES, _MOST_BATTERIES = re.compile(r"\s*(\d{1,3})\s*batter(?:y|ies)\s*", re.IGNORECASE), 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +44,23 @@ def parse_separation(text: str) -> Separation:
             f" {_LEAST_M:g} to {_MOST_M:g} m, such as layers:2m, or none"
         )
     return Separation(kind, metres)
+
+
+def batteries_in(budget: str | None) -> int | None:
+    """Return the number of batteries that a budget names, or None for a budget in another unit.
+
+    Raises ScenarioError unless the number is 1 to 100.
+
+    >>> batteries_in("3 batteries"), batteries_in("1battery"), batteries_in("30min")
+    (3, 1, None)
+    """
+    match = None if budget is None else _BATTERIES.fullmatch(budget)
+    if match is None:
+        return None
+    count = int(match.group(1))
+    if not 1 <= count <= _MOST_BATTERIES:
+        raise ScenarioError(f"budget {budget}: give 1 to {_MOST_BATTERIES} batteries")
+    return count
 
 
 def wind_values(text: str) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """What a benchmark is to run."""
 
 import os
+import re
 import subprocess
 import sys
 
@@ -166,3 +167,31 @@ def test_what_is_wrong_is_named(tmp_path, text, words):
         BenchSpec.read(tmp_path / "spec.toml")
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ('budget = "40"', "budget '40' is not understood"),
+        ("parameters = { NOPE = 1.0 }", "px4 has no parameter NOPE"),
+        ('terrain = ["no.tif"]\nheight_above_ground_m = 5.0', "no.tif"),
+        ('mission = "no.plan"', "no such file"),
+        ('camera_fields = ["no"]', "unknown field 'no'"),
+        ('camera_model = "no"', "a run flies with the leaf camera"),
+    ],
+)
+def test_a_scenario_that_cannot_be_flown_is_refused_before_any_flight(tmp_path, line, says):
+    file = tmp_path / "broken.toml"
+    file.write_text(f'farm = "miniberry-10"\n{line}\n')
+    with pytest.raises(ScenarioError, match=re.escape(says)) as caught:
+        BenchSpec.of(scenarios=[file])
+    assert str(caught.value).startswith(f"{file}: ")
+
+
+def test_a_field_without_a_scored_cell_is_warned_of_once(tmp_path):
+    field = 'name = "ph"\nkind = "smooth"\ncrops = ["tomatoe"]\ndefault = 0.5'
+    (tmp_path / "ph.toml").write_text(f"[[field]]\n{field}\n")
+    (tmp_path / "run.toml").write_text('farm = "miniberry-10"\nfields = ["tylcv", "ccr", "ph.toml"]\n')
+    with pytest.warns(UserWarning, match=r"run.toml: farm miniberry-10.*field ph is of tomatoe") as warned:
+        BenchSpec.of(scenarios=[tmp_path / "run.toml"])
+    assert len(warned) == 1

@@ -17,7 +17,7 @@ from wbf_mission.addons.treatment.logs.telemetry import observations_in
 from wbf_mission.addons.treatment.readings import is_cells, join, read_readings
 from wbf_mission.addons.treatment.treatment_map import TreatmentMap, costs_of
 from wbf_mission.progress import Progress, silent
-from wbf_mission.run.estimation import estimator_of, naming_estimator, require_run_memory
+from wbf_mission.run.estimation import estimator_of, require_run_memory, resolved
 from wbf_mission.run.record import RunRecord
 from wbf_mission.run.resolve import farm_of
 from wbf_mission.scenario import Scenario
@@ -44,7 +44,7 @@ def treatment_of_log(
     Raises WbfMissionError if a file cannot be read, a value is out of range, or no reading is on the farm.
     """
     farm, fields = farm_of(scenario.farm)
-    scenario = naming_estimator(scenario, farm, fields)
+    scenario = resolved(scenario, farm, fields)
     wanted = costs_of(fields, costs or {})
     progress("reading", 0, 1)
     seen, notes = _observed(scenario, farm, fields, log, observations)

@@ -33,11 +33,12 @@ from wbf_mission.planning.sorties import SortiePlan, sorties_of
 from wbf_mission.preflight.finding import Finding, Report
 from wbf_mission.preflight.run import check_plan
 from wbf_mission.progress import Progress
-from wbf_mission.run.plan import batteries_in, cut_if_too_long, plan_fleet, plan_for_batteries
+from wbf_mission.run.plan import cut_if_too_long, plan_fleet, plan_for_batteries
 from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.scenario.choice import names_of
 from wbf_mission.scenario.option import Option
 from wbf_mission.scenario.scenario import all_options
+from wbf_mission.scenario.values import batteries_in
 
 MAX_BODY_BYTES = MAX_FILE_BYTES
 _KEPT = 8

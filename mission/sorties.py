@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import TypeAlias
@@ -9,7 +10,7 @@ from typing import TypeAlias
 from geo.frame import LocalFrame
 from mission.course import Course, Place, takes_image, turns_camera
 from mission.errors import MissionError
-from mission.ground.items import shots_ordered
+from mission.ground.items import shots_ordered, speed_before
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
 
 Way: TypeAlias = Callable[[tuple[float, float], tuple[float, float]], Sequence[tuple[float, float]]]
@@ -57,6 +58,7 @@ def part_of(
     hold_s: float = 0.0,
     home: GeoPoint | None = None,
     way: Way | None = None,
+    speed_m_s: float = 5.0,
 ) -> Mission:
     """Return a mission that takes off, flies the part of `course` between two places, and lands.
 
@@ -81,6 +83,8 @@ def part_of(
         New home; take-off and landing are moved with it.
     way : callable, optional
         Route round obstacles for the approach and the return, see `Way`.
+    speed_m_s : float
+        Speed where no item sets one, to count the images that a series of N images has left.
 
     Raises
     ------
@@ -106,19 +110,16 @@ def part_of(
         raise MissionError(msg)
     here = home if home is not None else whole.home
     head = [_moved(item, whole.home, home) for item in items[: course.begin]]
+    rest = course.begin
     if begin > course.start and first > course.start:
-        head += _approach(course, first, hold_s, here, way)
-        body = list(items[first.item : course.end])
+        head += _approach(course, first, hold_s, here, way, speed_m_s)
         rest = first.item
-    else:
-        body, rest = list(items[course.begin : course.end]), course.begin
+    body = list(items[rest : course.end])
     tail = [_moved(item, whole.home, home) for item in items[course.end :]]
-    end = _reachable(course, first, end)
-    if end is not None:
+    if (end := _reachable(course, first, end)) is not None:
         cut = course.legs[course.leg_of(end)]
         if end.fraction > 0.0:
-            body = body[: cut.item - rest]
-            body.append(_waypoint(items[cut.item], course.position(end)))
+            body = [*body[: cut.item - rest], _waypoint(items[cut.item], course.position(end))]
         else:
             before = course.legs[course.leg_of(end) - 1].item
             begun = items[before + 1 : cut.item]
@@ -126,8 +127,7 @@ def part_of(
             conditions = (Command.CONDITION_DELAY, Command.CONDITION_DISTANCE, Command.CONDITION_YAW)
             stays = (item for item in begun if not (_is_on(item) or item.command in conditions))
             body = [*body[: before + 1 - rest], *stays]
-        last = _settings([*head, *body])
-        body += [MissionItem(_STOPS[item.command]) for item in last.values() if _is_on(item)]
+        body += [MissionItem(_STOPS[on.command]) for on in _settings([*head, *body]).values() if _is_on(on)]
         if way is not None and here is not None:
             body += _detour(
                 way, course.position(end)[:2], (here.latitude_deg, here.longitude_deg), items[cut.item]
@@ -160,21 +160,25 @@ def image_spacing_m(mission: Mission, speed_m_s: float) -> float | None:
 
 
 def _approach(
-    course: Course, first: Place, hold_s: float, home: GeoPoint | None, way: Way | None
+    course: Course, first: Place, hold_s: float, home: GeoPoint | None, way: Way | None, speed_m_s: float
 ) -> list[MissionItem]:
     """Return items for the flight from take-off to `first`, with the settings in force at `first`."""
     items = course.mission.items
     leg = course.leg_of(first)
     since = course.legs[leg - 1].item if leg else course.begin - 1
     held = _settings(items[course.begin : first.item])
-    yaw = held.get("yaw")
-    if yaw is not None and yaw not in items[since + 1 : first.item]:
+    if held.get("yaw") not in (None, *items[since + 1 : first.item]):
         del held["yaw"]
-    template = items[first.item]
+    order = held.get("images")
+    if order is not None and (shots := shots_ordered(order)) is not None and shots.images < math.inf:
+        begun = Place(max(k for k in range(first.item) if items[k] is order))
+        metres = course.metres(first) - course.metres(begun)
+        flown_ms = 1000.0 * metres / (speed_before(items, first.item) or speed_m_s)
+        left = shots.images - math.ceil(flown_ms / shots.interval_ms)
+        held["images"] = replace(order, param3=max(left, 1.0))  # One image is not repeated
+    template, place = items[first.item], course.position(first)
     if first.fraction == 0.0 and leg and items[since].command == _WAYPOINT:
         template = items[since]
-    place = course.position(first)
-    if template is items[since]:
         place = (*place[:2], template.z)
     resume = _waypoint(template, place)
     made = [item for name, item in held.items() if name not in _AT_THE_PLACE]
@@ -230,8 +234,7 @@ def _reachable(course: Course, first: Place, end: Place | None) -> Place | None:
 
 def _waypoint(like: MissionItem, place: tuple[float, float, float]) -> MissionItem:
     """Return a waypoint at `place` without hold; radius, heading and frame are taken from `like`."""
-    radius_m = like.param2 if like.command == _WAYPOINT else 0.0
-    yaw = like.param4 if like.command == _WAYPOINT else None
+    radius_m, yaw = (like.param2, like.param4) if like.command == _WAYPOINT else (0.0, None)
     frame = like.frame if like.has_position else Frame.GLOBAL_RELATIVE_ALT
     latitude, longitude, altitude = place
     return MissionItem(_WAYPOINT, frame, 0.0, radius_m, 0.0, yaw, latitude, longitude, altitude)
@@ -248,7 +251,6 @@ def _moved(item: MissionItem, old: GeoPoint | None, new: GeoPoint | None) -> Mis
     """Return a take-off or landing item, moved by the offset from the old home to the new home."""
     if old is None or new is None or not item.has_position or not (item.x or item.y):
         return item
-    about_old = LocalFrame(old.latitude_deg, old.longitude_deg)
-    about_new = LocalFrame(new.latitude_deg, new.longitude_deg)
+    about_old, about_new = (LocalFrame(at.latitude_deg, at.longitude_deg) for at in (old, new))
     latitude, longitude = about_new.to_wgs84(*about_old.from_wgs84(item.x, item.y))
     return replace(item, x=float(latitude), y=float(longitude))

@@ -107,7 +107,7 @@ def shots_ordered(item: MissionItem) -> Shots | None:
 
 
 def shots_before(items: Sequence[MissionItem], index: int) -> Shots | None:
-    """Return the setting of the camera trigger on the leg to item ``index``, or None if no item set it.
+    """Return the series of images ordered last before item ``index``, or None if no item starts or ends one.
 
     >>> orders = [MissionItem(Command.DO_SET_CAM_TRIGG_DIST, param1=metres) for metres in (5.0, 0.0)]
     >>> leg = MissionItem(Command.NAV_WAYPOINT, x=27.0, y=-82.0, z=10.0)
@@ -115,10 +115,8 @@ def shots_before(items: Sequence[MissionItem], index: int) -> Shots | None:
     >>> [None if (shots := shots_before(items, k)) is None else shots.distance_m for k in range(5)]
     [None, None, 5.0, 5.0, 0.0]
     """
-    for item in reversed(items[: max(index, 0)]):
-        if item.command in _CAMERA:
-            return shots_ordered(item)
-    return None
+    orders = map(shots_ordered, reversed(items[: max(index, 0)]))
+    return next((shots for shots in orders if shots is not None and shots.interval_ms < math.inf), None)
 
 
 def item_to_mark(old: Mission, item: int, new: Mission, resume_at: int) -> int:

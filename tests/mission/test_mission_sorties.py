@@ -275,3 +275,22 @@ def test_the_sprayer_is_on_between_the_places_only():
     assert second.items[2] == on and second.items[5] == off
     # Where it begins at a place, the part that ends there does not switch it on.
     assert not any(item == on for item in part_of(course, course.start, Place(3)).items)
+
+
+@pytest.mark.parametrize(
+    ("place", "left"),
+    # The series of 12 images begins at item 3 and ends after 11 s, with 4 m/s in the middle of its leg.
+    [
+        (Place(3), 12.0),
+        (Place(3, 0.24), 7.0),
+        (Place(3, 0.49), 2.0),
+        (Place(3, 0.75), None),
+        (Place(4, 0.5), None),
+    ],
+)
+def test_a_series_of_n_images_goes_on_with_the_images_that_are_left(place, left):
+    series = MissionItem(2000, param2=1.0, param3=12.0)
+    items = (TAKEOFF, at(10.0, 0.0), series, at(90.0, 0.0), at(90.0, 50.0), RETURN)
+    part = part_of(Course(Mission(items, HOME)), place, speed_m_s=4.0)
+    ordered = [item.param3 for item in part.items if item.command == 2000]
+    assert ordered == ([] if left is None else [left])

@@ -314,6 +314,7 @@ class _Cutter:
             hold_s=_HOLD_S if self.builder.vehicle.hovers else 0.0,
             home=self.homes[home],
             way=_way_of(self.builder),
+            speed_m_s=self.builder.level.speed_m_s,
         )
 
     def _full(self, flown: Flown) -> Prediction:

@@ -173,7 +173,7 @@ def _images(legs: list[tuple[float, Shots]], silence: Silence) -> int:
         if shots.distance_m > 0.0:
             images += flown * length_m / shots.distance_m
         elif shots.interval_ms > 0.0:
-            images += 1000.0 * share * silence.seconds / shots.interval_ms
+            images += min(1000.0 * share * silence.seconds / shots.interval_ms, shots.images)
     return int(images)
 
 
@@ -346,6 +346,8 @@ class RidingCamera:
         item = sequence - self._home
         self._item = item if self._in_mission else -1
         ordered = Shots() if self._returns else shots_before(self._mission().items, item)
+        if ordered is not None and ordered.images < math.inf:
+            ordered = None  # Only the autopilot knows how many images of this series have been taken
         if not self._in_mission and (ordered is None or not ordered.is_off):
             return []
         if not self._shots.due(ordered, self._does, now_s, may_stop=not self._changing()):

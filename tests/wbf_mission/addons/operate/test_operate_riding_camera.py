@@ -1,5 +1,7 @@
 """The leaf camera beside an autopilot, message by message: who tells it what to do, and what gets lost."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -152,6 +154,23 @@ def test_what_a_ground_station_ordered_holds_until_the_mission_orders_something_
     assert ride.does[0] == 0.0
     ride.seconds(1, 4)
     assert ride.does[0] == pytest.approx(0.7)
+
+
+def test_a_series_of_n_images_is_left_to_the_autopilot():
+    start, stop = int(Command.IMAGE_START_CAPTURE), int(Command.IMAGE_STOP_CAPTURE)
+    items = plan((DISTANCE, 0.5), (start, 0.0), (start, 0.0), (stop, 0.0)).items
+    series = [replace(items[k], param2=0.5, param3=count) for k, count in ((3, 3.0), (5, 0.0))]
+    ride = Ride(Mission((*items[:3], series[0], items[4], series[1], *items[6:])))
+    ride.seconds(1, 2)
+    assert ride.does == (0.5, 0)
+    ride.hear(m.MAVLink_command_long_message(1, 100, start, 0, 0, 0.5, 3, 1, 0, 0, 0))
+    images = kinds(ride.sent).count("CAMERA_IMAGE_CAPTURED")
+    ride.seconds(10, 4)
+    assert ride.does == (0.0, 0) and kinds(ride.sent).count("CAMERA_IMAGE_CAPTURED") == images + 3
+    ride.seconds(round(PATIENCE_S), 6)
+    assert ride.does == (0.0, 500_000), "a series without end is taken up"
+    ride.seconds(round(PATIENCE_S), 8)
+    assert ride.does == (0.0, 0)
 
 
 def test_an_autopilot_that_orders_each_image_is_left_to_it():

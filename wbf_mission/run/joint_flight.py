@@ -119,14 +119,12 @@ class JointFlight:
         """Simulated seconds since the flight's first heartbeat."""
         return self._host.now_s
 
-    @property
-    def frames(self) -> int:
-        """Number of MAVLink frames sent."""
-        return self._host.frames
-
     def given(self) -> Flight:
         """Return the flight's result up to now, without its observations: the evidence has them already."""
-        return Flight([sortie.record() for sortie in self.sorties], self.now_s, self.frames)
+        # A simulator's clock may be faster than the host's clock.
+        ends_s = [(one.ground.started_s or 0.0) + one.ground.flight_time_s for one, _ in self._gates]
+        records = [sortie.record() for sortie in self.sorties]
+        return Flight(records, max([self.now_s, *ends_s]), self._host.frames)
 
     def maneuver(self, kind: Maneuver, only: Sortie | None = None) -> None:
         """Command a maneuver to all vehicles that still fly, or only to the vehicle of the sortie `only`."""

@@ -132,6 +132,8 @@ def test_sorties_are_flown_one_after_the_other(small, autopilot, tmp_path):
     ]
     assert [one.flight for one in result.flights] == [1, 2] and len(result.days) == 1
     assert all(one.outcome is Outcome.COMPLETED and one.battery_used < 0.75 for one in result.flights)
+    times_s = list(result.history.times_s)
+    assert times_s == sorted(times_s) and result.simulated_s > result.flight_time_s
     # One log, one estimate.
     assert armings(tlog) == 2
     seen = result.summary()

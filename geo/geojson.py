@@ -117,14 +117,14 @@ def _documents(path: Path) -> Iterator[dict[str, Any]]:
         yield document
 
 
-def save_farm(farm: Farm, path: str | os.PathLike[str]) -> None:
+def save_farm(farm: Farm, path: str | os.PathLike[str], document: dict[str, Any] | None = None) -> None:
     """Write a farm atomically as a GeoJSON file that `load_farm` reads back.
 
-    Raise FarmError if the file cannot be written.
+    `document` replaces its `farm_document`. Raise FarmError if the file cannot be written.
     """
     try:
         with atomic_write(path, "wb") as file:
-            file.write(msgspec.json.format(msgspec.json.encode(farm_document(farm)), indent=1))
+            file.write(msgspec.json.format(msgspec.json.encode(document or farm_document(farm)), indent=1))
     except (OSError, ValueError) as error:
         msg = f"farm file {os.fspath(path)}: cannot be written ({getattr(error, 'strerror', None) or error})"
         raise FarmError(msg) from None

@@ -16,6 +16,8 @@ def cut(geometry: dict[str, Any]) -> dict[str, Any]:
     >>> cut({"type": "LineString", "coordinates": [[179.0, 2.0], [-179.0, 4.0]]})["coordinates"]
     [[[179.0, 2.0], [180.0, 3.0]], [[-180.0, 3.0], [-179.0, 4.0]]]
     """
+    if geometry["type"] == "LineString" and len(geometry["coordinates"]) < 2:
+        return geometry
     shape = shapely.from_geojson(msgspec.json.encode(geometry))
     places = shapely.get_coordinates(shape, include_z=shape.has_z)
     if np.ptp(places[:, 0]) <= 180.0:

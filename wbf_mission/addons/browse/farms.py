@@ -171,11 +171,16 @@ def save_command(
 ) -> None:
     """Save a farm as GeoJSON: convert or repair a file of another program, or start your own farm file."""
     from geo import save_farm
+    from geo.geojson import farm_document
+    from wbf_mission.addons.base.antimeridian import cut
 
     refuse_overwrite(out, [farm], suffixes=(".geojson",), overwrite=overwrite)
     _require_suffix(out, ".geojson", ".json")
     shown = _load(given, farm, output)
-    save_farm(shown, out)
+    document = farm_document(shown)
+    for feature in document["features"]:
+        feature["geometry"] = cut(feature["geometry"])
+    save_farm(shown, out, document)
     output.result({"file": str(out)}, title="Saved")
 
 

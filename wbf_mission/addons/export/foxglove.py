@@ -25,6 +25,7 @@ from geo.frame import quaternion_of
 from geo.geojson import farm_document
 from geo.imports import load_extra
 from wbf_mission import events
+from wbf_mission.addons.base.antimeridian import cut
 from wbf_mission.addons.base.plots import fence_rings, rgb
 from wbf_mission.addons.export import scene
 from wbf_mission.addons.export.foxglove_schemas import schemas
@@ -118,7 +119,8 @@ class FoxgloveFile(scene.Scene):
         self._write(topic, "foxglove.SceneUpdate", time_s, {"deletions": [], "entities": [parts | entity]})
 
     def _write_map(self, topic: str, time_s: float, features: Iterable[_Json]) -> None:
-        text = msgspec.json.encode({"type": "FeatureCollection", "features": list(features)}).decode()
+        shown = [{**feature, "geometry": cut(feature["geometry"])} for feature in features]
+        text = msgspec.json.encode({"type": "FeatureCollection", "features": shown}).decode()
         self._write(topic, "foxglove.GeoJSON", time_s, {"geojson": text})
 
     def _begin(self, event: events.RunBegun) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -154,9 +154,10 @@ def write_kml(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event
     for flight in tracks.flights.values():
         if len(waypoints := tracks.planned(flight)) > 1:
             mark = _mark(planned, f"Planned, {flight.name}", vehicle_colour(flight.system_id), opacity=0x80)
-            line = add(mark, "LineString")
-            add(line, "altitudeMode", "relativeToGround")
-            add(line, "coordinates", " ".join(_coordinate(*place) for place in waypoints))
+            path = np.array(waypoints)[:, [1, 0, 2]].tolist()
+            for line, places in _shapes(mark, "LineString", path):
+                add(line, "altitudeMode", "relativeToGround")
+                add(line, "coordinates", _coordinates(places))
     for flight in tracks.flown:
         mark = _mark(flown, flight.name, vehicle_colour(flight.system_id))
         add(mark, "description", printable(in_words(flight.outcome)))
@@ -230,6 +231,21 @@ def _write(files: tuple[Path, ...], content: bytes) -> None:
         stream.write(content)
 
 
+def _shapes(
+    mark: ElementTree.Element, kind: str, coordinates: list[Any]
+) -> Iterator[tuple[ElementTree.Element, list[Any]]]:
+    """Add a shape, or its parts if it crosses 180 degrees, and yield each with its coordinates."""
+    shape = cut({"type": kind, "coordinates": coordinates})
+    whole = shape["type"] == kind
+    parent = mark if whole else add(mark, "MultiGeometry")
+    for part in [shape["coordinates"]] if whole else shape["coordinates"]:
+        yield add(parent, kind), part
+
+
+def _coordinates(places: Iterable[Sequence[float]]) -> str:
+    return " ".join(_coordinate(latitude, longitude, height_m) for longitude, latitude, height_m in places)
+
+
 def _coordinate(latitude: float, longitude: float, height_m: float) -> str:
     return f"{decimal(longitude)},{decimal(latitude)},{decimal(round(height_m, 3))}"
 
@@ -255,14 +271,18 @@ def _add_farm(top: ElementTree.Element, tracks: _Tracks) -> None:
     shapes = [(patch.name, patch.polygon, 0.0, crop_colour(str(patch.crop))) for patch in farm.patches]
     shapes += [(it.name or "obstacle", it.polygon, it.height_m or 0.0, OBSTACLE) for it in farm.obstacles]
     for name, polygon, height_m, colour in shapes:
-        area = add(_mark(folder, printable(name), colour), "Polygon")
-        if height_m:
-            add(area, "extrude", "1")
-        add(area, "altitudeMode", "relativeToGround" if height_m else "clampToGround")
-        for number, ring in enumerate((polygon.exterior, *polygon.interiors)):
-            places = tracks.places(shapely.get_coordinates(ring)).tolist()
-            edge = add(add(area, "innerBoundaryIs" if number else "outerBoundaryIs"), "LinearRing")
-            add(edge, "coordinates", " ".join(_coordinate(lat, lon, height_m) for lat, lon in places))
+        corners = [
+            tracks.places(shapely.get_coordinates(ring)).tolist()
+            for ring in (polygon.exterior, *polygon.interiors)
+        ]
+        edges = [[(longitude, latitude, height_m) for latitude, longitude in ring] for ring in corners]
+        for area, rings in _shapes(_mark(folder, printable(name), colour), "Polygon", edges):
+            if height_m:
+                add(area, "extrude", "1")
+            add(area, "altitudeMode", "relativeToGround" if height_m else "clampToGround")
+            for number, ring in enumerate(rings):
+                edge = add(add(area, "innerBoundaryIs" if number else "outerBoundaryIs"), "LinearRing")
+                add(edge, "coordinates", _coordinates(ring))
 
 
 def _feature(kind: str, coordinates: list[Any], properties: dict[str, Any]) -> dict[str, Any]:

@@ -11,8 +11,10 @@ import pyogrio
 import pytest
 import shapely
 from exported_runs import fleet_run
+from mcap.reader import make_reader
 from pyogrio.raw import read
 
+from geo import load_farm
 from mission.files import open_mission
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import TlogWriter
@@ -112,22 +114,55 @@ def test_geojson_has_farm_plan_tracks_and_readings(folder: Path, result: Result,
     assert len(geometry) == len(document["features"])
 
 
-def test_geojson_is_cut_at_180_degrees(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def fiji(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    """A run on a farm at 180 degrees longitude."""
     ring = [[179.9999, -17.0], [-179.9999, -17.0], [-179.9999, -16.9999], [179.9999, -16.9999]]
     area = {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}
-    fiji = {"type": "Feature", "properties": {"crop": "strawberry"}, "geometry": area}
-    (tmp_path / "fiji.geojson").write_text(json.dumps(fiji))
-    scenario = Scenario(farm=str(tmp_path / "fiji.geojson"), budget="90m", estimator="point")
-    (path,) = export(fly(scenario), tmp_path / "run.geojson", "geojson")
+    file = tmp_path_factory.mktemp("fiji") / "fiji.geojson"
+    file.write_text(json.dumps({"type": "Feature", "properties": {"crop": "strawberry"}, "geometry": area}))
+    return fly(Scenario(farm=str(file), budget="90m", estimator="point"))
+
+
+def assert_cut(shape: shapely.Geometry) -> None:
+    parts = [part.bounds for part in shapely.get_parts(shape)]
+    assert len(parts) > 1 and all(180.0 in (-west, east) for west, _, east, _ in parts)
+    assert all(east - west < 2e-4 for west, _, east, _ in parts)
+
+
+def test_geojson_is_cut_at_180_degrees(fiji: Result, tmp_path: Path) -> None:
+    (path,) = export(fiji, tmp_path / "run.geojson", "geojson")
     features = json.loads(path.read_text(encoding="utf-8"))["features"]
     found = {one["properties"]["kind"]: one for one in features}
     shapes = {kind: shapely.from_geojson(json.dumps(found[kind]["geometry"])) for kind in ("patch", "track")}
     assert [shape.geom_type for shape in shapes.values()] == ["MultiPolygon", "MultiLineString"]
     for shape in shapes.values():
-        parts = [part.bounds for part in shapely.get_parts(shape)]
-        assert len(parts) > 1 and all(180.0 in (-west, east) for west, _, east, _ in parts)
-        assert all(east - west < 1.1e-4 for west, _, east, _ in parts)
+        assert_cut(shape)
     assert "coordTimes" not in found["track"]["properties"]
+
+
+def test_kml_and_maps_of_foxglove_are_cut_at_180_degrees(fiji: Result, tmp_path: Path) -> None:
+    (path,) = export(fiji, tmp_path / "run.kml", "kml")
+    for layer in ("fiji", "Planned"):
+        _, _, geometry, _ = read(path, layer=layer)
+        assert_cut(shapely.from_wkb(geometry[0]))
+    path, _ = export(fiji, tmp_path / "run.mcap", "mcap")
+    with path.open("rb") as stream:
+        maps = make_reader(stream).iter_messages(topics=["/farm/map", "/vehicle/1/plan/map"])
+        texts = [json.loads(message.data)["geojson"] for _, _, message in maps]
+    shapes = [json.loads(text)["features"][0]["geometry"] for text in texts]
+    assert [shape["type"] for shape in shapes] == ["MultiPolygon", "MultiLineString"]
+    for shape in shapes:
+        assert_cut(shapely.from_geojson(json.dumps(shape)))
+
+
+def test_a_saved_farm_is_cut_at_180_degrees_and_read_back(fiji: Result, tmp_path: Path) -> None:
+    first, saved = fiji.scenario.farm.name, tmp_path / "saved.geojson"
+    assert main(["farm", "save", first, "--out", str(saved), "--quiet"]) == 0
+    assert_cut(shapely.from_geojson(saved.read_text(encoding="utf-8")).geoms[0])
+    again = load_farm(saved).grid()
+    np.testing.assert_array_equal(again.crop, fiji.farm.grid().crop)
+    np.testing.assert_array_equal(again.owned, fiji.farm.grid().owned)
 
 
 def test_csv_has_what_the_log_told(folder: Path, result: Result, tmp_path: Path) -> None:

@@ -186,8 +186,5 @@ def _feature(degrees_of: _DegreesOf, polygon: shapely.Polygon, **properties: obj
     # By the right-hand rule of RFC 7946 the exterior is anticlockwise, and holes are clockwise.
     oriented = orient(polygon)
     rings = [degrees_of(*ring.coords) for ring in (oriented.exterior, *oriented.interiors)]
-    return {
-        "type": "Feature",
-        "properties": properties,
-        "geometry": {"type": "Polygon", "coordinates": rings},
-    }
+    shape = {"type": "Polygon", "coordinates": rings}
+    return {"type": "Feature", "properties": properties, "geometry": shape}

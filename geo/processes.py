@@ -6,6 +6,7 @@ Ctrl-C may arrive at any moment, and the terminal sends its signal to all proces
 from __future__ import annotations
 
 import math
+import multiprocessing
 import os
 import signal
 import sys
@@ -217,6 +218,8 @@ class CallsAhead(Generic[_T]):
 
 def _begin(parent: int) -> None:
     ignore_interrupts()
+    if sys.platform == "linux":  # Locks are then unlinked at once, so a killed worker leaves none behind
+        multiprocessing.set_start_method("fork", force=True)
     threading.Thread(target=_end_with, args=(parent,), name="end with the parent", daemon=True).start()
 
 

@@ -255,6 +255,27 @@ def test_processes_that_have_finished_their_calls_leave_no_locks_behind(tmp_path
     assert process.returncode == 0
 
 
+STOPPED = """
+from geo.processes import CallsAhead
+
+KEEP = "import multiprocessing as m, time; m.kept = m.Lock(); print('kept', flush=True); time.sleep(600)"
+if __name__ == "__main__":
+    calls = CallsAhead(exec, [(KEEP,)], 1)
+    try:
+        calls.result(0)
+    except KeyboardInterrupt:
+        calls.close()
+"""
+
+
+def test_a_process_that_is_stopped_in_its_call_leaves_no_locks_behind(tmp_path):
+    process = started(tmp_path, STOPPED)
+    assert process.stdout.readline() == "kept\n"
+    os.killpg(process.pid, signal.SIGINT)
+    _, err = process.communicate(timeout=120)
+    assert process.returncode == 0 and "leaked semaphore" not in err
+
+
 KILLED = """
 import os, sys, time
 from geo.processes import CallsAhead

@@ -90,7 +90,7 @@ def test_a_mission_by_items_of_the_mission_plugin_takes_pictures(shooting, tools
     from mavsdk.plugins.mission import Mission, MissionItem, MissionPlan
     from mavsdk.plugins.telemetry import FlightMode, Telemetry
 
-    flying, system, _, captures = shooting("px4", speed=20.0)
+    flying, system, _, captures = shooting("px4", speed=10.0)
     telemetry, action, mission = Telemetry(system), Action(system), Mission(system)
     wait = tools.wait_until
     wait(telemetry.health_all_ok, what="health all ok")

@@ -71,7 +71,7 @@ def cholesky(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def solve_lower(factor: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
     """Solve ``factor x = right`` in `right`, float64[n, k] in C order, for a lower triangular `factor`."""
-    _kernels().substitute_forward(factor, right, right.shape[1])
+    _kernels().substitute_forward(factor, right, right.shape[1], False)
     return right
 
 

@@ -84,7 +84,7 @@ def add_product(
 
 
 @compiled(nogil=True, allocates=False)
-def substitute_forward(factor: Floats, right: Floats, columns: int, triangular: bool = False) -> None:
+def substitute_forward(factor: Floats, right: Floats, columns: int, triangular: bool) -> None:
     """Solve ``factor x = right`` in `right` for its first `columns` columns; `factor` is lower triangular.
 
     `triangular` says that `right` is itself a lower triangular matrix of the size of `factor`.

@@ -171,7 +171,7 @@ class LocalPosterior:
         """Solve the tiles that are within reach of new observations."""
         kernel = self.kernel
         parameters = kernel.length_x, kernel.length_y, kernel.noise, kernel.amplitude
-        tiles = np.argwhere(self._waiting)
+        tiles = np.ascontiguousarray(np.argwhere(self._waiting))  # Functions are compiled for one layout
         places = self.lattice.places_of(tiles)
         posterior = self.lattice.posterior
 
@@ -278,7 +278,7 @@ class WholePosterior:
         def work(columns: Sequence[int]) -> None:
             part = slice(columns[0], columns[-1] + 1)
             terms = self._spectrum.terms
-            gp_tile.fill_nodes(factor, weights, along_x[:, part], along_y, terms, posterior[:, part])
+            gp_tile.fill_nodes(factor, weights, along_x[:, part].copy(), along_y, terms, posterior[:, part])
 
         in_parallel(work, range(len(along_x[0])))
         posterior[2] = self.kernel.amplitude - posterior[2]

@@ -108,7 +108,7 @@ def fill_nodes(
                 q += 1
                 if q == height:
                     p, q = p + 1, 0
-        substitute_forward(factor, rows, columns)
+        substitute_forward(factor, rows, columns, False)
         sums[:] = 0.0
         for i in range(n):
             for t in range(columns):
@@ -153,16 +153,24 @@ def _fill_means(
 
 
 @compiled(nogil=True)
-def _changed_by(seen: Floats, nodes: Any, lattice: Any, touch: Any) -> Any:
+def _bounds_of(seen: Floats, newer_than: float) -> Any:
+    """Return the bounds along x and y of the observations that are newer; they are infinite if none is."""
+    low_x, high_x, low_y, high_y = np.inf, -np.inf, np.inf, -np.inf
+    for p in range(len(seen)):
+        if seen[p, 4] > newer_than:
+            low_x, high_x = min(low_x, seen[p, 0]), max(high_x, seen[p, 0])
+            low_y, high_y = min(low_y, seen[p, 1]), max(high_y, seen[p, 1])
+    return low_x, high_x, low_y, high_y
+
+
+@compiled(nogil=True)
+def _changed_by(bounds: Any, nodes: Any, lattice: Any, touch: Any) -> Any:
     """Return the part of a range of nodes (i0, i1, j0, j1) that observations change; it may be empty."""
     first_x, first_y, step_x, step_y = lattice
+    low_x, high_x, low_y, high_y = bounds
     i0, i1, j0, j1 = nodes
-    if len(seen) == 0:
+    if low_x > high_x:
         return i0, i0, j0, j0
-    low_x, high_x, low_y, high_y = seen[0, 0], seen[0, 0], seen[0, 1], seen[0, 1]
-    for p in range(1, len(seen)):
-        low_x, high_x = min(low_x, seen[p, 0]), max(high_x, seen[p, 0])
-        low_y, high_y = min(low_y, seen[p, 1]), max(high_y, seen[p, 1])
     return (
         max(i0, -int((first_x - low_x + touch[0]) // step_x)),
         min(i1, int((high_x + touch[0] - first_x) // step_x) + 1),
@@ -230,21 +238,21 @@ def precision_of(
     of products of cosines over the observations give all m^2 sums of products of functions.
     """
     m, along_x, along_y = len(terms), len(spectrum[0]), len(spectrum[1])
-    rows = np.arange(seen[:, 1].min(), seen[:, 1].max() + 1.0)
+    low_x, high_x, low_y, high_y = _bounds_of(seen, -np.inf)
+    rows, columns = np.arange(low_y, high_y + 1.0), np.arange(low_x, high_x + 1.0)
     cosines_y = np.ascontiguousarray(_cosines(rows, span_y[0], span_y[1], 2 * along_y + 1).T)
     sines_y = np.ascontiguousarray(sines(rows, span_y[0], span_y[1], spectrum[1]).T)
-    # The observations are sorted by x, so that those of one x are added first.
-    columns = np.unique(seen[:, 0])
+    # The observations of one x are added first. Loops compile in a third of the time of numpy's expressions.
     by_column = np.zeros((len(columns), 2 * along_y + 1))
     data = np.zeros((2, len(columns), along_y))
-    column = 0
     for p in range(len(seen)):
-        column += seen[p, 0] > columns[column]
-        row = int(seen[p, 1] - rows[0])
+        column, row = int(seen[p, 0] - low_x), int(seen[p, 1] - low_y)
         weight = seen[p, 2] / noise
-        by_column[column] += weight * cosines_y[row]
-        data[0, column] += weight * seen[p, 3] * sines_y[row]
-        data[1, column] += weight * sines_y[row]
+        for k in range(2 * along_y + 1):
+            by_column[column, k] += weight * cosines_y[row, k]
+        for k in range(along_y):
+            data[0, column, k] += weight * seen[p, 3] * sines_y[row, k]
+            data[1, column, k] += weight * sines_y[row, k]
     sums = np.zeros((2 * along_x + 1, 2 * along_y + 1))
     cosines_x = _cosines(columns, span_x[0], span_x[1], 2 * along_x + 1)
     add_product(1.0, cosines_x, by_column, sums, 0, len(sums), 0, len(columns), 0, 2 * along_y + 1)
@@ -317,7 +325,7 @@ def solve_tiles(
         if n == 0:
             continue
         # Nodes that no observation reaches keep the prior.
-        i0, i1, j0, j1 = nodes = _changed_by(seen, nodes, lattice, touch)
+        i0, i1, j0, j1 = nodes = _changed_by(_bounds_of(seen, -np.inf), nodes, lattice, touch)
         if i0 >= i1 or j0 >= j1:
             continue
         node_x, node_y = np.empty(i1 - i0), np.empty(j1 - j0)
@@ -341,9 +349,9 @@ def solve_tiles(
         factor = factor_of(matrix)
         if not factor[0, 0] > 0.0:
             raise np.linalg.LinAlgError("the covariance of the observations is singular")
-        substitute_forward(factor, weights, 2)
+        substitute_forward(factor, weights, 2, False)
         slot, a, b = places[k]
-        near = _changed_by(seen[seen[:, 4] > 0.0], nodes, lattice, touch)
+        near = _changed_by(_bounds_of(seen, 0.0), nodes, lattice, touch)
         if near != nodes:
             # New observations change means farther away than variances.
             part = posterior[slot, :, i0 - a : i1 - a, j0 - b : j1 - b]

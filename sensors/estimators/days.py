@@ -215,15 +215,14 @@ class Crowding:
     def __init__(self, shape: tuple[int, int], lengths: tuple[float, float]) -> None:
         self._box = tuple(max(1.0, _ALIKE_LENGTHS * length) for length in lengths)
         self._rows = int(shape[1] / self._box[1]) + 1
-        self._counts = np.zeros((int(shape[0] / self._box[0]) + 1) * self._rows, np.int64)
+        # A dictionary, as each reading on a leg along x would fill a page of memory of an array
+        self._counts: dict[int, int] = {}
 
     def weights(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> _Floats:
         """Return the weights of further readings, float64[n], in the order of the readings."""
-        box = (x / self._box[0]).astype(np.int64) * self._rows + (y / self._box[1]).astype(np.int64)
-        order = np.argsort(box, kind="stable")
-        first = np.searchsorted(box[order], box[order], side="left")
-        rank = np.empty(len(box), np.int64)
-        rank[order] = np.arange(len(box)) - first
-        found: _Floats = 1.0 / (1 + rank + self._counts[box])
-        np.add.at(self._counts, box, 1)
+        boxes = (x / self._box[0]).astype(np.int64) * self._rows + (y / self._box[1]).astype(np.int64)
+        found = np.empty(len(boxes))
+        for k, box in enumerate(boxes.tolist()):
+            self._counts[box] = count = self._counts.get(box, 0) + 1
+            found[k] = 1.0 / count
         return found

@@ -179,9 +179,13 @@ class Profile:
     """Whether the vehicle answers MISSION_REQUEST with the float message MISSION_ITEM."""
     stateless_download: bool = False
     """Whether the vehicle answers any item request at any time, which allows several pending requests."""
+    answers_unheard: bool = False
+    """Whether the vehicle handles messages to a component of its system from which it heard nothing."""
     restart_on_count: bool = False
     """Whether a second COUNT of the same ground station restarts an upload at any item, not only before item
     0."""
+    repeats_ack: bool = True
+    """Whether the last item of an upload, received again, is acknowledged again; if not, the ACK is ERROR."""
     re_request_s: float = 0.25
     """Timeout after which the vehicle repeats the request for an item (s)."""
     abort_s: float = 5.0
@@ -192,8 +196,8 @@ class Profile:
     """ACK for a COUNT that arrives during another transfer."""
     order_result: int | None = None
     """ACK for an item out of order, or None for no ACK."""
-    range_result: int | None = m.MAV_MISSION_ERROR
-    """ACK for a request beyond the end of the plan, or None for no ACK."""
+    range_result: int = m.MAV_MISSION_ERROR
+    """ACK for a request beyond the end of the plan."""
     clear_all_types: bool = True
     """Whether MISSION_CLEAR_ALL with type 255 clears all three plans; if not, the ACK is UNSUPPORTED."""
     frames: frozenset[int] | None = None
@@ -254,8 +258,8 @@ class Profile:
     """STATUSTEXT (MAV_SEVERITY_INFO) after an upload, per plan type, or None for no text."""
     timeout_text: str = "Operation timeout"
     """STATUSTEXT after an aborted upload."""
-    text_prefix: str = ""
-    """Prefix of STATUSTEXTs about refusals."""
+    text_prefix: str | None = None
+    """Prefix of STATUSTEXTs about refusals. None: no texts."""
     streams_on_request: bool = False
     """Whether the vehicle sends only heartbeats until a ground station requests its streams."""
     change_modes: Mapping[int, tuple[int, int]] | None = None

@@ -168,7 +168,6 @@ PX4 = Profile(
     m.MAV_AUTOPILOT_PX4,
     float_answers=True,
     frames=frozenset({0, 2, 3, 5, 6}),
-    range_result=None,
     int_frames=True,
     range_checked=False,
     space_text=None,

@@ -32,7 +32,6 @@ from mission.transfer.server_session import (
     RECEIVING,
     SENDING,
     SERVER_TABLE,
-    EndedUpload,
     PlanStore,
     ServerInput,
     ServerInputs,
@@ -55,13 +54,14 @@ class _Refusal(NamedTuple):
     """Refusal of a message: an ACK or a STATUSTEXT, without any other effect.
 
     ``result`` returns the MAV_MISSION_RESULT to send, or None for no ACK. ``text`` is the STATUSTEXT sent
-    with the ACK, ``silent_text`` the STATUSTEXT sent without an ACK.
+    with the ACK, ``silent_text`` the STATUSTEXT sent without an ACK; ArduPilot sends no text.
     """
 
     result: Callable[[Profile], int | None]
     text: str = ""
     silent_text: str = ""
     prefixed: bool = True  # whether the text begins with the autopilot's prefix (`Profile.text_prefix`)
+    severity: int = _CRITICAL
 
 
 def _always(result: int) -> Callable[[Profile], int]:
@@ -73,22 +73,29 @@ def _where_denied(result: int) -> Callable[[Profile], int | None]:
     return lambda profile: int(result) if profile.busy_result == wire.DENIED else None
 
 
-_IGNORED = "IGN. CMD: Busy"
+_FOREIGN_ITEM = "REJ. MIS ITEM: partner id mismatch"
+_IGNORED_LIST = "Mission download request ignored, already active"
 _REFUSALS = {
     "refuse busy": _Refusal(lambda profile: profile.busy_result, "REJ. CMD: Busy"),
     "refuse type": _Refusal(lambda profile: profile.type_result),
     "refuse partial": _Refusal(lambda profile: profile.partial_result),
+    "refuse count now": _Refusal(lambda profile: profile.busy_result, "IGN MISSION_COUNT: Busy"),
     "refuse unexpected item": _Refusal(_always(wire.ERROR), "IGN MISSION_ITEM: No transfer", prefixed=False),
+    "refuse item now": _Refusal(_always(wire.ERROR), "IGN MISSION_ITEM: Busy", prefixed=False),
     "refuse item type": _Refusal(_always(wire.ERROR)),
-    "refuse foreign item": _Refusal(_where_denied(wire.DENIED), silent_text=_IGNORED),
+    "refuse new item": _Refusal(_where_denied(wire.ERROR), silent_text=_FOREIGN_ITEM, prefixed=False),
+    "refuse foreign item": _Refusal(_where_denied(wire.DENIED), silent_text=_FOREIGN_ITEM, prefixed=False),
     "answer order": _Refusal(lambda profile: profile.order_result),
-    "refuse list": _Refusal(_where_denied(wire.DENIED), silent_text=_IGNORED),
-    "refuse request": _Refusal(_always(wire.ERROR), "REJ. request: no LIST before it"),
-    "refuse request now": _Refusal(lambda profile: wire.DENIED if profile.stateless_download else None),
+    "refuse list": _Refusal(
+        _where_denied(wire.DENIED), silent_text=_IGNORED_LIST, prefixed=False, severity=_INFO
+    ),
+    "refuse request now": _Refusal(_where_denied(wire.DENIED), silent_text="REJ. CMD: Busy"),
+    "refuse foreign request": _Refusal(
+        _where_denied(wire.DENIED), silent_text="REJ. CMD: partner id mismatch"
+    ),
     "refuse changed": _Refusal(_always(wire.ERROR), "REJ. MISSION_REQUEST after _INT"),
     "refuse clear": _Refusal(_always(wire.UNSUPPORTED)),
-    "refuse clear now": _Refusal(_where_denied(wire.ERROR), silent_text=_IGNORED),
-    "say busy": _Refusal(lambda _: None, silent_text=_IGNORED),
+    "refuse clear now": _Refusal(_where_denied(wire.ERROR), silent_text="IGN CLEAR CMD: Busy"),
 }
 
 
@@ -201,7 +208,8 @@ class MissionServer(ServerInputs):
             return NOTHING
         if message.target_system not in (self.system_id, 0):
             return NOTHING
-        if message.target_component != self.component_id and message.target_component not in _COMPONENTS:
+        own = message.target_component in (self.component_id, *_COMPONENTS)
+        if not own and not self.profile.answers_unheard:
             return NOTHING
         sender = (message.get_srcSystem(), message.get_srcComponent())
         if sender[0] == 0:  # an ACK to system 0 is a broadcast and would end the transfers of other stations
@@ -264,9 +272,10 @@ class MissionServer(ServerInputs):
 
     def _refuse(self, refusal: _Refusal, message: wire.MissionMessage, sender: _Sender) -> Output:
         result = refusal.result(self.profile)
-        text = refusal.silent_text if result is None else refusal.text
-        prefix = self.profile.text_prefix if refusal.prefixed else ""
-        said = (self._status(prefix + text),) if text else ()
+        text, prefix = refusal.silent_text if result is None else refusal.text, self.profile.text_prefix
+        said: tuple[Event, ...] = ()
+        if text and prefix is not None:
+            said = (StatusText(self._session.type, refusal.severity, prefix * refusal.prefixed + text),)
         if result is None:
             return Output(events=said)
         return self._answer(result, message.mission_type, sender, *said)
@@ -358,8 +367,7 @@ class MissionServer(ServerInputs):
         if is_fence and not self.profile.atomic and zone_problems(plan, self.profile):
             session.verdict, text = int(wire.ERROR), self._status("Fence validation failed")
             return self._refuse_item(message, sender, now_s) + Output(events=(text,))
-        last = session.candidate if message.seq or not self._store.home_items(session.type) else None
-        session.ended = EndedUpload(sender, session.type, message.seq, last, wire.ACCEPTED)
+        session.ended = message.seq
         replaced = self._put(plan, start=session.start)
         return self._answer(wire.ACCEPTED, session.type, sender, replaced, *said, *self._received())
 
@@ -376,7 +384,7 @@ class MissionServer(ServerInputs):
     def _refuse_item(self, message: wire.ItemMessage, sender: _Sender, now_s: float) -> Output:
         """End the upload with the MAV_MISSION_RESULT of the item."""
         session = self._session
-        session.ended = EndedUpload(sender, session.type, message.seq, None, session.verdict)
+        session.ended = None
         text = f"item {message.seq}: {wire.result_text(session.verdict)}"
         failed = self._given_up(FailureReason.REFUSED, text, session.verdict)
         item_text = None if session.verdict == wire.ERROR else self.profile.item_text
@@ -385,9 +393,7 @@ class MissionServer(ServerInputs):
 
     def _repeat_ack(self, message: wire.ItemMessage, sender: _Sender, now_s: float) -> Output:
         """Repeat the final ACK of the last upload."""
-        ended = self._session.ended
-        assert ended is not None
-        return self._answer(ended.result, ended.mission_type, ended.sender)
+        return self._answer(wire.ACCEPTED, self._session.type, sender)
 
     def _refuse_space(self, message: wire.CountMessage, sender: _Sender, now_s: float) -> Output:
         mission_type, text = MissionType(message.mission_type), self.profile.space_text
@@ -514,22 +520,18 @@ class MissionServer(ServerInputs):
         )
 
     def _answer_beyond(self, message: wire.RequestMessage, sender: _Sender, now_s: float) -> Output:
-        """Answer a request for an item beyond the end of the plan."""
-        if self.profile.range_result is None:
-            return NOTHING
+        """Refuse a request for an item beyond the end of the plan; a mission's count comes first."""
         refused = self._answer(self.profile.range_result, message.mission_type, sender)
-        if not self.profile.stateless_download:
+        if message.mission_type != MissionType.MISSION:
             return refused
-        number = self.count(MissionType(message.mission_type))
-        return Output((wire.count(sender, number, message.mission_type),)) + refused
+        return Output((wire.count(sender, self.count(MissionType.MISSION), MissionType.MISSION),)) + refused
 
     def _refuse_jump(self, message: wire.RequestMessage, sender: _Sender, now_s: float) -> Output:
-        """End the download, because the request skips items."""
-        following = self._session.next
-        said = self._status(self.profile.text_prefix + f"REJ. request of {message.seq}: next is {following}")
-        text = f"item {message.seq} was requested, but item {following} is next"
+        """End the download, because the request is not for the next item or the last one sent."""
+        text = f"item {message.seq} was requested, but item {self._session.next} is next"
         failed = self._failed(FailureReason.BROKEN, text)
-        return self._answer(wire.ERROR, message.mission_type, sender, failed, said)
+        refusal = _Refusal(_always(wire.ERROR), "REJ. CMD: Req. WP was unexpected")
+        return self._refuse(refusal, message, sender) + Output(events=(failed,))
 
     def _end_sent(self, message: Any, sender: _Sender, now_s: float) -> Output:
         return Output(events=(PlanSent(self._session.type),))

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Final, NamedTuple
+from typing import Final
 
 from mission.autopilots.profile import Profile
 from mission.errors import MissionError
@@ -39,25 +39,24 @@ class ServerInput(Enum):
     COUNT_TOO_LARGE = "COUNT beyond the capacity"
     COUNT_REPEATED = "COUNT again from the partner before item 0 (ArduPilot: at any time)"
     COUNT_BUSY = "COUNT while a transfer runs (PX4: also for a while after COUNT 0)"
-    BAD_TYPE = "COUNT, LIST or CLEAR of an unknown plan type"
+    BAD_TYPE = "COUNT, LIST or CLEAR (ArduPilot: any message) of an unknown plan type"
     ITEM_NEXT = "the requested item"
     ITEM_LAST = "the last missing item"
     ITEM_REFUSED = "the requested item, but invalid"
     ITEM_OUT_OF_ORDER = "an item out of order"
     ITEM_WRONG_TYPE = "item of another plan type"
     ITEM_FOREIGN = "item from another ground station"
-    ITEM_REPEATED = "the item that ended the last upload, again"
-    ITEM_STALE = "an item of the plan that was just received, again"
+    ITEM_REPEATED = "the last item of the last upload, again (PX4)"
     ITEM_UNEXPECTED = "unrequested item"
     LIST = "LIST"
     LIST_STATELESS = "LIST (stateless profile)"
     LIST_BUSY = "LIST while another transfer runs"
-    REQUEST = "REQUEST of the next item or one already sent"
+    REQUEST = "REQUEST of the next item or the last one sent"
     REQUEST_STATELESS = "REQUEST of any item (stateless profile)"
-    REQUEST_JUMP = "REQUEST that skips items"
-    REQUEST_BEYOND = "REQUEST beyond the plan"
-    REQUEST_UNEXPECTED = "REQUEST without a LIST"
-    REQUEST_FOREIGN = "REQUEST from another ground station or of another plan type"
+    REQUEST_JUMP = "REQUEST of any other item"
+    REQUEST_BEYOND = "REQUEST beyond the plan (stateless profile)"
+    REQUEST_UNEXPECTED = "REQUEST without a LIST, or of another plan type"
+    REQUEST_FOREIGN = "REQUEST from another ground station"
     ACK_DONE = "ACK ACCEPTED from the partner after the last item"
     ACK_CANCEL = "ACK OPERATION_CANCELLED from the partner"
     ACK_ERROR = "any other ACK from the partner"
@@ -86,13 +85,15 @@ SERVER_TABLE: Final[dict[tuple[ServerState, ServerInput], tuple[str, ServerState
     (IDLE, _I.COUNT_BUSY): ("refuse busy", IDLE),
     (IDLE, _I.BAD_TYPE): ("refuse type", IDLE),
     (IDLE, _I.ITEM_REPEATED): ("repeat ack", IDLE),
-    (IDLE, _I.ITEM_STALE): ("ignore", IDLE),
+    (IDLE, _I.ITEM_WRONG_TYPE): ("refuse item type", IDLE),
+    (IDLE, _I.ITEM_FOREIGN): ("refuse new item", IDLE),
     (IDLE, _I.ITEM_UNEXPECTED): ("refuse unexpected item", IDLE),
     (IDLE, _I.LIST): ("send count", SENDING),
     (IDLE, _I.LIST_STATELESS): ("send count", IDLE),
     (IDLE, _I.REQUEST_STATELESS): ("send item", IDLE),
     (IDLE, _I.REQUEST_BEYOND): ("answer beyond", IDLE),
-    (IDLE, _I.REQUEST_UNEXPECTED): ("refuse request", IDLE),
+    (IDLE, _I.REQUEST_UNEXPECTED): ("ignore", IDLE),
+    (IDLE, _I.REQUEST_FOREIGN): ("refuse foreign request", IDLE),
     (IDLE, _I.ACK_OTHER): ("ignore", IDLE),
     (IDLE, _I.CLEAR): ("clear", IDLE),
     (IDLE, _I.CLEAR_UNSUPPORTED): ("refuse clear", IDLE),
@@ -110,7 +111,8 @@ SERVER_TABLE: Final[dict[tuple[ServerState, ServerInput], tuple[str, ServerState
     (RECEIVING, _I.ITEM_WRONG_TYPE): ("refuse item type", RECEIVING),
     (RECEIVING, _I.ITEM_FOREIGN): ("refuse foreign item", RECEIVING),
     (RECEIVING, _I.LIST_BUSY): ("refuse list", RECEIVING),
-    (RECEIVING, _I.REQUEST_FOREIGN): ("refuse request now", RECEIVING),
+    (RECEIVING, _I.REQUEST_UNEXPECTED): ("refuse request now", RECEIVING),
+    (RECEIVING, _I.REQUEST_FOREIGN): ("refuse foreign request", RECEIVING),
     (RECEIVING, _I.ACK_CANCEL): ("end cancelled", IDLE),
     (RECEIVING, _I.ACK_OTHER): ("ignore", RECEIVING),
     (RECEIVING, _I.CLEAR_BUSY): ("refuse clear now", RECEIVING),
@@ -120,22 +122,23 @@ SERVER_TABLE: Final[dict[tuple[ServerState, ServerInput], tuple[str, ServerState
     (RECEIVING, _I.RETRY): ("ask again", RECEIVING),
     (RECEIVING, _I.ABORT): ("abort upload", IDLE),
     # sending
-    (SENDING, _I.COUNT_BUSY): ("refuse busy", SENDING),
+    (SENDING, _I.COUNT_BUSY): ("refuse count now", SENDING),
     (SENDING, _I.BAD_TYPE): ("refuse type", SENDING),
-    (SENDING, _I.ITEM_STALE): ("ignore", SENDING),
-    (SENDING, _I.ITEM_FOREIGN): ("say busy", SENDING),
+    (SENDING, _I.ITEM_WRONG_TYPE): ("refuse item type", SENDING),
+    (SENDING, _I.ITEM_UNEXPECTED): ("refuse item now", SENDING),
+    (SENDING, _I.ITEM_FOREIGN): ("refuse foreign item", SENDING),
     (SENDING, _I.LIST): ("send count", SENDING),
     (SENDING, _I.LIST_BUSY): ("refuse list", SENDING),
     (SENDING, _I.REQUEST): ("send item", SENDING),
     (SENDING, _I.REQUEST_CHANGED): ("refuse changed", SENDING),
     (SENDING, _I.REQUEST_JUMP): ("refuse jump", IDLE),
-    (SENDING, _I.REQUEST_BEYOND): ("answer beyond", SENDING),
-    (SENDING, _I.REQUEST_FOREIGN): ("ignore", SENDING),
+    (SENDING, _I.REQUEST_UNEXPECTED): ("ignore", SENDING),
+    (SENDING, _I.REQUEST_FOREIGN): ("refuse foreign request", SENDING),
     (SENDING, _I.ACK_DONE): ("end sent", IDLE),
     (SENDING, _I.ACK_CANCEL): ("end cancelled", IDLE),
     (SENDING, _I.ACK_ERROR): ("end refused", IDLE),
     (SENDING, _I.ACK_OTHER): ("ignore", SENDING),
-    (SENDING, _I.CLEAR_BUSY): ("say busy", SENDING),
+    (SENDING, _I.CLEAR_BUSY): ("refuse clear now", SENDING),
     (SENDING, _I.PARTIAL): ("ignore", SENDING),
     (SENDING, _I.IMPLIED_END): ("end sent", IDLE),
     (SENDING, _I.ABORT): ("abort download", IDLE),
@@ -215,16 +218,6 @@ class PlanStore:
         return cached[2]
 
 
-class EndedUpload(NamedTuple):
-    """Last item and result of the last upload, to recognise repeated messages of that upload."""
-
-    sender: tuple[int, int]
-    mission_type: MissionType
-    sequence: int
-    item: MissionItem | None
-    result: int
-
-
 @dataclass(slots=True)
 class ServerSession:
     """State of the current or the last transfer."""
@@ -247,7 +240,7 @@ class ServerSession:
     heard_s: float = 0.0  # Time of the partner's last message.
     asked_s: float = 0.0  # Time of the last request for an item.
     held_until_s: float = -1.0  # Time until which COUNT is refused after an empty COUNT.
-    ended: EndedUpload | None = None
+    ended: int | None = None  # number of the last item of the last upload, if the plan was accepted.
 
     @property
     def expected(self) -> int:
@@ -332,35 +325,21 @@ class ServerInputs:
 
     def _of_item(self, message: wire.ItemMessage, sender: tuple[int, int]) -> ServerInput:
         session = self._session
-        if session.state is not RECEIVING:
-            return self._of_late_item(message, sender)
+        if self.profile.stateless_download and wire.plan_type(message.mission_type) is None:
+            return _I.BAD_TYPE
         if sender != session.partner:
             return _I.ITEM_FOREIGN
         if message.mission_type != session.type:
             return _I.ITEM_WRONG_TYPE
+        if session.state is not RECEIVING:
+            again = session.state is IDLE and message.seq == session.ended and self.profile.repeats_ack
+            return _I.ITEM_REPEATED if again else _I.ITEM_UNEXPECTED
         if message.seq != session.expected:
             return _I.ITEM_OUT_OF_ORDER
         session.candidate, session.verdict = self._read_item(message)
         if session.verdict != wire.ACCEPTED:
             return _I.ITEM_REFUSED
         return _I.ITEM_LAST if message.seq == session.count - 1 else _I.ITEM_NEXT
-
-    def _of_late_item(self, message: wire.ItemMessage, sender: tuple[int, int]) -> ServerInput:
-        """Distinguish a repeated item of the last upload from an unexpected item."""
-        idle, ended = self._session.state is IDLE, self._session.ended
-        unexpected = _I.ITEM_UNEXPECTED if idle else _I.ITEM_FOREIGN
-        if ended is None or sender != ended.sender or message.mission_type != ended.mission_type:
-            return unexpected
-        item = self._item_of(message)
-        item = None if item is None else as_stored(item, self.profile)
-        if message.seq == ended.sequence and (ended.result != wire.ACCEPTED or item == ended.item):
-            return _I.ITEM_REPEATED if idle else _I.ITEM_STALE
-        if ended.result != wire.ACCEPTED:
-            return _I.ITEM_STALE if message.seq < ended.sequence else unexpected
-        items = self._store.wire_items(ended.mission_type)
-        home = message.seq < self._store.home_items(ended.mission_type)
-        same = home or (message.seq < len(items) and item == items[message.seq])
-        return _I.ITEM_STALE if same else unexpected
 
     def _of_list(self, sender: tuple[int, int]) -> ServerInput:
         session = self._session
@@ -374,19 +353,20 @@ class ServerInputs:
 
     def _of_request(self, message: wire.RequestMessage, sender: tuple[int, int]) -> ServerInput:
         session = self._session
-        if session.state is IDLE:
+        if self.profile.stateless_download and session.state is IDLE:
             mission_type = wire.plan_type(message.mission_type)
-            if not self.profile.stateless_download or mission_type is None:
-                return _I.REQUEST_UNEXPECTED
+            if mission_type is None:
+                return _I.BAD_TYPE
             within = message.seq < len(self._store.wire_items(mission_type))
             return _I.REQUEST_STATELESS if within else _I.REQUEST_BEYOND
-        if session.state is RECEIVING or not session.is_with(sender, message.mission_type):
+        if sender != session.partner:
             return _I.REQUEST_FOREIGN
-        if message.seq >= len(session.outgoing):
-            return _I.REQUEST_BEYOND
+        if session.state is not SENDING or message.mission_type != session.type:
+            return _I.REQUEST_UNEXPECTED
         if session.asked_int and type(message).id == wire.REQUEST and self.profile.float_answers:
             return _I.REQUEST_CHANGED
-        return _I.REQUEST if message.seq <= session.next else _I.REQUEST_JUMP
+        near = session.next - 1 <= message.seq <= session.next
+        return _I.REQUEST if near and message.seq < len(session.outgoing) else _I.REQUEST_JUMP
 
     def _of_ack(self, message: wire.AckMessage, sender: tuple[int, int]) -> ServerInput:
         session = self._session

@@ -241,6 +241,8 @@ MAV_MODE_FLAG_MANUAL_INPUT_ENABLED: Final[int]
 MAV_MODE_FLAG_SAFETY_ARMED: Final[int]
 MAV_MODE_FLAG_STABILIZE_ENABLED: Final[int]
 MAV_MOUNT_MODE_MAVLINK_TARGETING: Final[int]
+MAV_PARAM_ERROR_DOES_NOT_EXIST: Final[int]
+MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE: Final[int]
 MAV_PARAM_TYPE_INT16: Final[int]
 MAV_PARAM_TYPE_INT32: Final[int]
 MAV_PARAM_TYPE_INT8: Final[int]
@@ -989,6 +991,16 @@ class MAVLink_odometry_message(MAVLink_message):
     reset_counter: int = ...
     estimator_type: int = ...
     quality: int = ...
+
+class MAVLink_param_error_message(MAVLink_message):
+    target_system: int
+    target_component: int
+    param_id: str
+    param_index: int
+    error: int
+    def __init__(
+        self, target_system: int, target_component: int, param_id: bytes, param_index: int, error: int
+    ) -> None: ...
 
 class MAVLink_param_request_list_message(MAVLink_message):
     target_system: int

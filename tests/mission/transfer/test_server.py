@@ -24,6 +24,7 @@ from mission.transfer import (
     plan_checksum,
     wire,
 )
+from mission.transfer.events import NOTHING
 from mission.transfer.server_session import ServerState
 from mission.transfer.storage import UncheckedItem, as_stored
 
@@ -119,8 +120,14 @@ def test_the_last_item_again_gets_the_ack_again(server):
     server.receive(item(A, 0), 0.1)
     output = server.receive(item(A, 0), 0.5)
     assert (short(output), output.events) == ([("ACK", 0, GROUND)], ())
-    assert short(server.receive(item(B, 0), 0.6)) == [("ACK", wire.ERROR, GROUND)]
-    assert short(server.receive(item(A, 0, source=OTHER), 0.7)) == [("ACK", wire.ERROR, OTHER)]
+    assert short(server.receive(item(B, 0), 0.6)) == [("ACK", 0, GROUND)], "PX4 compares the number alone"
+    other = server.receive(item(A, 0, source=OTHER), 0.7)
+    assert (short(other), texts(other)) == ([], ["REJ. MIS ITEM: partner id mismatch"])
+    begin(server, 2)
+    server.receive(item(A, 0), 0.8)
+    server.receive(item(B, 1), 0.9)
+    late = server.receive(item(A, 0), 1.0)
+    assert (short(late), texts(late)) == ([("ACK", wire.ERROR, GROUND)], ["IGN MISSION_ITEM: No transfer"])
 
 
 def test_re_requests_and_abort(server):
@@ -177,7 +184,10 @@ def test_items_that_cannot_be_flown_end_the_upload(server, bad, kind, result):
     assert kinds(output) == [TransferFailed] + [StatusText] * (result != wire.ERROR)
     assert output.events[0].result == result
     assert server.plan(MISSION).items == OLD
-    assert short(server.receive(item(bad, 0, kind), 0.2)) == [("ACK", result, GROUND)]
+    for following in (bad, MissionItem(16, 3, x=1, y=2, z=3)):
+        again = server.receive(item(following, 0, kind), 0.2)
+        assert short(again) == [("ACK", wire.ERROR, GROUND)]
+        assert texts(again) == ["IGN MISSION_ITEM: No transfer"]
     assert not server.busy
 
 
@@ -273,18 +283,23 @@ def test_download(server):
     assert short(server.receive(request(0), 0.2)) == [("ITEM_INT", 0, GROUND)]
     assert server.receive(ack(0), 0.2).events == ()  # too early: an echo
     assert server.receive(request(1), 0.3).messages[0].current == 1
-    assert server.receive(request(2), 0.3).messages == ()
-    assert server.receive(request(0, source=OTHER), 0.3).messages == ()
+    other = server.receive(request(0, source=OTHER), 0.3)
+    assert (short(other), texts(other)) == ([], ["WPM: REJ. CMD: partner id mismatch"])
     assert kinds(server.receive(ack(0), 0.4)) == [PlanSent]
-    assert short(server.receive(request(0), 0.5)) == [("ACK", wire.ERROR, GROUND)]
+    for sequence in (0, 7):
+        assert server.receive(request(sequence), 0.5) == NOTHING
 
 
 def test_download_that_jumps_or_stops(server):
     server.set_plan(MISSION, (A, B, C))
-    server.receive(listing(), 0.0)
-    output = server.receive(request(2), 0.1)
-    assert short(output) == [("ACK", wire.ERROR, GROUND)]
-    assert not server.busy
+    for sequence in (2, 0, 3):  # a jump, an item before the last one sent, an item beyond the plan
+        server.receive(listing(), 0.0)
+        for before in range(2 if sequence != 2 else 0):
+            server.receive(request(before), 0.1)
+        output = server.receive(request(sequence), 0.1)
+        assert short(output) == [("ACK", wire.ERROR, GROUND)]
+        assert texts(output) == ["WPM: REJ. CMD: Req. WP was unexpected"]
+        assert not server.busy
     server.receive(listing(), 1.0)
     server.receive(request(0), 1.1)
     assert short(server.receive(listing(), 1.2)) == [("COUNT", 3, GROUND)]
@@ -297,9 +312,12 @@ def test_download_that_jumps_or_stops(server):
 def test_one_transfer_at_a_time(server):
     server.receive(listing(), 0.0)
     assert short(server.receive(count(1), 0.1)) == [("ACK", wire.ERROR, GROUND)]
-    assert kinds(server.receive(listing(source=OTHER), 0.1)) == [StatusText]
+    output = server.receive(listing(source=OTHER), 0.1)
+    assert texts(output) == ["Mission download request ignored, already active"]
     output = server.receive(clear(source=OTHER), 0.1)
-    assert (short(output), kinds(output)) == ([], [StatusText])
+    assert (short(output), texts(output)) == ([], ["WPM: IGN CLEAR CMD: Busy"])
+    output = server.receive(item(A, 0), 0.1)
+    assert (short(output), texts(output)) == ([("ACK", wire.ERROR, GROUND)], ["IGN MISSION_ITEM: Busy"])
     server.receive(request(0), 0.2)
     output = server.receive(count(1), 0.3)  # everything was sent: the ACK must have been lost
     assert short(output) == [("REQUEST_INT", 0, GROUND)]
@@ -368,12 +386,25 @@ def test_ardupilot_uploads_in_place(copter):
 def test_ardupilot_denies_whoever_comes_during_an_upload(copter):
     begin(copter, 3)
     for message in (listing(source=OTHER), count(3, source=OTHER), item(A, 0, source=OTHER)):
-        assert short(copter.receive(message, 0.0)) == [("ACK", wire.DENIED, OTHER)]
+        output = copter.receive(message, 0.0)
+        assert (short(output), output.events) == ([("ACK", wire.DENIED, OTHER)], ())
     assert short(copter.receive(listing(), 0.0)) == [("ACK", wire.DENIED, GROUND)]
     assert short(copter.receive(request(0), 0.0)) == [("ACK", wire.DENIED, GROUND)]
     assert short(copter.receive(clear(), 0.0)) == [("ACK", wire.ERROR, GROUND)]
     copter.receive(item(A, 0), 0.1)
     assert short(copter.receive(count(2), 0.2)) == [("REQUEST", 0, GROUND)]
+
+
+def test_ardupilot_answers_items_without_an_upload_by_an_ack_alone(copter):
+    begin(copter, 2)
+    copter.receive(item(A, 0), 0.1)
+    assert short(copter.receive(item(B, 1), 0.2)) == [("ACK", wire.ACCEPTED, GROUND)]
+    for message in (item(B, 1), item(C, 0), item(A, 1, source=OTHER), item(A, 0, kind=1)):
+        output = copter.receive(message, 0.3)
+        assert ([answer.type for answer in output.messages], output.events) == ([wire.ERROR], ())
+    for message in (item(A, 0, kind=3), request(0, kind=3)):
+        assert short(copter.receive(message, 0.4)) == [("ACK", wire.UNSUPPORTED, GROUND)]
+    assert short(copter.receive(request(9, kind=1), 0.5)) == [("ACK", wire.INVALID_SEQUENCE, GROUND)]
 
 
 def test_ardupilot_answers_requests_at_any_time(copter):

@@ -325,17 +325,12 @@ def with_autopilot(
     before = spec.parameters if spec.autopilot == name else ()
     merged = {**dict(spec.parameters_for(name)), **dict(before), **(parameters or {})}
     flown = replace(spec, autopilot=name, parameters=tuple(merged.items()))
-    procedures = flight_procedures(flown)
-    check_parameters(flown, {**procedures.parameters, **_card_parameters(flown)})
-    return procedures.fit(flown)
-
-
-def _card_parameters(spec: VehicleSpec) -> dict[str, ParameterSpec]:
-    """Return the autopilot parameters that set the size of the plan storage on an SD card."""
-    firmware = firmware_of(spec)
+    procedures, firmware = flight_procedures(flown), firmware_of(flown)
     cards = () if firmware is None else firmware.profile.cards.values()
     text = "room on the SD card"
-    return {c.parameter: ParameterSpec(0.0, 0.0, c.largest_kib, "KiB", text, integer=True) for c in cards}
+    room = {c.parameter: ParameterSpec(0.0, 0.0, c.largest_kib, "KiB", text, integer=True) for c in cards}
+    check_parameters(flown, {**procedures.parameters, **room})
+    return procedures.fit(flown)
 
 
 def adapt_vehicle(spec: VehicleSpec, autopilot: Autopilot) -> VehicleSpec:

@@ -80,6 +80,8 @@ class RefusalTexts:
     """Notice if the interval of an unknown message is requested; ``{}`` is the message id."""
     current_item: str = ""
     """Notice if MISSION_SET_CURRENT is refused."""
+    current_item_busy: str = ""
+    """Notice if MISSION_SET_CURRENT is refused during a transfer; empty if it is accepted."""
     landing: str = ""
     """Notice if DO_LAND_START is refused."""
 

@@ -229,7 +229,7 @@ def _takeoff(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
 
 def _reposition(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
     position = command.position
-    if position is None or command.frame not in (0, 3):
+    if position is None or command.frame not in (vehicle.state.firmware.profile.frames or (0, 3)):
         raise RefusedError("Reposition refused: the command has no global position", denied=True)
     pilot = vehicle.pilot
     altitude = vehicle.state.above_start(command.params[6], command.frame)

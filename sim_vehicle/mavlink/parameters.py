@@ -66,7 +66,7 @@ class ParameterSet:
         messages = [self._message(i) for i in range(self._next, end)]
         self._next = end
         self.due_s = now_s + _BATCH_S if end < len(self._table) else NEVER
-        return messages
+        return [*messages, self._hash()] if self._bytewise and self.due_s == NEVER else messages
 
     def value(self, name: str) -> float:
         """Return the value of a parameter in its own unit; raises KeyError if the name is unknown."""
@@ -96,17 +96,29 @@ class ParameterSet:
         else:
             index = self._index.get(str(message.param_id))
             if index is None and self._bytewise and str(message.param_id) == HASH:
-                return [self._hash()]
+                if is_a(message, m.MAVLink_param_request_read_message):
+                    return [self._hash()]
+                self.due_s = NEVER  # A client that has all values stops the list.
         if index is None:
-            return []
+            return self._error(message, m.MAV_PARAM_ERROR_DOES_NOT_EXIST)
         if is_a(message, m.MAVLink_param_set_message):
             if self._bytewise and message.param_type != self._table[index].mav_type:
                 return []  # PX4 ignores a value of another type.
+            if not self._bytewise and not math.isfinite(message.param_value):
+                return self._error(message, m.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE)
             self._set(self._table[index], self._decode(message.param_value, self._table[index]))
         return [self._message(index)]
 
+    def _error(
+        self, message: m.MAVLink_param_request_read_message | m.MAVLink_param_set_message, error: int
+    ) -> list[Message]:
+        """Return ArduPilot's PARAM_ERROR to the sender; PX4 sends none."""
+        name, index = str(message.param_id).encode(), getattr(message, "param_index", -1)
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        return [] if self._bytewise else [m.MAVLink_param_error_message(*source, name, index, error)]
+
     def _hash(self) -> Message:
-        """Return PX4's checksum of all names and values, also in answer to an attempt to set it."""
+        """Return PX4's checksum of all names and values, which also ends the list."""
         checksum = 0
         for parameter in self._table:
             value = self.value(parameter.name)

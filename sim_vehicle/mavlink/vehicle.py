@@ -18,7 +18,7 @@ from mission.transfer import wire
 from sim_vehicle.airframe.navigation_errors import NavigationErrors, SensorNoise
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import Autopilot, Firmware, adapt_vehicle, get_autopilot
-from sim_vehicle.autopilot.behaviour import ColdBoot, Mode
+from sim_vehicle.autopilot.behaviour import Mode
 from sim_vehicle.component import UNHEARD
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.items import CAMERA_COMMANDS, NAV_COMMANDS
@@ -158,6 +158,7 @@ class SimVehicle:
         self.link = ""
         self._sitl_rates = sitl_rates
         self._heard_ids: frozenset[int] | None = None
+        self._heard_components: set[int] = set()
         self.has_camera = False
         self._contacted = False
         # Intervals (us) set by a data stream for messages that extras cannot send yet, by message id.
@@ -347,9 +348,11 @@ class SimVehicle:
         if system not in (0, self.system_id):
             return False
         component = getattr(message, "target_component", 0)
-        if component == _PLANNER:
-            return type(message).id in _MISSION_IDS
-        return component in (0, self.component_id)
+        plans = component == _PLANNER and type(message).id in _MISSION_IDS
+        if plans or component in (0, self.component_id):
+            return True
+        # Rule 1e of ArduPilot's ``MAVLink_routing.cpp``
+        return self.firmware.profile.answers_unheard and component not in self._heard_components
 
     def _advance(self, now_s: float) -> None:
         """Advance the vehicle to `now_s` and send its events."""
@@ -358,24 +361,20 @@ class SimVehicle:
             return
         self.state.set_time(now_us)
         self._tick_s = now_s
-        if self._boots is not None:
-            self._boot(self._boots)
+        if (boots := self._boots) is not None:
+            before = self.state.boot
+            stage = self.state.boot = boots.at(self.state.boot_ms / 1e3 if self._contacted else 0.0)
+            self.pilot.arming.block = boots.problem(stage, self.pilot.mode)
+            if before is not None and stage is not before:
+                self.pilot.note(Severity.INFO, stage.text)
+                for message_id in before.untold - stage.untold:
+                    self._send(message_id)
         events = self.pilot.advance(now_s)
         self.state.sense(now_s)
         for extra in self.extras:
             extra.advance()
         for event in self._reports.merged(events, self._plans.mission):
             self._on_event(event, now_s)
-
-    def _boot(self, boots: ColdBoot) -> None:
-        """Advance the boot, and announce each new boot stage."""
-        before = self.state.boot
-        stage = self.state.boot = boots.at(self.state.boot_ms / 1e3 if self._contacted else 0.0)
-        self.pilot.arming.block = boots.problem(stage, self.pilot.mode)
-        if before is not None and stage is not before:
-            self.pilot.note(Severity.INFO, stage.text)
-            for message_id in before.untold - stage.untold:
-                self._send(message_id)
 
     def _on_event(self, event: FlightEvent, now_s: float) -> None:
         if isinstance(event, ItemReached):
@@ -522,6 +521,8 @@ class SimVehicle:
 
     def _on_heartbeat(self, message: m.MAVLink_heartbeat_message) -> None:
         self.has_camera |= self._is_own_camera(message)
+        if message.get_srcSystem() == self.system_id:
+            self._heard_components.add(message.get_srcComponent())
 
     def _on_image(self, message: m.MAVLink_camera_image_captured_message) -> list[Message]:
         """Report an image that this vehicle has commanded, like the camera driver of an autopilot."""
@@ -541,10 +542,14 @@ class SimVehicle:
         return self._plans.receive(message, self._now_s)
 
     def _on_set_current(self, message: m.MAVLink_mission_set_current_message) -> tuple[Message, ...]:
+        refusals = self.state.mavlink.refusals
+        if self._plans.server.busy and refusals.current_item_busy:
+            self.pilot.warn(refusals.current_item_busy)
+            return ()
         try:
             self.pilot.set_current(self.state.own_seq(message.seq))
         except RefusedError:
-            self.pilot.warn(self.state.mavlink.refusals.current_item)
+            self.pilot.warn(refusals.current_item)
             return ()
         return self.built(m.MAVLINK_MSG_ID_MISSION_CURRENT)
 

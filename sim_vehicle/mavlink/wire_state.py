@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, TypeAlias
 
 from geo.frame import Quaternion, quaternion_of
-from mission.model import RELATIVE_FRAMES, GeoPoint
+from mission.model import RELATIVE_FRAMES, Frame, GeoPoint
 from sim_vehicle.airframe.navigation_errors import NavigationErrors, Sensed, SensorNoise
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.autopilot.behaviour import Mode
@@ -192,7 +192,9 @@ class WireState:
             self.position_e7 = (0, 0, self.position_e7[2])
 
     def above_start(self, altitude_m: float, frame: int) -> float:
-        """Convert an altitude in a MAV_FRAME to a height above the start."""
+        """Convert an altitude in a MAV_FRAME to a height above the start, which is as high as the terrain."""
+        if frame in (Frame.GLOBAL_TERRAIN_ALT, Frame.GLOBAL_TERRAIN_ALT_INT):
+            return altitude_m
         return altitude_m + (self.pilot.home_m[2] if frame in RELATIVE_FRAMES else -self.home.altitude_m)
 
     def e7_of(self, position_m: Vector) -> tuple[int, int, int]:

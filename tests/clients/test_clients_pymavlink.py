@@ -218,7 +218,8 @@ def test_parameters_are_fetched_read_and_set(autopilot, master):
         parameters[message.param_id] = message
     assert sorted(m.param_index for m in parameters.values()) == list(range(first.param_count))
     connection.param_fetch_one(name)
-    assert receive(connection, "PARAM_VALUE").param_index == parameters[name].param_index
+    read = receive(connection, "PARAM_VALUE", f"PARAM_VALUE.param_id=='{name}'")
+    assert read.param_index == parameters[name].param_index
     connection.param_set_send(name, value)
     assert receive(connection, "PARAM_VALUE", f"PARAM_VALUE.param_id=='{name}'").param_value == value
     assert flying.vehicle.pilot.spec.cruise_speed_m_s == 6.5

@@ -222,7 +222,9 @@ def mavlink_profile(mav_type: int) -> MavlinkProfile:
         component_metadata=("px4", "sim_vehicle.autopilot"),
         reports_calibration=True,
         refusals=RefusalTexts(
-            arming="Unsupported ARM_DISARM param: {:.3f}", current_item="WPM: WP CURR CMD: Not in list"
+            arming="Unsupported ARM_DISARM param: {:.3f}",
+            current_item="WPM: WP CURR CMD: Not in list",
+            current_item_busy="WPM: IGN WP CURR CMD: Busy",
         ),
         logs=LogBehaviour("/fs/microsd/log", by_date=True),
     )

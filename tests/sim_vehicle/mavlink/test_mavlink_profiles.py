@@ -239,7 +239,29 @@ def test_px4_has_a_checksum_of_its_parameters():
     assert checksum() == before
     peer.tell(m.MAVLink_param_set_message(1, 1, b"MPC_XY_CRUISE", 4.0, 9))
     assert checksum() != before
-    assert Peer(ARDUPILOT).tell(m.MAVLink_param_request_read_message(1, 1, b"_HASH_CHECK", -1)) == []
+    peer.tell(m.MAVLink_param_request_list_message(1, 1))
+    peer.wait(2.0)
+    assert peer.of("PARAM_VALUE")[-1].param_id == "_HASH_CHECK", "it ends the list"
+    peer.tell(m.MAVLink_param_request_list_message(1, 1))
+    assert peer.tell(m.MAVLink_param_set_message(1, 1, b"_HASH_CHECK", 0.0, 5)) == []
+    number = len(peer.of("PARAM_VALUE"))
+    peer.wait(2.0)
+    assert len(peer.of("PARAM_VALUE")) == number, "a client that has all values stops the list"
+
+
+def test_ardupilot_says_why_a_parameter_is_neither_read_nor_set():
+    peer = Peer(ARDUPILOT)
+    read, put = m.MAVLink_param_request_read_message, m.MAVLink_param_set_message
+    for message, index, error in (
+        (read(1, 1, b"_HASH_CHECK", -1), -1, m.MAV_PARAM_ERROR_DOES_NOT_EXIST),
+        (read(1, 1, b"", 9999), 9999, m.MAV_PARAM_ERROR_DOES_NOT_EXIST),
+        (put(1, 1, b"XYZ", 1.0, 9), -1, m.MAV_PARAM_ERROR_DOES_NOT_EXIST),
+        (put(1, 1, b"FENCE_RADIUS", math.nan, 9), -1, m.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE),
+    ):
+        (answer,) = peer.tell(message)
+        assert (answer.param_id, answer.param_index, answer.error) == (str(message.param_id), index, error)
+        assert (answer.target_system, answer.target_component) == (255, 190)
+    assert Peer(PX4).tell(read(1, 1, b"XYZ", -1)) == []
 
 
 def test_ardupilot_counts_its_plans_in_parameters():

@@ -73,7 +73,9 @@ def test_a_kept_integer_is_whole_and_fits_its_type():
     assert told == before == 2.0
     assert texts == ["ARMING_RUDDER must be -128 to 127"]
     assert set_to(vehicle, "ARMING_RUDDER", 1.4, 2)[0] == 1.0
-    assert set_to(vehicle, "ARMING_RUDDER", math.nan, 2)[0] == 1.0
+    with pytest.raises(ValueError):  # no PARAM_VALUE
+        set_to(vehicle, "ARMING_RUDDER", math.nan, 2)
+    assert vehicle.pilot.parameters.kept("ARMING_RUDDER", 0.0) == 1.0
 
 
 @pytest.mark.parametrize(

@@ -334,7 +334,7 @@ def test_parameters_list_read_and_set(autopilot):
     table = peer.vehicle.firmware.parameters(peer.vehicle.pilot.spec, 1)
     peer.tell(m.MAVLink_param_request_list_message(1, 1))
     peer.wait(2.0)
-    everything = [message for message in peer.told if message.get_type() == "PARAM_VALUE"]
+    everything = peer.of("PARAM_VALUE")[: len(table)]
     assert [p.param_index for p in everything] == list(range(len(table)))
     assert {p.param_count for p in everything} == {len(table)}
     assert all(len(p.param_id) <= 16 for p in everything)
@@ -349,13 +349,53 @@ def test_parameters_list_read_and_set(autopilot):
     assert read_parameter(system, autopilot) == 1
     for refused in (NAN, math.inf):
         answer = peer.tell(m.MAVLink_param_set_message(1, 1, name.encode(), refused, 9))
-        assert [a.param_value for a in answer if a.get_type() == "PARAM_VALUE"] == [value]
-    assert sum(f"{name} must be" in text for text in peer.texts()) == 2
+        values = [a.param_value for a in answer if a.get_type() == "PARAM_VALUE"]
+        assert values == ([value] if autopilot is PX4 else []), "ArduPilot answers PARAM_ERROR alone"
+    assert sum(f"{name} must be" in text for text in peer.texts()) == (2 if autopilot is PX4 else 0)
     peer.tell(m.MAVLink_param_set_message(1, 1, system.param_id.encode(), 5.0, system.param_type))
     assert f"{system.param_id} cannot be changed" in peer.texts()
-    assert peer.tell(m.MAVLink_param_request_read_message(1, 1, b"NO_SUCH", -1)) == []
-    assert peer.tell(m.MAVLink_param_request_read_message(1, 1, b"", 9999)) == []
-    assert peer.tell(m.MAVLink_param_set_message(1, 1, b"NO_SUCH", 1.0, 9)) == []
+
+
+def test_ardupilot_answers_for_components_that_it_never_heard():
+    """Rule 1e of ArduPilot's routing; PX4 answers only for itself and for all components."""
+    peer, px4 = Peer(ARDUPILOT), Peer(PX4)
+    beat = m.MAVLink_heartbeat_message(18, 8, 0, 0, 0, 3)
+    peer.tell(beat, FrameWriter(1, 191))
+    peer.tell(beat, FrameWriter(2, 99))
+    for target, answered in (((1, 99), True), ((1, 190), True), ((1, 191), False), ((2, 99), False)):
+        assert (peer.result(410, target=target) == 0) is answered
+        count = peer.tell(m.MAVLink_mission_request_list_message(*target, 0))
+        assert ([message.get_type() for message in count] == ["MISSION_COUNT"]) is answered
+        assert px4.result(410, target=target) is None
+    peer.tell(beat, FrameWriter(1, 99))
+    assert peer.result(410, target=(1, 99)) is None
+
+
+@pytest.mark.parametrize(("frame", "altitude_m"), [(0, 30.0), (3, 30.0), (10, 30.0), (11, 30.0)])
+def test_ardupilot_flies_to_positions_in_every_global_frame(frame, altitude_m):
+    peer = Peer(ARDUPILOT)
+    peer.result(176, 1.0, 4.0)
+    assert (peer.result(400, 1.0), peer.result(22, 0, 0, 0, 0, 0, 0, 10.0)) == (0, 0)
+    peer.wait(15.0)
+    altitude = altitude_m + 20.0 * (frame == 0)
+    place = (280500000, -821500000, altitude)
+    (ack,) = peer.tell(m.MAVLink_command_int_message(1, 1, frame, 192, 0, 0, -1, 0, 0, 0, *place))
+    assert ack.result == 0
+    peer.wait(20.0)
+    assert peer.vehicle.pilot.state.position_m[2] == pytest.approx(altitude_m, abs=1.0)
+    (ack,) = peer.tell(m.MAVLink_command_int_message(1, 1, 1, 192, 0, 0, -1, 0, 0, 0, *place))
+    assert ack.result == 2
+
+
+@pytest.mark.parametrize(("autopilot", "text"), [(PX4, "WPM: IGN WP CURR CMD: Busy"), (ARDUPILOT, None)])
+def test_px4_keeps_its_item_during_a_transfer(autopilot, text):
+    peer = Peer(autopilot)
+    peer.upload(SURVEY)
+    peer.tell(m.MAVLink_mission_count_message(1, 1, 9, 0))
+    peer.tell(m.MAVLink_mission_set_current_message(1, 1, 2))
+    busy = [told for told in peer.texts() if "CURR" in told]
+    assert busy == ([] if text is None else [text])
+    assert (peer.vehicle.pilot.mission.current_seq == 0) is (text is not None)
 
 
 @pytest.mark.parametrize(

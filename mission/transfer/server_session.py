@@ -54,7 +54,7 @@ class ServerInput(Enum):
     REQUEST = "REQUEST of the next item or the last one sent"
     REQUEST_STATELESS = "REQUEST of any item (stateless profile)"
     REQUEST_JUMP = "REQUEST of any other item"
-    REQUEST_BEYOND = "REQUEST beyond the plan (stateless profile)"
+    REQUEST_BEYOND = "REQUEST beyond the plan"
     REQUEST_UNEXPECTED = "REQUEST without a LIST, or of another plan type"
     REQUEST_FOREIGN = "REQUEST from another ground station"
     ACK_DONE = "ACK ACCEPTED from the partner after the last item"
@@ -132,6 +132,7 @@ SERVER_TABLE: Final[dict[tuple[ServerState, ServerInput], tuple[str, ServerState
     (SENDING, _I.REQUEST): ("send item", SENDING),
     (SENDING, _I.REQUEST_CHANGED): ("refuse changed", SENDING),
     (SENDING, _I.REQUEST_JUMP): ("refuse jump", IDLE),
+    (SENDING, _I.REQUEST_BEYOND): ("ignore", SENDING),
     (SENDING, _I.REQUEST_UNEXPECTED): ("ignore", SENDING),
     (SENDING, _I.REQUEST_FOREIGN): ("refuse foreign request", SENDING),
     (SENDING, _I.ACK_DONE): ("end sent", IDLE),
@@ -365,8 +366,9 @@ class ServerInputs:
             return _I.REQUEST_UNEXPECTED
         if session.asked_int and type(message).id == wire.REQUEST and self.profile.float_answers:
             return _I.REQUEST_CHANGED
-        near = session.next - 1 <= message.seq <= session.next
-        return _I.REQUEST if near and message.seq < len(session.outgoing) else _I.REQUEST_JUMP
+        if message.seq >= len(session.outgoing):
+            return _I.REQUEST_BEYOND
+        return _I.REQUEST if session.next - 1 <= message.seq <= session.next else _I.REQUEST_JUMP
 
     def _of_ack(self, message: wire.AckMessage, sender: tuple[int, int]) -> ServerInput:
         session = self._session

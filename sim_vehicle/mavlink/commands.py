@@ -398,7 +398,7 @@ def _reboot(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
         return vehicle.state.mavlink.armed_reboot_result
     if command.number(1) == 1:
         vehicle.reboot()
-    return None
+    return None if command.number(1) in (0, 1) else _UNSUPPORTED
 
 
 HANDLERS: dict[int, Handler] = {

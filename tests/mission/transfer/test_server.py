@@ -128,6 +128,9 @@ def test_the_last_item_again_gets_the_ack_again(server):
     server.receive(item(B, 1), 0.9)
     late = server.receive(item(A, 0), 1.0)
     assert (short(late), texts(late)) == ([("ACK", wire.ERROR, GROUND)], ["IGN MISSION_ITEM: No transfer"])
+    server.receive(listing(), 1.1)
+    late = server.receive(item(B, 1), 1.2)
+    assert (short(late), texts(late)) == ([("ACK", wire.ERROR, GROUND)], ["IGN MISSION_ITEM: Busy"])
 
 
 def test_re_requests_and_abort(server):

@@ -385,6 +385,8 @@ def test_ardupilot_flies_to_positions_in_every_global_frame(frame, altitude_m):
     assert peer.vehicle.pilot.state.position_m[2] == pytest.approx(altitude_m, abs=1.0)
     (ack,) = peer.tell(m.MAVLink_command_int_message(1, 1, 1, 192, 0, 0, -1, 0, 0, 0, *place))
     assert ack.result == 2
+    (ack,) = Peer(PX4).tell(m.MAVLink_command_int_message(1, 1, frame, 192, 0, 0, -1, 0, 0, 0, *place))
+    assert (ack.result == 2) is (frame > 3), "PX4 knows no terrain here"
 
 
 @pytest.mark.parametrize(("autopilot", "text"), [(PX4, "WPM: IGN WP CURR CMD: Busy"), (ARDUPILOT, None)])

@@ -271,7 +271,7 @@ def _home(document: Document, places: list[Place]) -> tuple[float, float] | None
 
 
 def _cell_size(members: dict[str, Any], bounds: Any, notes: list[str]) -> float:
-    """Return the file's cell size (m); the default is a foot, but more if there would be too many cells."""
+    """Return the file's cell size (m), by default a foot; cells are larger if there would be too many."""
     if members.get("cell_size_m") is not None or members.get("size_cells") is not None:
         return number_member(members, "cell_size_m", FOOT_M, _MIN_CELL_M, _MAX_CELL_M)
     area_m2 = float(bounds[2] * bounds[3])

@@ -98,7 +98,7 @@ class PilotWatch:
         """Record that items remain to be flown; later than 5 s after a reported end, this cancels the end.
 
         Within these 5 s, messages from before the end may still arrive. Outside the mission mode, the end is
-        not cancelled: a PX4 that returns reports a mission that arrives now as active.
+        not cancelled: a returning PX4 reports a newly uploaded mission as active.
         """
         if self._shows_mission and now_s > self._over_s + _DOUBT_S:
             self.mission_over = False

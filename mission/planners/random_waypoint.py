@@ -18,7 +18,7 @@ MAX_WAYPOINTS = 30_000
 _FIRST_BLOCK = 16
 _CUTS = 10  # Greatest number of lengths tried for the last leg.
 _UNUSED = 1e-6  # Fraction of the budget that may remain unused.
-# Near positions are skipped if a circle with the least leg as radius covers a larger fraction of the area.
+# If a circle with the least leg as radius covers more than this of the area, near positions are skipped.
 _OFTEN = 1 / 6
 _MOST_PASSED = 64  # If this number of draws is rejected, the farthest draw is taken.
 # A leg turns straight back if the sum of its unit vector and the previous leg's is shorter than this.

@@ -20,7 +20,7 @@ from mission.policies.observation import VehicleReport
 MOST_CELLS = 128
 """Longest side of a planning grid, in blocks."""
 DIRECTIONS = 64
-_PROBE_CELLS = (8.0, 24.0)  # Lengths, in blocks, of the legs to whose costs `LegCosts` is fitted
+_PROBE_CELLS = (8.0, 24.0)  # `LegCosts` is fitted to the costs of legs of these lengths (blocks)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

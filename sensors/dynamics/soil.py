@@ -126,8 +126,8 @@ def _draw_corners(
 def draw_weather(shape: tuple[int, int], days: int, parameters: SoilParameters, rng: Generator) -> Weather:
     """Draw the weather of the warm-up and of `days` days.
 
-    The order of draws is as in the authors' code. First come x and y of each initial hump. Then comes for
-    each day whether it rains, and for a rainy day the mean rain, and x and y of each hump.
+    The order of draws is as in the authors' code. First come x and y of each initial hump. Each day
+    begins with a draw of whether it rains; on a rainy day, the mean rain and x and y of each hump follow.
     """
     sides = parameters.hump_sides(shape)
     start = _draw_corners(shape, sides, parameters.start_humps, rng)

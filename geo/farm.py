@@ -210,18 +210,18 @@ class Farm:
         barred = united([obstacle.polygon for obstacle in self.obstacles])
         return _overlay(shapely.difference, area, barred)
 
-    @cached_property
+    @property
     def scouted_cells(self) -> NDArray[np.bool_]:
-        """Mask of the cells to be scouted, bool[W, H], not writable."""
+        """A new mask of the cells to be scouted, bool[W, H]."""
+        return self.scouted_in(...)
+
+    def scouted_in(self, where: Any) -> NDArray[np.bool_]:
+        """Return the part `where` of the mask of the cells to be scouted."""
         grid = self.grid()
-        if not (self.scouted or self.obstacles):
-            return grid.planted
-        cells = grid.of_crops(self.scouted or self.grown)
-        cells &= grid.owned
+        cells = grid.of_crops(self.scouted or self.grown, where) & grid.owned[where]
         if self.obstacles:
             under = ((obstacle.polygon, 0, True) for obstacle in self.obstacles)
-            cells &= ~rasterise(under, grid.shape, self.cell_size_m).owned
-        cells.flags.writeable = False
+            cells &= ~rasterise(under, grid.shape, self.cell_size_m).owned[where]
         return cells
 
     @cached_property

@@ -29,11 +29,11 @@ LEAST_OF_WHOLE = 0.95
 
 def seen_share(farm: Farm, x: NDArray[np.integer], y: NDArray[np.integer]) -> float:
     """Return the fraction of the scouted cells that are among the cells x, y (some may be off the farm)."""
-    wanted = farm.scouted_cells
     on_farm = (x >= 0) & (y >= 0) & (x < farm.width_cells) & (y < farm.height_cells)
     x, y = x[on_farm].astype(np.int64), y[on_farm].astype(np.int64)
     cells = np.unique(x * farm.height_cells + y)
-    return float(np.count_nonzero(wanted.reshape(-1)[cells])) / max(farm.scouted_count, 1)
+    scouted = farm.scouted_in(np.divmod(cells, farm.height_cells))
+    return float(np.count_nonzero(scouted)) / max(farm.scouted_count, 1)
 
 
 def predicted_coverage(

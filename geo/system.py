@@ -8,7 +8,6 @@ smallest of three limits applies: the machine's free memory, the memory of this 
 from __future__ import annotations
 
 import contextlib
-import gc
 import os
 import sys
 import time
@@ -73,11 +72,10 @@ def process_age_s() -> float:
 
 
 def use_memory_again() -> None:
-    """Keep freed memory for reuse until `free_unused_memory` is called; collect garbage less often.
+    """Keep freed memory for reuse until `free_unused_memory` is called.
 
-    In a run over Waterberry, zeroing fresh pages took a tenth of the CPU time, and garbage collection 3 %.
+    In a run over Waterberry, zeroing fresh pages took a tenth of the CPU time.
     """
-    gc.set_threshold(100_000, 20, 20)
     _call_c(
         "mallopt",
         (-8, 2),  # M_ARENA_MAX: threads share two arenas; each arena keeps its freed memory.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -201,6 +202,9 @@ class Observations:
             raise ObservationError(f"{path}: cannot be read ({_first_line(error)})") from None
 
 
+_SPARE = 2_000_000  # An array grows by half, but at most by so many numbers (8 MB in float32) or an eighth
+
+
 class GrowingArray:
     """An array that grows: rows are appended in amortised constant time.
 
@@ -229,9 +233,9 @@ class GrowingArray:
         new = np.asarray(rows)
         total = self._rows + len(new)
         if total > len(self._buffer):
-            buffer = np.empty(
-                (max(total, len(self._buffer) * 3 // 2), *self._buffer.shape[1:]), self._buffer.dtype
-            )
+            room, row_shape = len(self._buffer), self._buffer.shape[1:]
+            spare = min(room // 2, max(room // 8, _SPARE // max(1, math.prod(row_shape))))
+            buffer = np.empty((max(total, room + spare), *row_shape), self._buffer.dtype)
             buffer[: self._rows] = self.array
             self._buffer = buffer
         self._buffer[self._rows : total] = new

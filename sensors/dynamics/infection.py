@@ -152,10 +152,6 @@ class InfectionFront:
         x, y = np.divmod(cells, self._height)
         return (x + self._margin) * self._stride + (y + self._margin)
 
-    def _unpad(self, padded: Cells) -> Cells:
-        x, y = np.divmod(padded, self._stride)
-        return (x - self._margin) * self._height + (y - self._margin)
-
     def infect(self, cells: Cells) -> None:
         """Infect the given cells, each given once, and add their susceptible neighbours to the front."""
         centres = self._pad(cells)
@@ -187,4 +183,5 @@ class InfectionFront:
         # A cell is listed twice if it lost all its infected neighbours and later got new infected neighbours.
         kept[1:] &= front[1:] != front[:-1]
         self._front = front[kept]
-        return self._unpad(self._front), total[kept]
+        x, y = np.divmod(self._front, self._stride)
+        return (x - self._margin) * self._height + (y - self._margin), total[kept]

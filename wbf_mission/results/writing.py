@@ -11,6 +11,7 @@ import shlex
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
@@ -116,10 +117,10 @@ class ResultFolder:
 
         `products` are names of `wbf_mission.results.products`; files that the run cannot give are left out.
 
-        ``release`` drops truth and estimate from the result once they are written, which frees memory for the
-        animation's estimator on large farms. The first Ctrl-C skips the remaining pictures and products, and
-        the second discards everything. If a flight was interrupted or pictures were skipped, the result never
-        replaces an older result, but goes into a new folder: NAME.interrupted, NAME.interrupted-2 and so on.
+        ``release`` frees memory on large farms: it drops the map of expected losses, which holds the
+        estimator, and drops truth and estimate once they are written. The first Ctrl-C skips the remaining
+        pictures and products, the second discards everything. If a flight was interrupted or pictures were
+        skipped, the result never replaces an older one, but goes to NAME.interrupted, NAME.interrupted-2 ...
         """
         progress = progress or silent
         filled = self._folder.filled
@@ -133,6 +134,8 @@ class ResultFolder:
             made = sorted(map(product, products), key=lambda maker: not maker.needs_estimate)
             jobs = [(name, maker) for maker in made for name in maker.files(result)]
             progress("writing results", 0, len(jobs) + 1)
+            if release and result.model is not None:
+                result.model = replace(result.model, loss_map=None)
             free_unused_memory()
             with ThreadPoolExecutor(1) as pool:
                 arrays = write_arrays(result, filled, pool)

@@ -247,6 +247,7 @@ class Campaign:
         """Stop the estimate's thread, and release its resources."""
         if self.evidence.estimate is not None:
             self.evidence.estimate.close()
+            self.evidence.estimate.on_score = lambda _time_s, _model: None  # It holds this campaign
 
     def end_day(self) -> None:
         """Add the record of the current day, if it is missing."""

@@ -236,11 +236,13 @@ class GaussianProcessEstimator(BaseEstimator):
                 raise EstimatorError(
                     f"gp: the covariance of {name} is singular; use a kernel or noise_bounds with more noise"
                 ) from None
+            finally:
+                if self.latest_day_ is not None:  # The functions hold the estimator, which would hold itself
+                    process.carry_to(self.latest_day_, None)
         self.kernels_ = [process.used_kernel for process in self._fields]
         self._revision += 1
-        return self._exact_model() if exact else self._local_model()
-
-    def _exact_model(self) -> InformationModel:
+        if not exact:
+            return self._local_model()
         value = np.empty((len(self.fields), *self.grid_.shape), np.float32)
         uncertainty = np.empty_like(value)
         for k, process in enumerate(self._fields):
@@ -275,10 +277,10 @@ class GaussianProcessEstimator(BaseEstimator):
         classes = {
             name: process.classes for name, process in zip(self.fields.names, self._fields, strict=True)
         }
-        diseases = tuple(name for name, class_map in classes.items() if class_map is not None)
+        diseases, fields = tuple(name for name, one in classes.items() if one is not None), self.fields
 
         def probabilities(disease: str, columns: slice) -> _Values:
-            k, class_map = self.fields.index(disease), classes[disease]
+            k, class_map = fields.index(disease), classes[disease]
             assert class_map is not None
             return class_map.probabilities(value[k, columns], uncertainty[k, columns])
 

@@ -100,8 +100,8 @@ class FieldProcess:
         self._days.append(days)
         self._exact = self._exact and bool((np.abs(values - _nearest_class(values)) <= _EXACT).all())
 
-    def carry_to(self, day: int, carry: Carry, correlate: Correlate | None = None) -> None:
-        """Set the day to estimate; `carry` carries readings of earlier days forward to `day`.
+    def carry_to(self, day: int, carry: Carry | None, correlate: Correlate | None = None) -> None:
+        """Set the day to estimate; `carry` carries readings of earlier days forward to `day` in `update`.
 
         If `correlate` is given, errors of readings carried from one day are correlated
         (`sensors.estimators.days`); otherwise they are independent.

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.linear_algebra import cholesky, exp, product, solve_lower
+from geo.linear_algebra_kernels import add_product
 from geo.system import in_parallel
 from sensors.estimators.days import pass_day
 from sensors.estimators.gp import tile as gp_tile
@@ -246,9 +247,9 @@ class WholePosterior:
                 for begin in begins:
                     part = slice(begin, begin + _BATCH)
                     functions = self._functions(x[part], y[part])
-                    data = np.stack([values[part], np.ones(len(functions))], axis=1)
+                    data = np.stack([values[part], np.ones(len(functions))])
                     counted = functions if weights is None else weights[part, None] * functions
-                    found[begin] = _upper_product(counted.T, functions), product(counted.T, data)
+                    found[begin] = _upper_product(counted.T, functions), product(data, counted).T
 
             in_parallel(work, range(start, min(start + _BATCH * _BATCHES, len(x)), _BATCH))
             # The sums are added in a fixed order, so that the result does not depend on the number of cores.
@@ -294,8 +295,10 @@ class WholePosterior:
         """Return the values of the m functions at n cells, float64[n, m]."""
         a, b = self._sines(x.astype(np.float64), 0), self._sines(y.astype(np.float64), 1)
         first, second = self._spectrum.terms.T
-        functions: NDArray[np.floating] = np.take(a.T, first, axis=1)
-        functions *= np.take(b.T, second, axis=1)
+        functions = np.empty((len(x), len(first)))
+        for begin in range(0, len(x), _ROWS_AT_ONCE):
+            part = slice(begin, begin + _ROWS_AT_ONCE)  # Whole factors would take twice the product's memory
+            np.multiply(a.T[part][:, first], b.T[part][:, second], out=functions[part])
         return functions
 
 
@@ -303,6 +306,7 @@ def _upper_product(a: _Sums, b: _Sums) -> _Sums:
     """Return a product of matrices, float64[n, n], but leave the blocks below the diagonal zero."""
     found = np.zeros((len(a), len(a)))
     for first in range(0, len(a), _ROWS_AT_ONCE):
-        rows = slice(first, first + _ROWS_AT_ONCE)
-        found[rows, first:] = product(a[rows], b[:, first:])
+        left = np.ascontiguousarray(a[first : first + _ROWS_AT_ONCE])
+        rows = found[first : first + len(left)]
+        add_product(1.0, left, b, rows, 0, len(left), 0, len(b), first, len(a))
     return found

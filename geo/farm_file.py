@@ -79,12 +79,12 @@ def load_farm(
     Raises
     ------
     FarmError
-        If the file cannot be read, is no farm file, or has an unusable feature, which the text names.
+        If the file cannot be read, is not a farm file, or has an unusable feature, which the text names.
     """
     text = os.fspath(path)
     try:
         if crop is not None and not is_crop_name(crop):
-            raise FarmError(f"{crop!r:.60} is no name of a crop; {CROP_NAMES}")
+            raise FarmError(f"{crop!r:.60} is not a crop name; {CROP_NAMES}")
         file, layer = split_layer(text)
         return _farm_of(_document(file, layer, crs), file.stem, crop, repair=repair)
     except FarmError as error:
@@ -289,7 +289,7 @@ def _rally(document: Document, places: list[Place], frame: LocalFrame) -> list[t
     given = document.members.get("rally", [])
     points = [place for place in places if place.kind == "rally"]
     if not isinstance(given, list):
-        raise FarmError(f'member "rally": {shortened(given)} is no list of positions')
+        raise FarmError(f'member "rally": {shortened(given)} is not a list of positions')
     if (count := len(given) + len(points)) > _MAX_RALLY:
         raise FarmError(f"has {count} rally points; give at most {_MAX_RALLY}")
     named = [(f'member "rally", entry {k}', position) for k, position in enumerate(given, 1)]

@@ -302,7 +302,7 @@ def _parts(geometry: dict[str, Any], where: str) -> list[list[Any]]:
 
 def _ring(ring: object, where: str, crs: Coordinates | None) -> NDArray[np.float64]:
     if not isinstance(ring, list) or not ring:
-        raise FarmError(f"{where}: a ring is no list of positions")
+        raise FarmError(f"{where}: a ring is not a list of positions")
     if len(ring) > MAX_VERTICES:
         msg = f"{where}: a ring of {len(ring)} positions is longer than {MAX_VERTICES}; simplify it"
         raise FarmError(msg)
@@ -319,7 +319,7 @@ def _only_swapped(rings: list[NDArray[np.float64]]) -> bool:
 
 
 def position_of(position: object, where: str, crs: Coordinates | None = None) -> tuple[float, float]:
-    """Return longitude and latitude of a GeoJSON position; raise FarmError if `position` is no position."""
+    """Return longitude and latitude of a GeoJSON position; raise FarmError if `position` is invalid."""
     longitude_deg, latitude_deg = _in_degrees(np.array([_numbers(position, where)]), where, crs)[0].tolist()
     check_degrees(longitude_deg, latitude_deg, where)
     return longitude_deg, latitude_deg
@@ -339,7 +339,7 @@ def _in_degrees(xy: NDArray[np.float64], where: str, crs: Coordinates | None) ->
     lost = ~np.isfinite(positions).all(axis=1)
     if lost.any():
         x, y = xy[lost][0].tolist()
-        raise FarmError(f"{where}: [{x:g}, {y:g}] is no place in {crs.name}; check its coordinate system")
+        raise FarmError(f"{where}: [{x:g}, {y:g}] is not a place in {crs.name}; check its coordinate system")
     return positions
 
 

@@ -193,7 +193,7 @@ def coordinates_of(name: str) -> Coordinates | None:
     if _WGS84.fullmatch(code):
         return None
     if found is None:
-        raise FarmError(f"{name[:60]!r} is no code of a coordinate system; give a code such as {EXAMPLE_CRS}")
+        raise FarmError(f"{name[:60]!r} is not a coordinate system; give a code such as {EXAMPLE_CRS}")
     return Coordinates(code)
 
 

@@ -51,7 +51,7 @@ def read_geojson(path: Path, crs: str | None = None) -> Document:
 
 
 def _features(document: dict[str, Any]) -> list[Any] | None:
-    """Take the features out of a collection; return None if the document is no feature collection."""
+    """Take the features out of a collection; return None if the document is not a feature collection."""
     if document.get("type") != "FeatureCollection":
         return None
     features = document.pop("features", None)

@@ -54,7 +54,7 @@ def parse_named(text: str) -> tuple[str, dict[str, Parameter]]:
         key, equals, value = pair.partition("=")
         key = key.strip()
         if not (equals and key.isidentifier()):
-            raise ParameterError(f"{text!r}: {pair.strip()!r} is no key=value; {_HINT}")
+            raise ParameterError(f"{text!r}: {pair.strip()!r} is not key=value; {_HINT}")
         if key in parameters:
             raise ParameterError(f"{text!r}: {key} is given twice; give it once")
         parameters[key] = _value(value.strip(), key, text)

@@ -153,7 +153,7 @@ def not_json(error: msgspec.DecodeError | ValueError, data: bytes, line: int = 1
     ...     except ValueError as error:
     ...         return not_json(error, document)
     >>> complaint(b'{"a": 1,'), complaint(b'{"a":\n  NaN}')
-    ('line 1: it ends in the middle', 'line 2, column 3: NaN is no number in JSON; write null')
+    ('line 1: it ends in the middle', 'line 2, column 3: NaN is not a number in JSON; write null')
     """
     if isinstance(error, UnicodeDecodeError):
         return "it holds bytes that are no UTF-8 text; save it as UTF-8"
@@ -169,7 +169,7 @@ def not_json(error: msgspec.DecodeError | ValueError, data: bytes, line: int = 1
         at -= 1  # msgspec names the byte after the fault
     line, column = data.count(b"\n", 0, at) + line, at - data.rfind(b"\n", 0, at)
     if number := _NO_NUMBER.match(data, at):
-        text = f"{number[0].decode()} is no number in JSON; write null"
+        text = f"{number[0].decode()} is not a number in JSON; write null"
     elif message == "invalid character":
         shown = data[at : at + 1].decode("ascii", "backslashreplace")
         text = f"{shown!r} is not allowed here" if shown else "it ends in the middle"

@@ -41,7 +41,7 @@ def root_seed(seed: SeedSequence | int) -> SeedSequence:
     try:
         number = operator.index(seed)
     except TypeError:
-        raise SeedError(f"seed {seed!r} is no seed: {_HINT}") from None
+        raise SeedError(f"seed {seed!r} is not a seed: {_HINT}") from None
     if number < 0:
         raise SeedError(f"seed {number} is negative: {_HINT}")
     return SeedSequence(number)

@@ -73,7 +73,7 @@ def file_stem(text: str, default: str, kept: str = r"\w") -> str:
 
 
 def parse_number(text: str) -> float:
-    """Return a text as a number, which may be infinity or NaN; raise ValueError if the text is no number.
+    """Return a text as a number, which may be infinity or NaN; raise ValueError if the text is not a number.
 
     Unlike ``float``, this refuses grouped digits (``1_000``) and digits of other scripts. No ground station
     or autopilot reads such digits, so they are typing errors.

@@ -129,7 +129,7 @@ def field_from_table(table: Mapping[str, Any], where: str) -> Field:
     'disease'
     """
     if not isinstance(table, Mapping):
-        raise FieldError(f"{where}: is no table; a field is a table [[field]]")
+        raise FieldError(f"{where}: is not a table; a field is a table [[field]]")
     needed = ("name",) if table.get("kind", Measured.kind) == Measured.kind else _REQUIRED
     missing = [key for key in needed if key not in table]
     if missing:

@@ -119,7 +119,7 @@ class Field:
             raise self._error(f"dynamics is {found}, expected EpidemicParameters or ContinuousDynamics")
         strange = [crop for crop in self.crops if not is_crop_name(crop)]
         if strange:
-            raise self._error(f"crop {strange[0]!r:.60} is no name of a crop; {CROP_NAMES}")
+            raise self._error(f"crop {strange[0]!r:.60} is not a crop name; {CROP_NAMES}")
         if not self.crops or len(set(self.crops)) < len(self.crops):
             raise self._error(f"crops {', '.join(self.crops) or 'empty'}; give one or more crops, each once")
         if not 0.0 <= self.default <= 1.0:
@@ -156,7 +156,7 @@ class Field:
     def epidemic(self) -> EpidemicParameters:
         """The epidemic parameters of a disease; a continuous field raises FieldError."""
         if not isinstance(self.dynamics, EpidemicParameters):
-            raise self._error("is no disease")
+            raise self._error("is not a disease")
         return self.dynamics
 
     @property

@@ -36,7 +36,7 @@ def _profiles() -> Mapping[int, Profile]:
     for entry in entry_points(group=PROFILE_GROUP):
         profile = load_entry(entry, f"transfer profile {entry.name}", TransferError)
         if not isinstance(profile, Profile):
-            msg = f"transfer profile {entry.name} ({entry.value}) is no mission.autopilots.Profile"
+            msg = f"transfer profile {entry.name} ({entry.value}) is not a mission.autopilots.Profile"
             raise TransferError(msg)
         found[profile.autopilot] = profile
     return found

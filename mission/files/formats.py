@@ -274,7 +274,7 @@ def read_mission(
     Raises
     ------
     MissionFileError
-        If the file cannot be read, is larger than 64 MiB, is no mission of that kind, or holds impossible
+        If the file cannot be read, is larger than 64 MiB, is not a mission of that kind, or holds impossible
         values. The message is one line with the file, the line or item, what is wrong, and what to do.
     """
     return open_mission(path, altitude_m=altitude_m, drawn_path=drawn_path)[0]

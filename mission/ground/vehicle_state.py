@@ -255,7 +255,7 @@ class VehicleMonitor:
     def knows_position(self) -> bool:
         """Whether the vehicle knows its position, by its estimator flags, or else by its GNSS fix.
 
-        GLOBAL_POSITION_INT alone is no proof: ArduPilot sends it without a position, too, even with 0/0.
+        GLOBAL_POSITION_INT alone is not proof: ArduPilot sends it without a position, too, even with 0/0.
         """
         position = self._position
         if position is None or position.lat == position.lon == 0:

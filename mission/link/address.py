@@ -178,7 +178,7 @@ def _parse_serial(url: str) -> LinkAddress:
         device, digits = rest, str(SERIAL_BAUD)
     baud = int(digits) if digits.isascii() and digits.isdigit() and len(digits) <= 8 else 0
     if not device or not _BAUDS[0] <= baud <= _BAUDS[1]:
-        msg = f"{url!r} is no serial line: write serial:DEVICE:BAUD, such as serial:/dev/ttyUSB0:57600"
+        msg = f"{url!r} is not a serial line: write serial:DEVICE:BAUD, such as serial:/dev/ttyUSB0:57600"
         raise LinkError(msg)
     return LinkAddress(SERIAL, device, baud)
 

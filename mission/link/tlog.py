@@ -74,7 +74,7 @@ class TlogWriter(Closing):
 
 
 class FrameLog:
-    r"""Frames with times since a start whose Unix time is not known yet.
+    r"""Frames timed from a start (s), kept until the Unix time of the start is known.
 
     >>> log = FrameLog()
     >>> log.write(b"frame", 1.5)

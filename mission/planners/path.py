@@ -50,7 +50,7 @@ class PlannedPath:
         if not len(points):
             raise AnswerError("a path needs one or more (x, y) points, but it has none", "no points")
         if self.spacing_m is not None and not (math.isfinite(self.spacing_m) and self.spacing_m >= 0):
-            raise AnswerError(f"spacing_m {self.spacing_m} of a path is no distance", "not finite")
+            raise AnswerError(f"spacing_m {self.spacing_m} of a path is not a distance", "not finite")
         object.__setattr__(self, "points_m", points)
 
     @property

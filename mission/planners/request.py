@@ -280,7 +280,7 @@ def registered_names(group: str) -> tuple[str, ...]:
 
 def _checked(planner: Any, what: str) -> Callable[..., PlannedPath]:
     if not callable(planner) or inspect.isclass(planner):
-        fault = "is a class; give an instance of it" if inspect.isclass(planner) else "is no callable"
+        fault = "is a class; give an instance of it" if inspect.isclass(planner) else "is not a callable"
         msg = f"{what} {fault}: a planner is called with a PlanningRequest and returns a PlannedPath"
         raise PlanningError(msg)
     return cast("Callable[..., PlannedPath]", planner)

@@ -261,7 +261,7 @@ def spacing_limits(
     """Return the least and the greatest spacing that a planner may choose (m)."""
     for name, value in (("min_spacing_m", min_spacing_m), ("max_spacing_m", max_spacing_m)):
         if value is not None and not (is_number(value) and value > 0):
-            msg = f"{planner}: {name} {value!r} is no distance in metres; give a number above zero"
+            msg = f"{planner}: {name} {value!r} is not a distance in metres; give a number above zero"
             raise PlanningError(msg)
     least = max(footprint_m, min_spacing_m or 0.0)
     most = math.inf if max_spacing_m is None else max_spacing_m

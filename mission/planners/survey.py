@@ -132,9 +132,9 @@ def survey(
 
 def _swath(request: PlanningRequest, spacing_m: float | None, overshoot_m: float, border: str) -> Swath:
     if not is_number(overshoot_m):
-        raise PlanningError(f"{NAME}: overshoot_m {overshoot_m!r} is no distance in metres")
+        raise PlanningError(f"{NAME}: overshoot_m {overshoot_m!r} is not a distance in metres")
     if spacing_m is not None and not (is_number(spacing_m) and spacing_m > 0):
-        msg = f"{NAME}: spacing_m {spacing_m!r} is no distance in metres; give a number above zero"
+        msg = f"{NAME}: spacing_m {spacing_m!r} is not a distance in metres; give a number above zero"
         raise PlanningError(msg)
     if not request.footprint_m > 0:
         raise PlanningError(f"{NAME}: a survey needs a footprint above zero")

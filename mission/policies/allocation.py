@@ -97,7 +97,7 @@ class OnwardBudget:
         return self.vehicle.request.budget.unit
 
     def cost(self, path_xy_m: NDArray[np.float64]) -> float:
-        """Return the cost of flying `before_m`, then the path without its first point (the start)."""
+        """Return the cost of flying through `before_m` and then through the path's points after the first."""
         return self.costs([path_xy_m])[0]
 
     def costs(self, paths_xy_m: Sequence[NDArray[np.float64]]) -> list[float]:

@@ -217,7 +217,7 @@ def make_policy(policy: str | Policy, /, **parameters: Any) -> Policy:
     if not isinstance(policy, str):
         if inspect.isclass(policy) or not isinstance(policy, Policy):
             what = policy.__name__ if inspect.isclass(policy) else type(policy).__name__
-            fault = "is a class; give an instance of it" if inspect.isclass(policy) else "is no policy"
+            fault = "is a class; give an instance of it" if inspect.isclass(policy) else "is not a policy"
             msg = f"policy {what} {fault}: a policy has triggers, start() and decide(observation)"
             raise PlanningError(msg)
         if parameters:

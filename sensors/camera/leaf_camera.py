@@ -235,7 +235,7 @@ def ground_offset(quaternion: Sequence[float], height_m: float) -> tuple[float, 
     for distances above 10 km (ArduPilot's ``AP_MOUNT_POI_DIST_M_MAX``) and axes that do not point down.
 
     The quaternion (w, x, y, z) is from CAMERA_IMAGE_CAPTURED; it turns the forward axis into the optical
-    axis. A quaternion that is no rotation (zeros, NaN) means straight down.
+    axis. A quaternion that is not a rotation (zeros, NaN) means straight down.
 
     Examples
     --------

@@ -283,7 +283,7 @@ class Environment:
     def sample(self, day: int, ix: ArrayLike, iy: ArrayLike) -> NDArray[np.float32]:
         """Return the true values at k cells on a kept day, float32[k, n]; only the cells' chunks are decoded.
 
-        Raise EnvironmentDataError if the day is not kept, a cell is off the farm, or an index is no integer.
+        Raise EnvironmentDataError if a day is not kept, a cell is off the farm, or indices are not integers.
         """
         self._check_day(day)
         few = _few_cells(ix, iy, self.shape)

@@ -220,7 +220,7 @@ def generate_environment(
     geo.system.NotEnoughMemoryError
         If the generation needs more memory than is available.
     geo.seeds.SeedError
-        If the seed is no non-negative integer or ``SeedSequence``.
+        If the seed is not a non-negative integer or ``SeedSequence``.
 
     Examples
     --------

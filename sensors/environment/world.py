@@ -60,7 +60,7 @@ class Drawn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
             raise ValueError(f"one_of has {len(self.one_of)} values: give 1 to {_MOST_CHOICES}")
 
     def value(self, published: Any, rng: Generator) -> Value:
-        """Draw a value; raise ValueError if a factor is given but the published value is no number."""
+        """Draw a value; raise ValueError if a factor is given but the published value is not a number."""
         if self.one_of is not None:
             return self.one_of[int(rng.integers(len(self.one_of)))]
         assert self.factor is not None
@@ -122,7 +122,7 @@ class World:
         laws: dict[str, dict[str, Value | Drawn]] = {}
         for name, given in table.items():
             if not isinstance(given, Mapping):
-                msg = f"{where}: {name} is no table; a world has a table for each field: [tylcv]"
+                msg = f"{where}: {name} is not a table; a world has a table for each field: [tylcv]"
                 raise EnvironmentDataError(msg)
             laws[name] = {key: _law(law, f"{where}: {name}, {key}") for key, law in given.items()}
         if not any(laws.values()):

@@ -215,7 +215,7 @@ class Crowding:
     def __init__(self, shape: tuple[int, int], lengths: tuple[float, float]) -> None:
         self._box = tuple(max(1.0, _ALIKE_LENGTHS * length) for length in lengths)
         self._rows = int(shape[1] / self._box[1]) + 1
-        # A dictionary, as each reading on a leg along x would fill a page of memory of an array
+        # A dictionary is smaller than an array: a leg along x would touch a memory page of it per reading
         self._counts: dict[int, int] = {}
 
     def weights(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> _Floats:

@@ -167,8 +167,8 @@ class InformationModel:
         Names of the n fields; by default the benchmark's fields.
     probabilities : mapping of str to float32[3, W, H], optional
         Probabilities that plants are healthy, infected and lost (`CLASSES`), by name of the disease; None if
-        the estimator gives no probabilities. On large farms they may be computed at each access. This may
-        take as long as an estimate, and works only until the estimator learns more observations.
+        the estimator gives no probabilities. On large farms each access may compute the probabilities. An
+        access may take as long as an estimate, and works only until the estimator learns more observations.
     loss_map : float32[n, W, H] or callable, optional
         The array `expected_loss`, or a callable that returns this array at each access.
     correlation_length : tuple of float, optional

@@ -264,7 +264,7 @@ def test_the_ways_to_write_wgs84(name, tmp_path):
     ("crs", "text"),
     [
         ({"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::43260"}}, "cannot be used: "),
-        ({"type": "name", "properties": {"name": "+proj=utm +zone=17"}}, "is no code of a coordinate system"),
+        ({"type": "name", "properties": {"name": "+proj=utm +zone=17"}}, "is not a coordinate system"),
         ({"type": "link", "properties": {"href": "http://example.com/crs/42"}}, "names no coordinate system"),
         ("EPSG:4326 or so", "names no coordinate system"),
     ],
@@ -283,7 +283,7 @@ def test_what_is_no_coordinate_system_is_refused(crs, text, tmp_path):
 def test_positions_beyond_a_coordinate_system(tmp_path):
     crs = {"type": "name", "properties": {"name": "EPSG:32617"}}
     far = feature([[[1e9, 1e9], [1e9, 2e9], [2e9, 2e9], [1e9, 1e9]]])
-    assert "is no place in WGS 84 / UTM zone 17N" in refused(tmp_path, document(far, crs=crs))
+    assert "is not a place in WGS 84 / UTM zone 17N" in refused(tmp_path, document(far, crs=crs))
 
 
 def test_parts_places_and_names_of_other_programs(tmp_path):
@@ -354,7 +354,7 @@ def test_a_file_without_crops_or_owners(tmp_path):
     assert farm.notes == ("no patch names its crop: the crop is called 'crop'; --crop gives a name",)
     named = load_farm(tmp_path / "farm.geojson", crop="sugar beet")
     assert ({one.crop for one in named.patches}, named.notes) == ({"sugar beet"}, ())
-    with pytest.raises(FarmError, match="'Oats' is no name of a crop"):
+    with pytest.raises(FarmError, match="'Oats' is not a crop name"):
         load_farm(tmp_path / "farm.geojson", crop="Oats")
 
 

@@ -57,9 +57,9 @@ def test_what_is_read(text, expected):
     [
         ("", "without a name"),
         (":a=1", "without a name"),
-        ("spiral:", "no key=value"),
-        ("spiral:a", "no key=value"),
-        ("spiral:1a=1", "no key=value"),
+        ("spiral:", "not key=value"),
+        ("spiral:a", "not key=value"),
+        ("spiral:1a=1", "not key=value"),
         ("spiral:a=", "a has no value"),
         ("spiral:a=[1,,2]", "a has no value"),
         ("spiral:a=1,a=2", "a is given twice"),

@@ -81,7 +81,7 @@ class Document(msgspec.Struct, forbid_unknown_fields=True):
     [
         ('{"count": 1,}', "line 1, column 13: a comma stands before a closing brace"),
         ('{"count" 1}', "line 1, column 10: a colon is missing"),
-        ('{"count":\n-Infinity}', "line 2, column 1: -Infinity is no number in JSON; write null"),
+        ('{"count":\n-Infinity}', "line 2, column 1: -Infinity is not a number in JSON; write null"),
         ('// a comment\n{"count": 1}', "line 1, column 1: '/' is not allowed here"),
         ('{"count": 1,\n"kind": ', "line 2: it ends in the middle"),
         ('{"count": 1e999}', "a number in it is too large"),

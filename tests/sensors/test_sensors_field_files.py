@@ -80,7 +80,7 @@ def test_a_file_may_hold_several_fields_and_begins_at_its_folder(tmp_path):
     ("text", "message"),
     [
         ("", r"no table \[\[field\]\]"),
-        ("field = [3]", "field 1: is no table"),
+        ("field = [3]", "field 1: is not a table"),
         ("colour = 1", "unknown key 'colour'"),
         ("name =", "not TOML"),
         ("a = " + "[" * 100_000, "nested too deeply|not TOML"),
@@ -108,7 +108,7 @@ def test_files_that_cannot_be_read_are_named(tmp_path):
         ({"kind": "animal"}, "unknown kind 'animal': choose disease, continuous, smooth, measured"),
         ({"kind": "disease"}, "likelihood is missing"),
         ({"crops": []}, "crops empty"),
-        ({"crops": ["Maize!"]}, "crop .Maize!. is no name of a crop; names of crops are up to 40"),
+        ({"crops": ["Maize!"]}, "crop .Maize!. is not a crop name; names of crops are up to 40"),
         ({"default": 2.0}, "default 2 is not in 0..1"),
         ({"weight": -1.0}, "weight -1.0"),
         ({"cost_above": float("inf")}, "cost_above inf"),

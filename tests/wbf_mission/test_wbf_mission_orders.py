@@ -66,11 +66,11 @@ def test_an_order_that_came_too_late_is_not_for_the_next_flight():
 
 def test_only_the_words_of_the_open_question_answer_it():
     orders, heard = heard_orders()
-    assert orders.answer("no more", 0) == "'no more' is no valid answer"
+    assert orders.answer("no more", 0) == "'no more' is not a valid answer"
     orders.ask("change the battery", ("battery changed", "no more"))
     orders.ask("change the battery", ("battery changed", "no more"))
     (number,) = [one.number for one in heard if isinstance(one, Asked)]
-    assert orders.answer("y", number) == "'y' is no valid answer: give battery changed or no more"
+    assert orders.answer("y", number) == "'y' is not a valid answer: give battery changed or no more"
     assert orders.answer("no more", number) == ""
     assert orders.answered() == "no more"
     assert orders.answered() is None

@@ -128,7 +128,7 @@ class SortieOptions:
         return replace(given, changes={**given.changes, "mission": str(file)}), of_rest
 
     def homes(self, altitude_m: float) -> list[GeoPoint]:
-        """Return the take-off places of sorties; raise ScenarioError if a text is no position."""
+        """Return the take-off places of sorties; raise ScenarioError if a text is not a position."""
         from geo.texts import parse_number
         from mission.errors import MissionError
         from mission.model import GeoPoint

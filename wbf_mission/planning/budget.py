@@ -234,7 +234,7 @@ class StartTravelCost:
 
     request: PlanningRequest
     builder: MissionBuilder
-    # Whether the path is changed in flight; if so, a repeated point is no loiter
+    # Whether the path is changed in flight; if so, a repeated point is not a loiter
     # (`VehicleAssignment.plan_of`)
     steered: bool = False
 

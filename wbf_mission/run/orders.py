@@ -154,7 +154,7 @@ class Orders:
                 return "the question has changed: look at the page"
             if text not in self._question.answers:
                 known = " or ".join(self._question.answers)
-                return f"{one_line(text, 40)!r} is no valid answer" + f": give {known}" * bool(known)
+                return f"{one_line(text, 40)!r} is not a valid answer" + f": give {known}" * bool(known)
             if refused := too_late(age_s):
                 return refused
             self._answer = self._clock() - age_s, text

@@ -278,5 +278,5 @@ def _load(path: Path, fields: FieldSet) -> tuple[FieldPrior, ...] | None:
 def _prior_of(contents: dict[str, Any]) -> FieldPrior:
     link = None if contents["link"] is None else ClassLink(**contents["link"])
     if link is not None and not (0.0 < link.illness <= link.sick < 1.0 and 0.0 <= link.slope < math.inf):
-        raise ValueError(f"{link} is no link")
+        raise ValueError(f"{link} is not a link")
     return FieldPrior(float(contents["mean"]), RbfKernel(**contents["kernel"]), link)

@@ -45,7 +45,7 @@ def test_planners_of_other_packages(monkeypatch):
     for name, text in {
         "gone": r"planner gone \(no_such_package.planning:planner\) cannot be loaded: No module named",
         "empty": "planner empty .* cannot be loaded: .* no attribute 'nothing'",
-        "number": "planner number .* is no callable: a planner is called with a PlanningRequest",
+        "number": "planner number .* is not a callable: a planner is called with a PlanningRequest",
         "class": "planner class .* is a class; give an instance of it",
     }.items():
         with pytest.raises(PlanningError, match=text) as caught:
@@ -104,7 +104,7 @@ def test_both_limits_leave_room_or_are_refused():
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("lawnmower:min_spacing_m=0", "min_spacing_m 0 is no distance"),
+        ("lawnmower:min_spacing_m=0", "min_spacing_m 0 is not a distance"),
         ("lawnmower:max_spacing_m=0.1", "max_spacing_m 0.1 is less than the footprint of 0.3048 m"),
         ("spiral:min_spacing_m=2,max_spacing_m=1", "max_spacing_m 1 is less than min_spacing_m of 2 m"),
         ("lawnmower:direction=up", "sweep direction 'up'"),

@@ -48,7 +48,7 @@ def test_policies_are_made_by_name_or_taken_as_they_are():
         make_policy("nosuch")
     with pytest.raises(PlanningError, match="FixedPlan is a class; give an instance of it"):
         make_policy(FixedPlan)
-    with pytest.raises(PlanningError, match="policy object is no policy"):
+    with pytest.raises(PlanningError, match="policy object is not a policy"):
         make_policy(object())
     with pytest.raises(ParameterError, match="already has its parameters"):
         make_policy(policy, planner="lawnmower")

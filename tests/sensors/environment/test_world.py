@@ -68,7 +68,7 @@ def test_the_environment_is_of_the_world_and_the_other_fields_stay_as_they_are()
     ("table", "text"),
     [
         ({"tylcv": {}}, "here: no parameter is changed"),
-        ({"tylcv": 3}, "here: tylcv is no table; a world has a table for each field"),
+        ({"tylcv": 3}, "here: tylcv is not a table; a world has a table for each field"),
         ({"rust": {"likelihood": 0.2}}, "here: no field 'rust'; the fields are tylcv, ccr, soil"),
         ({"tylcv": {"colour": 3}}, "here: tylcv: dynamics of a disease field: unknown parameter 'colour'"),
         ({"tylcv": {"likelihood": 1.5}}, "tylcv: dynamics: epidemic: likelihood 1.5 is not a probability"),

@@ -2,7 +2,7 @@
 
 The parent process simulates the run. The other process receives only the inputs of a planner, policy or
 estimator. It answers with plain numbers and texts, so no submitted code runs in the parent process. The
-other process is no sandbox: submitted code can read every file that its user can read.
+other process is not a sandbox: submitted code can read every file that its user can read.
 """
 
 from __future__ import annotations

@@ -191,7 +191,7 @@ def code_files(paths: Iterable[Path]) -> dict[str, bytes]:
 def read_pack(path: Path) -> Pack:
     """Read an untrusted submission; its code is neither unpacked nor run.
 
-    Raises ResultError if the file is no submission, too large, damaged, or contradicts its rows.
+    Raises ResultError if the file is not a submission, too large, damaged, or contradicts its rows.
     """
     try:
         data = read_file(path, MAX_PACK_BYTES)

@@ -36,7 +36,7 @@ def heartbeat_fields(peer: Peer) -> str:
     """HEARTBEAT has a vehicle type, an autopilot, the custom mode bit and a state."""
     message = needed(peer.expect(m.MAVLink_heartbeat_message, 3.0), "no heartbeat")
     if message.type in _GROUND_TYPES or message.type == m.MAV_TYPE_GENERIC:
-        raise FailedError(f"type {message.type} is no vehicle")
+        raise FailedError(f"type {message.type} is not a vehicle")
     if message.autopilot == m.MAV_AUTOPILOT_INVALID:
         raise FailedError("autopilot is INVALID")
     if not message.base_mode & m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:

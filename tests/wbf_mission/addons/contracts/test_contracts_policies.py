@@ -122,7 +122,7 @@ def test_the_kit_finds_what_is_wrong(change, text):
 
 
 def test_what_is_no_policy_is_refused():
-    with pytest.raises(PlanningError, match="is no policy"):
+    with pytest.raises(PlanningError, match="is not a policy"):
         check_policy(object())
 
 

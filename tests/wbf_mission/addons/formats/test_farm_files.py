@@ -291,7 +291,7 @@ def test_shapefiles_of_other_encodings_and_without_prj(tmp_path: Path) -> None:
     ):
         load_farm(path)
     same_land(load_farm(path, crs="EPSG:32617"), FLORIDA, shapes())
-    with pytest.raises(FarmError, match="'utm 17' is no code of a coordinate system"):
+    with pytest.raises(FarmError, match="'utm 17' is not a coordinate system"):
         load_farm(path, crs="utm 17")
     undefined = written(tmp_path / "u.gpkg", placed(shapes(), FLORIDA, "EPSG:32617"), None)
     with closing(sqlite3.connect(undefined)) as base:

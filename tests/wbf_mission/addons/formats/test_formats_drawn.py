@@ -215,7 +215,7 @@ def test_a_long_track_is_taken_up_to_what_mavlink_numbers(made, refusal):
          "feature 1, point 2: [1] is not"),
         (".geojson", geojson({"type": "LineString", "coordinates": None}),
          "feature 1: the geometry has no coordinates"),
-        (".geojson", geojson(LINE).replace("-82.15,", "NaN,"), "NaN is no number in JSON"),
+        (".geojson", geojson(LINE).replace("-82.15,", "NaN,"), "NaN is not a number in JSON"),
         (".geojson", '{"type": "FeatureCollection", "features": [{"properties": []}]}',
          "feature 1, properties"),
         (".geojson", '{"type": "Feature", "geometry": ' + NESTED * 50 + "{}" + "]}" * 50 + "}",

@@ -311,7 +311,7 @@ def test_a_page_does_not_start_what_it_was_asked_about(quick_stand_in, typed, ca
         result = page.fly(url)
         assert not made.vehicle.pilot.armed
     assert result.outcome is Outcome.NOT_STARTED
-    assert refused[1] == "'y' is no valid answer: give do not start"
+    assert refused[1] == "'y' is not a valid answer: give do not start"
     assert "answered by the page: do not start" in capsys.readouterr().err
 
 

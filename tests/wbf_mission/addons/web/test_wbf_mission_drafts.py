@@ -134,7 +134,7 @@ def test_a_number_of_batteries_is_planned_for_and_flown(drafts: Drafts) -> None:
         (body([1, 2]), "the farm: is not a GeoJSON"),
         (body({"type": "FeatureCollection", "features": [square(crop=[3])]}), "feature 1 .'north'."),
         (body(vehicle="mine.toml"), "the studio knows"),
-        (body(planner="/tmp/mine.py:planner"), "no key=value"),
+        (body(planner="/tmp/mine.py:planner"), "not key=value"),
         (body(planner=["spiral"]), "is not a text"),
         (body(planner="spiral:nonsense=1"), "unknown parameter 'nonsense'"),
         (body(estimator="mine.py"), "the studio knows"),

@@ -167,11 +167,11 @@ def _without_literals(dispatcher: Any) -> None:
 
 @cache
 def _set_up() -> None:
-    """Cache the implementation that numba chooses for an operator and operand types; silence a warning.
+    """Make numba cache which implementation it chooses for an operator and operand types.
 
     Without this cache numba tries a dozen candidates for each ``+``, which takes a third of the compile time.
-    Candidates that are compiled functions depend on the caller's options and are not cached. The silenced
-    warning concerns records that have more columns than a function uses.
+    Candidates that are compiled functions depend on the caller's options and are not cached. Numba's warning
+    of records that have more columns than a function uses is silenced.
     """
     functions: Any = import_module("numba.core.types.functions")
     look_up = functions.BaseFunction.get_call_type

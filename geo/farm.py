@@ -180,7 +180,7 @@ class Farm:
 
     @cached_property
     def grown(self) -> tuple[str, ...]:
-        """Names of the crops that the owner grows; ponds, wetlands and unpainted land are no crops."""
+        """Names of the crops that the owner grows; ponds, wetlands and unpainted land are not crops."""
         own = dict.fromkeys(str(patch.crop) for patch in self.patches if patch.owner == self.owner)
         return tuple(crop for crop in own if crop not in NOT_GROWN)
 

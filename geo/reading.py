@@ -156,7 +156,7 @@ def not_json(error: msgspec.DecodeError | ValueError, data: bytes, line: int = 1
     ('line 1: it ends in the middle', 'line 2, column 3: NaN is not a number in JSON; write null')
     """
     if isinstance(error, UnicodeDecodeError):
-        return "it holds bytes that are no UTF-8 text; save it as UTF-8"
+        return "it holds bytes that are not UTF-8 text; save it as UTF-8"
     found = _BYTE.search(str(error))
     if found is None:
         if "out of range" in str(error):

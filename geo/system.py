@@ -217,7 +217,7 @@ def _control_groups(root: Path) -> Iterator[AvailableMemory]:
 def _groups(
     base: Path, path: str, limit_file: str, usage_file: str, reclaimable: str
 ) -> Iterator[AvailableMemory]:
-    # The limits of parent groups apply too. In a container, the mounted root is the process's own group.
+    # Limits of parent control groups apply too. In a container, the mounted root is the process's own group.
     own = PurePosixPath(path.lstrip("/"))
     for group in (own, *own.parents):
         limit, usage = _text(base / group / limit_file).strip(), _text(base / group / usage_file).strip()

@@ -112,7 +112,7 @@ class Field:
         if not _NAME.fullmatch(self.name) or self.name in _RESERVED:
             raise FieldError(
                 f"field {self.name!r:.60}: a name is up to 24 lower-case letters, digits and underscores,"
-                f" begins with a letter and is none of {', '.join(_RESERVED)}"
+                f" begins with a letter and is not one of {', '.join(_RESERVED)}"
             )
         if not isinstance(self.dynamics, EpidemicParameters | ContinuousDynamics):
             found = type(self.dynamics).__name__

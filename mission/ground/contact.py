@@ -158,7 +158,7 @@ class StateBefore:
     def is_overruled(self, monitor: VehicleMonitor, expected: Collection[str] = ()) -> bool:
         """Whether a pilot or a failsafe has acted since the order, so that the order must not be repeated.
 
-        Modes in ``expected`` are no sign of such an action.
+        Modes in ``expected`` are not signs of such an action.
         """
         changed = monitor.mode != self.mode and monitor.mode not in expected
         disarmed = self.is_armed and not monitor.is_armed

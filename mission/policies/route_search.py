@@ -95,8 +95,8 @@ X, Y, COST, VALUE = range(4)
 def neighbour_shares(share: float, spread: float, radius: int) -> NDArray[np.float32]:
     """Return the fractions of value that observing a cell removes from the cell and its neighbours.
 
-    The result is float32[n, n], n = 2 radius + 1: 1 in the middle, ``share * exp(-d^2 / spread)`` d cells
-    away.
+    The result is float32[n, n] with n = 2 radius + 1. The middle is 1; a neighbour at a distance of d cells
+    has ``share * exp(-d^2 / spread)``.
     """
     axis = np.arange(-radius, radius + 1)
     squares = axis[:, None] ** 2 + axis[None, :] ** 2

@@ -77,7 +77,7 @@ FILTER_S = 2.0
 GROUND_M = 5.0
 """Height below which the vertical error fades out of the motion, because the ground stops a descent."""
 
-# Numbers of PX4's state estimate.
+# Parameters of the errors of PX4's state estimate.
 COLUMNS = 6
 """Number of errors: height (m), velocity east, north, up (m/s), push east, north (m/s^2)."""
 SETTLED_S = 119.0

@@ -179,7 +179,7 @@ def _load(name: str) -> Autopilot:
         raise VehicleError(unknown("autopilot", name, known, "" if known else f"; {_NOT_INSTALLED}"))
     autopilot = load_entry(entry, f"autopilot {entry.name}", VehicleError)
     if not isinstance(autopilot, Autopilot):
-        raise VehicleError(f"autopilot {entry.name} ({entry.value}) is no sim_vehicle.autopilot.Autopilot")
+        raise VehicleError(f"autopilot {entry.name} ({entry.value}) is not a sim_vehicle.autopilot.Autopilot")
     if autopilot.name != entry.name:
         msg = f"autopilot {entry.name} ({entry.value}) calls itself {autopilot.name}: the names must be equal"
         raise VehicleError(msg)

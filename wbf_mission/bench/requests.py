@@ -185,7 +185,7 @@ def _choices(key: str, choices: Sequence[Choice]) -> Iterator[str]:
     if named:
         yield f"{key} = {_texts(named)}"
     if own:
-        yield f"# {key} of your own cannot be in a file: give them all on the command line: {_texts(own)}"
+        yield f"# a file cannot hold {key} of your own; give them all on the command line: {_texts(own)}"
 
 
 def _texts(texts: Sequence[str]) -> str:

@@ -52,12 +52,12 @@ MOST_READINGS = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class _KeptFlight:
-    """A kept flight, with the numbers of its readings in place of the values read."""
+    """A kept flight: its observations have indices of readings in place of the values of one environment."""
 
     records: tuple[FlightRecord, ...]
     images: ImageList
     seen: Observations  # Observations without values.
-    reading: NDArray[np.int64]  # int64[n], number of the reading of each observation.
+    reading: NDArray[np.int64]  # int64[n], index of the reading of each observation.
     duration_s: float
     frames: int
 

@@ -173,9 +173,9 @@ def _outbreaks(
 ) -> Iterator[tuple[Floats, NDArray[np.bool_], float, np.random.Generator]]:
     """Yield windows of simulated farms, from which `link_slope` learns.
 
-    Outbreaks are rare in windows of a farm with more than 128 x 128 cells. On such farms, only pieces of land
-    with an outbreak are simulated, and the probability of an outbreak is yielded too. The seeds of the
-    disease are arrivals of a Poisson process.
+    Each window is yielded with the probability of an outbreak. Outbreaks are rare in windows of a farm with
+    more than 128 x 128 cells. For such farms, only windows with an outbreak are simulated; for smaller farms
+    the probability is given as 1. The seeds of the disease are arrivals of a Poisson process.
     """
     whole = land.size <= _WHOLE_CELLS
     piece = land if whole else np.ones((_PIECE_CELLS, _PIECE_CELLS), np.bool_)

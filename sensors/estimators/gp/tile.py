@@ -133,7 +133,7 @@ def _fill_means(
 ) -> None:
     """Write the two means at the nodes of a tile; the parameters are as in `fill_nodes`."""
     n, width, height = len(factor), along_x.shape[1], along_y.shape[1]
-    solved = weights.copy()  # Becomes the solution of L^T solved = weights
+    solved = weights.copy()  # Overwritten by the solution of L^T x = weights
     for i in range(n - 1, -1, -1):
         for part in range(2):
             solved[i, part] /= factor[i, i]

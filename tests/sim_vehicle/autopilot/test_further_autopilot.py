@@ -118,7 +118,7 @@ def test_a_ground_station_knows_its_modes_and_parameters(nimbus):
     ("value", "text"),
     [
         ("nowhere_at_all:X", "cannot be loaded"),
-        ("nimbus:PROFILE", "is no sim_vehicle.autopilot.Autopilot"),
+        ("nimbus:PROFILE", "is not a sim_vehicle.autopilot.Autopilot"),
         ("sim_vehicle.autopilot.px4:PX4", "calls itself px4"),
     ],
 )

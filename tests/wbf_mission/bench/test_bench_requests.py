@@ -28,7 +28,7 @@ def test_a_specification_comes_back_from_its_text(tmp_path):
 def test_objects_stand_in_a_comment():
     text = specification_text(spec_of(estimators=[PointEstimator(), "gp"], seeds=3))
     assert 'estimators = ["gp"]' in text
-    assert '# estimators of your own cannot be in a file: give them all on the command line: ["Point' in text
+    assert '# a file cannot hold estimators of your own; give them all on the command line: ["Point' in text
     assert text.endswith("\nseeds = 3")
 
 

@@ -240,7 +240,7 @@ class Inquiry:
             self._ids.add(type(message).id)
             self._told |= _changes(message)
             if not self._alternatives:
-                # Parameters measure the delay better: this message may belong to a stream, and be no answer.
+                # Parameters measure the delay better: this message may be part of a stream, not an answer.
                 self._measure_pace(now_s)
         self._settle(now_s)
         return []

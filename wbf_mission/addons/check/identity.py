@@ -139,7 +139,7 @@ class _Stream:
 
 def _position_problem(message: m.MAVLink_global_position_int_message) -> str | None:
     if abs(message.lat) > 900_000_000 or abs(message.lon) > 1_800_000_000:
-        return f"latitude {message.lat}, longitude {message.lon} are no position"
+        return f"latitude {message.lat}, longitude {message.lon} are not a position"
     return None
 
 

@@ -122,7 +122,7 @@ class PictureCamera(CameraComponent, Generic[P]):
                 readings = np.asarray(given, np.float32)
                 seen = readings[np.isfinite(readings)]
                 if name not in self._names:
-                    raise ValueError(f"field {name!r:.60} is none of {', '.join(self._names)}")
+                    raise ValueError(f"field {name!r:.60} is not one of {', '.join(self._names)}")
                 if ((seen < 0.0) | (seen > 1.0)).any():
                     raise ValueError(
                         f"{name} is {float(seen[(seen < 0.0) | (seen > 1.0)][0]):g}, not in 0..1"

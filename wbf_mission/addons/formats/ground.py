@@ -18,7 +18,7 @@ from geo.imports import load_extra
 from geo.texts import FOOT_M
 
 _MAX_PIXELS = 50_000_000  # This number of heights takes 0.4 GB as float64.
-_HIGHEST_M = 9000.0  # Larger numbers are no heights: rasters use them for missing values.
+_HIGHEST_M = 9000.0  # Larger numbers are not heights: rasters use them for missing values.
 _MARGIN_PX = 2  # Extra pixels for interpolation, and for borders that are curved in the raster's system.
 _US_FOOT_M = 1200.0 / 3937.0
 _FEET = ("ft", "foot", "feet")

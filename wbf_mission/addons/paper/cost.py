@@ -137,7 +137,7 @@ def _observations(grid: FarmGrid, n: int) -> Observations:
 
 def _estimate_s(method: str, grid: FarmGrid, seen: Observations) -> float:
     def prepared() -> Estimator:
-        # Learning, once per farm and day before a flight, is no part of an estimate's cost.
+        # Learning, once per farm and day before a flight, is not part of an estimate's cost.
         estimator = make_estimator(method, random_state=1, **_PARAMETERS.get(method, {}))
         estimator.fit(grid)
         prepare_estimator(estimator, [_DAY])

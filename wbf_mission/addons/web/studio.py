@@ -445,7 +445,7 @@ _OTHERS = {
     "--wind": "Wind speed",
     "--wind-shear": "Wind shear",
 }
-"""Names of inputs of the page that are no draft options, or that stand for several options."""
+"""Names of inputs of the page that are not draft options, or that stand for several options."""
 
 
 def worded(text: object) -> str:

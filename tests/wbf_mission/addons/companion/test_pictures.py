@@ -94,7 +94,7 @@ def test_a_picture_is_told_again_when_it_is_asked_for():
     [
         (lambda e: 1 / 0, lambda p: {}, "picture 1 was not taken: ZeroDivisionError"),
         (lambda e: 1, lambda p: 1 / 0, "a picture was not understood: ZeroDivisionError"),
-        (lambda e: 1, lambda p: {"rust": 0.5}, "field 'rust' is none of tylcv, ccr, soil"),
+        (lambda e: 1, lambda p: {"rust": 0.5}, "field 'rust' is not one of tylcv, ccr, soil"),
         (lambda e: 1, lambda p: {"soil": 0.5, "ccr": 1.5}, "ccr is 1.5, not in 0..1"),
         (lambda e: 1, lambda p: {"soil": [0.5, 0.5]}, "a picture was not understood: ValueError"),
         (lambda e: 1, lambda p: {"soil": "wet"}, "a picture was not understood: ValueError"),

@@ -72,7 +72,7 @@ class RoverLimits:
     yaw_p: float = 0.0
     yaw_acceleration: float = 0.0
     jerk: float = 0.0
-    """Maximum jerk of braking; 0 is no limit."""
+    """Maximum jerk of braking; 0 means no limit."""
     # Fraction of the maximum speed lost in a corner of 180 degrees, and speed limits in corners. If the
     # fraction is negative, the lateral acceleration sets the speed.
     corner_slows: float = -1.0

@@ -243,7 +243,7 @@ class Farm:
                 piece = shapely.difference(piece, shapes[over], grid_size=_SNAP_M)
             pieces.append(piece)
         land = pieces[0] if len(pieces) == 1 else shapely.union_all(pieces, grid_size=_SNAP_M)
-        # The precision is reset, as GEOS would also round shapes made from this land, even narrow buffers.
+        # With a precision, GEOS would also round shapes made from this land, even narrow buffers: reset it.
         land = shapely.set_precision(shapely.simplify(land, _SNAP_M), 0.0)
         parts = [part for part in shapely.get_parts(land) if part.geom_type == "Polygon" and part.area > 0]
         if len(parts) == 1:

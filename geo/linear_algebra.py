@@ -2,8 +2,8 @@
 
 OpenBLAS and numpy choose code by the processor, so their sums are rounded differently on different
 processors. Here terms are added in the order of the index, and elementary functions come from the C library.
-Work is done in blocks that fit the cache, which does not change a result: a product of some rows equals these
-rows of the full product. Use these functions wherever results are recorded.
+Products are computed in blocks of rows that fit the cache; the blocks do not change any sum. Use these
+functions wherever results are recorded.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _Values = TypeVar("_Values", bound=NDArray[Any])
 # Small problems are left to numpy or Python, since importing the compiled code takes a second.
 _SHALLOW = 4  # numpy computes products with at most this many terms per sum.
 _LIGHT = 100_000  # Products with more multiplications load the compiled code.
-_FEW = 64  # Elementary functions take up to this many numbers in Python.
+_FEW = 64  # Elementary functions of at most this many numbers are computed in Python.
 
 
 def _kernels() -> Any:

@@ -128,7 +128,7 @@ class PilotWatch:
         return math.inf if self._doubt is None else self._doubt[0] + _DOUBT_S
 
     def order(self, ordered: Maneuver | None, obeyed: str = "") -> None:
-        """Record the ordered maneuver, or None for none; ``obeyed`` is not empty if it is obeyed already."""
+        """Record the ordered maneuver, if any; ``obeyed`` is not empty if the vehicle already obeys it."""
         self.ordered, self.obeyed = ordered, obeyed
 
     def on_no_answer(self, ordered: Maneuver | None, now_s: float) -> None:

@@ -33,8 +33,8 @@ def spiral(
 
     An axis-aligned rectangle gets the paper's spiral, see `rectangle_spiral`, from the corner nearest to the
     start. Any other area gets rings parallel to its border and round its holes, a spacing apart; if the land
-    inside a ring falls into pieces, each piece gets its own rings. Rings cross passable land between the
-    parts of the area, unless rings without these crossings can lie at least 5 % closer together.
+    inside a ring falls into pieces, each piece gets its own rings. Rings may cross passable land between the
+    parts of the area; rings without crossings are used if they can lie at least 5 % closer together.
 
     The search tries spacings down to the footprint, each 0.1 % smaller than the previous spacing. With the
     next smaller spacing, the path would exceed the budget.

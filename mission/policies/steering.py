@@ -69,7 +69,7 @@ def sequential(vehicles: Sequence[VehicleReport], present: Promised, bidder: Bid
 def auction(vehicles: Sequence[VehicleReport], present: Promised, bidder: Bidder) -> dict[int, Points]:
     """Assign paths in the order of `Bid.rate`, by repeated auctions.
 
-    The vehicles first release their current paths. In each auction every vehicle without a new path bids, the
+    All vehicles first give up their current paths. In each auction every vehicle without a new path bids, the
     bid with the best rate wins, and its path is promised. Bids can only fall, so a bid from an earlier
     auction is computed again only if it would win (Minoux 1978). A vehicle without a bid keeps its path. The
     result has the same bound as with `sequential`, but the order does not depend on the system ids.

@@ -336,8 +336,8 @@ def with_autopilot(
 def adapt_vehicle(spec: VehicleSpec, autopilot: Autopilot) -> VehicleSpec:
     """Return the vehicle to simulate behind the MAVLink interface of ``autopilot``.
 
-    A vehicle whose kind has procedures, such as a multirotor, is unchanged, because it may have the generic
-    motion or the motion of another autopilot.
+    A vehicle whose kind has procedures, such as a multirotor, is returned unchanged: its motion may be
+    generic or that of another autopilot.
 
     Examples
     --------

@@ -238,7 +238,7 @@ class FailsafeRules:
     """Bit of `failsafe_options` that lets a mission continue without a ground station; 0 if there is none."""
     link_ignored: str = ""
     idle: IdleDisarm | None = None
-    """Rule that disarms an idle vehicle; None for no rule."""
+    """Rule that disarms an idle vehicle; None if an idle vehicle stays armed."""
     any_mode_disarmed: bool = False
     """Whether a disarmed vehicle may enter a mode that it cannot fly, which then prevents arming. Otherwise
     the vehicle refuses to enter the mode."""

@@ -156,7 +156,7 @@ class StickRules:
     landing_abort: Setting | None = None
     """Parameter that is not 0 if full throttle aborts a landing of the mission (ArduPlane)."""
     tilt: TiltSticks | None = None
-    """Attitude control of a multirotor in modes without position hold; None for no such modes."""
+    """Attitude control of a multirotor in modes without position hold; None without such modes."""
     takeoff_stick: float = 0.0
     """Position of the vertical stick at which a vehicle on the ground takes off."""
     receiver: Sticks | None = None

@@ -32,7 +32,7 @@ class AnyFault(Protocol):
 class Radio:
     """The radio of a link; "up" is the direction to the vehicle.
 
-    `name` identifies the random streams. `faults` are the disturbances of every frame.
+    `name` identifies the random streams. `faults` disturb each frame.
     """
 
     def __init__(self, seed: int | SeedSequence, name: str, faults: Faults) -> None:

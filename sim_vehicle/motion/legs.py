@@ -56,7 +56,7 @@ class Heading:
     """Compass heading; infinity for the heading at the start of the leg, minus infinity for the direction of
     an orbit's centre, None for the direction of the leg."""
     rate_rad_s: float | None = None
-    """Heading rate, clockwise; None for no turn."""
+    """Heading rate, clockwise; None if `angle_rad` alone gives the heading."""
 
     @classmethod
     def fixed(cls, angle_rad: float) -> Heading:

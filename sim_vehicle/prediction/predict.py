@@ -139,7 +139,7 @@ def rehearsed_tracks(
 
 
 def _rehearsed_airs(spec: VehicleSpec, wind: Wind | None, pairs: int, *, estimate_errors: bool) -> list[Air]:
-    """Return the winds of the flights, each with errors of the estimate, or with None for no errors."""
+    """Return the winds of the flights, each with the errors of the estimate; None for an exact estimate."""
     winds = rehearsals(wind, pairs)
     if not (estimate_errors and estimate_errs(spec)):
         return [(air, None) for air in winds]

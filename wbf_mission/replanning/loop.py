@@ -152,7 +152,7 @@ class DecisionLoop:
     compute_s : float
         Time limit of a decision (s).
     kept_distance : KeptDistance, optional
-        Refuses paths that lead vehicles too close to each other, or None for no such check.
+        Refuses paths that lead vehicles too close to each other; None accepts them.
     """
 
     def __init__(

@@ -102,7 +102,7 @@ def _gentle_acceleration(room: float, jerk: float, dt: float) -> float:
     """Return the acceleration that brings a speed exactly to its limit, from `room` below the limit.
 
     Releasing an acceleration in whole steps changes the speed by up to ``jerk dt^2 / 8`` more than in the
-    continuous law. The speed reaches its limit in two last steps without a remainder, which would oscillate.
+    continuous law. The last two steps bring the speed exactly to its limit; a remainder would oscillate.
     """
     change = jerk * dt
     last = change * dt
@@ -300,7 +300,7 @@ def _feel(
 
 @compiled(allocates=False)
 def _turn(state: Record, row: Record, limits: Record) -> None:
-    """Turn the nose to the region of interest, at the leg's rate or to its heading, or stop turning."""
+    """Turn at the leg's rate, or else to the region of interest or the leg's heading, or stop turning."""
     heading = row.heading
     if not isnan(state.look_east):
         east, north = state.look_east - state.position_x, state.look_north - state.position_y

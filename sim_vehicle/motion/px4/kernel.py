@@ -319,7 +319,7 @@ def _control(
     room = sqrt(max(most * most - tz * tz, 0.0))
     if level > room:
         tx, ty = tx * room / level, ty * room / level
-    # By tracking anti-windup, the integrators give back the acceleration that the vehicle does not deliver.
+    # Tracking anti-windup takes the acceleration that the vehicle does not deliver out of the integrators.
     # PX4 does this below hover thrust. On average, noise of the vertical speed has the same effect.
     noise = NOISE_M_S * law.z_vel_p
     missing = 0.5 * (sqrt(az * az + noise * noise) - az) / GRAVITY_M_S2

@@ -201,7 +201,7 @@ class RefiningLawnmower:
         new: dict[int, Points],
         windows: list[Window],
     ) -> Points | None:
-        """Return a vehicle's new path and update its progress on the rows; None for no change.
+        """Return a vehicle's new path and update its progress on the rows; None to keep the path.
 
         The window that was searched for a detour is appended to `windows`.
         """

@@ -222,7 +222,7 @@ class Standing:
     behind: Interval
     """Score of the scenario's best pair minus the score of this pair, on the same environments.
 
-    All intervals of a scenario hold together in 95 of 100 cases. The best pair has 0 and no interval."""
+    The intervals of a scenario hold jointly in 95 of 100 cases. The best pair has 0 and no interval."""
     losses: dict[str, float]
     """Mean loss per cell at the end, by field."""
     losses_over_run: dict[str, float]

@@ -40,7 +40,7 @@ def compare(rows: Sequence[BenchRow], mine: str | Sequence[str], against: Sequen
 
     The module `wbf_mission.addons.base.standings` says which environments count, and how a failed run
     scores. Rows are compared only with rows of the same code
-    (`apart`). All intervals of a scenario hold together in 95 of 100 cases.
+    (`apart`). The intervals of a scenario hold jointly in 95 of 100 cases.
     """
     found: list[Comparison] = []
     planners = [mine] if isinstance(mine, str) else mine

@@ -228,7 +228,7 @@ def _along_a_path(
 def samples_of(
     looks: list[Look],
 ) -> tuple[NDArray[np.float32], NDArray[np.int8], NDArray[np.float32]]:
-    """Return features, classes and weights of all samples in the looks; the mean of the weights is 1."""
+    """Return features, classes and weights of all samples of the looks; the weights are scaled to mean 1."""
     weights = np.concatenate([look.weights for look in looks])
     mean = weights.mean() if len(weights) else 1.0
     features = np.concatenate([look.features for look in looks])

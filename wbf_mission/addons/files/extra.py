@@ -321,7 +321,7 @@ def vehicle_files(
 
 
 def _whole(contents: Callable[[], bytes]) -> MadeFile:
-    """Return a file whose contents are always generated as a whole: reading it with a query fails."""
+    """Return a file whose contents are generated as a whole; a read with a query fails."""
     return lambda query, _read_size: None if query else contents()
 
 

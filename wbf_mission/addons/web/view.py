@@ -153,7 +153,7 @@ class View:
 
         self._layers: Layers | None = None
         self._version = 1
-        self._replaced = {"status": 1}  # Versions of the members of an update that are sent as a whole
+        self._replaced = {"status": 1}  # Version of the last change of each member that is sent whole
         self._time_s = 0.0
         self._run: schema.Run | None = None
         self._status = schema.Status(_RUNNING, in_words(_RUNNING), "", None, None, ())

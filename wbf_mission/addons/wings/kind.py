@@ -80,7 +80,7 @@ class FixedWingAirframe:
     lift_level: float = 0.3
     lift_slope: float = 5.0
     turn_share: float = 1.0
-    """Turn rate as a fraction of a coordinated turn's, g tan(bank) / airspeed; below 1: outward slip."""
+    """Turn rate divided by that of a coordinated turn, g tan(bank) / airspeed; below 1: outward slip."""
     elevator_per_lift: float = 0.0
     """Fraction of full elevator that is needed per unit of lift coefficient: static stability divided by
     elevator power. Until pitch control has trimmed a change of airspeed, the nose is too high or too low. 0

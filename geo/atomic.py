@@ -202,7 +202,7 @@ def made_by_one(path: Path) -> Iterator[None]:
             path.parent.mkdir(parents=True, exist_ok=True)
             lock = stack.enter_context(path.with_name(f"{path.name}.lock").open("ab"))
             lock_file(lock.fileno(), wait=True)
-            # Closing the file may not unlock it, as a process that another thread forked may hold it open.
+            # Closing is not enough: a process that another thread forked may still hold the file open.
             stack.callback(unlock_file, lock.fileno())
         yield
 

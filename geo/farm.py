@@ -24,7 +24,7 @@ Land: TypeAlias = shapely.Polygon | shapely.MultiPolygon
 
 MAX_CELLS = 200_000_000
 """Largest number of cells of a farm: six times as many as Waterberry has. A map of this size takes 0.4 GB."""
-_NOT_SEEN = "not scouted, as no field concerns this crop; name a field that concerns it"
+_NOT_SEEN = "not scouted, because no field concerns this crop; name a field that concerns it"
 _SNAP_M = 1e-6  # Borders are rounded to this step, so that adjacent borders coincide.
 _ARC_SEGMENTS = 16  # With this many segments per quarter circle the error is 0.1 % of the radius.
 _EDGE_CELLS = 1e-9  # Larger than the rounding error of a multiple of the cell size.

@@ -124,5 +124,5 @@ def load_named(group: str, name: str, verb: str, what: str, error: type[Exceptio
     """
     entry = entry_named(group, name)
     if entry is None:
-        raise error(f"no installed package {verb} '{name}' ({group}): install wbf-mission anew")
+        raise error(f"no installed package {verb} '{name}' ({group}): install wbf-mission again")
     return load_entry(entry, f"{what} {name}", error)

@@ -90,7 +90,7 @@ def split_named(text: str) -> list[str]:
     """
     found: list[str] = []
     for part in (piece.strip() for piece in _split(text, text)):
-        # A key=value without a name and colon before it is one more parameter of the preceding name.
+        # A part key=value that does not begin with a name and a colon belongs to the preceding name.
         if found and "=" in part and ":" not in part.partition("=")[0]:
             found[-1] += f",{part}"
         elif part:

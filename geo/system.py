@@ -276,7 +276,7 @@ def user_cache_folder(name: str) -> Path:
     import platformdirs
 
     root = platformdirs.user_cache_path("wbf-mission", appauthor=False)
-    # By the XDG standard, a relative path in XDG_CACHE_HOME is ignored.
+    # The XDG standard requires that a relative path in XDG_CACHE_HOME is ignored.
     if not root.is_absolute():
         root = Path.home() / ".cache" / "wbf-mission"
     return root / name

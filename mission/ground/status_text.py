@@ -26,7 +26,7 @@ _OLD_S = 3.0
 
 
 def lost_position(ground: GroundStation) -> bool:
-    """Return whether the vehicle was heard long after its last position: that position is not the present."""
+    """Return whether the vehicle was heard long after its last position, which is therefore out of date."""
     return ground.link.heard_s - ground.vehicle_state.heard_s > _OLD_S
 
 

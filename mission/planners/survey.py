@@ -281,7 +281,7 @@ class _Search:
         even = [math.radians(degrees) for degrees in range(0, 180, _EVERY_DEG)]
         angles = [*hull_angles(lands[0])[:_HULL_ANGLES], *even]
         self._price([self._plans.common(lands[0], angle) for angle in angles])
-        # Row directions closely beside the best direction, in ever smaller steps.
+        # Row directions at decreasing angles to both sides of the best direction.
         for step in _FINER_DEG:
             angle = self._angle(self._best())
             beside = (angle - math.radians(step), angle + math.radians(step))

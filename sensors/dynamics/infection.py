@@ -92,7 +92,7 @@ def make_kernel(shape: str, size: int, length_cells: float = 1.0) -> DistanceKer
     ----------
     shape : {"inverse-square", "exponential", "gaussian"}
         Weight at a distance of d cells: ``1/d^2``, ``exp(-d/length)`` or ``exp(-d^2/(2 length^2))``.
-        Inverse-square weights are exact up to size 11, as the unit is the least common multiple of all d^2.
+        Inverse-square weights are exact up to size 11: their unit is the least common multiple of all d^2.
         Other weights are rounded to multiples of 2^-32.
     size : int
         Side of the square of neighbours, an odd number of cells.

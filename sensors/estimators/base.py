@@ -217,7 +217,7 @@ class BaseEstimator(ABC):
         return tuple(inspect.signature(cls).parameters)
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:  # noqa: ARG002 (scikit-learn's signature)
-        """Return the parameters of ``__init__`` by name. `deep` has no effect, as no parameter is nested."""
+        """Return the parameters of ``__init__`` by name. `deep` has no effect: no parameter is nested."""
         return {name: getattr(self, name) for name in self._param_names()}
 
     def set_params(self, **params: Any) -> Self:

@@ -44,7 +44,7 @@ def loss_of_deviation(
         E[c] = (c_above + c_below) / 2 * s^2
 
     `first` is the index in `weights` of the first field of `uncertainty`. The result is written to `out` if
-    it is given, as allocating a new array for a large farm takes longer than the sums.
+    it is given, because a new array for a large farm takes longer than the sums.
 
     Examples
     --------

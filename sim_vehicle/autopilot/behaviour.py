@@ -343,8 +343,8 @@ class MissionBehaviour:
     outside_text: str = ""
     """Notice that a waypoint is outside the fence, besides the rejection; ``{}`` is its number (PX4)."""
     empty_mission_text: str = ""
-    """Reason why the vehicle does not arm in the mission mode without a mission (ArduPilot). If empty, the
-    vehicle does not enter the mission mode without a mission."""
+    """Reason for refusing to arm in the mission mode with an empty mission (ArduPilot). Without such a text,
+    the vehicle refuses the mission mode instead."""
     rejected_text: str = "Mission rejected: {}"
     """Notice that a mission cannot be flown. If this is empty, the vehicle stores such a mission without a
     notice, and can enter the mission mode (ArduPilot)."""

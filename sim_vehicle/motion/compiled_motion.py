@@ -184,7 +184,7 @@ class CompiledMotion(MotionModel):
         return self.dynamics
 
     def is_flown_by_its_autopilot(self) -> bool:
-        """Whether the vehicle has a route for the dynamics of its class."""
+        """Whether the vehicle follows a route by the dynamics of its class."""
         return self._dynamics_now is self.dynamics and getattr(self, self.dynamics.route) is not None
 
     def _records(self, name: str, kind: np.dtype[Any] | None) -> Record:

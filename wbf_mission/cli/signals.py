@@ -64,7 +64,7 @@ def exit_code(otherwise: int) -> int:
 
 @contextlib.contextmanager
 def announcing(text: str, when: Callable[[], bool] = lambda: True) -> Iterator[None]:
-    """Print `text` on stderr at the first signal, if `when()` is true, as shutting down may be slow."""
+    """Print `text` on stderr at the first signal, if `when()` is true; shutting down may be slow."""
     _announced.append((text, when))
     try:
         yield

@@ -33,7 +33,7 @@ _MOST_KNOWN = 2000
 # Fraction of the usable battery that is kept back if a policy decides in flight. Telemetry is rounded and
 # delayed, so the price of the last path is inexact.
 _SPARED = 0.02
-# A path sets the surcharge only if its price is at least this fraction of the limit; cheaper paths fit it.
+# A path sets the surcharge only if it costs at least this fraction of the limit; cheaper paths fit anyway.
 _NEAR = 0.5
 
 

@@ -457,8 +457,8 @@ class MissionBuilder:
         """Return the largest deviation of the vehicle from its legs (m).
 
         The deviation is measured on a path of many turns, which the vehicle's motion model flies in simulated
-        wind, with estimate errors if the vehicle has them. It includes cut corners, overshoot, lengthened
-        legs and drift.
+        wind, with estimate errors if the vehicle has them. Corners cut, overshoot, lengthened legs and drift
+        all count.
         """
         path, wind = probe_path(self.home_m, self.level.speed_m_s), wind_of(self.weather, self.level)
         tracks = rehearsed_tracks(

@@ -127,7 +127,7 @@ also act through other observations. The mean's error is up to 4e-4 prior standa
 LEAST_NOISE = 0.1
 """Least ratio of noise to amplitude for `WindowedPosterior`; with less, data act beyond the windows."""
 MOST_CELLS = 250_000
-"""Most cells for `WindowedPosterior`; on larger farms tiles are faster, as they write only changed cells."""
+"""Most cells for `WindowedPosterior`; on larger farms tiles are faster: they write only changed cells."""
 GROWING = 2.5
 """Peak memory of a growing array, in multiples of its rows: a copy with 50 % more room is made beside it."""
 

@@ -3,7 +3,7 @@
 `LocalPosterior` is for lengthscales that are short compared with the farm. This class solves tiles of about
 eight lengthscales separately, each with the observations in the tile and up to seven lengthscales around it.
 `WholePosterior` is for long lengthscales. This class approximates the process by sine functions over the
-whole farm, and observations add to the sums of a regression. Neither class drops observations, as merging
+whole farm, and observations add to the sums of a regression. Both classes use all observations: merging
 repeated observations of a cell is exact. The parameter `weights` reduces the influence of observations.
 """
 

@@ -142,7 +142,7 @@ def test_a_part_that_no_add_on_brings_is_named_before_anything_is_done(alone, wo
     line = re.fullmatch(r"(?:note: no pictures, .*\n)?error: (?:farm file \S+: )?(.*)\n", done.err)
     assert (done.code, line and line[1]) == (
         2,
-        f"no installed package {missing}: install wbf-mission anew",
+        f"no installed package {missing}: install wbf-mission again",
     ), done.err
     assert done.is_kept
 
@@ -228,7 +228,7 @@ def test_a_contract_check_that_no_add_on_brings_is_named():
     command = [sys.executable, "-c", "from wbf_mission import check_policy"]
     done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=False)
     said = "no installed package brings 'check_policy' (wbf_mission.contracts): "
-    assert done.stderr.endswith(f"geo.errors.WbfMissionError: {said}install wbf-mission anew\n")
+    assert done.stderr.endswith(f"geo.errors.WbfMissionError: {said}install wbf-mission again\n")
 
 
 def test_every_part_says_on_a_short_page_what_it_is():

@@ -33,9 +33,9 @@ def plot_decisions(
 ) -> None:
     """Draw at most `MOST_DECISIONS` decisions, one column each: candidates and choice above, outcome below.
 
-    The lower panel shows the readings until the decision of the next column. The text below it also gives the
-    readings until the next decision of the run. `acquisitions` has the acquisition map of each decision, if
-    any. The suffix of each path selects the format of the file.
+    Lower panels show the readings until the decision of the next column. The text below a panel also counts
+    the readings until the next decision of the run. `acquisitions` has the acquisition map of each decision,
+    if any. The suffix of each path selects the format of the file.
     """
     from matplotlib.colors import PowerNorm
 
@@ -116,7 +116,7 @@ def _draw_choice(
 
 
 def _draw_outcome(axes: Axes, record: RunRecord, counts: tuple[int, int, int]) -> None:
-    """Draw the readings; `counts`: how many there are at this decision, the next one, and the next column."""
+    """Draw the readings; `counts`: their number at this decision, the next decision and the next column's."""
     _frame(axes, record)
     begin, until, end = counts
     seen, grid = record.observations, record.farm.grid()

@@ -309,7 +309,7 @@ def vehicle_files(
         for mission_type, path in PLAN_PATHS.items():
             made[path] = _whole(partial(_packed_plan, plans, mission_type))
             taken[path] = partial(_take_plan, plans, mission_type)
-        # ArduPilot's task statistics (``AP_Scheduler.cpp``): only the header line, as there are no tasks.
+        # ArduPilot's task statistics (``AP_Scheduler.cpp``): the header line alone, since there are no tasks.
         made[_TASKS_PATH] = _whole(lambda: b"TasksV2\n")
     behaviour = profile.logs
     return FileTree(

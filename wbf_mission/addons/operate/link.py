@@ -69,7 +69,7 @@ def _in_a_layer(finding: Finding) -> Finding:
 def require_single_flight(scenario: Scenario) -> None:
     """Raise LiveFlightError if a run has several flights, or the paper's ideal robots."""
     if scenario.farm.days * scenario.farm.flights_per_day > 1:
-        msg = "--connect flies only one flight, as it cannot change batteries; leave out days and flights"
+        msg = "--connect cannot change batteries and flies only one flight; leave out days and flights"
         raise LiveFlightError(msg)
     for name in scenario.vehicle.fleet:
         if get_vehicle(name).is_ideal:

@@ -92,7 +92,7 @@ def test_a_clock_that_goes_back_or_is_missing_is_an_error(tmp_path):
         track.at(np.array([12.0]))
     write_picture(tmp_path / "a.jpg", 1.0, 2.0, utc=((1, 2, 3), "2026:05:01"))
     with pytest.raises(
-        LogError, match="folder of pictures has no positions by time since boot; give times in UTC"
+        LogError, match="folder of pictures has no positions with a time since boot; give times in UTC"
     ):
         read_track(tmp_path).at(np.array([12.0]))
 

@@ -181,7 +181,7 @@ def test_a_key_needs_a_log_that_has_it(table, tmp_path, track):
     with pytest.raises(ObservationError, match="the telemetry log has no names of pictures"):
         join(named, track, FARM, NAMES, 1, 6)
     write_picture(tmp_path / "a.jpg", 1.0, 2.0)
-    with pytest.raises(LogError, match="no positions by time since boot"):
+    with pytest.raises(LogError, match="no positions with a time since boot"):
         join(by_time, read_track(tmp_path), FARM, NAMES, 1, 6)
 
 

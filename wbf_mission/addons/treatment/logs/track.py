@@ -82,7 +82,7 @@ class LogTrack:
             known = np.flatnonzero(np.isfinite(clock_s))
             if not len(known):
                 other = "since the vehicle's start" if clock == "UTC" else "in UTC"
-                raise LogError(f"the {self.kind} has no positions by time {clock}; give times {other}")
+                raise LogError(f"the {self.kind} has no positions with a time {clock}; give times {other}")
             fix_s = clock_s[known]
             if (np.diff(fix_s) < 0.0).any():
                 raise LogError(f"the time {clock} goes back in the {self.kind}; give times on another clock")

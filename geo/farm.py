@@ -38,8 +38,8 @@ def united(areas: Sequence[Land]) -> Land:
 def _overlay(operation: Callable[..., Land], *areas: Land | Sequence[Land]) -> Land:
     """Return the exact result of a set operation, or the result on a grid if they differ beyond rounding.
 
-    Where borders differ by rounding alone, GEOS can lose a whole area and report nothing (of five parts of a
-    field GEOS 3.14 lost two). Operations on a grid have no such fault.
+    If borders differ only by rounding, GEOS can lose whole areas without an error: GEOS 3.14 lost two of the
+    five parts of a field. Operations on a grid do not have this fault.
     """
     exact, on_grid = operation(*areas), operation(*areas, grid_size=_SNAP_M)
     border_m = sum(float(np.sum(shapely.length(area))) for area in areas)

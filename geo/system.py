@@ -62,7 +62,7 @@ def process_age_s() -> float:
     try:
         if sys.platform != "linux":
             return time.time() - float(psutil.Process().create_time())
-        # On Linux psutil's start time is exact only to a second, as psutil adds the boot time of /proc/stat.
+        # On Linux psutil's start time is only exact to a second: it adds the boot time of /proc/stat.
         status = Path("/proc/self/stat").read_text(encoding="ascii", errors="replace")
         # Field 22 is the start time. Counting begins after the name, field 2, which may contain spaces.
         started_s = int(status.rpartition(")")[2].split()[19]) / os.sysconf("SC_CLK_TCK")

@@ -169,7 +169,7 @@ class WholeListChange(ChangeSession):
             self._end(ChangeOutcome.GIVEN_UP, f"{self._why}; the vehicle holds another mission", now_s)
 
     def _look(self, now_s: float) -> None:
-        """Check whether the vehicle flies the new mission, and end the change if this is proved."""
+        """End the change if telemetry proves that the vehicle flies the new mission."""
         state = self._monitor.state
         sent = self._upload_sent
         known_id = self._id if sent is None or self._transfer is not sent else sent.opaque_id

@@ -284,7 +284,7 @@ class GeometricTravelCost:
 
 
 def pays_for_return(vehicle: VehicleReport) -> bool:
-    """Return whether the vehicle's budget counts the return, or True if this is unclear."""
+    """Return whether the vehicle's budget counts the return; True if the costs are unknown (NaN)."""
     request = vehicle.request
     place = np.array(request.area.representative_point().coords)
     home = np.array([request.start_xy_m])

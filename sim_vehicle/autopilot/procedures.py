@@ -123,7 +123,7 @@ class GenericProcedures(FlightProcedures):
     def takeoff_legs(
         self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
     ) -> list[Leg]:
-        """Return a vertical climb, and a leg to the item's position unless this is above the start."""
+        """Return a vertical climb and, if the item's position is beside the start, a leg to the position."""
         x, y, z = target
         radius = spec.acceptance_radius_m
         keep = KEEP if heading == ALONG else heading

@@ -50,8 +50,8 @@ class FieldProcess:
     """Observations, prior mean, kernel and posterior of one field.
 
     `mean` is the prior mean. If `mean` is None, the mean of the observations is used, or `mean_before` before
-    the first observation. With `is_patchy`, readings close together share an error of the model, for example
-    where soaked soil takes no more rain, and have reduced weights on large farms (`Crowding`).
+    the first observation. `is_patchy` says that readings close together share an error of the model, for
+    example where soaked soil takes no more rain; on large farms their weights are reduced (`Crowding`).
 
     `classes` turns a disease's means into values and uncertainties. As long as every reading is the exact
     value of a class, a plant that was read today has the class of its reading.

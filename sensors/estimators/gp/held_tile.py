@@ -46,7 +46,7 @@ class HeldTile:
         return sines(np.ascontiguousarray(places), low, high, self._roots[axis])
 
     def add(self, seen: Floats, sign: float, posterior: NDArray[np.float32]) -> bool:
-        """Add observations to the tile and to the posterior of the lattice; return False if this fails.
+        """Add observations to the tile and to the posterior of the lattice; return False on failure.
 
         Each row of `seen` has x, y, weight and value. A `sign` of -1 removes observations that were added.
         """

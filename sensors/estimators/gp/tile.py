@@ -208,7 +208,7 @@ def _covariance(seen: Floats, kernel: Any) -> Floats:
 
 @compiled(nogil=True)
 def sines(places: Floats, low: float, high: float, roots: Floats) -> Floats:
-    """Return sine functions on low..high times `roots` at places, float64[functions, places]."""
+    """Return orthonormal sines on low..high, times `roots`, at `places`: float64[functions, places]."""
     out = np.empty((len(roots), len(places)))
     scale = np.sqrt(2.0 / (high - low))
     for i in range(len(roots)):
@@ -220,7 +220,7 @@ def sines(places: Floats, low: float, high: float, roots: Floats) -> Floats:
 
 @compiled(nogil=True)
 def _cosines(places: Floats, low: float, high: float, count: int) -> Floats:
-    """Return the cosines of 0, 1, ... half-waves on low..high at places, float64[count, places]."""
+    """Return cosines with 0, 1, ... half-waves between low and high, at `places`: float64[count, places]."""
     out = np.empty((count, len(places)))
     for k in range(count):
         for p in range(len(places)):

@@ -63,7 +63,7 @@ Guide = IntEnum(
 NO_MODE, HOLDING, LEGS, CLIMBING, LANDING, LANDED, CHORDS, GUIDED = range(8)
 NOTHING, CHAINED, SAME, ANEW = range(4)
 
-# Constants of the control law and the airframe, from parameters and the airframe.
+# Constants of the control law, computed from the autopilot's parameters and the airframe.
 Law = IntEnum(
     "Law",
     "DT DRAG DRAG_2 ERROR_FILTER RATE_FILTER POS_P VEL_P VEL_I VEL_D VEL_IMAX POS_Z_P VEL_Z_P "

@@ -172,7 +172,7 @@ def _mode(mode: Mode) -> Handler:
 
 
 def _set_mode(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    if not command.number(1) & m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+    if not command.number(1) & m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED or not math.isfinite(command.params[1]):
         raise RefusedError("Mode refused: only custom modes are supported", denied=True)
     modes = vehicle.state.mavlink.modes
     set_custom_mode(vehicle, modes.custom_mode_of(command.number(2), command.number(3)))
@@ -256,12 +256,13 @@ def _change_speed(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
 
 
 def _region(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """Execute DO_SET_ROI_LOCATION etc.: point the nose at a position, or stop pointing if there is none."""
-    known = command.id != Command.DO_SET_ROI_NONE and command.frame in (0, *RELATIVE_FRAMES)
-    if known and command.position is not None:
-        vehicle.pilot.look_at(*command.position)
-    else:
+    """Execute DO_SET_ROI_LOCATION etc.: point the nose at a position, or stop pointing if it is 0, 0."""
+    if command.id == Command.DO_SET_ROI_NONE or command.params[4:6] == (0.0, 0.0):
         vehicle.pilot.look_at(None)
+    elif command.position is None or command.frame not in (0, *RELATIVE_FRAMES):
+        raise RefusedError("Region of interest refused: the command has no global position", denied=True)
+    else:
+        vehicle.pilot.look_at(*command.position)
 
 
 def _camera(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:

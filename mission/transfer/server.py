@@ -166,8 +166,9 @@ class MissionServer(ServerInputs):
 
     @property
     def busy(self) -> bool:
-        """Whether a transfer is in progress."""
-        return self._session.state is not IDLE
+        """Whether items are still to come; a download may end without an ACK, as MAVProxy's do."""
+        session = self._session
+        return session.state is RECEIVING or (session.state is SENDING and not session.all_sent)
 
     def plan(self, mission_type: MissionType) -> StoredPlan:
         """Return the stored plan without home."""

@@ -400,6 +400,17 @@ def test_px4_keeps_its_item_during_a_transfer(autopilot, text):
     assert (peer.vehicle.pilot.mission.current_seq == 0) is (text is not None)
 
 
+def test_px4_takes_an_item_after_a_download_without_an_ack():
+    """As MAVProxy's ``wp list`` and ``wp set``; the real one waits five seconds for the ACK."""
+    peer = Peer(PX4)
+    peer.upload(SURVEY)
+    peer.tell(m.MAVLink_mission_request_list_message(1, 1, 0))
+    for seq in range(len(SURVEY)):
+        peer.tell(m.MAVLink_mission_request_int_message(1, 1, seq, 0))
+    peer.tell(m.MAVLink_mission_set_current_message(1, 1, 1))
+    assert peer.vehicle.pilot.mission.current_seq == 1
+
+
 @pytest.mark.parametrize(
     ("name", "kind"),
     [("MPC_XY_CRUISE", 6), ("MPC_XY_CRUISE", 0), ("COM_DL_LOSS_T", 9), ("COM_DL_LOSS_T", 5)],
